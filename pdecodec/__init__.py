@@ -1,0 +1,73 @@
+"""pdecodec: a codec for deforming meshes.
+
+A mesh sequence goes in, its motion is fitted with closed-form solutions of a dynamic PDE (Fang et al. 2024,
+Mathematics 12, 3175), a compact `.pdeanim` file comes out, and meshes at any time come back from it.
+
+Names below are imported when they are first used, so that ``import pdecodec`` stays light.
+"""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+_here = Path(__file__).resolve().parent
+if not (_here / "formats").is_dir():
+    # A checkout keeps formats/ and cli/ beside this folder, a wheel keeps them inside it.
+    __path__.append(str(_here.parent))
+
+if TYPE_CHECKING:
+    from pdecodec.decoder import Animation as Animation
+    from pdecodec.decoder import DecodeLimits as DecodeLimits
+    from pdecodec.decoder import open_animation as open_animation
+    from pdecodec.encoder import EncodeReport as EncodeReport
+    from pdecodec.encoder import encode as encode
+    from pdecodec.errors import CorruptFileError as CorruptFileError
+    from pdecodec.errors import InputError as InputError
+    from pdecodec.errors import LimitError as LimitError
+    from pdecodec.errors import MissingExtraError as MissingExtraError
+    from pdecodec.errors import PdecodecError as PdecodecError
+    from pdecodec.errors import SettingsError as SettingsError
+    from pdecodec.formats import open_sequence as open_sequence
+    from pdecodec.formats import write_sequence as write_sequence
+    from pdecodec.sequence import ArraySequence as ArraySequence
+    from pdecodec.sequence import Attribute as Attribute
+    from pdecodec.sequence import Connectivity as Connectivity
+    from pdecodec.sequence import FrameSelection as FrameSelection
+    from pdecodec.sequence import MeshObject as MeshObject
+    from pdecodec.sequence import MeshSequence as MeshSequence
+    from pdecodec.settings import EncodeSettings as EncodeSettings
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "Animation": "decoder",
+    "ArraySequence": "sequence",
+    "Attribute": "sequence",
+    "Connectivity": "sequence",
+    "CorruptFileError": "errors",
+    "DecodeLimits": "decoder",
+    "EncodeReport": "encoder",
+    "EncodeSettings": "settings",
+    "FrameSelection": "sequence",
+    "InputError": "errors",
+    "LimitError": "errors",
+    "MeshObject": "sequence",
+    "MeshSequence": "sequence",
+    "MissingExtraError": "errors",
+    "PdecodecError": "errors",
+    "SettingsError": "errors",
+    "encode": "encoder",
+    "open_animation": "decoder",
+    "open_sequence": "formats",
+    "write_sequence": "formats",
+}
+
+__all__ = [*sorted(_HOME), "__version__"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(importlib.import_module(f"pdecodec.{_HOME[name]}"), name)
+    raise AttributeError(f"module 'pdecodec' has no attribute {name!r}")

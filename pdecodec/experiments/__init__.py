@@ -1,0 +1,1 @@
+"""Measurements: what the codec, the paper and the baselines do on given sequences."""
