@@ -243,9 +243,13 @@ class MeshSequence(ABC):
         return Connectivity(
             int(shifts[-1]),
             face_counts=np.concatenate([part.face_counts for part in parts]),
-            face_indices=np.concatenate([part.face_indices + shift for part, shift in zip(parts, shifts, strict=False)]),
+            face_indices=np.concatenate(
+                [part.face_indices + shift for part, shift in zip(parts, shifts, strict=False)]
+            ),
             line_counts=np.concatenate([part.line_counts for part in parts]),
-            line_indices=np.concatenate([part.line_indices + shift for part, shift in zip(parts, shifts, strict=False)]),
+            line_indices=np.concatenate(
+                [part.line_indices + shift for part, shift in zip(parts, shifts, strict=False)]
+            ),
         )
 
     @property

@@ -1,0 +1,80 @@
+"""Reading and writing the fields inside a section: little-endian numbers, and byte strings with their length."""
+
+from __future__ import annotations
+
+import struct
+
+from pdecodec.errors import CorruptFileError
+
+
+class FieldWriter:
+    """Collects the fields of one section."""
+
+    def __init__(self) -> None:
+        self._parts: list[bytes] = []
+
+    def numbers(self, layout: str, *values: float) -> None:
+        """Little-endian numbers in :mod:`struct` notation."""
+        self._parts.append(struct.pack("<" + layout, *values))
+
+    def sized(self, data: bytes) -> None:
+        """A byte string after its length (u64)."""
+        self.numbers("Q", len(data))
+        self._parts.append(data)
+
+    def text(self, value: str) -> None:
+        """UTF-8 text after its length in bytes (u64)."""
+        self.sized(value.encode("utf-8"))
+
+    def to_bytes(self) -> bytes:
+        return b"".join(self._parts)
+
+
+class FieldReader:
+    """Reads what :class:`FieldWriter` wrote; never past the end.
+
+    Parameters
+    ----------
+    data : bytes
+    name : str
+        The section's name, for messages.
+    """
+
+    def __init__(self, data: bytes, name: str) -> None:
+        self._data = data
+        self._name = name
+        self._at = 0
+
+    def _take(self, size: int) -> bytes:
+        if size > len(self._data) - self._at:
+            raise CorruptFileError(f"section {self._name} ends at its byte {len(self._data)}, {size} more are needed")
+        piece = self._data[self._at : self._at + size]
+        self._at += size
+        return piece
+
+    def integers(self, layout: str) -> tuple[int, ...]:
+        """Little-endian integers in :mod:`struct` notation."""
+        return struct.unpack("<" + layout, self._take(struct.calcsize("<" + layout)))
+
+    def reals(self, layout: str) -> tuple[float, ...]:
+        """Little-endian floating-point numbers; NaN and infinity are refused."""
+        values = struct.unpack("<" + layout, self._take(struct.calcsize("<" + layout)))
+        if any(value - value != 0 for value in values):
+            raise CorruptFileError(f"section {self._name} holds a number that is not finite")
+        return values
+
+    def sized(self) -> bytes:
+        """A byte string after its length."""
+        return self._take(self.integers("Q")[0])
+
+    def text(self) -> str:
+        """UTF-8 text after its length in bytes."""
+        try:
+            return self.sized().decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise CorruptFileError(f"section {self._name} holds a text that is not UTF-8") from error
+
+    def finish(self) -> None:
+        """Raise unless everything was read."""
+        if self._at != len(self._data):
+            raise CorruptFileError(f"section {self._name} has {len(self._data) - self._at} bytes too many")

@@ -1,0 +1,252 @@
+"""The container: identifier, header, table of sections, sections (``spec/pdeanim.md``, sections 1 to 3)."""
+
+from __future__ import annotations
+
+import os
+import struct
+import tempfile
+import zlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from pdecodec.errors import CorruptFileError, InputError
+
+IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
+"""As PNG's: a byte that is not ASCII, the name, and line ends that a text transfer would change."""
+
+MAJOR_VERSION = 1
+MINOR_VERSION = 0
+
+HEADER = struct.Struct("<12sHHIII")
+"""Identifier, major and minor version, number of sections, CRC-32 of the table, CRC-32 of all before."""
+
+ENTRY = struct.Struct("<4sIQQII")
+"""Type, flags, offset, length, CRC-32, reserved (0)."""
+
+REQUIRED = 1
+"""Section flag: a decoder that does not know this type must refuse the file."""
+
+MAX_SECTIONS = 64
+"""A file of this version has under 12; more can only be damage."""
+
+COPY_BYTES = 2**20
+"""Bytes copied or checked at a time, so that memory does not grow with a section."""
+
+
+@dataclass(frozen=True)
+class SectionEntry:
+    """One row of the table of sections."""
+
+    type: str
+    required: bool
+    offset: int
+    length: int
+    checksum: int
+
+
+class Spool:
+    """A section that grows while frames stream by: an unnamed temporary file beside the output."""
+
+    def __init__(self, folder: Path) -> None:
+        self._file = tempfile.TemporaryFile(dir=folder)
+        self.length = 0
+        self.checksum = 0
+
+    def append(self, data: bytes) -> None:
+        self._file.write(data)
+        self.length += len(data)
+        self.checksum = zlib.crc32(data, self.checksum)
+
+    def pieces(self) -> Iterable[bytes]:
+        self._file.seek(0)
+        while piece := self._file.read(COPY_BYTES):
+            yield piece
+
+    def close(self) -> None:
+        self._file.close()
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section to be written.
+
+    Attributes
+    ----------
+    type : str
+        Four ASCII letters.
+    content : bytes or Spool
+    required : bool
+        Whether a decoder that does not know the type must refuse the file.
+    """
+
+    type: str
+    content: bytes | Spool
+    required: bool = True
+
+    @property
+    def length(self) -> int:
+        return self.content.length if isinstance(self.content, Spool) else len(self.content)
+
+    @property
+    def checksum(self) -> int:
+        return self.content.checksum if isinstance(self.content, Spool) else zlib.crc32(self.content)
+
+    def pieces(self) -> Iterable[bytes]:
+        return self.content.pieces() if isinstance(self.content, Spool) else (self.content,)
+
+
+def check_writable(path: Path, *, overwrite: bool) -> None:
+    """Raise InputError if `path` cannot become an output; called before the work starts."""
+    if path.is_dir():
+        raise InputError("is a folder; name a file", path=path)
+    if path.exists() and not overwrite:
+        raise InputError("exists already; ask to overwrite it, or name another", path=path)
+    if not path.parent.is_dir():
+        raise InputError("its folder does not exist; create it first", path=path)
+    if not os.access(path.parent, os.W_OK):
+        raise InputError("its folder is not writable", path=path)
+
+
+def write_container(path: Path, sections: Sequence[Section]) -> dict[str, int]:
+    """Write a whole file, or nothing.
+
+    Returns
+    -------
+    dict of str to int
+        Bytes of each section, and of header and table as ``"container"``; the sum is the file.
+    """
+    offset = HEADER.size + ENTRY.size * len(sections)
+    sizes = {"container": offset}
+    table = b""
+    for section in sections:
+        flags = REQUIRED if section.required else 0
+        table += ENTRY.pack(section.type.encode("ascii"), flags, offset, section.length, section.checksum, 0)
+        offset += section.length
+        sizes[section.type] = section.length
+    unsealed = HEADER.pack(IDENTIFIER, MAJOR_VERSION, MINOR_VERSION, len(sections), zlib.crc32(table), 0)[:-4]
+    header = unsealed + struct.pack("<I", zlib.crc32(unsealed))
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(header)
+            file.write(table)
+            for section in sections:
+                for piece in section.pieces():
+                    file.write(piece)
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+    return sizes
+
+
+def _umask() -> int:
+    # mkstemp makes files that nobody else may read; the output gets the permissions of any new file.
+    mask = os.umask(0o022)
+    os.umask(mask)
+    return mask
+
+
+class ContainerReader:
+    """Sections of an open file, each checked against its checksum when it is read.
+
+    Parameters
+    ----------
+    file : BinaryIO
+        Seekable.
+    path : str
+        For messages.
+
+    Raises
+    ------
+    CorruptFileError
+        If the file is not a `.pdeanim` file, of another major version, truncated, or its table is damaged.
+    """
+
+    def __init__(self, file: BinaryIO, path: str) -> None:
+        self._file = file
+        self.path = path
+        self.file_bytes = file.seek(0, os.SEEK_END)
+        self.minor_version = 0
+        self.entries = self._read_table()
+
+    def _read_table(self) -> dict[str, SectionEntry]:
+        self._file.seek(0)
+        header = self._file.read(HEADER.size)
+        if header[: len(IDENTIFIER)] != IDENTIFIER[: len(header)] or not header:
+            raise CorruptFileError("not a .pdeanim file (its first bytes are others)", path=self.path, offset=0)
+        if len(header) < HEADER.size:
+            raise CorruptFileError("ends inside its header; get it again", path=self.path, offset=len(header))
+        _, major, minor, count, table_checksum, header_checksum = HEADER.unpack(header)
+        if zlib.crc32(header[:-4]) != header_checksum:
+            raise CorruptFileError("its header is damaged; get it again", path=self.path, offset=0)
+        if major != MAJOR_VERSION:
+            raise CorruptFileError(
+                f"has format version {major}, this decoder reads {MAJOR_VERSION}; update pdecodec", path=self.path
+            )
+        self.minor_version = minor
+        if count > MAX_SECTIONS:
+            raise CorruptFileError(f"declares {count} sections, at most {MAX_SECTIONS} can be", path=self.path)
+        table = self._file.read(ENTRY.size * count)
+        if len(table) < ENTRY.size * count or zlib.crc32(table) != table_checksum:
+            raise CorruptFileError("its table of sections is damaged", path=self.path, offset=HEADER.size)
+        entries: dict[str, SectionEntry] = {}
+        expected = HEADER.size + len(table)
+        for raw_type, flags, offset, length, checksum, _ in ENTRY.iter_unpack(table):
+            kind = raw_type.decode("ascii", "backslashreplace")
+            if offset != expected:
+                raise CorruptFileError(f"section {kind} is not where the one before it ends", path=self.path)
+            if kind in entries:
+                raise CorruptFileError(f"section {kind} stands twice", path=self.path, offset=offset)
+            expected = offset + length
+            entries[kind] = SectionEntry(kind, bool(flags & REQUIRED), offset, length, checksum)
+        if expected != self.file_bytes:
+            what = "is truncated" if expected > self.file_bytes else "has bytes after its last section"
+            message = f"{what}: {self.file_bytes} bytes where the table says {expected}; get it again"
+            raise CorruptFileError(message, path=self.path, offset=min(expected, self.file_bytes))
+        return entries
+
+    def check_known(self, known: frozenset[str]) -> None:
+        """Refuse required sections outside `known`; ignorable ones are passed over."""
+        for entry in self.entries.values():
+            if entry.required and entry.type not in known:
+                message = f"needs section {entry.type}, which this decoder does not know; update pdecodec"
+                raise CorruptFileError(message, path=self.path, offset=entry.offset)
+
+    def entry(self, kind: str) -> SectionEntry:
+        """The table's row for section `kind`."""
+        if kind not in self.entries:
+            raise CorruptFileError(f"has no section {kind}; get it again", path=self.path)
+        return self.entries[kind]
+
+    def read(self, kind: str) -> bytes:
+        """A whole section, checked."""
+        entry = self.entry(kind)
+        data = self.read_range(entry.offset, entry.length)
+        if zlib.crc32(data) != entry.checksum:
+            raise CorruptFileError(f"section {kind} is damaged; get the file again", path=self.path, offset=entry.offset)
+        return data
+
+    def read_range(self, offset: int, length: int) -> bytes:
+        """Bytes of the file as they are; the caller checks them."""
+        self._file.seek(offset)
+        data = self._file.read(length)
+        if len(data) < length:
+            raise CorruptFileError("was shortened while it was read", path=self.path, offset=offset + len(data))
+        return data
+
+    def verify(self) -> None:
+        """Check every section, unknown ones too, without holding more than a piece of it."""
+        for entry in self.entries.values():
+            checksum, left = 0, entry.length
+            self._file.seek(entry.offset)
+            while left:
+                piece = self._file.read(min(left, COPY_BYTES))
+                if not piece:
+                    break
+                checksum, left = zlib.crc32(piece, checksum), left - len(piece)
+            if left or checksum != entry.checksum:
+                raise CorruptFileError(f"section {entry.type} is damaged", path=self.path, offset=entry.offset)

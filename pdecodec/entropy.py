@@ -1,0 +1,90 @@
+"""Integers to bytes and back: variable-length integers, compressed with zstandard.
+
+Decoding trusts nothing: the number of integers is known to the caller, and with it the most bytes that can
+be theirs; a frame that declares more is refused before it is unpacked.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+
+from pdecodec.errors import CorruptFileError
+
+Int64Array = NDArray[np.int64]
+
+LEVEL = 19
+"""zstandard level: decoding speed does not depend on it, and the streams are short."""
+
+VARINT_BYTES = 10
+"""Bytes of the longest 64-bit integer."""
+
+
+def compress(data: bytes) -> bytes:
+    """One zstandard frame with its content size declared; empty stays empty."""
+    if not data:
+        return b""
+    return zstandard.ZstdCompressor(level=LEVEL, write_content_size=True).compress(data)
+
+
+def decompress(data: bytes, most: int) -> bytes:
+    """Undo :func:`compress`.
+
+    Parameters
+    ----------
+    data : bytes
+    most : int
+        Bytes that the content may have; more is refused before anything is unpacked.
+
+    Raises
+    ------
+    CorruptFileError
+        If the frame is damaged, declares no size or too large a one, or is followed by other bytes.
+    """
+    if not data:
+        return b""
+    try:
+        size = zstandard.frame_content_size(data)
+        if size < 0 or size > most:
+            raise CorruptFileError(f"a compressed stream declares {size} bytes where at most {most} can be")
+        unpacker = zstandard.ZstdDecompressor(max_window_size=2**27).decompressobj()
+        content = unpacker.decompress(data)
+    except zstandard.ZstdError as error:
+        raise CorruptFileError(f"a compressed stream is damaged ({error}); get the file again") from error
+    if len(content) != size or not unpacker.eof or unpacker.unused_data:
+        raise CorruptFileError("a compressed stream is damaged (its size is wrong); get the file again")
+    return content
+
+
+def pack_integers(values: NDArray[np.integer]) -> bytes:
+    """Integers as compressed variable-length integers.
+
+    Parameters
+    ----------
+    values : (n,) integer
+    """
+    from pdecodec.kernels.varint import write_varints
+
+    flat = np.ascontiguousarray(values, dtype=np.int64).ravel()
+    out = np.empty(VARINT_BYTES * flat.size, np.uint8)
+    return compress(out[: write_varints(flat, out)].tobytes())
+
+
+def unpack_integers(data: bytes, count: int) -> Int64Array:
+    """Exactly `count` integers from :func:`pack_integers`.
+
+    Raises
+    ------
+    CorruptFileError
+        If there are fewer or more.
+    """
+    from pdecodec.kernels.varint import read_varints
+
+    content = np.frombuffer(decompress(data, VARINT_BYTES * count), np.uint8)
+    if content.size < count:  # at least a byte each: refuse before allocating
+        raise CorruptFileError(f"a stream of {count} integers has {content.size} bytes; get the file again")
+    values = np.empty(count, np.int64)
+    if read_varints(content, values) != content.size:
+        raise CorruptFileError(f"a stream does not hold exactly {count} integers; get the file again")
+    return values

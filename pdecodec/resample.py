@@ -1,0 +1,117 @@
+"""A sequence at other times than its own: an animation evaluated, or frames joined by straight lines."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pdecodec.errors import SettingsError
+from pdecodec.sequence import Float32Array, Float64Array, MeshSequence, check_frame_range, check_times
+
+if TYPE_CHECKING:
+    from pdecodec.decoder import Animation
+
+TIME_SLACK = 1e-9
+"""Share of a frame by which the last time may overshoot: 100 frames at 1/24 s each do not add up exactly."""
+
+
+def times_at_rate(first: float, last: float, fps: float) -> Float64Array:
+    """Times from `first` to `last` at `fps` a second.
+
+    Parameters
+    ----------
+    first, last : float [s]
+    fps : float [1/s]
+
+    Returns
+    -------
+    (frames,) float64 [s]
+        ``first + k / fps``, none after `last`, at least one.
+
+    Raises
+    ------
+    SettingsError
+        If `fps` is not a positive number.
+    """
+    if not (np.isfinite(fps) and fps > 0):
+        raise SettingsError(f"frames per second must be a positive number, not {fps}")
+    return first + np.arange(int((last - first) * fps + TIME_SLACK) + 1) / fps
+
+
+class SampledAnimation(MeshSequence):
+    """An animation as a sequence of frames at chosen times, decoded block by block.
+
+    Parameters
+    ----------
+    animation : Animation
+    times : (frames,) array [s]
+        Strictly increasing.
+    quantity : {"positions", "velocities"}
+        What `read_frames` returns: positions [scene units] or velocities [scene units / s].
+    """
+
+    def __init__(
+        self, animation: Animation, times: ArrayLike, *, quantity: Literal["positions", "velocities"] = "positions"
+    ) -> None:
+        self._animation = animation
+        self._quantity = quantity
+        self.objects = animation.objects
+        self.times, self.fps = check_times(np.size(times), times, None if np.size(times) > 1 else animation.fps)
+        self.metadata = animation.metadata
+        self.notices = animation.notices
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        times = self.times[start:stop]
+        if self._quantity == "positions":
+            return self._animation.sample(times)
+        return np.stack([self._animation.velocity(float(time)) for time in times])
+
+    def close(self) -> None:
+        self._animation.close()
+
+
+class LinearInterpolation(MeshSequence):
+    """Frames of another sequence joined by straight lines: what a codec's values between frames compete with.
+
+    Parameters
+    ----------
+    source : MeshSequence
+    times : (frames,) array [s]
+        Strictly increasing, within the times of `source`.
+
+    Raises
+    ------
+    SettingsError
+        If a time lies outside those of `source`.
+    """
+
+    def __init__(self, source: MeshSequence, times: ArrayLike) -> None:
+        self._source = source
+        self.objects = source.objects
+        self.times, self.fps = check_times(np.size(times), times, None if np.size(times) > 1 else source.fps)
+        if self.times[0] < source.times[0] or self.times[-1] > source.times[-1]:
+            raise SettingsError(
+                f"times {self.times[0]:g} to {self.times[-1]:g} s leave the sequence's "
+                f"{source.times[0]:g} to {source.times[-1]:g} s"
+            )
+        self.metadata = source.metadata
+        self.notices = source.notices
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        points = np.empty((stop - start, self.vertex_count, 3), np.float32)
+        for row, time in enumerate(self.times[start:stop]):
+            before = int(np.searchsorted(self._source.times, time, side="right")) - 1
+            if self._source.times[before] == time:
+                points[row] = self._source.read_frames(before, before + 1)[0]
+                continue
+            share = (time - self._source.times[before]) / np.diff(self._source.times[before : before + 2])[0]
+            ends = self._source.read_frames(before, before + 2).astype(np.float64)
+            points[row] = ends[0] + share * (ends[1] - ends[0])
+        return points
+
+    def close(self) -> None:
+        self._source.close()
