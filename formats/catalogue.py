@@ -1,0 +1,52 @@
+"""The formats that come with pdecodec, one registration each."""
+
+from __future__ import annotations
+
+from pdecodec.formats.registry import Format, register_format
+
+
+def register_built_in_formats() -> None:
+    """Register every format of this package; their modules load when they are first used."""
+    register_format(
+        Format(
+            name="pdeanim",
+            title="pdecodec animation",
+            extensions=(".pdeanim",),
+            reader="pdecodec.formats.pdeanim:open_pdeanim",
+            write_with="pdecodec.encoder.encode (`pdecodec encode`)",
+            keeps="whatever its source held",
+        )
+    )
+    register_format(
+        Format(
+            name="obj",
+            title="Wavefront OBJ, one file a frame",
+            extensions=(".obj",),
+            reader="pdecodec.formats.obj:open_obj",
+            writer="pdecodec.formats.obj_writer:write_obj",
+            frame_per_file=True,
+            keeps="objects, faces, lines, UVs, vertex colours, groups, materials, smoothing groups",
+        )
+    )
+    register_format(
+        Format(
+            name="npz",
+            title="NumPy archive",
+            extensions=(".npz",),
+            magic=(b"PK\x03\x04",),
+            reader="pdecodec.formats.npz:open_npz",
+            writer="pdecodec.formats.npz:write_npz",
+            keeps="everything",
+        )
+    )
+    register_format(
+        Format(
+            name="hdf5",
+            title="HDF5",
+            extensions=(".h5", ".hdf5"),
+            magic=(b"\x89HDF\r\n\x1a\n",),
+            reader="pdecodec.formats.hdf5:open_hdf5",
+            writer="pdecodec.formats.hdf5:write_hdf5",
+            keeps="everything",
+        )
+    )

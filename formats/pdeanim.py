@@ -1,0 +1,28 @@
+"""`.pdeanim` files as mesh sequences: decoding behind the interface every other format has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pdecodec.errors import SettingsError
+from pdecodec.sequence import MeshSequence
+
+
+def open_pdeanim(path: Path, *, fps: float | None) -> MeshSequence:
+    """Open an animation; its frames are those of the sequence it was encoded from.
+
+    Raises
+    ------
+    SettingsError
+        If `fps` is given: the file stores its own times.
+    CorruptFileError
+        If the file is damaged.
+    """
+    from pdecodec.decoder import open_animation
+
+    if fps is not None:
+        raise SettingsError(
+            "a .pdeanim file stores its own times; leave out the frame rate, or decode it at the times you want",
+            path=path,
+        )
+    return open_animation(path)

@@ -1,0 +1,267 @@
+"""Which format reads or writes a path: by extension, by magic bytes, by frame pattern or folder."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from pdecodec.errors import InputError, MissingExtraError, SettingsError
+from pdecodec.sequence import MeshSequence
+
+Progress = Callable[[int, int, str], None]
+"""``progress(done, total, what)``: called after each block of frames."""
+
+
+class Reader(Protocol):
+    """What a format's ``reader`` names."""
+
+    def __call__(self, path: Path, *, fps: float | None) -> MeshSequence: ...
+
+
+class Writer(Protocol):
+    """What a format's ``writer`` names."""
+
+    def __call__(
+        self,
+        sequence: MeshSequence,
+        path: Path,
+        *,
+        overwrite: bool,
+        fps: float | None,
+        progress: Progress | None,
+    ) -> None: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Format:
+    """One mesh-sequence format.
+
+    Parameters
+    ----------
+    name : str
+        Short and unique: ``"obj"``.
+    title : str
+        What a list of formats shows.
+    extensions : tuple of str
+        Lower case, with the dot.
+    magic : tuple of bytes
+        What files of this format begin with; empty where nothing tells them apart.
+    reader, writer : str or None
+        ``"module:function"``, imported at first use (:class:`Reader`, :class:`Writer`).
+    write_with : str
+        What to use where there is no `writer`.
+    extra : str or None
+        The optional dependency group that the module needs.
+    frame_per_file : bool
+        Whether a sequence is a file a frame, given as a pattern or a folder.
+    keeps : str
+        What comes back after writing and reading, beside positions.
+    """
+
+    name: str
+    title: str
+    extensions: tuple[str, ...]
+    magic: tuple[bytes, ...] = ()
+    reader: str | None = None
+    writer: str | None = None
+    write_with: str = ""
+    extra: str | None = None
+    frame_per_file: bool = False
+    keeps: str = ""
+
+    @property
+    def reads(self) -> bool:
+        return self.reader is not None
+
+    @property
+    def writes(self) -> bool:
+        return self.writer is not None
+
+
+_formats: dict[str, Format] = {}
+
+
+def register_format(entry: Format) -> None:
+    """Make a format known to :func:`open_sequence`, :func:`write_sequence` and the command line.
+
+    Raises
+    ------
+    SettingsError
+        If its name or one of its extensions is taken.
+    """
+    for other in _formats.values():
+        shared = set(entry.extensions) & set(other.extensions)
+        if entry.name == other.name or shared:
+            raise SettingsError(f"format {entry.name!r} collides with {other.name!r}; choose another name or extension")
+    _formats[entry.name] = entry
+
+
+def list_formats() -> tuple[Format, ...]:
+    """Every registered format, in order of registration."""
+    return tuple(_formats.values())
+
+
+def open_sequence(path: str | os.PathLike[str], *, fps: float | None = None) -> MeshSequence:
+    """Open a mesh sequence of any registered format.
+
+    Parameters
+    ----------
+    path : path
+        A file, a frame pattern (``name.####.obj``, ``name.%04d.obj``, ``name.@@@@.obj``, ``name.$F4.obj``,
+        ``name.10-20####.obj`` for some frames of it), or a folder of numbered frames.
+    fps : float, optional
+        Frames per second of a source that does not store its times. Where times are stored they are kept,
+        and `fps` is only the nominal rate; a notice says so.
+
+    Returns
+    -------
+    MeshSequence
+        Reads frames when they are asked for; close it, or use it in a ``with`` statement.
+
+    Raises
+    ------
+    InputError
+        If there is nothing there, no format knows it, or it is damaged.
+    MissingExtraError
+        If the format needs a package that is not installed.
+    """
+    where = Path(path)
+    _check_fps(fps)
+    entry = _format_to_read(where)
+    reader: Reader = _load(entry, entry.reader, "read", where)
+    with _PathOnErrors(where):
+        return reader(where, fps=fps)
+
+
+def write_sequence(
+    sequence: MeshSequence,
+    path: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+    fps: float | None = None,
+    progress: Progress | None = None,
+) -> None:
+    """Write a mesh sequence in the format that the path's extension names, block by block.
+
+    The output appears when it is whole: it is written beside its place, then renamed.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    path : path
+        A file, or for a file-a-frame format a pattern or a folder (``name/`` or no extension: OBJ).
+    overwrite : bool
+        Replace what is there already.
+    fps : float, optional
+        Nominal frame rate to record and to number frames by. Default: the sequence's.
+    progress : callable, optional
+        Called as ``progress(done, total, what)``.
+
+    Raises
+    ------
+    InputError
+        If the place is taken or cannot be written to, or the format cannot hold the sequence.
+    MissingExtraError
+        If the format needs a package that is not installed.
+    """
+    where = Path(path)
+    _check_fps(fps)
+    entry = _format_to_write(where, is_folder=os.fspath(path).endswith(("/", os.sep)) or where.is_dir())
+    writer: Writer = _load(entry, entry.writer, "written", where)
+    with _PathOnErrors(where):
+        writer(sequence, where, overwrite=overwrite, fps=fps, progress=progress)
+
+
+def _check_fps(fps: float | None) -> None:
+    if fps is not None and not 0 < fps < float("inf"):
+        raise SettingsError(f"frames per second must be a positive number, not {fps}")
+
+
+class _PathOnErrors:
+    """Names the file on input errors raised by code that knows only arrays."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, InputError) and error.path is None:
+            raise InputError(error.message, path=self._path, frame=error.frame, offset=error.offset) from error
+
+
+def _by_extension(path: Path) -> Format | None:
+    suffix = path.suffix.lower()
+    return next((entry for entry in _formats.values() if suffix in entry.extensions), None)
+
+
+def _by_magic(path: Path) -> Format | None:
+    longest = max(len(magic) for entry in _formats.values() for magic in (*entry.magic, b""))
+    try:
+        with path.open("rb") as file:
+            head = file.read(longest)
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror}); check its permissions", path=path) from error
+    return next((entry for entry in _formats.values() if any(head.startswith(magic) for magic in entry.magic)), None)
+
+
+def _extensions(chosen: Callable[[Format], bool]) -> str:
+    return ", ".join(extension for entry in _formats.values() if chosen(entry) for extension in entry.extensions)
+
+
+def _format_to_read(path: Path) -> Format:
+    if path.is_dir():
+        return _format_of_folder(path)
+    entry = _by_extension(path)
+    if path.exists():
+        entry = entry or _by_magic(path)
+    elif entry is None or not entry.frame_per_file:
+        raise InputError("there is no such file; check the name", path=path)
+    if entry is None:
+        raise InputError(f"its format is not known; readable are {_extensions(lambda item: item.reads)}", path=path)
+    return entry
+
+
+def _format_of_folder(folder: Path) -> Format:
+    try:
+        suffixes = {item.suffix.lower() for item in folder.iterdir()}
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror}); check its permissions", path=folder) from error
+    found = [entry for entry in _formats.values() if entry.frame_per_file and suffixes & set(entry.extensions)]
+    if not found:
+        wanted = _extensions(lambda item: item.frame_per_file)
+        raise InputError(f"this folder holds no frames ({wanted}); name the file itself", path=folder)
+    if len(found) > 1:
+        names = ", ".join(entry.name for entry in found)
+        raise InputError(f"this folder holds frames of several formats ({names}); give a frame pattern", path=folder)
+    return found[0]
+
+
+def _format_to_write(path: Path, *, is_folder: bool) -> Format:
+    if is_folder or not path.suffix:
+        return next(entry for entry in _formats.values() if entry.frame_per_file and entry.writes)
+    entry = _by_extension(path)
+    if entry is None:
+        known = _extensions(lambda item: item.writes)
+        raise InputError(f"no format is written as {path.suffix!r}; use {known}, or name/ for a folder", path=path)
+    return entry
+
+
+def _load(entry: Format, where: str | None, action: str, path: Path) -> Any:
+    if where is None:
+        instead = f"use {entry.write_with}" if entry.write_with else "choose another format"
+        raise InputError(f"{entry.title} ({entry.name}) cannot be {action} here; {instead}", path=path)
+    module, function = where.split(":")
+    try:
+        return getattr(importlib.import_module(module), function)
+    except ModuleNotFoundError as error:
+        if entry.extra is None:
+            raise
+        raise MissingExtraError(
+            f"{entry.title} needs the package {error.name}; run: pip install 'pdecodec[{entry.extra}]'", path=path
+        ) from error
