@@ -1,0 +1,5 @@
+"""`python -m pdecodec.cli`."""
+
+from pdecodec.cli.main import main
+
+main()

@@ -1,0 +1,140 @@
+"""`pdecodec compare`: how far one sequence is from another, and whether they are the same mesh."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+import click
+from pdecodec.cli.console import print_json, print_table, progress_bar, say, say_notices
+from pdecodec.cli.options import fps_option, json_option
+
+from pdecodec.errors import SettingsError
+
+if TYPE_CHECKING:
+    from pdecodec.sequence import MeshSequence
+
+TIME_TOLERANCE = 1e-6
+"""Seconds by which equal times may differ: formats that count frames round theirs to the frame rate."""
+
+
+@click.command()
+@click.argument("reference", metavar="A")
+@click.argument("other", metavar="B")
+@click.option("--tolerance", type=float, metavar="X", help="Fail above this maximum error, relative to the diagonal.")
+@click.option("--max-error", type=float, metavar="X", help="Fail above this maximum error in scene units.")
+@click.option("--at-frames", is_flag=True, help="Evaluate B, a .pdeanim, at the times of A's frames.")
+@fps_option
+@json_option
+@click.pass_context
+def compare(
+    context: click.Context,
+    *,
+    reference: str,
+    other: str,
+    tolerance: float | None,
+    max_error: float | None,
+    at_frames: bool,
+    fps: float | None,
+    as_json: bool,
+) -> None:
+    """Measure how far B is from A, vertex by vertex and frame by frame.
+
+    Errors are Euclidean distances in scene units; relative ones are over the diagonal of the bounding box of A's
+    frame 0. The exit code is 1 when faces or counts differ, or an error bound given here is exceeded.
+    """
+    from pdecodec.formats import open_sequence
+
+    for name, value in (("--tolerance", tolerance), ("--max-error", max_error)):
+        if value is not None and not value >= 0:
+            raise SettingsError(f"{name} must be zero or more, not {value}")
+    with (
+        open_sequence(reference, fps=_rate_for(reference, fps)) as first,
+        open_sequence(other, fps=_rate_for(other, fps)) as second,
+    ):
+        say_notices(first)
+        result = _compare(first, _at_times_of(first, second) if at_frames else second)
+    failures = _failures(result, tolerance, max_error)
+    if as_json:
+        print_json({**result, "passed": not failures, "failures": failures})
+    else:
+        _print(result)
+    for failure in failures:
+        say(f"failed: {failure}")
+    if failures:
+        context.exit(1)
+
+
+def _rate_for(path: str, fps: float | None) -> float | None:
+    """The frame rate to open a path with: a .pdeanim keeps its own."""
+    return None if path.lower().endswith(".pdeanim") else fps
+
+
+def _at_times_of(first: MeshSequence, second: MeshSequence) -> MeshSequence:
+    from pdecodec.decoder import Animation
+
+    from pdecodec.resample import SampledAnimation
+
+    if not isinstance(second, Animation):
+        raise SettingsError("--at-frames evaluates B between its frames, so B must be a .pdeanim file")
+    return SampledAnimation(second, first.times)
+
+
+def _compare(first: MeshSequence, second: MeshSequence) -> dict[str, Any]:
+    import numpy as np
+
+    from pdecodec.metrics import Distortion, measure_distortion
+
+    result: dict[str, Any] = {
+        "frames": [first.frame_count, second.frame_count],
+        "vertices": [first.vertex_count, second.vertex_count],
+        "connectivity_equal": first.connectivity.same_as(second.connectivity),
+        "objects_equal": [item.name for item in first.objects] == [item.name for item in second.objects],
+        "times_equal": first.frame_count == second.frame_count
+        and bool(np.allclose(first.times, second.times, rtol=0.0, atol=TIME_TOLERANCE)),
+    }
+    measures: dict[str, Any] = dict.fromkeys(field.name for field in fields(Distortion))
+    if (first.frame_count, first.vertex_count) == (second.frame_count, second.vertex_count):
+        with progress_bar() as progress:
+            measures = measure_distortion(first, second, progress=progress).to_dict()
+    for counted in ("frames", "vertices"):
+        del measures[counted]
+    return {**result, "diagonal": measures.pop("scale"), **measures}
+
+
+def _failures(result: dict[str, Any], tolerance: float | None, max_error: float | None) -> list[str]:
+    """What is wrong with B, a line each; empty when it passes."""
+    failures = [
+        f"A has {result[counted][0]} {counted}, B has {result[counted][1]}"
+        for counted in ("frames", "vertices")
+        if result[counted][0] != result[counted][1]
+    ]
+    if not failures and not result["connectivity_equal"]:
+        failures.append("faces or lines differ")
+    if result["max_error"] is not None:
+        if tolerance is not None and result["e_m"] > tolerance:
+            failures.append(f"maximum error {result['e_m']:.6g} of the diagonal is above {tolerance:g}")
+        if max_error is not None and result["max_error"] > max_error:
+            failures.append(f"maximum error {result['max_error']:.6g} is above {max_error:g}")
+    return failures
+
+
+def _print(result: dict[str, Any]) -> None:
+    from rich.table import Table
+
+    table = Table("", "scene units", "of the diagonal", box=None)
+    if result["max_error"] is not None:
+        for label, name in (("maximum error", "max_error"), ("99 % within", "p99_error"), ("rms error", "rms_error")):
+            table.add_row(label, f"{result[name]:.6g}", f"{result[name] / result['diagonal']:.6g}")
+        table.add_row("E_A (Eq. 26)", "", f"{result['e_a']:.6g}")
+        table.add_row("E_M (Eq. 27)", "", f"{result['e_m']:.6g}")
+        table.add_row("KG error", "infinite" if result["kg_error"] is None else f"{result['kg_error']:.6g} %")
+        table.add_row("diagonal", f"{result['diagonal']:.6g}", "1")
+        table.add_row("worst at", f"frame {result['worst_frame']}, vertex {result['worst_vertex']}")
+    for label, name in (
+        ("faces, lines, order", "connectivity_equal"),
+        ("object names", "objects_equal"),
+        ("times", "times_equal"),
+    ):
+        table.add_row(label, "equal" if result[name] else "different")
+    print_table(table)

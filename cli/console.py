@@ -1,0 +1,70 @@
+"""What a person sees: standard error for words and progress, standard output for data alone."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from pdecodec.sequence import MeshSequence
+
+Progress = Callable[[int, int, str], None]
+
+
+def say(text: str) -> None:
+    """One line to standard error."""
+    click.echo(text, err=True)
+
+
+def say_notices(sequence: MeshSequence) -> None:
+    """What a reader wants a person to know, a line each."""
+    for notice in sequence.notices:
+        say(f"note: {notice}")
+
+
+def print_json(data: Mapping[str, Any]) -> None:
+    """One JSON object to standard output."""
+    click.echo(json.dumps(data, indent=2, allow_nan=False))
+
+
+def print_table(table: Table) -> None:
+    """A table to standard output, never wider than its content when it goes to a file or a pipe."""
+    from rich.console import Console
+
+    terminal = sys.stdout.isatty()
+    Console(file=sys.stdout, width=None if terminal else 200, force_terminal=None if terminal else False).print(table)
+
+
+@contextmanager
+def progress_bar() -> Iterator[Progress | None]:
+    """A progress callable for the library that draws a bar on standard error; None when that is no terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total, what: bar.update(task, completed=done, total=total, description=what)
+
+
+def megabytes(count: int) -> str:
+    """A byte count for people, decimal units: ``0.31 MB``, ``42.0 MB``, ``812 bytes``."""
+    if count < 10_000:
+        return f"{count} bytes"
+    return f"{count / 1e6:.3g} MB" if count < 1_000_000 else f"{count / 1e6:,.1f} MB"
+
+
+def ratio(raw: int, coded: int) -> str:
+    """``135:1``, with one decimal below ten."""
+    value = raw / max(1, coded)
+    return f"{value:.0f}:1" if value >= 10 else f"{value:.1f}:1"

@@ -1,0 +1,48 @@
+"""`pdecodec convert`: a mesh sequence from one format to another, streamed by blocks of frames."""
+
+from __future__ import annotations
+
+import time
+
+import click
+from pdecodec.cli.console import print_json, progress_bar, say, say_notices
+from pdecodec.cli.options import (
+    check_output,
+    fps_option,
+    frames_option,
+    json_option,
+    output_option,
+    overwrite_option,
+    refuse_pdeanim,
+    select_frames,
+)
+
+
+@click.command()
+@click.argument("source", metavar="IN")
+@output_option
+@frames_option
+@fps_option
+@overwrite_option
+@json_option
+def convert(*, source: str, output: str, frames: str | None, fps: float | None, overwrite: bool, as_json: bool) -> None:
+    """Convert a mesh sequence to another format, frame by frame as it is.
+
+    IN may be a .pdeanim file, which is decoded at its frames; OUT may not: encoding has settings of its own, so it
+    is `pdecodec encode`.
+    """
+    from pdecodec.formats import open_sequence, write_sequence
+
+    started = time.perf_counter()
+    refuse_pdeanim(output, f"use pdecodec encode {source} -o {output}")
+    check_output(output, overwrite=overwrite)
+    with open_sequence(source, fps=fps) as whole:
+        say_notices(whole)
+        sequence = select_frames(whole, frames)
+        with progress_bar() as progress:
+            write_sequence(sequence, output, overwrite=overwrite, progress=progress)
+        counts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
+    seconds = time.perf_counter() - started
+    if as_json:
+        print_json({"output": output, **counts, "seconds": seconds})
+    say(f"{output}: {counts['frames']} frames of {counts['vertices']:,} vertices, {seconds:.1f} s")

@@ -1,0 +1,141 @@
+"""`pdecodec decode`: a `.pdeanim` file into any other format, at its frames or at any other times."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from pdecodec.cli.console import megabytes, print_json, progress_bar, say
+from pdecodec.cli.options import (
+    ByteCount,
+    check_output,
+    frames_option,
+    json_option,
+    output_option,
+    overwrite_option,
+    refuse_pdeanim,
+    select_frames,
+)
+
+from pdecodec.errors import InputError, SettingsError
+
+if TYPE_CHECKING:
+    from pdecodec.decoder import Animation
+
+    from pdecodec.sequence import Float64Array, MeshSequence
+
+
+@click.command()
+@click.argument("source", metavar="IN.pdeanim")
+@output_option
+@click.option("--at", multiple=True, type=float, metavar="T", help="Decode at this time in seconds; may be repeated.")
+@click.option("--times", metavar="FILE", help="Decode at the times in seconds that a text file lists.")
+@click.option("--fps", type=float, metavar="F", help="Decode at a new frame rate, from the first time to the last.")
+@frames_option
+@click.option("--velocities", is_flag=True, help="Also write velocities, units a second, to OUT with '.velocities'.")
+@click.option("--max-memory", type=ByteCount(), metavar="BYTES", help="Refuse files that need more, such as 2G.")
+@overwrite_option
+@json_option
+def decode(
+    *,
+    source: str,
+    output: str,
+    at: tuple[float, ...],
+    times: str | None,
+    fps: float | None,
+    frames: str | None,
+    velocities: bool,
+    max_memory: int | None,
+    overwrite: bool,
+    as_json: bool,
+) -> None:
+    """Decode a .pdeanim file at its frames, or at any times between them.
+
+    Times are taken in increasing order, each once. One frame may go to a single .obj file, several go to a folder,
+    a pattern (out.####.obj) or a file that holds them all.
+    """
+    from pdecodec.decoder import DecodeLimits, open_animation
+    from pdecodec.formats import write_sequence
+
+    started = time.perf_counter()
+    given = [name for name, value in (("--at", at), ("--times", times), ("--fps", fps), ("--frames", frames)) if value]
+    if len(given) > 1:
+        raise SettingsError(f"{' and '.join(given)} exclude each other; give one of them")
+    refuse_pdeanim(output, "decode writes meshes; name another format")
+    outputs = [output, _velocity_path(output)] if velocities else [output]
+    for path in outputs:
+        check_output(path, overwrite=overwrite)
+    limits = DecodeLimits() if max_memory is None else DecodeLimits(max_memory=max_memory)
+    with open_animation(source, limits=limits) as animation:
+        positions = _chosen(animation, at=at, times=times, fps=fps, frames=frames)
+        sequences = [positions]
+        if velocities:
+            sequences.append(_velocities(animation, positions.times))
+        for path, sequence in zip(outputs, sequences, strict=True):
+            with progress_bar() as progress:
+                write_sequence(sequence, path, overwrite=overwrite, progress=progress)
+        result: dict[str, Any] = {
+            "outputs": outputs,
+            "frames": positions.frame_count,
+            "vertices": positions.vertex_count,
+            "raw_bytes": 12 * positions.frame_count * positions.vertex_count,
+            "seconds": time.perf_counter() - started,
+        }
+    if as_json:
+        print_json(result)
+    say(
+        f"in {megabytes(Path(source).stat().st_size)} -> out {megabytes(result['raw_bytes'])} of positions, "
+        f"{result['frames']} frames of {result['vertices']:,} vertices, {result['seconds']:.1f} s"
+    )
+
+
+def _velocity_path(output: str) -> str:
+    from pdecodec.formats import list_formats
+
+    path = Path(output)
+    holds_all_frames = [
+        extension
+        for entry in list_formats()
+        if entry.writes and not entry.frame_per_file
+        for extension in entry.extensions
+    ]
+    if path.suffix.lower() not in holds_all_frames:
+        raise SettingsError(f"{output}: --velocities are written as {', '.join(holds_all_frames)}; name such a file")
+    return str(path.with_name(f"{path.stem}.velocities{path.suffix}"))
+
+
+def _velocities(animation: Animation, times: Float64Array) -> MeshSequence:
+    from pdecodec.resample import SampledAnimation
+
+    return SampledAnimation(animation, times, quantity="velocities")
+
+
+def _chosen(
+    animation: Animation, *, at: tuple[float, ...], times: str | None, fps: float | None, frames: str | None
+) -> MeshSequence:
+    """The animation at the times or frames asked for."""
+    from pdecodec.resample import SampledAnimation, times_at_rate
+
+    if fps is not None:
+        return SampledAnimation(animation, times_at_rate(float(animation.times[0]), float(animation.times[-1]), fps))
+    wanted = list(at) if times is None else _read_times(times)
+    if wanted:
+        return SampledAnimation(animation, sorted(set(wanted)))
+    return select_frames(animation, frames)
+
+
+def _read_times(path: str) -> list[float]:
+    """Times of a text file: numbers apart by blanks, commas or line ends."""
+    try:
+        words = Path(path).read_text(encoding="utf-8").replace(",", " ").split()
+    except UnicodeDecodeError as error:
+        raise InputError("this is not a text file of times in seconds", path=path) from error
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError as error:
+        raise InputError(f"{error}; list times in seconds, apart by blanks or line ends", path=path) from error
+    if not numbers:
+        raise InputError("there is no time in it; list times in seconds", path=path)
+    return numbers

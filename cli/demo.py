@@ -1,0 +1,136 @@
+"""`pdecodec demo`: the cube-rope simulated, encoded, decoded and measured; a table and a picture."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from pdecodec.cli.console import megabytes, print_json, print_table, progress_bar, ratio, say
+from pdecodec.cli.options import json_option
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from pdecodec.experiments.demo import Demonstration, Encoding
+
+
+@click.command()
+@click.option("-o", "--output", required=True, metavar="DIR", help="Folder for the picture and the .pdeanim files.")
+@json_option
+def demo(*, output: str, as_json: bool) -> None:
+    """Simulate the cube-rope, encode it, decode it at its frames and between them, and show what that costs.
+
+    Files of an earlier demonstration in DIR are replaced.
+    """
+    say("simulating, encoding and decoding; the first run also compiles")
+    from pdecodec.experiments.demo import demonstrate
+    from pdecodec.experiments.picture import draw
+
+    started = time.perf_counter()
+    directory = Path(output)
+    directory.mkdir(parents=True, exist_ok=True)
+    with progress_bar() as progress:
+        found = demonstrate(directory, progress=progress)
+    draw(found, directory / "demo.png")
+    seconds = time.perf_counter() - started
+    if as_json:
+        print_json(_as_json(found, seconds))
+    else:
+        for table in (_encodings_table(found), _between_table(found), _sections_table(found)):
+            print_table(table)
+            click.echo()
+    first = found.encodings[0]
+    for encoding in found.encodings:
+        say(f"{encoding.report.path}: {encoding.report.summary}")
+    say(f"picture: {directory / 'demo.png'}")
+    say(
+        f"in {megabytes(first.report.raw_bytes)} -> out {megabytes(first.report.file_bytes)} "
+        f"({ratio(first.report.raw_bytes, first.report.file_bytes)}), max error {first.distortion.max_error:.3g} "
+        f"scene units (bound {first.report.bound:.3g}), {seconds:.1f} s for everything"
+    )
+
+
+def _encodings_table(found: Demonstration) -> Table:
+    from rich.table import Table
+
+    clip = found.sequence
+    table = Table(
+        "",
+        *(encoding.name for encoding in found.encodings),
+        title=f"cube-rope: {clip.frame_count} frames of {clip.vertex_count:,} vertices, "
+        f"simulated in {found.simulate_seconds:.1f} s",
+        title_justify="left",
+    )
+
+    def row(label: str, *cells: str) -> None:
+        table.add_row(label, *cells)
+
+    each = found.encodings
+    row("profile", *("paper" if item.report.bound is None else "auto, tolerance 0.001" for item in each))
+    row("raw float32", *(megabytes(item.report.raw_bytes) for item in each))
+    row("file", *(megabytes(item.report.file_bytes) for item in each))
+    row("ratio", *(ratio(item.report.raw_bytes, item.report.file_bytes) for item in each))
+    row("bits per vertex and frame", *(f"{item.bits:.3f}" for item in each))
+    row("maximum error / diagonal", *(f"{item.distortion.e_m:.6f}" for item in each))
+    row("rms error / diagonal", *(f"{item.distortion.rms_error / item.distortion.scale:.6f}" for item in each))
+    row("E_A (Eq. 26)", *(f"{item.distortion.e_a:.6f}" for item in each))
+    row("E_M (Eq. 27)", *(f"{item.distortion.e_m:.6f}" for item in each))
+    row("KG error", *(f"{item.distortion.kg_error:.4f} %" for item in each))
+    row("encode", *(f"{item.report.seconds:.2f} s" for item in each))
+    row("decode all frames", *(f"{item.decode_seconds:.2f} s" for item in each))
+    return table
+
+
+def _between_table(found: Demonstration) -> Table:
+    from rich.table import Table
+
+    table = Table(
+        "at the frames left out",
+        "decoded",
+        "straight lines",
+        title="between frames: every second frame left out of the encoding",
+        title_justify="left",
+    )
+    pair = (found.between.decoded, found.between.linear)
+    table.add_row("maximum error / diagonal", *(f"{item.e_m:.6f}" for item in pair))
+    table.add_row("rms error / diagonal", *(f"{item.rms_error / item.scale:.6f}" for item in pair))
+    table.add_row("KG error", *(f"{item.kg_error:.4f} %" for item in pair))
+    return table
+
+
+def _sections_table(found: Demonstration) -> Table:
+    from rich.table import Table
+
+    names = dict.fromkeys(name for item in found.encodings for name in item.report.sections)
+    table = Table("section", *(item.name for item in found.encodings), title="bytes", title_justify="left")
+    for name in names:
+        table.add_row(name, *(f"{item.report.sections.get(name, 0):,}" for item in found.encodings))
+    return table
+
+
+def _as_json(found: Demonstration, seconds: float) -> dict[str, Any]:
+    def encoding(item: Encoding) -> dict[str, Any]:
+        return {
+            "path": str(item.report.path),
+            "raw_bytes": item.report.raw_bytes,
+            "output_bytes": item.report.file_bytes,
+            "sections": item.report.sections,
+            "encode_seconds": item.report.seconds,
+            "decode_seconds": item.decode_seconds,
+            "distortion": item.distortion.to_dict(),
+        }
+
+    return {
+        "frames": found.sequence.frame_count,
+        "vertices": found.sequence.vertex_count,
+        "simulate_seconds": found.simulate_seconds,
+        "encodings": {item.name: encoding(item) for item in found.encodings},
+        "rates": [encoding(item) for item in found.rates],
+        "between_frames": {
+            "decoded": found.between.decoded.to_dict(),
+            "linear": found.between.linear.to_dict(),
+        },
+        "seconds": seconds,
+    }

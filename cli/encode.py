@@ -1,0 +1,111 @@
+"""`pdecodec encode`: a mesh sequence into a `.pdeanim` file."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+from pdecodec.cli.console import megabytes, print_json, progress_bar, ratio, say, say_notices
+from pdecodec.cli.options import (
+    check_output,
+    fps_option,
+    frames_option,
+    input_bytes,
+    json_option,
+    output_option,
+    overwrite_option,
+    select_frames,
+)
+
+from pdecodec.errors import SettingsError
+
+if TYPE_CHECKING:
+    from pdecodec.encoder import EncodeReport
+
+
+@click.command()
+@click.argument("source", metavar="IN")
+@output_option
+@click.option(
+    "--tolerance",
+    type=float,
+    metavar="X",
+    help="Largest vertex distance allowed, as a fraction of the diagonal of frame 0's bounding box. "
+    "Default 0.001; none under --profile paper.",
+)
+@click.option("--max-error", type=float, metavar="X", help="The same in scene units, instead of --tolerance.")
+@click.option(
+    "--profile",
+    type=click.Choice(["auto", "paper"]),
+    default="auto",
+    show_default=True,
+    help="auto: what costs least at the asked accuracy. paper: 32 coefficients per curve, axis and segment.",
+)
+@click.option(
+    "--alignment",
+    type=click.Choice(["auto", "none", "affine", "rotation"]),
+    default="auto",
+    show_default=True,
+    help="How rigid motion is taken out first (Eqs. 19 to 23).",
+)
+@click.option("--segment-frames", type=int, metavar="N", help="Frames of a time segment; the motion decides.")
+@click.option("--piece-points", type=int, metavar="N", help="Points of a curve piece; the motion decides.")
+@click.option("--alpha", type=float, metavar="X", help="Rate of the time functions (Eq. 12); chosen by error.")
+@click.option("--r", type=float, metavar="X", help="Rate of the space functions (Eqs. 14, 16); chosen by error.")
+@click.option("--effort", type=int, default=5, show_default=True, metavar="1-9", help="1 is quick, 9 is thorough.")
+@frames_option
+@fps_option
+@overwrite_option
+@json_option
+def encode(
+    *,
+    source: str,
+    output: str,
+    frames: str | None,
+    fps: float | None,
+    overwrite: bool,
+    as_json: bool,
+    **settings: Any,
+) -> None:
+    """Encode the mesh sequence IN into a .pdeanim file.
+
+    The error bound holds for every vertex at every frame of IN, in the float32 positions that decoding returns.
+    """
+    from pdecodec.encoder import encode as encode_sequence
+    from pdecodec.formats import open_sequence
+
+    from pdecodec.settings import EncodeSettings
+
+    checked = EncodeSettings(**settings)
+    if not output.lower().endswith(".pdeanim"):
+        raise SettingsError(f"{output}: encode writes .pdeanim files; for other formats use pdecodec convert")
+    check_output(output, overwrite=overwrite)
+    with open_sequence(source, fps=fps) as whole:
+        say_notices(whole)
+        sequence = select_frames(whole, frames)
+        with progress_bar() as progress:
+            report = encode_sequence(sequence, output, checked, overwrite=overwrite, progress=progress)
+    if as_json:
+        print_json(_as_json(report, input_bytes(source)))
+    say(report.summary)
+    bound = "no bound" if report.bound is None else f"bound {report.bound:.3g}"
+    say(
+        f"in {megabytes(report.raw_bytes)} -> out {megabytes(report.file_bytes)} "
+        f"({ratio(report.raw_bytes, report.file_bytes)}), "
+        f"max error {report.max_error:.3g} scene units ({bound}), {report.seconds:.1f} s"
+    )
+
+
+def _as_json(report: EncodeReport, input_size: int) -> dict[str, Any]:
+    """The report with the names and ratios that scripts want."""
+    from pdecodec.metrics import bits_per_vertex_frame
+
+    kept = sum(report.sections.get(name, 0) for name in UNTIMED_SECTIONS)
+    return {
+        "output": str(report.path),
+        "input_bytes": input_size,
+        "raw_bytes": report.raw_bytes,
+        "output_bytes": report.file_bytes,
+        "ratio": report.raw_bytes / report.file_bytes,
+        "bpvf": bits_per_vertex_frame(report.file_bytes - kept, vertices=report.vertices, frames=report.frames),
+    }

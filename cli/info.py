@@ -1,0 +1,130 @@
+"""`pdecodec info`: what a mesh sequence or a `.pdeanim` file holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import click
+from pdecodec.cli.console import megabytes, print_json, print_table, say_notices
+from pdecodec.cli.options import fps_option, json_option
+
+if TYPE_CHECKING:
+    from pdecodec.sequence import MeshObject, MeshSequence
+
+
+@click.command()
+@click.argument("source", metavar="FILE")
+@fps_option
+@json_option
+def info(*, source: str, fps: float | None, as_json: bool) -> None:
+    """Tell what FILE holds: objects, faces, frames, times, attributes; of a .pdeanim, its sections and model too."""
+    from pdecodec.formats import open_sequence
+
+    with open_sequence(source, fps=fps) as sequence:
+        say_notices(sequence)
+        facts = _facts(sequence)
+    if as_json:
+        print_json(facts)
+    else:
+        _print(facts)
+
+
+def _facts(sequence: MeshSequence) -> dict[str, Any]:
+    import numpy as np
+    from pdecodec.decoder import Animation
+
+    from pdecodec.metrics import frame_scale
+
+    first = sequence.read_frames(0, 1)[0]
+    finite = bool(np.isfinite(first).all())
+    facts: dict[str, Any] = {
+        "frames": sequence.frame_count,
+        "fps": sequence.fps,
+        "first_time": float(sequence.times[0]),
+        "last_time": float(sequence.times[-1]),
+        "duration": float(sequence.times[-1] - sequence.times[0]),
+        "vertices": sequence.vertex_count,
+        "faces": sequence.connectivity.face_count,
+        "lines": sequence.connectivity.line_count,
+        "raw_bytes": 12 * sequence.frame_count * sequence.vertex_count,
+        "finite_at_first_frame": finite,
+        "bounds_at_first_frame": [first.min(axis=0).tolist(), first.max(axis=0).tolist()] if finite else None,
+        "diagonal": frame_scale(first) if finite else None,
+        "metadata": dict(sequence.metadata),
+        "objects": [_object_facts(item) for item in sequence.objects],
+    }
+    if isinstance(sequence, Animation):
+        facts.update(sequence.info())
+    return facts
+
+
+def _object_facts(item: MeshObject) -> dict[str, Any]:
+    import numpy as np
+
+    corners, counts = np.unique(item.connectivity.face_counts, return_counts=True)
+    kinds = {3: "triangles", 4: "quads"}
+    by_kind: dict[str, int] = {}
+    for size, count in zip(corners.tolist(), counts.tolist(), strict=True):
+        kind = kinds.get(size, "n-gons")
+        by_kind[kind] = by_kind.get(kind, 0) + count
+    return {
+        "name": item.name,
+        "vertices": item.vertex_count,
+        "faces": by_kind,
+        "lines": item.connectivity.line_count,
+        "attributes": [f"{attribute.name} per {attribute.domain}" for attribute in item.attributes],
+    }
+
+
+def _print(facts: Mapping[str, Any]) -> None:
+    from rich.table import Table
+
+    objects = Table("object", "vertices", "faces", "lines", "attributes", box=None)
+    for item in facts["objects"]:
+        faces = ", ".join(f"{count:,} {kind}" for kind, count in item["faces"].items()) or "none"
+        objects.add_row(
+            item["name"], f"{item['vertices']:,}", faces, f"{item['lines']:,}", ", ".join(item["attributes"]) or "none"
+        )
+    print_table(objects)
+    table = Table(box=None, show_header=False)
+    table.add_row("frames", f"{facts['frames']} at {facts['fps']:g} a second")
+    table.add_row("time", f"{facts['first_time']:g} to {facts['last_time']:g} s")
+    table.add_row("raw positions", megabytes(facts["raw_bytes"]))
+    if facts["finite_at_first_frame"]:
+        low, high = facts["bounds_at_first_frame"]
+        spans = ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True))
+        table.add_row("first frame", f"{spans}; diagonal {facts['diagonal']:g}")
+    else:
+        table.add_row("first frame", "holds positions that are not finite numbers")
+    for name in [name for name in facts if name not in _TABLED]:
+        table.add_row(name, _in_words(facts[name]))
+    table.add_row("metadata", _in_words(facts["metadata"]) or "none")
+    print_table(table)
+
+
+_TABLED = frozenset(
+    {
+        "frames",
+        "fps",
+        "first_time",
+        "last_time",
+        "duration",
+        "vertices",
+        "faces",
+        "lines",
+        "raw_bytes",
+        "finite_at_first_frame",
+        "bounds_at_first_frame",
+        "diagonal",
+        "metadata",
+        "objects",
+    }
+)
+"""Facts that the table shows in its own words."""
+
+
+def _in_words(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_in_words(item)}" for name, item in value.items())
+    return f"{value:g}" if isinstance(value, float) else str(value)

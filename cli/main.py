@@ -1,0 +1,102 @@
+"""The `pdecodec` command: its group of commands, and how failures become one line and an exit code.
+
+Exit codes: 0 done; 1 a check failed; 2 usage; 3 bad input or a place that cannot be written to; 4 corrupt file;
+5 missing extra; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from types import TracebackType
+
+import click
+from pdecodec.cli.compare import compare
+from pdecodec.cli.convert import convert
+from pdecodec.cli.decode import decode
+from pdecodec.cli.demo import demo
+from pdecodec.cli.encode import encode
+from pdecodec.cli.formats import formats
+from pdecodec.cli.info import info
+from pdecodec.cli.simulate import simulate
+
+from pdecodec import __version__
+from pdecodec.errors import InputError, PdecodecError, SettingsError
+
+EXIT_CHECK_FAILED = 1
+EXIT_INTERRUPTED = 130
+"""128 + SIGINT, as shells report it."""
+
+TRACEBACK_VARIABLE = "PDECODEC_TRACEBACK"
+"""Environment variable that, when set, shows the traceback of a bug instead of one line about it."""
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="pdecodec")
+def pdecodec() -> None:
+    """Encode deforming meshes into compact .pdeanim files, and decode them at any time.
+
+    Formats are chosen by extension: `pdecodec formats` lists them. A sequence of files is a folder or a pattern
+    (name.%04d.obj, name.####.obj, name.$F4.obj). Data goes to standard output, everything else to standard error.
+
+    Exit codes: 0 done, 1 a check failed, 2 usage, 3 bad input or unwritable output, 4 corrupt file,
+    5 missing extra, 130 interrupted.
+    """
+
+
+for command in (encode, decode, info, compare, convert, simulate, formats, demo):
+    pdecodec.add_command(command)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        Without the program's name.
+
+    Returns
+    -------
+    int
+        The exit code; a failure has been told in one line on standard error.
+    """
+    try:
+        return int(pdecodec.main(args=list(arguments), prog_name="pdecodec", standalone_mode=False) or 0)
+    except click.ClickException as error:
+        error.show()
+        return SettingsError.exit_code
+    except PdecodecError as error:
+        return _fail(str(error), error.exit_code)
+    except BrokenPipeError:
+        # The reader of our output has seen enough (`| head`); the interpreter's own flush must not fail again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_CHECK_FAILED
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename is not None else ""
+        return _fail(f"{place}{error.strerror or error}", InputError.exit_code)
+    except MemoryError:
+        return _fail("not enough memory; take fewer frames at a time with --frames", InputError.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        return _fail("interrupted; no output was written", EXIT_INTERRUPTED)
+
+
+def _fail(message: str, exit_code: int) -> int:
+    click.echo(f"error: {' '.join(message.split())}", err=True)
+    return exit_code
+
+
+def _report_bug(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    click.echo(
+        f"error: a bug in pdecodec: {kind.__name__}: {' '.join(str(error).split())}; "
+        f"please report it, with what the same command prints when {TRACEBACK_VARIABLE}=1",
+        err=True,
+    )
+
+
+def main() -> None:
+    """Entry point of the `pdecodec` script."""
+    if not os.environ.get(TRACEBACK_VARIABLE):
+        sys.excepthook = _report_bug
+    sys.exit(run(sys.argv[1:]))

@@ -1,0 +1,95 @@
+"""`pdecodec simulate`: a bundled scene into a mesh sequence. Each scene is a command with the scene's own options."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import click
+from pdecodec.cli.console import print_json, progress_bar, say
+from pdecodec.cli.options import check_output, json_option, output_option, overwrite_option, refuse_pdeanim
+
+from pdecodec.xpbd.options import OptionInfo
+from pdecodec.xpbd.scenes import SCENES
+
+
+@click.group(subcommand_metavar="SCENE -o OUT [OPTIONS]")
+def simulate() -> None:
+    """Simulate a bundled scene with XPBD, and write the mesh sequence.
+
+    Each scene has options of its own: `pdecodec simulate SCENE --help` lists them.
+    """
+
+
+def _scene_command(name: str) -> click.Command:
+    """The command of one scene, its options those that the scene lists."""
+
+    def run(**given: Any) -> None:
+        settings = {option.name: given.pop(option.name) for option in SCENES[name].options}
+        _simulate(name, settings, **given)
+
+    decorators = (
+        output_option,
+        click.option("--frames", type=int, metavar="N", help="Frames, the first of them at rest; the scene's own."),
+        click.option("--fps", type=float, default=24.0, show_default=True, metavar="F", help="Frames per second."),
+        click.option("--substeps", type=int, metavar="N", help="Substeps a frame; the scene's own."),
+        click.option(
+            "--iterations", type=int, default=1, show_default=True, metavar="N", help="Sweeps over all constraints."
+        ),
+        click.option(
+            "--method",
+            type=click.Choice(["xpbd", "pbd"]),
+            default="xpbd",
+            show_default=True,
+            help="pbd: stiffness that depends on steps and iterations, for comparison.",
+        ),
+        *(_scene_option(option) for option in SCENES[name].options),
+        overwrite_option,
+        json_option,
+    )
+    for decorate in reversed(decorators):
+        run = decorate(run)
+    return click.command(name, help=SCENES[name].description)(run)
+
+
+def _scene_option(option: OptionInfo) -> Any:
+    kind = click.Choice(option.choices) if option.choices else type(option.default)
+    metavar = None if option.choices else "N" if isinstance(option.default, int) else "X"
+    text = f"{option.help[0].upper()}{option.help[1:]}."
+    flag = f"--{option.name.replace('_', '-')}"
+    return click.option(flag, type=kind, default=option.default, show_default=True, metavar=metavar, help=text)
+
+
+def _simulate(
+    name: str,
+    options: dict[str, Any],
+    *,
+    output: str,
+    frames: int | None,
+    fps: float,
+    substeps: int | None,
+    iterations: int,
+    method: Any,
+    overwrite: bool,
+    as_json: bool,
+) -> None:
+    from pdecodec.formats import write_sequence
+
+    from pdecodec.xpbd import build
+
+    started = time.perf_counter()
+    refuse_pdeanim(output, f"simulate to .npz or .h5 first, then pdecodec encode it into {output}")
+    check_output(output, overwrite=overwrite)
+    scene = build(name, **options)
+    sequence = scene.simulate(frames=frames, fps=fps, substeps=substeps, iterations=iterations, method=method)
+    with progress_bar() as progress:
+        write_sequence(sequence, output, overwrite=overwrite, progress=progress)
+    seconds = time.perf_counter() - started
+    counts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
+    if as_json:
+        print_json({"output": output, "scene": name, **counts, "fps": fps, "seconds": seconds})
+    say(f"{output}: {counts['frames']} frames of {counts['vertices']:,} vertices, {seconds:.1f} s")
+
+
+for _name in SCENES:
+    simulate.add_command(_scene_command(_name))

@@ -1,0 +1,174 @@
+"""The demonstration as a picture: the mesh simulated, decoded and coloured by its error, and what it cost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from pdecodec.experiments.demo import TOLERANCE, Demonstration
+from pdecodec.metrics import frame_scale
+from pdecodec.sequence import Connectivity, Float32Array
+
+Float64Array = NDArray[np.float64]
+
+WIDTH, HEIGHT, DOTS_PER_INCH = 13.5, 7.6, 90
+
+LIGHT = np.array([0.35, 0.8, 0.5])
+"""Direction to the light, in the camera's axes: right, up, towards the viewer."""
+
+AMBIENT = 0.35
+"""Share of the colour that a face turned away from the light keeps."""
+
+TURN, TILT = np.radians(12.0), np.radians(10.0)
+"""The camera stands this far to the right of the front, and above."""
+
+CLOSE_UP = 0.14
+"""Width of the close-up around the worst vertex, over the diagonal."""
+
+SIMULATED_COLOUR = (0.36, 0.52, 0.72)
+DECODED_COLOUR = (0.86, 0.52, 0.26)
+
+
+def draw(demonstration: Demonstration, path: Path) -> None:
+    """Write the picture as PNG.
+
+    Parameters
+    ----------
+    demonstration : Demonstration
+    path : Path
+        Replaced when it exists.
+    """
+    figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DOTS_PER_INCH)
+    overview = [figure.add_axes((0.005 + 0.32 * column, 0.44, 0.315, 0.51)) for column in range(3)]
+    close = [figure.add_axes((0.005 + 0.175 * column, 0.03, 0.17, 0.35)) for column in range(3)]
+    first = demonstration.encodings[0]
+    figure.suptitle(
+        f"{first.report.raw_bytes / 1e6:.1f} MB of motion in {first.report.file_bytes / 1e3:,.0f} kB "
+        f"({first.report.raw_bytes / first.report.file_bytes:.0f}:1), "
+        f"maximum error {first.distortion.e_m:.2g} of the diagonal",
+        fontsize=12,
+    )
+    _draw_meshes(demonstration, figure, overview, close)
+    _draw_rates(demonstration, figure.add_axes((0.595, 0.075, 0.165, 0.29)))
+    _draw_sections(demonstration, figure.add_axes((0.845, 0.075, 0.145, 0.29)))
+    FigureCanvasAgg(figure).print_png(path, metadata={"Software": None})
+
+
+def _draw_meshes(demonstration: Demonstration, figure: Figure, overview: list[Any], close: list[Any]) -> None:
+    """Three ways to see the clip: all chosen frames at once, and the worst of them close up."""
+    sequence = demonstration.sequence
+    frames = demonstration.picture_frames
+    quads = _quads(sequence.connectivity)
+    diagonal = frame_scale(sequence.points[0])
+    simulated = sequence.points[list(frames)]
+    decoded = demonstration.picture_points
+    errors = np.linalg.norm(simulated.astype(np.float64) - decoded, axis=2) / diagonal
+    heat = ScalarMappable(Normalize(0.0, 1.0), "YlOrRd")
+    worst, vertex = np.unravel_index(int(errors.argmax()), errors.shape)
+    centre = (_camera() @ decoded[worst, vertex])[:2]
+    reach = 0.5 * CLOSE_UP * diagonal
+    low, high = _extent(simulated)
+    solid = [np.broadcast_to(colour, (len(quads), 3)) for colour in (SIMULATED_COLOUR, DECODED_COLOUR)]
+    columns = (
+        ("simulated", simulated, [solid[0]] * len(frames)),
+        ("decoded", decoded, [solid[1]] * len(frames)),
+        ("error", decoded, [heat.to_rgba(row[quads].max(axis=1) / TOLERANCE)[:, :3] for row in errors]),
+    )
+    for (name, points, colours), wide, near in zip(columns, overview, close, strict=True):
+        for index in range(len(frames)):
+            _draw_mesh(wide, points[index], quads, colours[index])
+        _draw_mesh(near, points[worst], quads, colours[worst], lines=True)
+        _frame(wide, low, high)
+        _frame(near, centre - reach, centre + reach)
+        wide.set_title(name, fontsize=11)
+    seconds = ", ".join(f"{sequence.times[frame]:.2f}" for frame in frames)
+    overview[0].set_xlabel(f"at {seconds} s", fontsize=9)
+    close[0].set_title(f"close up at {sequence.times[frames[worst]]:.2f} s", fontsize=10)
+    close[2].set_title("around the worst vertex", fontsize=10)
+    bar = figure.colorbar(heat, cax=figure.add_axes((0.965, 0.5, 0.007, 0.3)), ticks=(0, 0.5, 1))
+    bar.ax.tick_params(labelsize=8)
+    overview[2].set_xlabel(f"error over the bound of {TOLERANCE:g} of the diagonal", fontsize=9)
+
+
+def _frame(panel: Any, low: Float64Array, high: Float64Array) -> None:
+    panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xticks=[], yticks=[])
+    panel.spines[:].set_visible(False)
+
+
+def _quads(connectivity: Connectivity) -> NDArray[np.int32]:
+    """The faces of a mesh of quads alone, as rows."""
+    return connectivity.face_indices.reshape(-1, 4)
+
+
+def _camera() -> Float64Array:
+    """Rows: right, up and towards the viewer."""
+    around = np.array([[np.cos(TURN), 0, -np.sin(TURN)], [0, 1, 0], [np.sin(TURN), 0, np.cos(TURN)]])
+    over = np.array([[1, 0, 0], [0, np.cos(TILT), -np.sin(TILT)], [0, np.sin(TILT), np.cos(TILT)]])
+    return np.asarray(over @ around)
+
+
+def _extent(points: Float32Array) -> tuple[Float64Array, Float64Array]:
+    """Corners of the picture's window over all frames, with a margin."""
+    seen = (points.astype(np.float64) @ _camera().T)[..., :2].reshape(-1, 2)
+    margin = 0.02 * np.ptp(seen, axis=0).max()
+    return seen.min(axis=0) - margin, seen.max(axis=0) + margin
+
+
+def _draw_mesh(
+    panel: Any, points: Float32Array, quads: NDArray[np.int32], colours: Float64Array, *, lines: bool = False
+) -> None:
+    """Faces from far to near, shaded by the angle between their normals and the light."""
+    corners = (points.astype(np.float64) @ _camera().T)[quads]
+    normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    # An open tube shows its inside too: light both sides alike.
+    shade = AMBIENT + (1 - AMBIENT) * np.abs(normals @ (LIGHT / np.linalg.norm(LIGHT)))
+    shaded = np.clip(colours * shade[:, None], 0, 1)
+    order = np.argsort(corners[..., 2].mean(axis=1), kind="stable")
+    # Edges of the faces' own colour close the hairlines between antialiased neighbours.
+    panel.add_collection(
+        PolyCollection(
+            corners[order][..., :2],
+            facecolors=shaded[order],
+            edgecolors=0.75 * shaded[order] if lines else shaded[order],
+            linewidths=0.3,
+        )
+    )
+
+
+def _draw_rates(demonstration: Demonstration, panel: Any) -> None:
+    rates = demonstration.rates
+    panel.loglog([item.bits for item in rates], [item.distortion.e_m for item in rates], "o-", color=DECODED_COLOUR)
+    paper = demonstration.encodings[1]
+    panel.loglog(paper.bits, paper.distortion.e_m, "s", color=SIMULATED_COLOUR)
+    panel.annotate(
+        "profile paper",
+        (paper.bits, paper.distortion.e_m),
+        xytext=(-4, -12),
+        ha="right",
+        textcoords="offset points",
+        fontsize=8,
+    )
+    panel.set_xlabel("bits per vertex and frame (raw: 96)", fontsize=9)
+    panel.set_ylabel("maximum error over the diagonal", fontsize=9)
+    panel.grid(alpha=0.3, which="both")
+    panel.tick_params(labelsize=8)
+    panel.set_title("rate and distortion", fontsize=10)
+
+
+def _draw_sections(demonstration: Demonstration, panel: Any) -> None:
+    report = demonstration.encodings[0].report
+    sections = sorted(report.sections.items(), key=lambda item: item[1])
+    panel.barh([name for name, _ in sections], [size / 1000 for _, size in sections], color=DECODED_COLOUR)
+    panel.set_xlabel("kB", fontsize=9)
+    panel.tick_params(labelsize=8)
+    panel.grid(alpha=0.3, axis="x")
+    panel.set_title(f"where {report.file_bytes / 1000:,.0f} kB go (raw: {report.raw_bytes / 1e6:.1f} MB)", fontsize=10)
