@@ -38,10 +38,11 @@ def compare(
     fps: float | None,
     as_json: bool,
 ) -> None:
-    """Measure how far B is from A, vertex by vertex and frame by frame.
+    """Measure how far B is from A.
 
-    Errors are Euclidean distances in scene units; relative ones are over the diagonal of the bounding box of A's
-    frame 0. The exit code is 1 when faces or counts differ, or an error bound given here is exceeded.
+    Frames and vertices are compared one by one, in order. Errors are Euclidean distances in scene units; relative
+    ones are over the diagonal of the bounding box of A's frame 0. The exit code is 1 when faces or counts differ, or
+    an error bound given here is exceeded.
     """
     from pdecodec.formats import open_sequence
 

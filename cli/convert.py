@@ -26,10 +26,10 @@ from pdecodec.cli.options import (
 @overwrite_option
 @json_option
 def convert(*, source: str, output: str, frames: str | None, fps: float | None, overwrite: bool, as_json: bool) -> None:
-    """Convert a mesh sequence to another format, frame by frame as it is.
+    """Convert a mesh sequence to another format.
 
-    IN may be a .pdeanim file, which is decoded at its frames; OUT may not: encoding has settings of its own, so it
-    is `pdecodec encode`.
+    Frames are kept as they are. IN may be a .pdeanim file, which is decoded at its frames; OUT may not: encoding has
+    settings of its own, so it is `pdecodec encode`.
     """
     from pdecodec.formats import open_sequence, write_sequence
 

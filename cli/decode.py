@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import click
 from pdecodec.cli.console import megabytes, print_json, progress_bar, say
 from pdecodec.cli.options import (
-    ByteCount,
     check_output,
     frames_option,
     json_option,
     output_option,
     overwrite_option,
+    parse_bytes,
     refuse_pdeanim,
     select_frames,
 )
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 @click.option("--fps", type=float, metavar="F", help="Decode at a new frame rate, from the first time to the last.")
 @frames_option
 @click.option("--velocities", is_flag=True, help="Also write velocities, units a second, to OUT with '.velocities'.")
-@click.option("--max-memory", type=ByteCount(), metavar="BYTES", help="Refuse files that need more, such as 2G.")
+@click.option("--max-memory", callback=parse_bytes, metavar="BYTES", help="Refuse files that need more, such as 2G.")
 @overwrite_option
 @json_option
 def decode(
@@ -51,7 +51,7 @@ def decode(
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Decode a .pdeanim file at its frames, or at any times between them.
+    """Decode a .pdeanim file at its frames, or at any time.
 
     Times are taken in increasing order, each once. One frame may go to a single .obj file, several go to a folder,
     a pattern (out.####.obj) or a file that holds them all.

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", required=True, metavar="DIR", help="Folder for the picture and the .pdeanim files.")
 @json_option
 def demo(*, output: str, as_json: bool) -> None:
-    """Simulate the cube-rope, encode it, decode it at its frames and between them, and show what that costs.
+    """Simulate, encode, decode and measure the cube-rope.
 
+    It is decoded at its frames and between them; a table and a picture show what that costs.
     Files of an earlier demonstration in DIR are replaced.
     """
     say("simulating, encoding and decoding; the first run also compiles")

@@ -10,7 +10,7 @@ from pdecodec.cli.options import json_option
 @click.command()
 @json_option
 def formats(*, as_json: bool) -> None:
-    """List the formats that can be read and written, with their extensions."""
+    """List the formats that can be read and written."""
     from pdecodec.formats import list_formats
     from rich.table import Table
 

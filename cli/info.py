@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 @fps_option
 @json_option
 def info(*, source: str, fps: float | None, as_json: bool) -> None:
-    """Tell what FILE holds: objects, faces, frames, times, attributes; of a .pdeanim, its sections and model too."""
+    """Tell what a mesh sequence or a .pdeanim file holds.
+
+    Objects, faces, frames, times and attributes; of a .pdeanim file its sections, settings and model too.
+    """
     from pdecodec.formats import open_sequence
 
     with open_sequence(source, fps=fps) as sequence:

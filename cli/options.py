@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -20,16 +20,20 @@ FRAME_SLICE = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
 BYTE_UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
 
 
-class ByteCount(click.ParamType):
-    """A number of bytes: ``800000000``, ``800M``, ``1.5G`` (binary units)."""
+def parse_bytes(context: click.Context, parameter: click.Parameter, value: str | None) -> int | None:
+    """Click callback: a number of bytes, ``800000000``, ``800M``, ``1.5G`` (binary units).
 
-    name = "bytes"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)i?B?", str(value).strip(), re.IGNORECASE)
-        if found is None:
-            self.fail(f"{value!r} is not a number of bytes such as 800M or 1.5G", param, ctx)
-        return int(float(found[1]) * BYTE_UNITS[found[2].upper()])
+    Raises
+    ------
+    click.BadParameter
+        If it is none.
+    """
+    if value is None:
+        return None
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)i?B?", value.strip(), re.IGNORECASE)
+    if found is None:
+        raise click.BadParameter(f"{value!r} is not a number of bytes such as 800M or 1.5G", context, parameter)
+    return int(float(found[1]) * BYTE_UNITS[found[2].upper()])
 
 
 output_option = click.option(
@@ -74,7 +78,8 @@ def select_frames(sequence: MeshSequence, text: str | None) -> MeshSequence:
 
 def _positions_of_numbers(sequence: MeshSequence, text: str) -> list[int]:
     import numpy as np
-    from fileseq import FileSeqException, FrameSet
+    from fileseq.exceptions import FileSeqException
+    from fileseq.frameset import FrameSet
 
     try:
         wanted = sorted(set(FrameSet(text)))

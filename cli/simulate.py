@@ -49,7 +49,7 @@ def _scene_command(name: str) -> click.Command:
     )
     for decorate in reversed(decorators):
         run = decorate(run)
-    return click.command(name, help=SCENES[name].description)(run)
+    return click.command(name, help=SCENES[name].description, short_help=SCENES[name].description)(run)
 
 
 def _scene_option(option: OptionInfo) -> Any:

@@ -11,23 +11,29 @@ from pdecodec.cli.main import pdecodec
 
 def help_pages() -> str:
     """Every command's usage, text and options, in the words of its `--help`."""
-    pages = ["# The command line", "", "Written by `make docs` from the commands themselves; do not edit."]
-    root = click.Context(pdecodec, info_name="pdecodec")
-    pages += ["", *_page(pdecodec, root)]
-    for name in pdecodec.list_commands(root):
-        command = pdecodec.commands[name]
-        pages += ["", *_page(command, click.Context(command, info_name=name, parent=root))]
-    return "\n".join(pages) + "\n"
+    head = ["# The command line", "", "Written by `make docs` from the commands themselves; do not edit.", ""]
+    return "\n".join(head + _pages(pdecodec, click.Context(pdecodec, info_name="pdecodec"))).rstrip("\n") + "\n"
 
 
-def _page(command: click.Command, context: click.Context) -> list[str]:
+def _pages(command: click.Command, context: click.Context) -> list[str]:
+    """A command's page, and after it those of its own commands."""
     usage = " ".join([context.command_path, *command.collect_usage_pieces(context)])
     lines = [f"## {context.command_path}", "", "```text", usage, "```", "", *_paragraphs(command.help or "")]
-    if isinstance(command, click.Group):
-        lines += [f"- `{name}`: {command.commands[name].get_short_help_str(200)}" for name in sorted(command.commands)]
-        return lines
-    records = [record for item in command.get_params(context) if (record := item.get_help_record(context))]
-    return lines + [f"- `{names}`: {' '.join(text.split())}" for names, text in records]
+    lines += [f"- `{names}`: {' '.join(text.split())}" for names, text in _options(command, context)]
+    if not isinstance(command, click.Group):
+        return [*lines, ""]
+    members = sorted(command.commands.items())
+    lines += [f"- `{name}`: {member.short_help or member.get_short_help_str(200)}" for name, member in members]
+    lines.append("")
+    for name, member in members:
+        lines += _pages(member, click.Context(member, info_name=name, parent=context))
+    return lines
+
+
+def _options(command: click.Command, context: click.Context) -> list[tuple[str, str]]:
+    """Names and help texts of a command's own options; `--help` is everywhere, and arguments are in the usage."""
+    options = [item for item in command.params if isinstance(item, click.Option)]
+    return [record for item in options if (record := item.get_help_record(context)) is not None]
 
 
 def _paragraphs(text: str) -> list[str]:

@@ -8,10 +8,13 @@ import click
 import numpy as np
 import pytest
 from pdecodec.cli.console import megabytes, ratio
-from pdecodec.cli.options import ByteCount, check_output, input_bytes, select_frames
+from pdecodec.cli.options import check_output, input_bytes, parse_bytes, select_frames
 
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.sequence import ArraySequence
+
+OPTION = click.Option(["--max-memory"])
+CONTEXT = click.Context(click.Command("decode", params=[OPTION]))
 
 
 def ten_frames(first_number: int = 0) -> ArraySequence:
@@ -73,13 +76,13 @@ def test_frames_that_do_not_exist_are_a_usage_error(text: str, reason: str) -> N
     ("text", "count"), [("800", 800), ("2k", 2048), ("800M", 800 * 2**20), ("1.5GiB", 3 * 2**29), ("1 TB", 2**40)]
 )
 def test_byte_counts_have_binary_units(text: str, count: int) -> None:
-    assert ByteCount().convert(text, None, None) == count
+    assert parse_bytes(CONTEXT, OPTION, text) == count
 
 
 @pytest.mark.parametrize("text", ["", "much", "-3M", "5X", "1e3"])
 def test_other_words_are_no_byte_count(text: str) -> None:
     with pytest.raises(click.BadParameter, match="not a number of bytes"):
-        ByteCount().convert(text, None, None)
+        parse_bytes(CONTEXT, OPTION, text)
 
 
 def test_an_output_that_exists_is_refused_unless_it_may_be_replaced(tmp_path: Path) -> None:

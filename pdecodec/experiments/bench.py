@@ -16,7 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -82,7 +82,7 @@ def bench_codec() -> Iterator[Measurement]:
             ("encode, tolerance 0.001", EncodeSettings(tolerance=1e-3)),
             ("encode, profile paper", EncodeSettings(profile="paper")),
         ):
-            seconds = median_seconds(lambda settings=settings: encode(clip, path, settings, overwrite=True))
+            seconds = median_seconds(partial(encode, clip, path, settings, overwrite=True))
             yield Measurement(label, raw / 1e6 / seconds, "MB/s raw", shape)
         encode(clip, path, EncodeSettings(tolerance=1e-3), overwrite=True)
         target = np.empty_like(clip.points)
@@ -92,7 +92,7 @@ def bench_codec() -> Iterator[Measurement]:
             random = np.random.default_rng(0)
             times = random.uniform(animation.times[0], animation.times[-1], RANDOM_FRAMES)
             animation.at(float(times[0]))
-            single = statistics.median(_seconds(lambda time=time: animation.at(float(time))) for time in times)
+            single = statistics.median(_seconds(partial(animation.at, float(time))) for time in times)
         yield Measurement("decode all frames", decode / copy, "x np.copyto", f"{raw / 1e6 / decode:.0f} MB/s")
         yield Measurement(
             "one frame at a random time", single * 1e6, "us", f"{clip.vertex_count:,} vertices, file open"

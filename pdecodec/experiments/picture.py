@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
@@ -59,7 +58,7 @@ def draw(demonstration: Demonstration, path: Path) -> None:
     _draw_meshes(demonstration, figure, overview, close)
     _draw_rates(demonstration, figure.add_axes((0.595, 0.075, 0.165, 0.29)))
     _draw_sections(demonstration, figure.add_axes((0.845, 0.075, 0.145, 0.29)))
-    FigureCanvasAgg(figure).print_png(path, metadata={"Software": None})
+    figure.savefig(path, metadata={"Software": None})
 
 
 def _draw_meshes(demonstration: Demonstration, figure: Figure, overview: list[Any], close: list[Any]) -> None:
@@ -136,7 +135,7 @@ def _draw_mesh(
     # Edges of the faces' own colour close the hairlines between antialiased neighbours.
     panel.add_collection(
         PolyCollection(
-            corners[order][..., :2],
+            list(corners[order][..., :2]),
             facecolors=shaded[order],
             edgecolors=0.75 * shaded[order] if lines else shaded[order],
             linewidths=0.3,

@@ -1,0 +1,72 @@
+"""The documents do what they say: README blocks run, and the help pages in docs/ are those of the commands."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+INSTALLED_ALREADY = "pip install"
+"""Commands that begin so are for readers, not for tests: the package under test is there."""
+
+
+def blocks(language: str) -> list[str]:
+    """Code blocks of the README in one language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+
+
+def run(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        arguments, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+
+
+def test_the_commands_of_the_readme_run_in_order(tmp_path: Path) -> None:
+    commands = [line[2:] for block in blocks("console") for line in block.splitlines() if line.startswith("$ ")]
+    commands = [command for command in commands if not command.startswith(INSTALLED_ALREADY)]
+    assert len(commands) >= 8
+    for command in commands:
+        program, *arguments = command.split()
+        assert program == "pdecodec", f"the README runs {program}, which is not ours to test"
+        result = run([sys.executable, "-m", "pdecodec.cli", *arguments], tmp_path)
+        assert result.returncode == 0, f"{command}: {result.stderr}"
+
+
+@pytest.mark.parametrize("code", blocks("python"))
+def test_the_python_of_the_readme_runs(code: str, tmp_path: Path) -> None:
+    result = run([sys.executable, "-W", "error", "-c", code], tmp_path)
+    assert result.returncode == 0, result.stderr
+
+
+def test_every_link_of_the_documents_leads_to_a_file() -> None:
+    for document in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"):
+        text = (ROOT / document).read_text(encoding="utf-8")
+        for target in re.findall(r"\]\(([^)#]+)\)", text):
+            assert target.startswith("https://") or (ROOT / target).exists(), f"{document} links to {target}"
+
+
+def test_the_readme_lists_every_registered_extension() -> None:
+    from pdecodec.formats import list_formats
+
+    for entry in list_formats():
+        for extension in entry.extensions:
+            assert f"`{extension}`" in README
+
+
+def test_the_help_pages_in_docs_are_those_of_the_commands() -> None:
+    spec = importlib.util.spec_from_file_location("make_cli", ROOT / "docs" / "make_cli.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    written = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    assert written == module.help_pages(), "help texts changed: run `make docs`"
