@@ -31,6 +31,9 @@ DEFAULT_FPS = 24.0
 BLOCK_BYTES = 64 * 2**20
 """Raw float32 bytes that one block of frames may take: what bounds memory while frames pass through."""
 
+MAX_INDEX = int(np.iinfo(np.int32).max)
+"""Largest vertex index: indices are int32 everywhere, here and in the file."""
+
 
 def _int32(values: ArrayLike, what: str) -> Int32Array:
     array = np.asarray(values)
@@ -38,6 +41,8 @@ def _int32(values: ArrayLike, what: str) -> Int32Array:
         return np.zeros(0, np.int32)
     if array.ndim != 1 or array.dtype.kind not in "iu":
         raise InputError(f"{what} must be a one-dimensional integer array, not {array.dtype} {array.shape}")
+    if int(array.max()) > MAX_INDEX or int(array.min()) < -MAX_INDEX:
+        raise InputError(f"{what} hold a number beyond 32 bits ({int(array.max())}); indices are int32")
     return np.ascontiguousarray(array, dtype=np.int32)
 
 
@@ -162,11 +167,36 @@ class Attribute:
 
 @dataclass(frozen=True, eq=False)
 class MeshObject:
-    """One named object: what stays the same from frame to frame."""
+    """One named object: what stays the same from frame to frame.
+
+    Raises
+    ------
+    InputError
+        If an attribute has not one row for each vertex, face or corner, or refers to rows that it does not have.
+    """
 
     name: str
     connectivity: Connectivity
     attributes: tuple[Attribute, ...] = ()
+
+    def __post_init__(self) -> None:
+        rows = {
+            "vertex": self.connectivity.vertex_count,
+            "face": self.connectivity.face_count,
+            "corner": int(self.connectivity.face_indices.size),
+        }
+        for attribute in self.attributes:
+            if attribute.domain != "object":
+                self._check(attribute, rows[attribute.domain])
+
+    def _check(self, attribute: Attribute, rows: int) -> None:
+        what = f"attribute {attribute.name!r} of object {self.name!r}"
+        indices = attribute.indices
+        given = len(attribute.values) if indices is None else len(indices)
+        if given != rows:
+            raise InputError(f"{what} has {given} rows, but there are {rows} of its domain, {attribute.domain}")
+        if indices is not None and indices.size and not -1 <= indices.min() <= indices.max() < len(attribute.values):
+            raise InputError(f"{what} refers to rows outside its {len(attribute.values)} values")
 
     @property
     def vertex_count(self) -> int:
@@ -214,7 +244,7 @@ class MeshSequence(ABC):
             If ``0 <= start <= stop <= frame_count`` does not hold.
         """
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - a hook, not a duty: most sequences hold nothing open
         """Let go of open files. Nothing to do by default."""
 
     def __enter__(self) -> Self:
@@ -344,7 +374,7 @@ class FrameSelection(MeshSequence):
         self._source = source
         self._chosen = chosen
         self.objects = source.objects
-        self.times, self.fps = check_times(chosen.size, source.times[chosen], None)
+        self.times, self.fps = check_times(chosen.size, source.times[chosen], source.fps if chosen.size == 1 else None)
         self.metadata = source.metadata
         self.notices = source.notices
 
@@ -357,7 +387,7 @@ class FrameSelection(MeshSequence):
             return self._source.read_frames(int(chosen[0]), int(chosen[-1]) + 1)
         return np.concatenate([self._source.read_frames(int(index), int(index) + 1) for index in chosen])
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - a hook, not a duty: most sequences hold nothing open
         self._source.close()
 
 
