@@ -30,10 +30,11 @@ docs: $(READY)
 vectors: $(READY)
 	$(BIN)/python spec/make_vectors.py
 
+# Without --no-compile, pip compiles every module of every dependency: as long again as the whole installation.
 $(READY): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "pdecodec needs Python 3.11 or newer")'
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' 'setuptools>=77'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[dev]' 'setuptools>=77'
 	touch $(READY)
 
 clean:
