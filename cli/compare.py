@@ -54,6 +54,7 @@ def compare(
         open_sequence(other, fps=_rate_for(other, fps)) as second,
     ):
         say_notices(first)
+        say_notices(second)
         result = _compare(first, _at_times_of(first, second) if at_frames else second)
     failures = _failures(result, tolerance, max_error)
     if as_json:

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int, str], None]
 
+PIPE_WIDTH = 200
+"""Columns of a table that goes to a file or a pipe, where nobody counts them."""
+
 
 def say(text: str) -> None:
     """One line to standard error."""
@@ -39,7 +42,8 @@ def print_table(table: Table) -> None:
     from rich.console import Console
 
     terminal = sys.stdout.isatty()
-    Console(file=sys.stdout, width=None if terminal else 200, force_terminal=None if terminal else False).print(table)
+    # Names in files may hold square brackets: they are no markup.
+    Console(file=sys.stdout, markup=False, width=None if terminal else PIPE_WIDTH).print(table)
 
 
 @contextmanager
