@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 Int64Array = NDArray[np.int64]
 UInt8Array = NDArray[np.uint8]
 
-MAX_BYTES = 10
-"""Bytes of the longest 64-bit integer at seven bits a byte."""
-
 
 @njit(cache=True)
 def write_varints(values: Int64Array, out: UInt8Array) -> int:
