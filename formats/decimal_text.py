@@ -76,7 +76,7 @@ def is_blank(byte: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def scale_decimal(mantissa: int, exponent: int) -> tuple[float, bool]:
+def scale_decimal(mantissa: np.int64, exponent: np.int64) -> tuple[np.float32, bool]:
     """``mantissa * 10**exponent`` as float32, and whether it is certain to be the correctly rounded one.
 
     Parameters
@@ -102,11 +102,11 @@ def scale_decimal(mantissa: int, exponent: int) -> tuple[float, bool]:
         return np.float32(value), True
     low = np.float32(value * (1.0 - MARGIN))
     high = np.float32(value * (1.0 + MARGIN))
-    return low, low == high
+    return low, bool(low == high)
 
 
 @njit(cache=True, nogil=True)
-def _keep_digits(text: ByteArray, at: int, end: int) -> tuple[int, int]:
+def _keep_digits(text: ByteArray, at: int, end: int) -> tuple[np.int64, np.int64]:
     """The first significant digits of ``digits.digits`` as an integer, and the power of ten it is to be scaled by."""
     mantissa = np.int64(0)
     exponent = np.int64(0)
@@ -170,7 +170,7 @@ def parse_decimals(text: ByteArray, starts: Int64Array, values: Float32Array, ce
                 mantissa = mantissa * 10 + digit
                 at += 1
                 digit = np.int64(text[at]) - 48
-            exponent = point - at
+            exponent -= at - point
             digits += at - point
         plain = digits > 0
         if digits > MAX_DIGITS:
@@ -196,7 +196,7 @@ def parse_decimals(text: ByteArray, starts: Int64Array, values: Float32Array, ce
 
 
 @njit(cache=True, nogil=True)
-def shortest_decimal(value: float) -> tuple[int, int]:
+def shortest_decimal(value: np.float32) -> tuple[np.int64, np.int64]:
     """Mantissa and power of ten, of at most nine digits, that read back to `value`.
 
     Parameters
@@ -231,7 +231,7 @@ def shortest_decimal(value: float) -> tuple[int, int]:
 
 
 @njit(cache=True, nogil=True)
-def _count_digits(number: int) -> int:
+def _count_digits(number: np.int64) -> int:
     count = 1
     while number >= 10:
         number //= 10
@@ -265,7 +265,7 @@ def format_rows(rows: Float32Array, prefix: int, out: ByteArray) -> int:
             mantissa, exponent = shortest_decimal(abs(value))
             if mantissa < 0:
                 return -1
-            count = _count_digits(mantissa)
+            count = np.int64(_count_digits(mantissa))
             point = count + exponent
             scientific = not SMALLEST_POINT <= point <= LARGEST_POINT
             if scientific:
@@ -273,7 +273,7 @@ def format_rows(rows: Float32Array, prefix: int, out: ByteArray) -> int:
             elif exponent > 0:
                 mantissa *= 10**exponent
                 count = point
-                decimals = 0
+                decimals = np.int64(0)
             else:
                 decimals = -exponent
                 count = max(count, decimals + 1)
@@ -286,7 +286,7 @@ def format_rows(rows: Float32Array, prefix: int, out: ByteArray) -> int:
                 place -= 1
                 out[place] = 48 + mantissa % 10
                 mantissa //= 10
-            at = end
+            at = int(end)
             if scientific:
                 power = abs(point - 1)
                 out[at] = 101

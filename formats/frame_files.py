@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import fileseq
 import numpy as np
+from fileseq.constants import PAD_STYLE_HASH1
+from fileseq.exceptions import FileSeqException
+from fileseq.filesequence import FileSequence
 
 from pdecodec.errors import InputError
 
@@ -79,15 +81,15 @@ def find_frames(path: Path, extension: str) -> FrameFiles:
 def parse_pattern(path: Path) -> Any:
     """The pattern as a ``fileseq.FileSequence``: one digit a hash or at sign."""
     try:
-        return fileseq.FileSequence(str(path), pad_style=fileseq.PAD_STYLE_HASH1)
-    except fileseq.FileSeqException as error:
+        return FileSequence(str(path), pad_style=PAD_STYLE_HASH1)
+    except FileSeqException as error:
         raise InputError(f"is not a frame pattern ({error}); use name.####{path.suffix}", path=path) from error
 
 
 def _numbered_and_single(folder: Path, extension: str) -> list[Any]:
     try:
-        found = fileseq.findSequencesOnDisk(str(folder), pad_style=fileseq.PAD_STYLE_HASH1)
-    except (OSError, fileseq.FileSeqException) as error:
+        found = FileSequence.findSequencesOnDisk(str(folder), pad_style=PAD_STYLE_HASH1)
+    except (OSError, FileSeqException) as error:
         raise InputError(f"its frames cannot be listed ({error}); check the folder", path=folder) from error
     return sorted((item for item in found if item.extension().lower() == extension), key=str)
 

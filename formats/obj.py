@@ -91,10 +91,10 @@ class _Structure:
     """What must not change from frame to frame, as bytes to compare quickly and as indices to compare well."""
 
     def __init__(self, text: ObjText, first: ObjScan) -> None:
-        structure = np.empty(text.bytes.size, np.uint8)
+        structure = np.empty(text.codes.size, np.uint8)
         lines = first.element_sizes.size + first.others.shape[0]
         before = np.empty((lines, 2), np.int32)
-        length, used = copy_structure(text.bytes, structure, before)
+        length, used = copy_structure(text.codes, structure, before)
         self._bytes = structure[:length].copy()
         self._before = before[:used].copy()
         self._vertex_count = first.vertex_sizes.size
@@ -112,7 +112,7 @@ class _Structure:
         """
         text = read_text(path, frame=frame)
         starts = np.empty(points.size, np.int64)
-        if find_positions(text.bytes, self._bytes, self._before, starts):
+        if find_positions(text.codes, self._bytes, self._before, starts):
             points[:] = text.parse(starts, frame=frame).reshape(points.shape)
         else:
             points[:] = self._read_in_full(text, frame)

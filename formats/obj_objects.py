@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from pdecodec.formats.obj_kernels import FACE
 from pdecodec.formats.obj_scan import ObjScan
 
-from pdecodec.errors import InputError
 from pdecodec.sequence import Attribute, Connectivity, Int32Array, MeshObject
 
 DEFAULT_NAME = "mesh"
@@ -87,7 +86,7 @@ def build_model(scan: ObjScan, *, frame: int | None = None) -> ObjModel:
             case "usemtl":
                 states["material"].change(elements, argument or None)
             case "s":
-                states["smoothing"].change(elements, argument if argument not in ("", "off", "0") else None)
+                states["smoothing"].change(elements, _smoothing_group(scan, offset, argument, frame))
             case "mtllib":
                 metadata["mtllib"] = argument
             case _:
@@ -115,6 +114,14 @@ def _statement(scan: ObjScan, offset: int, frame: int | None) -> tuple[str, str]
             offset, f"curves and surfaces ({word}) are not read; export polygons instead", frame=frame
         )
     return word, " ".join(words[1:])
+
+
+def _smoothing_group(scan: ObjScan, offset: int, argument: str, frame: int | None) -> str | None:
+    if argument in ("", "off"):
+        return None
+    if not re.fullmatch(r"\d{1,9}", argument, re.ASCII):
+        raise scan.text.error(offset, f"a smoothing group is a number or off, not {argument[:40]!r}", frame=frame)
+    return None if int(argument) == 0 else argument
 
 
 def _complete(parts: list[_Part], scan: ObjScan) -> list[_Part]:
@@ -219,7 +226,8 @@ class _Builder:
             return None
         labels = self._labels[name]
         if name == "smoothing":
-            return Attribute(name, "face", _smoothing_numbers(of_faces, labels))
+            numbers = np.asarray([int(label) for label in labels], np.int32)
+            return Attribute(name, "face", np.where(of_faces >= 0, numbers[of_faces], np.int32(0)))
         values = np.where(of_faces >= 0, np.searchsorted(used, of_faces), -1).astype(np.int32)
         return Attribute(name, "face", values, labels=tuple(labels[index] for index in used))
 
@@ -238,11 +246,3 @@ class _Builder:
         if left_out:
             notices.append(f"statements not kept: {', '.join(left_out)}")
         return tuple(notices)
-
-
-def _smoothing_numbers(of_faces: NDArray[np.int32], labels: tuple[str, ...]) -> Int32Array:
-    try:
-        numbers = np.asarray([int(label) for label in labels], np.int32)
-    except (ValueError, OverflowError) as error:
-        raise InputError(f"a smoothing group (s) must be a number or off, not one of {', '.join(labels)}") from error
-    return np.where(of_faces >= 0, numbers[of_faces], np.int32(0)).astype(np.int32)

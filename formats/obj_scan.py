@@ -83,7 +83,7 @@ def scan(text: ObjText, *, frame: int | None = None) -> ObjScan:
         With file and line, if a number, an index or a count is wrong, or there is no vertex.
     """
     vertices, textures, normals, elements, corner_count, other_count, long_vertices = (
-        int(count) for count in count_statements(text.bytes)
+        int(count) for count in count_statements(text.codes)
     )
     if vertices == 0:
         raise InputError("there are no vertices (v lines); is this an OBJ file?", path=text.path, frame=frame)
@@ -96,7 +96,7 @@ def scan(text: ObjText, *, frame: int | None = None) -> ObjScan:
     corners = np.zeros((corner_count, 2), np.int32)
     others = np.zeros((other_count, 3), np.int64)
     outcome, offset = fill_statements(
-        text.bytes,
+        text.codes,
         vertex_starts,
         vertex_sizes,
         texture_starts,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import repeat
 
 import numpy as np
@@ -78,7 +78,9 @@ class _ObjectText:
     def __init__(
         self, item: MeshObject, first_vertex: int, first_texture: int, names_held: set[str], *, alone: bool
     ) -> None:
-        attributes = {(attribute.name, attribute.domain): attribute for attribute in item.attributes}
+        attributes: dict[tuple[str, str], Attribute] = {
+            (attribute.name, attribute.domain): attribute for attribute in item.attributes
+        }
         self.vertices = slice(first_vertex, first_vertex + item.vertex_count)
         # Unnamed, a file whose faces have object names comes back as it was: `o` before the vertices is a name too.
         unnamed = alone and item.name == DEFAULT_NAME and ("object", "face") in attributes
@@ -105,12 +107,12 @@ def vertex_text(points: Float32Array, color: Float32Array | None) -> bytes:
     """
     if color is None:
         return _rows_text(points, b"v")
-    colored = np.isfinite(color).all(axis=1)
+    colored = np.isfinite(color[:, 0])
     if colored.all():
         return _rows_text(np.hstack([points, color]), b"v")
     return b"".join(
         _rows_text(np.concatenate([point, shade])[None] if has else point[None], b"v")
-        for point, shade, has in zip(points, color, colored, strict=True)
+        for point, shade, has in zip(points, color, colored.tolist(), strict=True)
     )
 
 
@@ -121,11 +123,13 @@ def _rows_text(rows: Float32Array, word: bytes) -> bytes:
 
 
 def _color_rows(color: Attribute | None, vertices: int) -> Float32Array | None:
-    """Colours by vertex, NaN for none; integers are taken as parts of 255."""
+    """Colours by vertex, NaN in every channel for none; integers are taken as parts of 255."""
     if color is None or color.values.ndim != 2 or color.values.shape[1] not in (3, 4):
         return None
-    values = color.values / np.float32(255) if color.values.dtype.kind in "iu" else color.values
-    values = values.astype(np.float32)
+    values: Float32Array = color.values.astype(np.float32)
+    if color.values.dtype.kind in "iu":
+        values = values / np.float32(255)
+    values[~np.isfinite(values).all(axis=1)] = np.nan
     if color.indices is None:
         return values
     rows = np.full((vertices, values.shape[1]), np.nan, np.float32)
@@ -179,7 +183,7 @@ def _lines_of(tokens: list[str], counts: list[int], words: Iterator[str]) -> Ite
 
 def _changes(
     item: MeshObject,
-    attributes: dict[tuple[str, str], Attribute],
+    attributes: Mapping[tuple[str, str], Attribute],
     names_held: set[str],
     *,
     with_objects: bool,

@@ -36,7 +36,7 @@ class ObjText:
     joined: tuple[int, ...] = ()
 
     @cached_property
-    def bytes(self) -> ByteArray:
+    def codes(self) -> ByteArray:
         """The same as a read-only uint8 array, for the kernels."""
         return np.frombuffer(self.data, np.uint8)
 
@@ -74,7 +74,7 @@ class ObjText:
         places = starts.reshape(-1)
         numbers = np.empty(places.size, np.float32)
         certain = np.empty(places.size, np.bool_)
-        parse_decimals(self.bytes, places, numbers, certain)
+        parse_decimals(self.codes, places, numbers, certain)
         for index in np.flatnonzero(~certain).tolist():
             offset = int(places[index])
             token = self.token_bytes(offset)

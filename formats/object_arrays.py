@@ -74,7 +74,7 @@ def objects_of(arrays: Arrays, vertex_count: int) -> tuple[MeshObject, ...]:
         faces = arrays.get("faces")
         connectivity = Connectivity(vertex_count) if faces is None else Connectivity.from_padded(vertex_count, faces)
         return (MeshObject("mesh", connectivity),)
-    objects = []
+    objects: list[MeshObject] = []
     while f"objects/{len(objects)}/name" in arrays:
         objects.append(_object_of(arrays, f"objects/{len(objects)}"))
     total = sum(item.vertex_count for item in objects)
