@@ -18,15 +18,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pdecodec.xpbd.scenes import SCENES as SCENES
-    from pdecodec.xpbd.scenes import Scene as Scene
     from pdecodec.xpbd.scenes import build as build
+    from pdecodec.xpbd.simulation import Scene as Scene
     from pdecodec.xpbd.simulation import Simulation as Simulation
     from pdecodec.xpbd.solver import Solver as Solver
     from pdecodec.xpbd.system import System as System
 
 _HOME = {
     "SCENES": "scenes",
-    "Scene": "scenes",
+    "Scene": "simulation",
     "Simulation": "simulation",
     "Solver": "solver",
     "System": "system",

@@ -19,12 +19,16 @@ from numpy.typing import ArrayLike
 
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array, Int32Array
-from pdecodec.xpbd.constraints import Constraints, Method, check_shape
+from pdecodec.xpbd.constraints import Method, UniformConstraints, check_shape
 from pdecodec.xpbd.distance import solve_distances
+
+SMALLEST_PIVOT = 1e-12
+"""Share of the diagonal under which a pivot is rounding: a straight rigid chain held at both ends has one link too
+many, and that link is left as it is."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ChainConstraints(Constraints):
+class ChainConstraints(UniformConstraints):
     """Polylines whose links keep their lengths; all links of one polyline are the rows of one constraint.
 
     Under PBD, which has no matrix to solve, the links are taken one by one.
@@ -125,10 +129,11 @@ def _solve_chains(
     """Eqs. 6 and 7 for chain after chain, by elimination without pivoting: the matrix is positive definite."""
     links = chains.shape[1] - 1
     direction = np.empty((links, 3))
-    upper = np.empty(links)
+    upper = np.empty(links)  # of the bidiagonal matrix that elimination leaves, its diagonal 1
     right = np.empty(links)
     change = np.empty(links)
     for chain in range(chains.shape[0]):
+        pivot = 0.0
         for i in range(links):
             a = chains[chain, i]
             b = chains[chain, i + 1]
@@ -146,20 +151,23 @@ def _solve_chains(
                 + direction[i, 2] * (positions[b, 2] - previous[b, 2] - positions[a, 2] + previous[a, 2])
             )
             right[i] = lengths[chain, i] - length - compliance * multipliers[chain, i] - damping * rate
-            own = inverse * length  # 1, or 0 where the link has no direction
-            diagonal = (1.0 + damping) * own * (inverse_masses[a] + inverse_masses[b]) + compliance
+            directed = 1.0 if length > 0.0 else 0.0
+            full = (1.0 + damping) * directed * (inverse_masses[a] + inverse_masses[b]) + compliance
+            diagonal = full
             if i > 0:
-                coupling = -(1.0 + damping) * inverse_masses[a] * (
-                    direction[i - 1, 0] * direction[i, 0]
-                    + direction[i - 1, 1] * direction[i, 1]
-                    + direction[i - 1, 2] * direction[i, 2]
+                coupling = (
+                    -(1.0 + damping)
+                    * inverse_masses[a]
+                    * (
+                        direction[i - 1, 0] * direction[i, 0]
+                        + direction[i - 1, 1] * direction[i, 1]
+                        + direction[i - 1, 2] * direction[i, 2]
+                    )
                 )
-                upper[i - 1] = coupling * upper[i - 1]
+                upper[i - 1] = coupling * pivot
                 diagonal -= coupling * upper[i - 1]
                 right[i] -= coupling * right[i - 1]
-            # From here on `right` holds the eliminated right side and `upper` one over the pivot.
-            pivot = 1.0 / diagonal if diagonal > 0.0 else 0.0
-            upper[i] = pivot
+            pivot = 1.0 / diagonal if diagonal > SMALLEST_PIVOT * full else 0.0
             right[i] *= pivot
         change[links - 1] = right[links - 1]
         for i in range(links - 2, -1, -1):

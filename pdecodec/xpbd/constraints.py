@@ -48,23 +48,20 @@ class Constraints(ABC):
     ----------
     particles : (constraints, particles of each) int32
         Which particles each constraint moves.
-    compliance : float
-        Inverse stiffness ``gamma`` of Eq. 2, in units of ``C^2`` over joules ([m/N] for lengths); 0 is rigid.
     damping : float [s]
         Stiffness-proportional Rayleigh damping: the damping force is the stiffness times this time times the rate of
         ``C`` (Macklin et al. 2016, section 5.2, with ``beta = damping / compliance``). XPBD only.
     stiffness : float
         The share of a violation that PBD removes each time, 0 to 1. XPBD does not use it, as PBD does not use
-        `compliance`.
+        compliances.
 
     Raises
     ------
     SettingsError
-        If a material number is out of range, or there is damping without compliance.
+        If a material number is out of range, or `particles` are not a table.
     """
 
     particles: Int32Array
-    compliance: float = 0.0
     damping: float = 0.0
     stiffness: float = 1.0
 
@@ -73,14 +70,10 @@ class Constraints(ABC):
         if particles.ndim != 2:
             raise SettingsError(f"particles must have shape (constraints, particles of each), not {particles.shape}")
         object.__setattr__(self, "particles", particles)
-        for name in ("compliance", "damping"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise SettingsError(f"{name} must be 0 or a positive number, not {value}")
+        if not (math.isfinite(self.damping) and self.damping >= 0):
+            raise SettingsError(f"damping must be 0 or a positive number, not {self.damping}")
         if not 0 <= self.stiffness <= 1:
             raise SettingsError(f"stiffness must be between 0 and 1, not {self.stiffness}")
-        if self.damping > 0 and self.compliance == 0:
-            raise SettingsError("a rigid constraint (compliance 0) cannot be damped; set damping to 0")
 
     @property
     @abstractmethod
@@ -93,19 +86,13 @@ class Constraints(ABC):
         return int(self.particles.shape[0])
 
     @property
+    @abstractmethod
     def compliances(self) -> Float64Array:
-        """``gamma`` of every row, in a shape that broadcasts to (constraints, rows)."""
-        return np.full((1, 1), self.compliance)
+        """Inverse stiffness ``gamma`` of Eq. 2 for every row, in a shape that broadcasts to (constraints, rows)."""
 
     def new_multipliers(self) -> Float64Array:
         """Lagrange multipliers at 0, (constraints, rows)."""
         return np.zeros((self.count, self.rows))
-
-    def scaling(self, substep: float, method: Method) -> Scaling:
-        """The material's numbers for one substep of `substep` seconds."""
-        if method == "pbd":
-            return Scaling(0.0, 0.0, self.stiffness)
-        return Scaling(self.compliance / substep**2, self.damping / substep, 1.0)
 
     @abstractmethod
     def solve(
@@ -159,6 +146,41 @@ class Constraints(ABC):
         compliances = self.compliances
         inverse = np.divide(1.0, compliances, out=np.zeros_like(compliances), where=compliances > 0)
         return float(0.5 * (self.values(positions, time=time) ** 2 * inverse).sum())  # Eq. 2
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class UniformConstraints(Constraints):
+    """A batch in which every row has the same compliance.
+
+    Parameters
+    ----------
+    compliance : float
+        Inverse stiffness ``gamma`` of Eq. 2, in units of ``C^2`` over joules ([m/N] for lengths); 0 is rigid.
+
+    Raises
+    ------
+    SettingsError
+        If `compliance` is out of range, or there is damping without compliance.
+    """
+
+    compliance: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (math.isfinite(self.compliance) and self.compliance >= 0):
+            raise SettingsError(f"compliance must be 0 or a positive number, not {self.compliance}")
+        if self.damping > 0 and self.compliance == 0:
+            raise SettingsError("a rigid constraint (compliance 0) cannot be damped; set damping to 0")
+
+    @property
+    def compliances(self) -> Float64Array:
+        return np.full((1, 1), self.compliance)
+
+    def scaling(self, substep: float, method: Method) -> Scaling:
+        """The material's numbers for one substep of `substep` seconds."""
+        if method == "pbd":
+            return Scaling(0.0, 0.0, self.stiffness)
+        return Scaling(self.compliance / substep**2, self.damping / substep, 1.0)
 
 
 def check_shape(what: str, array: NDArray[np.float64], shape: tuple[int, ...]) -> None:

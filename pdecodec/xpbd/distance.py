@@ -11,11 +11,11 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from pdecodec.sequence import Float64Array, Int32Array
-from pdecodec.xpbd.constraints import Constraints, Method, check_shape
+from pdecodec.xpbd.constraints import Method, UniformConstraints, check_shape
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class DistanceConstraints(Constraints):
+class DistanceConstraints(UniformConstraints):
     """Springs between pairs of particles; rods where the compliance is 0.
 
     Parameters
@@ -90,7 +90,8 @@ class DistanceConstraints(Constraints):
     def lengths_at(self, positions: Float64Array) -> Float64Array:
         """Present lengths [m], (constraints,)."""
         difference = positions[self.particles[:, 1]] - positions[self.particles[:, 0]]
-        return np.sqrt(np.einsum("ij,ij->i", difference, difference))
+        lengths: Float64Array = np.sqrt(np.einsum("ij,ij->i", difference, difference))
+        return lengths
 
 
 @njit(cache=True)
@@ -119,17 +120,18 @@ def solve_distances(
         if weight == 0.0 or length == 0.0:
             # Two held particles have nothing to give; two at one place have no direction to part in.
             continue
+        inverse = 1.0 / length
         right = lengths[i] - length - compliance * multipliers[i]
         if damping > 0.0:
             rate = (
                 x * (positions[b, 0] - previous[b, 0] - positions[a, 0] + previous[a, 0])
                 + y * (positions[b, 1] - previous[b, 1] - positions[a, 1] + previous[a, 1])
                 + z * (positions[b, 2] - previous[b, 2] - positions[a, 2] + previous[a, 2])
-            ) / length
-            right -= damping * rate
+            )
+            right -= damping * rate * inverse
         change = right / ((1.0 + damping) * weight + compliance)  # Eq. 6
         multipliers[i] += change
-        scale = relaxation * change / length
+        scale = relaxation * change * inverse
         positions[a, 0] -= weight_a * scale * x  # Eq. 7
         positions[a, 1] -= weight_a * scale * y
         positions[a, 2] -= weight_a * scale * z

@@ -1,0 +1,184 @@
+"""Isometric bending: the quadratic energy of Bergou et al. 2006, as a vector constraint.
+
+Over two triangles that share an edge the energy of a thin plate under inextensible motion is quadratic in positions,
+``E = k/2 x^T Q x`` with ``Q = 3/(A_0 + A_1) K^T K`` (Bergou, Wardetzky, Harmon, Zorin and Grinspun, "A quadratic
+bending model for inextensible surfaces", SGP 2006; Eq. 4 there with the notation of their section 3). ``Q`` has rank
+one, so ``E = k/2 |C|^2`` with the vector ``C = sum_j c_j x_j`` and ``c = sqrt(3/(A_0 + A_1)) K``: an integrated
+mean-curvature normal. Its gradient is constant and is the same along every axis. Eq. 6 is then a scalar equation for
+each axis, exact in one step, with no angle, no square root and no singular case.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from pdecodec.errors import SettingsError
+from pdecodec.sequence import Float64Array, Int32Array
+from pdecodec.xpbd.constraints import Method, UniformConstraints, check_shape
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class IsometricBendingConstraints(UniformConstraints):
+    """Plates that are flat at rest. A curved rest shape is outside the model.
+
+    Parameters
+    ----------
+    particles : (constraints, 4) int32
+        The two ends of the shared edge, then the two opposite corners.
+    coefficients : (constraints, 4) float64 [1/m]
+        ``c``; each row adds up to 0.
+    compliance : float [1/J]
+        One over the bending rigidity.
+    """
+
+    coefficients: Float64Array
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "coefficients", np.ascontiguousarray(self.coefficients, dtype=np.float64))
+        check_shape("coefficients", self.coefficients, (self.count, 4))
+        check_shape("particles of bending constraints", self.particles.astype(np.float64), (self.count, 4))
+
+    @classmethod
+    def from_positions(
+        cls,
+        positions: Float64Array,
+        stencils: ArrayLike,
+        *,
+        rigidity: float,
+        damping: float = 0.0,
+        stiffness: float = 1.0,
+    ) -> Self:
+        """From a flat rest shape.
+
+        Parameters
+        ----------
+        positions : (particles, 3) float64 [m]
+        stencils : (constraints, 4) integer
+            As from :func:`pdecodec.xpbd.meshing.bending_stencils`.
+        rigidity : float [J]
+            The plate's bending rigidity ``k``; more than 0.
+        """
+        if not rigidity > 0:
+            raise SettingsError(
+                f"bending rigidity must be more than 0, not {rigidity}; leave the constraint out instead"
+            )
+        members: Int32Array = np.asarray(stencils, dtype=np.int32)
+        edge = positions[members[:, 1]] - positions[members[:, 0]]
+        coefficients = np.zeros((len(members), 4))
+        area = np.zeros(len(members))
+        for corner in (2, 3):
+            from_start = positions[members[:, corner]] - positions[members[:, 0]]
+            from_end = positions[members[:, corner]] - positions[members[:, 1]]
+            double_area = np.linalg.norm(np.cross(edge, from_start), axis=1)
+            if (double_area == 0).any():
+                raise SettingsError(f"bending constraint {int(double_area.argmin())} has a triangle without area")
+            at_start = np.einsum("ij,ij->i", edge, from_start) / double_area
+            at_end = -np.einsum("ij,ij->i", edge, from_end) / double_area
+            coefficients[:, 0] += at_end
+            coefficients[:, 1] += at_start
+            coefficients[:, corner] = -at_start - at_end
+            area += 0.5 * double_area
+        coefficients *= np.sqrt(3 / area)[:, None]
+        return cls(
+            particles=members,
+            coefficients=coefficients,
+            compliance=1 / rigidity,
+            damping=damping,
+            stiffness=stiffness,
+        )
+
+    @property
+    def rows(self) -> int:
+        return 3
+
+    def solve(
+        self,
+        positions: Float64Array,
+        previous: Float64Array,
+        inverse_masses: Float64Array,
+        multipliers: Float64Array,
+        *,
+        time: float,
+        substep: float,
+        method: Method,
+    ) -> None:
+        _solve_bending(
+            positions,
+            previous,
+            inverse_masses,
+            self.particles,
+            self.coefficients,
+            multipliers,
+            *self.scaling(substep, method),
+        )
+
+    def evaluate(
+        self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd"
+    ) -> tuple[Float64Array, Float64Array]:
+        coefficients = self.coefficients[index]
+        gradient = np.einsum("k,ai->aki", coefficients, np.eye(3))
+        return coefficients @ positions[self.particles[index]], gradient
+
+    def values(self, positions: Float64Array, *, time: float) -> Float64Array:
+        values: Float64Array = np.einsum("ck,cki->ci", self.coefficients, positions[self.particles])
+        return values
+
+
+@njit(cache=True)
+def _solve_bending(
+    positions: Float64Array,
+    previous: Float64Array,
+    inverse_masses: Float64Array,
+    stencils: Int32Array,
+    coefficients: Float64Array,
+    multipliers: Float64Array,
+    compliance: float,
+    damping: float,
+    relaxation: float,
+) -> None:
+    for i in range(stencils.shape[0]):
+        a = stencils[i, 0]
+        b = stencils[i, 1]
+        c = stencils[i, 2]
+        d = stencils[i, 3]
+        of_a = coefficients[i, 0]
+        of_b = coefficients[i, 1]
+        of_c = coefficients[i, 2]
+        of_d = coefficients[i, 3]
+        step_a = inverse_masses[a] * of_a
+        step_b = inverse_masses[b] * of_b
+        step_c = inverse_masses[c] * of_c
+        step_d = inverse_masses[d] * of_d
+        slope = step_a * of_a + step_b * of_b + step_c * of_c + step_d * of_d
+        if slope == 0.0:
+            continue
+        inverse = 1.0 / ((1.0 + damping) * slope + compliance)
+        for axis in range(3):
+            value = (
+                of_a * positions[a, axis]
+                + of_b * positions[b, axis]
+                + of_c * positions[c, axis]
+                + of_d * positions[d, axis]
+            )
+            right = -value - compliance * multipliers[i, axis]
+            if damping > 0.0:
+                before = (
+                    of_a * previous[a, axis]
+                    + of_b * previous[b, axis]
+                    + of_c * previous[c, axis]
+                    + of_d * previous[d, axis]
+                )
+                right -= damping * (value - before)
+            change = right * inverse  # Eq. 6
+            multipliers[i, axis] += change
+            change *= relaxation
+            positions[a, axis] += step_a * change  # Eq. 7
+            positions[b, axis] += step_b * change
+            positions[c, axis] += step_c * change
+            positions[d, axis] += step_d * change

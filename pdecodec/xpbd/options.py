@@ -1,0 +1,166 @@
+"""Options of the bundled scenes: frozen dataclasses that check themselves and explain themselves.
+
+This file loads without numba, so that a command line can list scenes and options at once.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple, cast
+
+from pdecodec.errors import SettingsError
+
+MAX_PARTICLES = 4_000_000
+"""What a scene may hold: about a gigabyte of state and constraints."""
+
+
+class OptionInfo(NamedTuple):
+    """One option, for help pages.
+
+    Attributes
+    ----------
+    name : str
+        Words joined by underscores.
+    default : int, float or str
+        Its type is the option's type.
+    help : str
+        A phrase, with the unit.
+    choices : tuple of str
+        What a text may be.
+    """
+
+    name: str
+    default: int | float | str
+    help: str
+    choices: tuple[str, ...]
+
+
+def _option(
+    default: int | float | str,
+    help: str,
+    *,
+    smallest: float = -math.inf,
+    largest: float = math.inf,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    metadata = {"help": help, "smallest": smallest, "largest": largest, "choices": choices}
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions:
+    """Base of all scenes' options: checks types and ranges.
+
+    Raises
+    ------
+    SettingsError
+        If an option has the wrong type, or lies out of range.
+    """
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            name = item.name.replace("_", "-")
+            value, metadata = getattr(self, item.name), item.metadata
+            if metadata["choices"]:
+                if value not in metadata["choices"]:
+                    raise SettingsError(f"{name} must be one of {', '.join(metadata['choices'])}, not {value!r}")
+                continue
+            whole = isinstance(item.default, int)
+            if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
+                raise SettingsError(f"{name} must be a {'whole ' if whole else ''}number, not {value!r}")
+            if not (math.isfinite(value) and metadata["smallest"] <= value <= metadata["largest"]):
+                raise SettingsError(
+                    f"{name} must be {_range_text(metadata['smallest'], metadata['largest'])}, not {value}"
+                )
+        if self.particle_count > MAX_PARTICLES:
+            raise SettingsError(f"the scene would have {self.particle_count} particles, the most is {MAX_PARTICLES}")
+
+    @property
+    def particle_count(self) -> int:
+        """Particles that the scene simulates."""
+        raise NotImplementedError
+
+    @classmethod
+    def infos(cls) -> tuple[OptionInfo, ...]:
+        """All options, in order, for help pages."""
+        return tuple(
+            OptionInfo(
+                item.name, cast(int | float | str, item.default), item.metadata["help"], item.metadata["choices"]
+            )
+            for item in fields(cls)
+        )
+
+
+def _range_text(smallest: float, largest: float) -> str:
+    if math.isinf(largest):
+        return f"{smallest:g} or more"
+    return f"{smallest:g} to {largest:g}"
+
+
+FACES = ("quads", "triangles")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CubeRopeOptions(SceneOptions):
+    rings: int = _option(832, "points along each lengthwise curve", smallest=3, largest=100_000)
+    sides: int = _option(24, "lengthwise curves around the square section, a multiple of 4", smallest=4, largest=1_000)
+    length: float = _option(20.0, "length [m]", smallest=0.1, largest=1e4)
+    thickness: float = _option(0.5, "side of the square section [m]", smallest=1e-3, largest=1e3)
+    turns: float = _option(3.0, "turns of the section along the length", smallest=-100, largest=100)
+    hold: str = _option("both", "which ends are held", choices=("one", "both"))
+    shake: float = _option(0.6, "way that the held end is shaken to either side [m]", smallest=0, largest=1e3)
+    faces: str = _option("quads", "faces of the surface", choices=FACES)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.sides % 4:
+            raise SettingsError(f"sides must be a multiple of 4, not {self.sides}")
+
+    @property
+    def particle_count(self) -> int:
+        return self.rings * self.sides
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClothOptions(SceneOptions):
+    columns: int = _option(100, "vertices from side to side", smallest=2, largest=10_000)
+    rows: int = _option(100, "vertices from top to bottom", smallest=2, largest=10_000)
+    size: float = _option(2.0, "width [m]; the height follows from columns and rows", smallest=1e-2, largest=1e3)
+    drape: str = _option("corners", "hung by two corners, or dropped on a sphere", choices=("corners", "sphere"))
+    faces: str = _option("quads", "faces of the surface", choices=FACES)
+
+    @property
+    def particle_count(self) -> int:
+        return self.columns * self.rows
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlagOptions(SceneOptions):
+    columns: int = _option(90, "vertices from the pole to the free end", smallest=2, largest=10_000)
+    rows: int = _option(60, "vertices along the pole", smallest=2, largest=10_000)
+    size: float = _option(1.5, "width [m]; the height follows from columns and rows", smallest=1e-2, largest=1e3)
+    wind: float = _option(8.0, "speed of the wind [m/s]", smallest=0, largest=50)
+    gusts: float = _option(0.3, "amplitude of gusts across the wind, over its speed", smallest=0, largest=2)
+    faces: str = _option("quads", "faces of the surface", choices=FACES)
+
+    @property
+    def particle_count(self) -> int:
+        return self.columns * self.rows
+
+
+@dataclass(frozen=True, kw_only=True)
+class JellyOptions(SceneOptions):
+    cells: int = _option(12, "cubes along each edge; each has five tetrahedra", smallest=1, largest=150)
+    size: float = _option(1.0, "edge [m]", smallest=1e-2, largest=1e3)
+    young: float = _option(1e5, "Young's modulus [Pa]", smallest=1, largest=1e9)
+    poisson: float = _option(0.4, "Poisson's ratio", smallest=0, largest=0.49)
+    spin: float = _option(2.0, "initial spin [rad/s]", smallest=-100, largest=100)
+    material: str = _option(
+        "neo-hookean", "finite elements, or springs that keep volumes", choices=("neo-hookean", "springs")
+    )
+    faces: str = _option("quads", "faces of the surface", choices=FACES)
+
+    @property
+    def particle_count(self) -> int:
+        return (self.cells + 1) ** 3

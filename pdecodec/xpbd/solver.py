@@ -1,0 +1,132 @@
+"""Algorithm 1 of Fang et al. 2024: one substep of XPBD, line by line.
+
+Departures, none of which changes the equations:
+
+* Eq. 6 is not assembled. Constraints are taken one after another (Gauss-Seidel), in the order of the system's batches
+  and of the constraints in each; the block of one constraint's rows is solved exactly. Line 1's external forces
+  (gravity, wind) enter there, the constraints' forces through the multipliers alone, as in Macklin et al. 2016.
+* ``v^n = (x^n - x^(n-1)) / dt`` of line 9 is the velocity in the middle of the last substep. The first substep
+  therefore starts from the initial velocity less half a substep of acceleration: free fall is then exact at every
+  substep, whatever its length, where starting with the velocity at time 0 makes it late by ``g t dt / 2``.
+* Contacts are taken after the constraints in each iteration.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from pdecodec.errors import SettingsError
+from pdecodec.sequence import Float64Array
+from pdecodec.xpbd.constraints import Method
+from pdecodec.xpbd.system import System
+
+MAX_ITERATIONS = 10_000
+"""More is a slip of the keyboard: small substeps serve better than iterations (Macklin et al. 2019)."""
+
+
+class Solver:
+    """The state of a system as it moves.
+
+    Parameters
+    ----------
+    system : System
+        Not changed; any number of solvers may start from it.
+    substep : float [s]
+        ``dt`` of Algorithm 1.
+    iterations : int
+        ``J`` of Algorithm 1.
+    method : {"xpbd", "pbd"}
+
+    Attributes
+    ----------
+    positions, velocities : (particles, 3) float64 [m], [m/s]
+    multipliers : list of float64 arrays
+        Of each batch, after the last substep.
+    substeps_done : int
+
+    Raises
+    ------
+    SettingsError
+        If a number is out of range.
+    """
+
+    def __init__(self, system: System, *, substep: float, iterations: int = 1, method: Method = "xpbd") -> None:
+        if not (math.isfinite(substep) and substep > 0):
+            raise SettingsError(f"the substep must be a positive number of seconds, not {substep}")
+        if not 1 <= iterations <= MAX_ITERATIONS:
+            raise SettingsError(f"iterations must be 1 to {MAX_ITERATIONS}, not {iterations}")
+        if method not in ("xpbd", "pbd"):
+            raise SettingsError(f"method must be 'xpbd' or 'pbd', not {method!r}")
+        self.system = system
+        self.substep = float(substep)
+        self.iterations = int(iterations)
+        self.method: Method = method
+        self.positions = system.positions.copy()
+        self.previous = system.positions.copy()
+        self.multipliers = [batch.new_multipliers() for batch in system.constraints]
+        self.substeps_done = 0
+        assert system.velocities is not None
+        self.velocities = system.velocities.copy()
+        movable = system.inverse_masses > 0
+        self.velocities[movable] -= 0.5 * self.substep * self._accelerations()[movable]
+
+    @property
+    def time(self) -> float:
+        """Seconds since the start."""
+        return self.substeps_done * self.substep
+
+    def advance(self, substeps: int = 1) -> None:
+        """Go on by `substeps` substeps."""
+        for _ in range(substeps):
+            self._advance_once()
+
+    def _advance_once(self) -> None:
+        system = self.system
+        time = (self.substeps_done + 1) * self.substep
+        state = (self.positions, self.previous, system.inverse_masses)
+        keep = math.exp(-system.drag * self.substep)
+        _predict(*state, self.velocities, self._accelerations(), self.substep, keep)  # line 1
+        for pins in system.pins:
+            self.positions[pins.particles] = pins.path(time)
+        for multipliers in self.multipliers:
+            multipliers.fill(0.0)  # line 1
+        for _ in range(self.iterations):  # line 2
+            for batch, multipliers in zip(system.constraints, self.multipliers, strict=True):  # lines 3 to 6
+                batch.solve(*state, multipliers, time=time, substep=self.substep, method=self.method)
+            for collider in system.colliders:
+                collider.solve(*state)
+        np.subtract(self.positions, self.previous, out=self.velocities)
+        self.velocities /= self.substep  # line 9
+        self.substeps_done += 1
+
+    def _accelerations(self) -> Float64Array:
+        """External accelerations at the present state, (particles, 3) [m/s^2]."""
+        system = self.system
+        accelerations = np.zeros_like(self.positions)
+        for wind in system.winds:
+            accelerations += wind.forces(self.positions, self.velocities, time=self.time)
+        accelerations *= system.inverse_masses[:, None]
+        accelerations[:, 1] -= system.gravity
+        return accelerations
+
+
+@njit(cache=True)
+def _predict(
+    positions: Float64Array,
+    previous: Float64Array,
+    inverse_masses: Float64Array,
+    velocities: Float64Array,
+    accelerations: Float64Array,
+    substep: float,
+    keep: float,
+) -> None:
+    """Line 1: ``x_0 = x^n + dt v^n + dt^2 M^-1 F`` (Eq. 4), with the share `keep` of the velocity left by drag."""
+    for i in range(positions.shape[0]):
+        for axis in range(3):
+            previous[i, axis] = positions[i, axis]
+            if inverse_masses[i] > 0.0:
+                step = keep * velocities[i, axis] + substep * accelerations[i, axis]
+                positions[i, axis] += substep * step  # Eq. 4
