@@ -3,7 +3,8 @@
 Reading gives ``float32(float(text))`` to the last bit. Where double arithmetic cannot prove which float32 that
 is, or the token is not plain decimal, the kernel says so and the caller asks :func:`float32_of_token`, which is
 also the plain form that the tests compare with.
-Writing gives decimal digits, as few as possible, that read back to the same float32.
+Writing gives decimal digits that read back to the same float32: as few as that takes, but for subnormal numbers,
+which may get some more.
 """
 
 from __future__ import annotations
