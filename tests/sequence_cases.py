@@ -1,0 +1,88 @@
+"""Sequences that a format which keeps everything must give back, and how to compare them."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import strategies as st
+
+from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject, MeshSequence
+
+
+def rich_sequence(frames: int = 4) -> ArraySequence:
+    """Two objects with quads, lines, every domain of attribute and every type of value, at irregular times."""
+    body = Connectivity(
+        5,
+        face_counts=np.array([4, 3]),
+        face_indices=np.array([0, 1, 2, 3, 2, 1, 4]),
+        line_counts=np.array([3, 1]),
+        line_indices=np.array([0, 2, 4, 3]),
+    )
+    attributes = (
+        Attribute(
+            "uv", "corner", np.arange(8, dtype=np.float32).reshape(4, 2), np.array([0, 1, 2, 3, -1, 0, 1], np.int32)
+        ),
+        Attribute("group", "face", np.array([1, 0], np.int32), labels=("arm", "linkes Bein ü")),
+        Attribute("color", "vertex", np.arange(15, dtype=np.uint8).reshape(5, 3)),
+        Attribute("mass", "object", np.array([2.5], np.float64)),
+    )
+    points = np.random.default_rng(3).normal(size=(frames, 7, 3)).astype(np.float32)
+    return ArraySequence(
+        points,
+        objects=[MeshObject("body", body, attributes), MeshObject("strand 二", Connectivity(2))],
+        times=np.cumsum(np.linspace(0.5, 1.5, frames)) / 24,
+        fps=24.0,
+        metadata={"up_axis": "Y", "unit": "m"},
+    )
+
+
+def assert_same_sequence(read: MeshSequence, written: MeshSequence) -> None:
+    """Positions, times and everything that stays the same, to the last bit."""
+    frames = written.frame_count
+    assert np.array_equal(read.read_frames(0, frames).view(np.uint32), written.read_frames(0, frames).view(np.uint32))
+    assert np.array_equal(read.times, written.times)
+    assert read.fps == written.fps
+    assert dict(read.metadata) == dict(written.metadata)
+    assert read.notices == ()
+    assert [item.name for item in read.objects] == [item.name for item in written.objects]
+    for mine, other in zip(read.objects, written.objects, strict=True):
+        assert mine.connectivity.same_as(other.connectivity)
+        assert len(mine.attributes) == len(other.attributes)
+        for attribute, expected in zip(mine.attributes, other.attributes, strict=True):
+            assert (attribute.name, attribute.domain, attribute.labels) == (
+                expected.name,
+                expected.domain,
+                expected.labels,
+            )
+            assert attribute.values.dtype == expected.values.dtype
+            assert np.array_equal(attribute.values, expected.values)
+            assert (attribute.indices is None) == (expected.indices is None)
+            if attribute.indices is not None:
+                assert np.array_equal(attribute.indices, expected.indices)
+
+
+@st.composite
+def sequences(draw: st.DrawFn) -> ArraySequence:
+    """Small sequences of one or two objects with any faces, lines, labels and positions."""
+    objects = []
+    for name in draw(
+        st.lists(st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=6), min_size=1, max_size=2)
+    ):
+        vertices = draw(st.integers(1, 5))
+        index = st.integers(0, vertices - 1)
+        faces = draw(st.lists(st.lists(index, min_size=3, max_size=5), max_size=3))
+        lines = draw(st.lists(st.lists(index, min_size=1, max_size=3), max_size=3))
+        connectivity = Connectivity(
+            vertices,
+            face_counts=np.array([len(face) for face in faces], np.int32),
+            face_indices=np.array([corner for face in faces for corner in face], np.int32),
+            line_counts=np.array([len(line) for line in lines], np.int32),
+            line_indices=np.array([point for line in lines for point in line], np.int32),
+        )
+        labels = tuple(draw(st.lists(st.text("ab ü", min_size=1), max_size=3)))
+        values = np.arange(len(faces), dtype=np.int32) % max(1, len(labels))
+        objects.append(MeshObject(name, connectivity, (Attribute("group", "face", values, labels=labels),)))
+    total = sum(item.vertex_count for item in objects)
+    frames = draw(st.integers(1, 4))
+    numbers = draw(st.lists(st.floats(width=32), min_size=frames * total * 3, max_size=frames * total * 3))
+    points = np.array(numbers, np.float32).reshape(frames, total, 3)
+    return ArraySequence(points, objects=objects, fps=draw(st.sampled_from([24.0, 29.97, 60.0])))
