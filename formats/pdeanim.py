@@ -18,11 +18,12 @@ def open_pdeanim(path: Path, *, fps: float | None) -> MeshSequence:
     CorruptFileError
         If the file is damaged.
     """
-    from pdecodec.decoder import open_animation
-
     if fps is not None:
         raise SettingsError(
             "a .pdeanim file stores its own times; leave out the frame rate, or decode it at the times you want",
             path=path,
         )
+    # pdecodec.decoder is imported when a file is opened: the command line starts without it.
+    from pdecodec.decoder import open_animation
+
     return open_animation(path)

@@ -170,7 +170,7 @@ def write_sequence(
     """
     where = Path(path)
     _check_fps(fps)
-    entry = _format_to_write(where, is_folder=os.fspath(path).endswith(("/", os.sep)) or where.is_dir())
+    entry = _format_to_write(where, is_folder=os.fspath(path).endswith(("/", os.sep)))
     writer: Writer = _load(entry, entry.writer, "written", where)
     with _PathOnErrors(where):
         writer(sequence, where, overwrite=overwrite, fps=fps, progress=progress)
@@ -243,9 +243,9 @@ def _format_of_folder(folder: Path) -> Format:
 
 
 def _format_to_write(path: Path, *, is_folder: bool) -> Format:
-    if is_folder or not path.suffix:
-        return next(entry for entry in _formats.values() if entry.frame_per_file and entry.writes)
     entry = _by_extension(path)
+    if is_folder or not path.suffix or (entry is None and path.is_dir()):
+        return next(entry for entry in _formats.values() if entry.frame_per_file and entry.writes)
     if entry is None:
         known = _extensions(lambda item: item.writes)
         raise InputError(f"no format is written as {path.suffix!r}; use {known}, or name/ for a folder", path=path)
