@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -133,7 +134,7 @@ def open_sequence(path: str | os.PathLike[str], *, fps: float | None = None) -> 
     _check_fps(fps)
     entry = _format_to_read(where)
     reader: Reader = _load(entry, entry.reader, "read", where)
-    with _PathOnErrors(where):
+    with _path_on_errors(where):
         return reader(where, fps=fps)
 
 
@@ -172,7 +173,7 @@ def write_sequence(
     _check_fps(fps)
     entry = _format_to_write(where, is_folder=os.fspath(path).endswith(("/", os.sep)))
     writer: Writer = _load(entry, entry.writer, "written", where)
-    with _PathOnErrors(where):
+    with _path_on_errors(where):
         writer(sequence, where, overwrite=overwrite, fps=fps, progress=progress)
 
 
@@ -181,18 +182,15 @@ def _check_fps(fps: float | None) -> None:
         raise SettingsError(f"frames per second must be a positive number, not {fps}")
 
 
-class _PathOnErrors:
-    """Names the file on input errors raised by code that knows only arrays."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, InputError) and error.path is None:
-            raise InputError(error.message, path=self._path, frame=error.frame, offset=error.offset) from error
+@contextmanager
+def _path_on_errors(path: Path) -> Iterator[None]:
+    """Name the file on input errors raised by code that knows only arrays."""
+    try:
+        yield
+    except InputError as error:
+        if error.path is not None:
+            raise
+        raise InputError(error.message, path=path, frame=error.frame, offset=error.offset) from error
 
 
 def _by_extension(path: Path) -> Format | None:
