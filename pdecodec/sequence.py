@@ -387,7 +387,7 @@ class FrameSelection(MeshSequence):
             return self._source.read_frames(int(chosen[0]), int(chosen[-1]) + 1)
         return np.concatenate([self._source.read_frames(int(index), int(index) + 1) for index in chosen])
 
-    def close(self) -> None:  # noqa: B027 - a hook, not a duty: most sequences hold nothing open
+    def close(self) -> None:
         self._source.close()
 
 
