@@ -2,10 +2,14 @@
 
 Over two triangles that share an edge the energy of a thin plate under inextensible motion is quadratic in positions,
 ``E = k/2 x^T Q x`` with ``Q = 3/(A_0 + A_1) K^T K`` (Bergou, Wardetzky, Harmon, Zorin and Grinspun, "A quadratic
-bending model for inextensible surfaces", SGP 2006; Eq. 4 there with the notation of their section 3). ``Q`` has rank
-one, so ``E = k/2 |C|^2`` with the vector ``C = sum_j c_j x_j`` and ``c = sqrt(3/(A_0 + A_1)) K``: an integrated
-mean-curvature normal. Its gradient is constant and is the same along every axis. Eq. 6 is then a scalar equation for
-each axis, exact in one step, with no angle, no square root and no singular case.
+bending model for inextensible surfaces", SGP 2006, section 3). ``Q`` has rank one, so ``E = k/2 |C|^2`` with the vector
+``C = sum_j c_j x_j``, ``c`` a multiple of ``K``: an integrated mean-curvature normal. Its gradient is constant and is
+the same along every axis. Eq. 6 is then a scalar equation for each axis, exact in one step, with no angle, no square
+root and no singular case.
+
+The factor 3 is left out here: ``c = K / sqrt(A_0 + A_1)``. Equilateral triangles bent into a cylinder then store
+``k/2`` times the squared curvature for each unit of area, in every direction, and ``k`` is the rigidity of the plate.
+Right triangles store as much for folds along the grid and up to three times that for folds across it.
 """
 
 from __future__ import annotations
@@ -84,7 +88,7 @@ class IsometricBendingConstraints(UniformConstraints):
             coefficients[:, 1] += at_start
             coefficients[:, corner] = -at_start - at_end
             area += 0.5 * double_area
-        coefficients *= np.sqrt(3 / area)[:, None]
+        coefficients /= np.sqrt(area)[:, None]
         return cls(
             particles=members,
             coefficients=coefficients,

@@ -50,6 +50,9 @@ class ChainConstraints(UniformConstraints):
         object.__setattr__(self, "lengths", np.ascontiguousarray(self.lengths, dtype=np.float64))
         if self.particles.shape[1] < 2:
             raise SettingsError(f"a chain needs 2 points or more, not {self.particles.shape[1]}")
+        ordered = np.sort(self.particles, axis=1)
+        if (ordered[:, 1:] == ordered[:, :-1]).any():
+            raise SettingsError("a chain goes through a particle twice; cut it into two chains")
         check_shape("lengths", self.lengths, (self.count, self.particles.shape[1] - 1))
 
     @classmethod

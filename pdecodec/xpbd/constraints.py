@@ -90,6 +90,13 @@ class Constraints(ABC):
     def compliances(self) -> Float64Array:
         """Inverse stiffness ``gamma`` of Eq. 2 for every row, in a shape that broadcasts to (constraints, rows)."""
 
+    def compliances_of(
+        self, index: int, positions: Float64Array, inverse_masses: Float64Array, substep: float
+    ) -> Float64Array:
+        """``gamma`` of one constraint's rows, (rows,), as XPBD uses it in a substep of `substep` seconds."""
+        compliances: Float64Array = np.broadcast_to(self.compliances, (self.count, self.rows))[index]
+        return compliances
+
     def new_multipliers(self) -> Float64Array:
         """Lagrange multipliers at 0, (constraints, rows)."""
         return np.zeros((self.count, self.rows))

@@ -6,8 +6,12 @@ gradient ``F`` and the rest volume ``V``,
     C_D = sqrt(tr(F^T F)),  compliance 1/(mu V);    C_H = det F - (1 + mu/lambda),  compliance 1/(lambda V).
 
 The two hold each other at rest, so they are taken as the two rows of one constraint: Eq. 6 is then a system of two
-equations, whose solution leaves a body at rest where it is. Taken one after the other, as
-that paper does, a body at rest trembles by an amount that depends on the substep.
+equations, whose solution leaves a body at rest where it is. Taken one after the other, as that paper does, a stiff body
+swells towards ``det F = 1 + mu/lambda``.
+
+Shear is felt through the second derivatives of both rows, which XPBD leaves out of its matrix: it is explicit, and too
+long a substep would make it oscillate. Where a tetrahedron's shear would be undone more than once in a substep, its
+two moduli are lowered together until it is undone just once. Stiffer than that cannot be had at that substep.
 """
 
 from __future__ import annotations
@@ -110,6 +114,18 @@ class NeoHookeanConstraints(Constraints):
     @property
     def compliances(self) -> Float64Array:
         compliances: Float64Array = 1 / (self.volumes[:, None] * np.array([self.shear, self.bulk]))
+        return compliances
+
+    def compliances_of(
+        self, index: int, positions: Float64Array, inverse_masses: Float64Array, substep: float
+    ) -> Float64Array:
+        (size, determinant), _ = self.evaluate(index, positions, time=0.0)
+        inverse = self.inverse_rest[index]
+        slopes = np.r_[-inverse.sum(axis=0)[None], inverse]
+        spread = inverse_masses[self.particles[index]] @ (slopes**2).sum(axis=1)
+        pressure = self.bulk * abs(determinant) * size / math.sqrt(3)
+        once = substep**2 * self.volumes[index] * spread * (self.shear + pressure)
+        compliances: Float64Array = self.compliances[index] * max(1.0, once)
         return compliances
 
     def solve(
@@ -231,8 +247,19 @@ def _solve_tetrahedra(
         size, determinant = _deform(positions, corners, inverse_rest[i], deformation, cofactor)
         _to_corners(deformation, inverse_rest[i], 1.0 / size if size > 0.0 else 0.0, deviatoric)
         _to_corners(cofactor, inverse_rest[i], 1.0, hydrostatic)
-        scaled_d = 1.0 / (shear * volumes[i] * substep * substep)  # Eq. 5
-        scaled_h = 1.0 / (bulk * volumes[i] * substep * substep)
+        # How often this substep would undo the tetrahedron's shear: stiffness over mass times the squared substep.
+        spread = 0.0
+        for axis in range(3):
+            total = 0.0
+            for corner in range(3):
+                entry = inverse_rest[i, corner, axis]
+                spread += inverse_masses[corners[corner + 1]] * entry * entry
+                total += entry
+            spread += inverse_masses[corners[0]] * total * total
+        pressure = bulk * abs(determinant - target) * size / math.sqrt(3.0)
+        once = max(1.0, substep * substep * volumes[i] * spread * (shear + pressure))
+        scaled_d = once / (shear * volumes[i] * substep * substep)  # Eq. 5
+        scaled_h = once / (bulk * volumes[i] * substep * substep)
         slope_dd = 0.0
         slope_dh = 0.0
         slope_hh = 0.0

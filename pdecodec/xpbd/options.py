@@ -84,11 +84,10 @@ class SceneOptions:
     @classmethod
     def infos(cls) -> tuple[OptionInfo, ...]:
         """All options, in order, for help pages."""
+        defaults = ((item, cast(int | float | str, item.default)) for item in fields(cls))
         return tuple(
-            OptionInfo(
-                item.name, cast(int | float | str, item.default), item.metadata["help"], item.metadata["choices"]
-            )
-            for item in fields(cls)
+            OptionInfo(item.name, default, item.metadata["help"], item.metadata["choices"])
+            for item, default in defaults
         )
 
 

@@ -24,7 +24,6 @@ def solve_reference(
     XPBD solves the rows of one constraint together (Eq. 6). PBD (Mueller et al. 2007) knows scalar constraints only
     and takes row after row.
     """
-    compliances = np.broadcast_to(constraints.compliances, (constraints.count, constraints.rows))
     for index, members in enumerate(constraints.particles):
         weights = inverse_masses[members]
         if not weights.any():
@@ -38,7 +37,7 @@ def solve_reference(
                     positions[members] += weights[:, None] * gradient[row] * step
             continue
         value, gradient = constraints.evaluate(index, positions, time=time, method=method)
-        scaled = compliances[index] / substep**2  # Eq. 5
+        scaled = constraints.compliances_of(index, positions, inverse_masses, substep) / substep**2  # Eq. 5
         damping = constraints.damping / substep
         system = np.einsum("aki,k,bki->ab", gradient, weights, gradient)
         rate = np.einsum("aki,ki->a", gradient, positions[members] - previous[members])

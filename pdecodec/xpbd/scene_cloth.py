@@ -23,7 +23,7 @@ SHEAR_STIFFNESS = 5e2
 """Force over width for a strain of one, along the threads and across them [N/m]; a thread's links have the same at
 any spacing."""
 
-BENDING_RIGIDITY = 2e-5
+BENDING_RIGIDITY = 5e-5
 """Of cotton [J]."""
 
 DAMPING = 1e-3

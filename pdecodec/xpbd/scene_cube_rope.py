@@ -35,10 +35,10 @@ DENSITY = 1000.0
 STRETCH = 0.02
 """How much its own weight stretches the upper end of the hanging rope: a soft rubber, at 20 m."""
 
-SECTION_SOFTNESS = 10.0
-SHEAR_SOFTNESS = 100.0
-"""Compliance of struts in a section and of diagonals, over that of a lengthwise link: soft enough that one sweep a
-substep converges, stiff enough that sections keep their square to a hundredth."""
+SECTION_STIFFNESS = 40.0
+SHEAR_STIFFNESS = 4.0
+"""Stiffness of struts in a section and of surface diagonals over that of a brace: enough for sections to keep their
+square to a few hundredths, and for one sweep a substep to converge."""
 
 DAMPING = 1e-3
 """Damping time of the lengthwise links [s]: what rings from link to link is gone in a frame, waves stay."""
@@ -89,13 +89,15 @@ def build(options: CubeRopeOptions) -> Scene:
 def _constraints(positions: Float64Array, curves: Int32Array, options: CubeRopeOptions) -> tuple[Constraints, ...]:
     """In the order of the list above. Neighbours in each batch share no particle, which lets a processor overlap them.
 
-    Stiffness follows from the material: a curve carries its share of the section, ``k = E A / l`` for each link.
+    Stiffness follows from the material: a curve carries its share of the section, ``k = E A / l`` for each link. A
+    brace spans `reach` links, and `reach` braces cross each section beside each other.
     """
     sides, rings = curves.shape
     spacing = options.length / (rings - 1)
     young = DENSITY * STANDARD_GRAVITY * options.length / STRETCH
     link = spacing * sides / (young * options.thickness**2)
     reach = min(max(1, round(options.thickness / spacing)), rings - 1)
+    brace = link * reach**2
 
     def struts(turn: int, shift: int, compliance: float) -> DistanceConstraints:
         """From each point to the one `turn` curves round and `shift` rings on."""
@@ -106,11 +108,11 @@ def _constraints(positions: Float64Array, curves: Int32Array, options: CubeRopeO
         return DistanceConstraints.from_positions(positions, pairs, compliance=compliance)
 
     return (
-        struts(sides // 2, 0, SECTION_SOFTNESS * link),
-        struts(sides // 4, 0, SECTION_SOFTNESS * link),
-        struts(1, 1, SHEAR_SOFTNESS * link),
-        struts(-1, 1, SHEAR_SOFTNESS * link),
-        struts(sides // 2, reach, link * reach**2),
+        struts(sides // 2, 0, brace / SECTION_STIFFNESS),
+        struts(sides // 4, 0, brace / SECTION_STIFFNESS),
+        struts(1, 1, brace / SHEAR_STIFFNESS),
+        struts(-1, 1, brace / SHEAR_STIFFNESS),
+        struts(sides // 2, reach, brace),
         ChainConstraints.from_positions(positions, curves, compliance=link, damping=DAMPING),
     )
 

@@ -140,9 +140,10 @@ class Simulation(MeshSequence):
         if start < stop and start < self._frame:
             self._restart()
         for frame in range(start, stop):
-            self.solver.advance((frame - self._frame) * self._substeps)
-            self._frame = frame
-            with np.errstate(over="ignore"):
+            # What overflows is found below, and named with its frame.
+            with np.errstate(over="ignore", invalid="ignore"):
+                self.solver.advance((frame - self._frame) * self._substeps)
+                self._frame = frame
                 points[frame - start] = self.solver.positions[self.scene.visible]
             if not np.isfinite(points[frame - start]).all():
                 raise SettingsError("the simulation ran off to infinity; give it more substeps", frame=frame)
