@@ -227,7 +227,9 @@ class ContainerReader:
         entry = self.entry(kind)
         data = self.read_range(entry.offset, entry.length)
         if zlib.crc32(data) != entry.checksum:
-            raise CorruptFileError(f"section {kind} is damaged; get the file again", path=self.path, offset=entry.offset)
+            raise CorruptFileError(
+                f"section {kind} is damaged; get the file again", path=self.path, offset=entry.offset
+            )
         return data
 
     def read_range(self, offset: int, length: int) -> bytes:

@@ -6,7 +6,8 @@ The paper extracts its curves by hand. Here, in this order and for each object o
 2. edge loops of quads: edges that go straight on through regular vertices, the longest loop first and then
    the loops beside it, so that curves lie side by side and long;
 3. a path cover of what remains: irregular and triangle meshes, chains of two-point lines, polygons;
-4. vertices without any edge, along a space-filling curve through the rest shape.
+4. vertices without any edge: all those of an object are one curve, along a space-filling curve through the
+   decoded rest shape (in index order until that is known).
 
 Encoder and decoder run the same code, so curves cost no bytes. All of it is integer arithmetic.
 """
@@ -14,7 +15,7 @@ Encoder and decoder run the same code, so curves cost no bytes. All of it is int
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,10 +42,13 @@ class Curves:
         Vertex indices, curve after curve: a permutation.
     starts : (curves + 1,) int64
         Curve c is ``order[starts[c]:starts[c + 1]]``.
+    lonely : tuple of int
+        Curves of vertices that no edge joins.
     """
 
     order: Int32Array
     starts: Int64Array
+    lonely: tuple[int, ...] = ()
 
     @property
     def count(self) -> int:
@@ -55,32 +59,45 @@ class Curves:
         return np.diff(self.starts)
 
 
-def extract_curves(objects: Sequence[MeshObject], rest: NDArray[np.int64]) -> Curves:
-    """Curves of all objects, one object after the other.
+def extract_curves(objects: Sequence[MeshObject]) -> Curves:
+    """Curves of all objects, one object after the other; vertices without an edge in index order.
 
     Parameters
     ----------
     objects : sequence of MeshObject
-    rest : (vertices, 3) int64
-        Decoded rest shape in quantisation steps; read for vertices without an edge only.
-
-    Returns
-    -------
-    Curves
     """
-    order, lengths = [], []
-    shift = 0
+    order, lengths, lonely = [], [], []
+    shift = curves = 0
     for item in objects:
-        count = item.vertex_count
-        object_order, object_lengths = _object_curves(item.connectivity, rest[shift : shift + count])
+        object_order, object_lengths, has_lonely = _object_curves(item.connectivity)
         order.append(object_order + np.int32(shift))
         lengths.append(object_lengths)
-        shift += count
-    starts = np.concatenate([[0], np.cumsum(np.concatenate(lengths), dtype=np.int64)])
-    return Curves(np.concatenate(order), starts.astype(np.int64))
+        shift += item.vertex_count
+        curves += object_lengths.size
+        if has_lonely:
+            lonely.append(curves - 1)
+    return Curves(np.concatenate(order), _starts(np.concatenate(lengths)), tuple(lonely))
 
 
-def _object_curves(connectivity: Connectivity, rest: NDArray[np.int64]) -> tuple[Int32Array, Int64Array]:
+def order_lonely_points(curves: Curves, rest: NDArray[np.int64]) -> Curves:
+    """Curves whose vertices without an edge follow a Z-order curve through the rest shape.
+
+    Parameters
+    ----------
+    curves : Curves
+    rest : (vertices, 3) int64
+        Decoded rest shape in quantisation steps, in the mesh's vertex order.
+    """
+    if not curves.lonely:
+        return curves
+    order = curves.order.copy()
+    for curve in curves.lonely:
+        inside = slice(curves.starts[curve], curves.starts[curve + 1])
+        order[inside] = order[inside][_morton_order(rest[order[inside]])]
+    return replace(curves, order=order)
+
+
+def _object_curves(connectivity: Connectivity) -> tuple[Int32Array, Int64Array, bool]:
     from pdecodec.kernels.cover import path_cover, polyline_runs, sweep_loops, walk_loops
 
     vertices = connectivity.vertex_count
@@ -119,10 +136,10 @@ def _object_curves(connectivity: Connectivity, rest: NDArray[np.int64]) -> tuple
 
     lonely = np.flatnonzero(~taken)
     if lonely.size:
-        order[used:] = lonely[_morton_order(rest[lonely])]
+        order[used:] = lonely
         lengths[curves] = lonely.size
         curves += 1
-    return order, lengths[:curves].astype(np.int64)
+    return order, lengths[:curves].astype(np.int64), bool(lonely.size)
 
 
 def _starts(counts: NDArray[np.integer]) -> Int64Array:

@@ -7,6 +7,8 @@ first of the next, positions follow the cubic that meets both segments in value 
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,9 +16,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.basis import TIME_FUNCTIONS, series_derivatives, series_functions
+from pdecodec.basis import MAX_RATE, TIME_FUNCTIONS, series_derivatives, series_functions
+from pdecodec.container import ContainerReader
+from pdecodec.errors import CorruptFileError
+from pdecodec.settings import MAX_SEGMENT_FRAMES
 
 Float64Array = NDArray[np.float64]
+
+SEGMENT_ENTRY = struct.Struct("<IfhHIII")
+"""Section SEGM: frames, alpha, step exponent, reserved (0), bytes in COEF, bytes in CORR, CRC-32 of both."""
+
+
+MAX_EXPONENT = 512
+"""Largest step exponent: float32 spans 2^277, and steps are doubles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,3 +188,86 @@ def _hermite(s: Float64Array, derivative: int) -> tuple[Float64Array, Float64Arr
     if derivative == 1:
         return 6 * s * (s - 1), (1 - s) * (1 - 3 * s), 6 * s * (1 - s), s * (3 * s - 2)
     return 12 * s - 6, 6 * s - 4, 6 - 12 * s, 6 * s - 2
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentTable:
+    """Section SEGM: what the decoder knows of every segment before it reads it.
+
+    Attributes
+    ----------
+    frame_counts, exponents, coefficient_bytes, correction_bytes, checksums : (segments,) int64
+    alphas : (segments,) float64
+    """
+
+    frame_counts: NDArray[np.int64]
+    alphas: Float64Array
+    exponents: NDArray[np.int64]
+    coefficient_bytes: NDArray[np.int64]
+    correction_bytes: NDArray[np.int64]
+    checksums: NDArray[np.int64]
+
+    @cached_property
+    def stops(self) -> NDArray[np.int64]:
+        """(segments,) int64: the frame after each segment's last."""
+        return np.cumsum(self.frame_counts)
+
+    @property
+    def frames(self) -> int:
+        return int(self.stops[-1]) if self.stops.size else 0
+
+    def segment_of(self, frame: int) -> int:
+        """Index of the segment that holds a frame."""
+        return int(np.searchsorted(self.stops, frame, side="right"))
+
+    def segments(self, times: Float64Array) -> list[Segment]:
+        """The segments over the times of all frames; CorruptFileError where they do not cover them."""
+        if self.frames != times.size:
+            raise CorruptFileError(f"section SEGM has segments for {self.frames} frames, there are {times.size}")
+        firsts = (self.stops - self.frame_counts).tolist()
+        stops, alphas = self.stops.tolist(), self.alphas.tolist()
+        return [
+            Segment(first, times[first:stop], alpha) for first, stop, alpha in zip(firsts, stops, alphas, strict=True)
+        ]
+
+    @cached_property
+    def _offsets(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        return (
+            np.cumsum(self.coefficient_bytes) - self.coefficient_bytes,
+            np.cumsum(self.correction_bytes) - self.correction_bytes,
+        )
+
+    def read_chunks(self, container: ContainerReader, index: int) -> tuple[bytes, bytes]:
+        """One segment's bytes in COEF and in CORR, checked."""
+        chunks = []
+        for name, offsets, sizes in zip(
+            ("COEF", "CORR"), self._offsets, (self.coefficient_bytes, self.correction_bytes), strict=True
+        ):
+            chunks.append(container.read_range(container.entry(name).offset + int(offsets[index]), int(sizes[index])))
+        if zlib.crc32(chunks[0] + chunks[1]) != int(self.checksums[index]):
+            raise CorruptFileError(
+                "a segment is damaged; get the file again", frame=int(self.stops[index - 1]) if index else 0
+            )
+        return chunks[0], chunks[1]
+
+
+def read_segment_table(data: bytes) -> SegmentTable:
+    """Section SEGM.
+
+    Raises
+    ------
+    CorruptFileError
+        If it is damaged or a field is out of range.
+    """
+    if len(data) % SEGMENT_ENTRY.size or not data:
+        raise CorruptFileError("section SEGM does not hold a whole number of segments")
+    rows = np.array(list(SEGMENT_ENTRY.iter_unpack(data)))
+    frames, alphas, exponents, _, coefficient_bytes, correction_bytes, checksums = rows.T
+    if frames.min() < 1 or frames.max() > MAX_SEGMENT_FRAMES:
+        raise CorruptFileError(f"section SEGM has a segment of no frames, or of more than {MAX_SEGMENT_FRAMES}")
+    if not ((alphas >= 0) & (alphas <= MAX_RATE)).all():
+        raise CorruptFileError(f"section SEGM has an alpha outside 0 to {MAX_RATE}")
+    if exponents.min() < 0 or exponents.max() > MAX_EXPONENT:
+        raise CorruptFileError(f"section SEGM has a step exponent outside 0 to {MAX_EXPONENT}")
+    whole = [column.astype(np.int64) for column in (frames, exponents, coefficient_bytes, correction_bytes, checksums)]
+    return SegmentTable(whole[0], alphas, *whole[1:])

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Literal
+from typing import Any, Literal, get_args
 
+from pdecodec.basis import MAX_RATE
 from pdecodec.errors import SettingsError
 
 Profile = Literal["auto", "paper"]
@@ -18,6 +19,11 @@ DEFAULT_TOLERANCE = 1e-3
 MAX_SEGMENT_FRAMES = 64
 """Longest time segment: four functions carry no more, and an encoder holds one segment in memory."""
 
+PAPER_SEGMENT_FRAMES = 11
+"""Frames 0 to 10, the window of the paper's section 5."""
+
+MAX_EFFORT = 9
+
 
 @dataclass(frozen=True, kw_only=True)
 class EncodeSettings:
@@ -27,25 +33,32 @@ class EncodeSettings:
     ----------
     tolerance : float or None
         Largest Euclidean vertex distance at the input's frames, over the diagonal of frame 0's bounding box.
-        None sets no bound: the model alone, without corrections. Default 1e-3 (None under profile "paper").
+        None: 1e-3 under profile "auto"; under "paper" no bound, the model alone without corrections.
     max_error : float or None [scene units]
-        The same bound in scene units; overrides `tolerance`.
+        The same bound in scene units; instead of `tolerance`.
     profile : {"auto", "paper"}
         "paper": the paper's 32 functions on whole curves over fixed segments (Fang et al. 2024, Eq. 18).
         "auto": curve pieces and time segments as long as the bound allows.
     alignment : {"auto", "none", "affine", "rotation"}
-        Transformation elimination (Eqs. 19 to 23): none, as four affine functions of the rest shape,
-        or as a rotation and translation per curve piece. "auto" measures; "paper" means "rotation".
+        Transformation elimination (Eqs. 19 to 23): none, as four affine functions of the rest shape, or as
+        a rotation and a translation of each curve piece. "auto" measures; under "paper" it means "rotation".
     segment_frames : int or None
-        Frames of a time segment; None lets the motion decide ("paper": 11, as in the paper's section 5).
+        Frames of a time segment, 2 to 64; None lets the motion decide ("paper": 11, as in its section 5).
     piece_points : int or None
-        Points of a curve piece; None lets the motion decide ("paper": the whole curve).
+        Points of a curve piece, 2 or more, rounded to the next length the format knows; None lets the motion
+        decide ("paper": the whole curve).
     alpha : float or None
-        Rate of the time functions (Eq. 12) over half a segment; None chooses it by error, for each segment.
+        Rate of the time functions (Eq. 12) over half a segment, 0 to 12; None chooses it by error, segment by
+        segment.
     r : float or None
-        Rate of the space functions (Eqs. 14, 16) over half a piece; None chooses it by error.
+        Rate of the space functions (Eqs. 14, 16) over half a piece, 0 to 12; None chooses it by error.
     effort : int
         1 (quick) to 9 (thorough): how many alternatives the encoder measures.
+
+    Raises
+    ------
+    SettingsError
+        If a value is out of range or two contradict each other.
     """
 
     tolerance: float | None = None
@@ -57,3 +70,49 @@ class EncodeSettings:
     alpha: float | None = None
     r: float | None = None
     effort: int = 5
+
+    def __post_init__(self) -> None:
+        if self.tolerance is not None and self.max_error is not None:
+            raise SettingsError("give a tolerance or a maximum error, not both")
+        for name in ("tolerance", "max_error"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise SettingsError(f"{name} must be a positive number, not {value}")
+        for name, known in (("profile", get_args(Profile)), ("alignment", get_args(Alignment))):
+            if getattr(self, name) not in known:
+                raise SettingsError(f"{name} must be one of {', '.join(known)}, not {getattr(self, name)!r}")
+        for name, least, most in (
+            ("segment_frames", 2, MAX_SEGMENT_FRAMES),
+            ("piece_points", 2, None),
+            ("alpha", 0, MAX_RATE),
+            ("r", 0, MAX_RATE),
+            ("effort", 1, MAX_EFFORT),
+        ):
+            value = getattr(self, name)
+            if value is not None and not (least <= value and (most is None or value <= most)):
+                limits = f"at least {least}" if most is None else f"from {least} to {most:g}"
+                raise SettingsError(f"{name} must be {limits}, not {value}")
+
+    def bound(self, scale: float) -> float | None:
+        """The largest distance allowed, in scene units; None where there is no bound.
+
+        Parameters
+        ----------
+        scale : float [scene units]
+            What tolerances are relative to, :func:`pdecodec.metrics.frame_scale` of frame 0.
+        """
+        if self.max_error is not None:
+            return self.max_error
+        if self.tolerance is not None:
+            return self.tolerance * scale
+        return None if self.profile == "paper" else DEFAULT_TOLERANCE * scale
+
+    def to_json(self) -> dict[str, Any]:
+        """As a JSON object; :meth:`from_json` brings it back equal."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> EncodeSettings:
+        """Undo :meth:`to_json`; names of later versions are passed over."""
+        known = {item.name for item in fields(cls)}
+        return cls(**{name: value for name, value in values.items() if name in known})

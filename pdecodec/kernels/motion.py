@@ -115,24 +115,28 @@ def project_space_reference(
 
 @njit(cache=True)
 def combine(coefficients: Float64Array, weights: Float64Array, combined: Float64Array) -> None:
-    """Coefficients at one time: ``combined[k] += sum_a weights[a] coefficients[k, a]``, a in order.
+    """Coefficients at given times: ``combined[t, k] += sum_a weights[t, a] coefficients[k, a]``, a in order.
 
     Parameters
     ----------
-    coefficients : (columns, 3 * functions) float64
-    weights : (functions,) float64
+    coefficients : (columns, functions * width) float64
+        Function of time after function of time, `width` numbers each.
+    weights : (times, functions) float64
         Psi_a(t).
-    combined : (columns, 3) float64, added to
+    combined : (times, columns, width) float64, added to
     """
-    for k in range(coefficients.shape[0]):
-        for a in range(weights.size):
-            for axis in range(3):
-                combined[k, axis] += weights[a] * coefficients[k, 3 * a + axis]
+    width = combined.shape[2]
+    for t in range(combined.shape[0]):
+        for k in range(combined.shape[1]):
+            for a in range(weights.shape[1]):
+                weight = weights[t, a]
+                for c in range(width):
+                    combined[t, k, c] += weight * coefficients[k, a * width + c]
 
 
-def combine_reference(coefficients: Float64Array, weights: Float64Array) -> Float64Array:
+def combine_reference(coefficients: Float64Array, weights: Float64Array, width: int) -> Float64Array:
     """Plain numpy form of :func:`combine`, starting from zero."""
-    return np.einsum("a,kac->kc", weights, coefficients.reshape(len(coefficients), weights.size, 3))
+    return np.einsum("ta,kac->tkc", weights, coefficients.reshape(len(coefficients), weights.shape[1], width))
 
 
 @njit(cache=True, parallel=True)

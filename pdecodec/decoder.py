@@ -1,0 +1,316 @@
+"""The decoder: a `.pdeanim` file as a mesh sequence that can be asked for any time."""
+
+from __future__ import annotations
+
+import os
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdecodec.coefficients import decode_segment, dequantise_segment
+from pdecodec.connectivity import decode_connectivity
+from pdecodec.container import ContainerReader
+from pdecodec.corrections import FrameCorrections, add_corrections, decode_corrections
+from pdecodec.curves import Curves, extract_curves, order_lonely_points
+from pdecodec.description import decode_attributes, decode_remarks, decode_sequence_description
+from pdecodec.errors import CorruptFileError, InputError, LimitError, PdecodecError
+from pdecodec.model import Model, ModelDescription, SegmentCoefficients, build_model
+from pdecodec.restshape import RestShape, decode_rest
+from pdecodec.segments import Segment, SegmentTable, read_segment_table, terms_at
+from pdecodec.sequence import MeshObject, MeshSequence, check_frame_range
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+
+KNOWN_SECTIONS = frozenset({"META", "SEQN", "CONN", "REST", "MODL", "SEGM", "COEF", "CORR", "ATTR"})
+
+DEFAULT_MAX_MEMORY = 4 * 2**30
+"""Bytes a file may ask for while it is opened and decoded: 7 million vertices."""
+
+BYTES_PER_VERTEX = 600
+"""Peak memory of opening a file, per vertex: curves, rest shape, and twelve float64 functions each, twice."""
+
+BYTES_PER_CORNER = 80
+"""Peak memory of opening a file, per face corner: connectivity, and the edges that curves are found on."""
+
+CACHED_SEGMENTS = 4
+"""Segments whose coefficients are kept: playing forwards or backwards decodes each once."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DecodeLimits:
+    """What a file may cost.
+
+    Parameters
+    ----------
+    max_memory : int [bytes]
+        A file that declares more than fits is refused before memory is taken (LimitError).
+    """
+
+    max_memory: int = DEFAULT_MAX_MEMORY
+
+
+def open_animation(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None) -> Animation:
+    """Open a `.pdeanim` file.
+
+    Parameters
+    ----------
+    path : path-like
+    limits : DecodeLimits, optional
+
+    Returns
+    -------
+    Animation
+        Close it, or use it in a ``with`` statement: segments are read from the file when they are asked for.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be opened.
+    CorruptFileError
+        If it is damaged, truncated, of another kind or a later major version.
+    LimitError
+        If it asks for more memory than `limits` allow.
+    """
+    try:
+        file = Path(path).open("rb")
+    except OSError as error:
+        raise InputError(f"cannot be opened ({error.strerror})", path=path) from error
+    try:
+        return Animation(file, os.fspath(path), limits or DecodeLimits())
+    except BaseException:
+        file.close()
+        raise
+
+
+@dataclass(frozen=True, eq=False)
+class _DecodedSegment:
+    coefficients: SegmentCoefficients
+    corrections: list[FrameCorrections]
+
+
+class Animation(MeshSequence):
+    """A `.pdeanim` file: a mesh sequence, and a mesh at any time between its first and its last frame.
+
+    Made by :func:`open_animation`. At the time of a frame every method gives the same bits.
+    """
+
+    def __init__(self, file: BinaryIO, path: str, limits: DecodeLimits) -> None:
+        self.path = path
+        self.notices = ()
+        self._file = file
+        self._limits = limits
+        with self._naming_the_file():
+            self._container = ContainerReader(file, path)
+            self._container.check_known(KNOWN_SECTIONS)
+            self._open()
+        self._cache: OrderedDict[int, _DecodedSegment] = OrderedDict()
+
+    @contextmanager
+    def _naming_the_file(self) -> Iterator[None]:
+        # The parts below know their section, not the file.
+        try:
+            yield
+        except CorruptFileError as error:
+            if error.path is not None:
+                raise
+            raise type(error)(error.message, path=self.path, frame=error.frame, offset=error.offset) from error
+        except MemoryError as error:
+            raise LimitError("needs more memory than there is; lower the memory limit", path=self.path) from error
+
+    def _open(self) -> None:
+        container, most = self._container, self._limits.max_memory
+        self._table: SegmentTable = read_segment_table(container.read("SEGM"))
+        description = decode_sequence_description(container.read("SEQN"), self._table.frames)
+        vertices = sum(description.vertex_counts)
+        self._check_memory(BYTES_PER_VERTEX * vertices, f"{vertices} vertices")
+        left = most - BYTES_PER_VERTEX * vertices
+        parts = decode_connectivity(container.read("CONN"), description.vertex_counts, left // BYTES_PER_CORNER)
+        objects = [MeshObject(name, part) for name, part in zip(description.names, parts, strict=True)]
+        if "ATTR" in container.entries:
+            objects = decode_attributes(container.read("ATTR"), objects, left)
+        self.objects = tuple(objects)
+        self.times, self.fps = description.times, description.fps
+        self._segments: Sequence[Segment] = self._table.segments(self.times)
+        curves = extract_curves(self.objects)
+        rest = decode_rest(container.read("REST"), curves)
+        curves = order_lonely_points(curves, rest.levels)
+        self._description = ModelDescription.from_bytes(container.read("MODL"))
+        self._model = self._build_model(curves, rest)
+        self._remarks = decode_remarks(container.read("META")) if "META" in container.entries else {}
+        metadata = self._remarks.get("metadata", {})
+        self.metadata = {str(key): str(value) for key, value in metadata.items()} if isinstance(metadata, dict) else {}
+        for name, lengths in (("COEF", self._table.coefficient_bytes), ("CORR", self._table.correction_bytes)):
+            if int(lengths.sum()) != container.entry(name).length:
+                raise CorruptFileError(f"section {name} has another length than the segments say")
+
+    def _build_model(self, curves: Curves, rest: RestShape) -> Model:
+        description = self._description
+        levels = np.full(curves.count, description.level)
+        model = build_model(curves, levels, rest, r=description.r, alignment=description.alignment)
+        if model.elements.columns != description.columns:
+            raise CorruptFileError(
+                f"its elements have {model.elements.columns} functions where section MODL says {description.columns}"
+            )
+        return model
+
+    def _check_memory(self, needed: int, what: str) -> None:
+        if needed > self._limits.max_memory:
+            message = f"declares {what}, about {needed} bytes to decode; the limit is {self._limits.max_memory}"
+            raise LimitError(f"{message}; raise it if you trust the file")
+
+    def close(self) -> None:
+        self._file.close()
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        return self.sample(self.times[start:stop])
+
+    def at(self, time: float) -> Float32Array:
+        """Positions at one time.
+
+        Parameters
+        ----------
+        time : float [s]
+            Before the first frame the first is given, after the last the last.
+
+        Returns
+        -------
+        (vertices, 3) float32 [scene units]
+        """
+        return self.sample([time])[0]
+
+    def sample(self, times: ArrayLike) -> Float32Array:
+        """Positions at several times, in any order.
+
+        Parameters
+        ----------
+        times : (n,) array [s]
+            Before the first frame the first is given, after the last the last.
+
+        Returns
+        -------
+        (n, vertices, 3) float32 [scene units]
+
+        Raises
+        ------
+        CorruptFileError
+            If a segment that is needed is damaged.
+        """
+        with self._naming_the_file():
+            inside, order = self._checked_times(times)
+            out = self._evaluate(inside[order])
+            self._add_corrections(out, inside[order])
+        if np.array_equal(order, np.arange(order.size)):
+            return out
+        unsorted = np.empty_like(out)
+        unsorted[order] = out
+        return unsorted
+
+    def velocity(self, time: float) -> Float32Array:
+        """Velocity of every vertex at one time: the exact derivative of the model's motion.
+
+        Corrections, which hold at single frames, do not take part. Outside the clip nothing moves.
+
+        Parameters
+        ----------
+        time : float [s]
+
+        Returns
+        -------
+        (vertices, 3) float32 [scene units / s]
+        """
+        if not self.times[0] <= time <= self.times[-1] or self.frame_count == 1:
+            return np.zeros((self.vertex_count, 3), np.float32)
+        with self._naming_the_file():
+            at = np.array([time], dtype=np.float64)
+            values, slopes = terms_at(self._segments, at), terms_at(self._segments, at, 1)
+            return self._model.velocity(values, slopes, lambda index: self._segment(index).coefficients)
+
+    def _checked_times(self, times: ArrayLike) -> tuple[Float64Array, NDArray[np.int64]]:
+        asked = np.asarray(times, dtype=np.float64)
+        if asked.ndim != 1 or np.isnan(asked).any():
+            raise InputError("times must be a list of numbers", path=self.path)
+        inside = np.clip(asked, self.times[0], self.times[-1])
+        return inside, np.argsort(inside, kind="stable")
+
+    def _evaluate(self, times: Float64Array) -> Float32Array:
+        terms = terms_at(self._segments, times)
+        return self._model.evaluate(terms, times.size, lambda index: self._segment(index).coefficients)
+
+    def _add_corrections(self, out: Float32Array, times: Float64Array) -> None:
+        left = np.searchsorted(self.times, times, side="right") - 1
+        for row, frame in enumerate(left.tolist()):
+            if times[row] == self.times[frame]:
+                self._add_frame_corrections(out[row], frame, 1.0)
+                continue
+            share = (times[row] - self.times[frame]) / (self.times[frame + 1] - self.times[frame])
+            self._add_frame_corrections(out[row], frame, 1.0 - share)
+            self._add_frame_corrections(out[row], frame + 1, share)
+
+    def _add_frame_corrections(self, out: Float32Array, frame: int, weight: float) -> None:
+        index = self._table.segment_of(frame)
+        corrections = self._segment(index).corrections[frame - self._segments[index].first]
+        base = None
+        if corrections.literal_vertices.size and weight < 1.0:
+            base = self._evaluate(self.times[frame : frame + 1])[0]
+        add_corrections(out, corrections, self._description.correction_step, weight, base)
+
+    def _segment(self, index: int) -> _DecodedSegment:
+        if index in self._cache:
+            self._cache.move_to_end(index)
+            return self._cache[index]
+        segment, description = self._segments[index], self._description
+        chunk, corrected = self._table.read_chunks(self._container, index)
+        levels = decode_segment(chunk, self._model, segment.functions, int(self._table.exponents[index]))
+        decoded = _DecodedSegment(
+            dequantise_segment(levels, self._model, description.step),
+            decode_corrections(corrected, segment.frames, self.vertex_count),
+        )
+        self._cache[index] = decoded
+        if len(self._cache) > CACHED_SEGMENTS:
+            self._cache.popitem(last=False)
+        return decoded
+
+    @property
+    def sections(self) -> dict[str, int]:
+        """Bytes of each section, and of header and table as ``"container"``; the sum is the file."""
+        sizes = {name: entry.length for name, entry in self._container.entries.items()}
+        return {"container": self._container.file_bytes - sum(sizes.values()), **sizes}
+
+    def info(self) -> dict[str, Any]:
+        """What the file holds, as a JSON object: sections, model, settings, and why this model."""
+        frames = [segment.frames for segment in self._segments]
+        return {
+            "file_bytes": self._container.file_bytes,
+            "ratio": 12 * self.frame_count * self.vertex_count / self._container.file_bytes,
+            "sections": self.sections,
+            "summary": str(self._remarks.get("summary", "")),
+            "generator": str(self._remarks.get("generator", "")),
+            "settings": self._remarks.get("settings", {}),
+            "model": asdict(self._description),
+            "elements": self._model.elements.count,
+            "segments": len(frames),
+            "segment_frames": [min(frames), max(frames)],
+        }
+
+    def verify(self) -> None:
+        """Check every byte of the file, and that every segment decodes.
+
+        Raises
+        ------
+        CorruptFileError
+            If one does not.
+        """
+        self._container.verify()
+        for index, segment in enumerate(self._segments):
+            try:
+                self._segment(index)
+            except PdecodecError as error:
+                raise CorruptFileError(error.message, path=self.path, frame=segment.first) from error

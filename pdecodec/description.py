@@ -1,0 +1,225 @@
+"""Coding of what surrounds the motion: times and objects (SEQN), attributes (ATTR), remarks (META)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.bytestream import FieldReader, FieldWriter
+from pdecodec.entropy import compress, decompress, pack_integers, unpack_integers
+from pdecodec.errors import CorruptFileError
+from pdecodec.sequence import Attribute, AttributeDomain, MeshObject, MeshSequence
+
+Float64Array = NDArray[np.float64]
+
+TIMES_STEPPED, TIMES_COUNTED, TIMES_LISTED = 0, 1, 2
+"""How times are stored: ``start + i / rate``, ``(start + i) / rate``, or one by one."""
+
+DOMAINS: tuple[AttributeDomain, ...] = ("vertex", "face", "corner", "object")
+
+VALUE_TYPES = ("<f4", "<f8", "<i4", "|u1", "<i8")
+"""Types of attribute values, by their number in the file."""
+
+MAX_REMARKS_BYTES = 16 * 2**20
+"""Bytes of metadata after unpacking; a person's remarks are a few kilobytes."""
+
+
+@dataclass(frozen=True, eq=False)
+class SequenceDescription:
+    """Section SEQN.
+
+    Attributes
+    ----------
+    times : (frames,) float64 [s]
+    fps : float [1/s]
+    names : tuple of str
+    vertex_counts : tuple of int
+    """
+
+    times: Float64Array
+    fps: float
+    names: tuple[str, ...]
+    vertex_counts: tuple[int, ...]
+
+
+def encode_sequence_description(sequence: MeshSequence) -> bytes:
+    """Section SEQN: frames, times, objects."""
+    writer = FieldWriter()
+    writer.numbers("Qd", sequence.frame_count, sequence.fps)
+    kind, start, rate = _time_rule(sequence.times, sequence.fps)
+    writer.numbers("Bdd", kind, start, rate)
+    if kind == TIMES_LISTED:
+        writer.sized(compress(sequence.times.astype("<f8").tobytes()))
+    writer.numbers("I", len(sequence.objects))
+    for item in sequence.objects:
+        writer.numbers("Q", item.vertex_count)
+        writer.text(item.name)
+    return writer.to_bytes()
+
+
+def decode_sequence_description(data: bytes, most_frames: int) -> SequenceDescription:
+    """Undo :func:`encode_sequence_description`.
+
+    Parameters
+    ----------
+    data : bytes
+    most_frames : int
+        Frames that the segments of the file can hold.
+    """
+    reader = FieldReader(data, "SEQN")
+    (frames,), (fps,) = reader.integers("Q"), reader.reals("d")
+    if not 1 <= frames <= most_frames:
+        raise CorruptFileError(f"section SEQN declares {frames} frames, the segments hold {most_frames} at most")
+    if fps <= 0:
+        raise CorruptFileError("section SEQN has a frame rate that is not positive")
+    (kind,), (start, rate) = reader.integers("B"), reader.reals("dd")
+    if kind == TIMES_LISTED:
+        raw = decompress(reader.sized(), 8 * frames)
+        if len(raw) != 8 * frames:
+            raise CorruptFileError("section SEQN has too few times")
+        times = np.frombuffer(raw, "<f8").astype(np.float64)
+    elif kind in (TIMES_STEPPED, TIMES_COUNTED) and rate > 0:
+        times = _ruled_times(kind, start, rate, frames)
+    else:
+        raise CorruptFileError(f"section SEQN stores its times in an unknown way ({kind}, rate {rate})")
+    if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
+        raise CorruptFileError("section SEQN has times that do not increase")
+    (count,) = reader.integers("I")
+    names, vertex_counts = [], []
+    for _ in range(count):
+        vertex_counts.append(reader.integers("Q")[0])
+        names.append(reader.text())
+    reader.finish()
+    if sum(vertex_counts) == 0:
+        raise CorruptFileError("section SEQN declares no vertices")
+    return SequenceDescription(times, fps, tuple(names), tuple(vertex_counts))
+
+
+def _ruled_times(kind: int, start: float, rate: float, frames: int) -> Float64Array:
+    steps = np.arange(frames)
+    with np.errstate(over="ignore"):
+        return start + steps / rate if kind == TIMES_STEPPED else (start + steps) / rate
+
+
+def _time_rule(times: Float64Array, fps: float) -> tuple[int, float, float]:
+    """The rule that gives `times` to the last bit, if one does."""
+    frames = times.size
+    start = float(times[0])
+    rates = [fps]
+    if frames > 1:
+        spacing = float(times[-1] - times[0]) / (frames - 1)
+        rates += [1.0 / spacing, round(1.0 / spacing, 6), float(round(1.0 / spacing))]
+    for rate in rates:
+        if not (math.isfinite(rate) and rate > 0):
+            continue
+        for kind, first in ((TIMES_COUNTED, float(np.rint(start * rate))), (TIMES_STEPPED, start)):
+            if np.array_equal(_ruled_times(kind, first, rate, frames), times):
+                return kind, first, rate
+    return TIMES_LISTED, 0.0, 0.0
+
+
+def encode_attributes(objects: Sequence[MeshObject]) -> bytes:
+    """Section ATTR: every attribute of every object; empty where there is none."""
+    if not any(item.attributes for item in objects):
+        return b""
+    writer = FieldWriter()
+    for item in objects:
+        writer.numbers("I", len(item.attributes))
+        for attribute in item.attributes:
+            values = np.ascontiguousarray(attribute.values)
+            kind = VALUE_TYPES.index(values.dtype.newbyteorder("<").str)
+            writer.text(attribute.name)
+            writer.numbers("BBB", DOMAINS.index(attribute.domain), kind, values.ndim)
+            writer.numbers("Q" * values.ndim, *values.shape)
+            raw = np.frombuffer(values.astype(VALUE_TYPES[kind]).tobytes(), np.uint8)
+            # Byte planes: first bytes of all values, then second bytes: like compresses with like.
+            writer.sized(compress(raw.reshape(-1, values.dtype.itemsize).T.tobytes()))
+            writer.numbers("Q", 0 if attribute.indices is None else attribute.indices.size + 1)
+            if attribute.indices is not None:
+                writer.sized(pack_integers(np.diff(attribute.indices.astype(np.int64), prepend=0)))
+            writer.sized(compress(json.dumps(attribute.labels).encode()) if attribute.labels else b"")
+    return writer.to_bytes()
+
+
+def decode_attributes(data: bytes, objects: Sequence[MeshObject], most_bytes: int) -> list[MeshObject]:
+    """Give `objects` the attributes of section ATTR.
+
+    Parameters
+    ----------
+    data : bytes
+    objects : sequence of MeshObject
+    most_bytes : int
+        Memory that all attributes together may take.
+    """
+    if not data:
+        return list(objects)
+    reader = FieldReader(data, "ATTR")
+    found = []
+    for item in objects:
+        attributes = []
+        for _ in range(reader.integers("I")[0]):
+            attribute, size = _decode_attribute(reader, most_bytes)
+            most_bytes -= size
+            attributes.append(attribute)
+        found.append(MeshObject(item.name, item.connectivity, tuple(attributes)))
+    reader.finish()
+    return found
+
+
+def _decode_attribute(reader: FieldReader, most_bytes: int) -> tuple[Attribute, int]:
+    name = reader.text()
+    domain, kind, dimensions = reader.integers("BBB")
+    if domain >= len(DOMAINS) or kind >= len(VALUE_TYPES) or dimensions not in (1, 2):
+        raise CorruptFileError("section ATTR has an attribute of an unknown kind")
+    shape = reader.integers("Q" * dimensions)
+    dtype = np.dtype(VALUE_TYPES[kind])
+    size = math.prod(shape) * dtype.itemsize
+    if size > most_bytes:
+        raise CorruptFileError(f"section ATTR has an attribute of {size} bytes, {most_bytes} are allowed")
+    raw = np.frombuffer(decompress(reader.sized(), size), np.uint8)
+    if raw.size != size:
+        raise CorruptFileError("section ATTR has an attribute of the wrong size")
+    values = np.frombuffer(raw.reshape(dtype.itemsize, -1).T.tobytes(), dtype).reshape(shape)
+    (marked,) = reader.integers("Q")
+    indices = None
+    if marked:
+        count = marked - 1
+        if size + 4 * count > most_bytes:
+            raise CorruptFileError(f"section ATTR has {count} indices, more than the memory limit allows")
+        wide = np.cumsum(unpack_integers(reader.sized(), count))
+        if count and (wide.min() < -1 or wide.max() >= shape[0]):
+            raise CorruptFileError("section ATTR has an index out of range")
+        indices = wide.astype(np.int32)
+        size += 4 * count
+    packed = reader.sized()
+    labels = _decode_json(decompress(packed, MAX_REMARKS_BYTES), "ATTR") if packed else []
+    if not (isinstance(labels, list) and all(isinstance(label, str) for label in labels)):
+        raise CorruptFileError("section ATTR has labels that are not texts")
+    native = values.astype(dtype.newbyteorder("="))
+    return Attribute(name, DOMAINS[domain], native, indices, tuple(labels)), size
+
+
+def encode_remarks(remarks: Mapping[str, Any]) -> bytes:
+    """Section META: a JSON object, for people; a decoder may ignore it."""
+    return compress(json.dumps(remarks, sort_keys=True, separators=(",", ":")).encode())
+
+
+def decode_remarks(data: bytes) -> dict[str, Any]:
+    """Undo :func:`encode_remarks`."""
+    remarks = _decode_json(decompress(data, MAX_REMARKS_BYTES), "META") if data else {}
+    if not isinstance(remarks, dict):
+        raise CorruptFileError("section META is not a JSON object")
+    return remarks
+
+
+def _decode_json(data: bytes, name: str) -> Any:
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise CorruptFileError(f"section {name} holds text that is not JSON") from error

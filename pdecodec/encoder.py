@@ -1,0 +1,303 @@
+"""The encoder: a mesh sequence in, a `.pdeanim` file out, a few segments in memory at a time."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec import __version__
+from pdecodec.coefficients import decode_segment, dequantise_segment, encode_segment
+from pdecodec.connectivity import encode_connectivity
+from pdecodec.container import Section, Spool, check_writable, write_container
+from pdecodec.corrections import NO_CORRECTIONS, add_corrections, correct_frame, correction_step, encode_corrections
+from pdecodec.curves import extract_curves, order_lonely_points
+from pdecodec.description import encode_attributes, encode_remarks, encode_sequence_description
+from pdecodec.elements import PIECE_POINTS, WHOLE_CURVE
+from pdecodec.errors import InputError
+from pdecodec.fit import fit_levels
+from pdecodec.framewindow import FrameWindow, checked_frames
+from pdecodec.metrics import frame_scale
+from pdecodec.model import ModelDescription, build_model
+from pdecodec.plan import PAPER_STEP, choose_segment, make_plan
+from pdecodec.restshape import decode_rest, encode_rest, quantise_rest
+from pdecodec.segments import SEGMENT_ENTRY, Segment, terms_at
+from pdecodec.sequence import MeshSequence
+from pdecodec.settings import EncodeSettings
+
+Float32Array = NDArray[np.float32]
+
+Progress = Callable[[int, int, str], None]
+"""Called as ``progress(frames done, frames in all, what is being done)``."""
+
+REST_STEP = 0.5
+"""Quantisation step of the rest shape, over the bound: its error stays in every frame, and a halving costs
+three bits a vertex once."""
+
+REST_STEP_OF_ONE_FRAME = 1.1
+"""The same where there is one frame: the largest that keeps the bound (2 / sqrt 3 = 1.15) but for float32."""
+
+
+@dataclass(frozen=True)
+class EncodeReport:
+    """What an encode did.
+
+    Attributes
+    ----------
+    path : Path
+    frames, vertices : int
+    raw_bytes, file_bytes : int
+        Float32 positions alone; the whole file.
+    sections : dict of str to int
+        Bytes of each section; the sum is the file.
+    max_error, rms_error : float [scene units]
+        Largest Euclidean vertex distance at the input's frames, and the root of the mean square distance, of
+        the float32 positions that the written bytes decode to.
+    bound : float or None [scene units]
+    scale : float [scene units]
+        What tolerances are relative to.
+    corrections : int
+        Vertices of single frames that were corrected.
+    segments, elements, columns : int
+        How large the model is.
+    seconds : float
+    summary : str
+        In a sentence, what model was taken and why.
+    """
+
+    path: Path
+    frames: int
+    vertices: int
+    raw_bytes: int
+    file_bytes: int
+    sections: dict[str, int]
+    max_error: float
+    rms_error: float
+    bound: float | None
+    scale: float
+    corrections: int
+    segments: int
+    elements: int
+    columns: int
+    seconds: float
+    summary: str
+
+
+def encode(
+    sequence: MeshSequence,
+    path: str | os.PathLike[str],
+    settings: EncodeSettings | None = None,
+    *,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> EncodeReport:
+    """Encode a mesh sequence.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+        Read once from front to back, after a look at a few windows of it.
+    path : path-like
+        The `.pdeanim` file; it appears whole or not at all.
+    settings : EncodeSettings, optional
+    overwrite : bool
+        Whether an existing file may be replaced.
+    progress : callable, optional
+
+    Returns
+    -------
+    EncodeReport
+
+    Raises
+    ------
+    InputError
+        If positions are not finite, the sequence cannot be read, or the output cannot be written.
+    SettingsError
+        If settings are out of range.
+    """
+    target = Path(path)
+    check_writable(target, overwrite=overwrite)
+    try:
+        return _Encoder(sequence, settings or EncodeSettings(), progress).run(target)
+    except OSError as error:
+        raise InputError(f"cannot be written ({error.strerror or error})", path=target) from error
+
+
+class _Encoder:
+    """One encode: what is known before the first segment, and what adds up from segment to segment."""
+
+    def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
+        self._sequence = sequence
+        self._settings = settings
+        self._progress = progress
+        self._started = time.perf_counter()
+        first = checked_frames(sequence, 0, 1)[0]
+        self._scale = frame_scale(first)
+        self._bound = settings.bound(self._scale)
+        share = REST_STEP_OF_ONE_FRAME if sequence.frame_count == 1 else REST_STEP
+        rest_step = PAPER_STEP * self._scale if self._bound is None else share * self._bound
+        curves = extract_curves(sequence.objects)
+        self._rest_bytes = encode_rest(quantise_rest(first, rest_step), curves)
+        rest = decode_rest(self._rest_bytes, curves)
+        self._curves = order_lonely_points(curves, rest.levels)
+        self._plan, self._sample, self._sample_model = make_plan(
+            sequence, self._curves, rest, settings, bound=self._bound, scale=self._scale
+        )
+        levels = np.full(self._curves.count, self._plan.level)
+        self._model = build_model(self._curves, levels, rest, r=self._plan.r, alignment=self._plan.alignment)
+        self._step = self._plan.step * (self._scale if self._bound is None else self._bound)
+        largest = float(np.abs(first).max())
+        self._correction_step = self._step if self._bound is None else correction_step(self._bound, largest)
+        self._largest_square = 0.0
+        self._sum_of_squares = 0.0
+        self._corrections = 0
+        self._entries: list[bytes] = []
+
+    def run(self, path: Path) -> EncodeReport:
+        """Encode segment after segment and write the file."""
+        coefficients, corrections = Spool(path.parent), Spool(path.parent)
+        try:
+            window = FrameWindow(self._sequence)
+            usual = self._plan.frames
+            while not window.is_empty:
+                segment = self._next_segment(window, usual)
+                usual = segment.frames
+                self._encode_segment(window.points[: segment.frames], segment, coefficients, corrections)
+                window.advance(segment.frames)
+                if self._progress:
+                    self._progress(window.first, self._sequence.frame_count, "encoding")
+            sizes = write_container(path, self._sections(coefficients, corrections))
+        finally:
+            coefficients.close()
+            corrections.close()
+        return self._report(path, sizes)
+
+    def _next_segment(self, window: FrameWindow, usual: int) -> Segment:
+        segment = choose_segment(
+            window.points[:, self._sample.vertices],
+            self._sample_model,
+            window.first,
+            window.times,
+            usual,
+            self._plan,
+            self._settings,
+            self._bound,
+        )
+        if self._sequence.frame_count - segment.stop == 1:
+            # One frame left alone could not tell how fast it moves: this segment takes it, or leaves it company.
+            frames = segment.frames + (1 if segment.frames < len(window.times) else -1)
+            segment = Segment(segment.first, window.times[:frames], segment.alpha)
+        return segment
+
+    def _encode_segment(self, points: Float32Array, segment: Segment, coefficients: Spool, corrections: Spool) -> None:
+        chunk, exponent = b"", 0
+        decoded = self._decode(chunk, segment, exponent)
+        if self._bound is None or any(beyond.any() for _, _, beyond in self._errors(points, decoded)):
+            # The rest shape alone does not do: a segment that moves.
+            levels = fit_levels(points, self._model, segment, self._step)
+            chunk, exponent = encode_segment(levels, self._model), levels.exponent
+            decoded = self._decode(chunk, segment, exponent)
+        found = [NO_CORRECTIONS] * segment.frames
+        if self._bound is not None:
+            for f, (_, _, beyond) in enumerate(self._errors(points, decoded)):
+                found[f] = correct_frame(points[f], decoded[f], beyond, self._correction_step, self._bound)
+                add_corrections(decoded[f], found[f], self._correction_step, 1.0)
+        for largest, total, _ in self._errors(points, decoded):
+            self._largest_square = max(self._largest_square, largest)
+            self._sum_of_squares += total
+        self._corrections += sum(frame.count for frame in found)
+        corrected = encode_corrections(found)
+        coefficients.append(chunk)
+        corrections.append(corrected)
+        self._entries.append(
+            SEGMENT_ENTRY.pack(
+                segment.frames, segment.alpha, exponent, 0, len(chunk), len(corrected), zlib.crc32(chunk + corrected)
+            )
+        )
+
+    def _decode(self, chunk: bytes, segment: Segment, exponent: int) -> Float32Array:
+        # From the bytes, as the decoder does it: what is measured is what the file gives.
+        levels = decode_segment(chunk, self._model, segment.functions, exponent)
+        found = dequantise_segment(levels, self._model, self._step)
+        return self._model.evaluate(terms_at([segment], segment.times), segment.frames, lambda _: found)
+
+    def _errors(self, points: Float32Array, decoded: Float32Array) -> Iterator[tuple[float, float, NDArray[np.bool_]]]:
+        """Of each frame: largest and summed squared distance, and which vertices are beyond the bound."""
+        from pdecodec.kernels.motion import exceeding
+
+        bound = math.inf if self._bound is None else self._bound
+        for f in range(len(points)):
+            beyond = np.empty(len(points[f]), np.bool_)
+            yield *exceeding(points[f], decoded[f], bound, beyond), beyond
+
+    def _sections(self, coefficients: Spool, corrections: Spool) -> list[Section]:
+        sequence = self._sequence
+        remarks = {
+            "generator": f"pdecodec {__version__}",
+            "settings": self._settings.to_json(),
+            "metadata": dict(sequence.metadata),
+            "summary": self._summary(),
+        }
+        sections = [
+            Section("META", encode_remarks(remarks), required=False),
+            Section("SEQN", encode_sequence_description(sequence)),
+            Section("CONN", encode_connectivity([item.connectivity for item in sequence.objects])),
+            Section("REST", self._rest_bytes),
+            Section("MODL", self._model_section()),
+            Section("SEGM", b"".join(self._entries)),
+            Section("COEF", coefficients),
+            Section("CORR", corrections),
+        ]
+        attributes = encode_attributes(sequence.objects)
+        return [*sections, Section("ATTR", attributes)] if attributes else sections
+
+    def _model_section(self) -> bytes:
+        description = ModelDescription(
+            alignment=self._plan.alignment,
+            r=self._plan.r,
+            step=self._step,
+            correction_step=self._correction_step,
+            level=self._plan.level,
+            columns=self._model.elements.columns,
+        )
+        return description.to_bytes()
+
+    def _summary(self) -> str:
+        elements = self._model.elements
+        what = (
+            "whole curves" if self._plan.level == WHOLE_CURVE else f"pieces of {PIECE_POINTS[self._plan.level]} points"
+        )
+        numbers = elements.columns / elements.count
+        return (
+            f"pde x curve: {self._curves.count} curves as {elements.count} {what}, {numbers:.1f} functions each "
+            f"({self._plan.alignment} alignment), times 4 functions of time over {len(self._entries)} segments; "
+            f"{self._corrections} corrections"
+        )
+
+    def _report(self, path: Path, sizes: dict[str, int]) -> EncodeReport:
+        frames, vertices = self._sequence.frame_count, self._sequence.vertex_count
+        return EncodeReport(
+            path=path,
+            frames=frames,
+            vertices=vertices,
+            raw_bytes=12 * frames * vertices,
+            file_bytes=sum(sizes.values()),
+            sections=sizes,
+            max_error=math.sqrt(self._largest_square),
+            rms_error=math.sqrt(self._sum_of_squares / (frames * vertices)),
+            bound=self._bound,
+            scale=self._scale,
+            corrections=self._corrections,
+            segments=len(self._entries),
+            elements=self._model.elements.count,
+            columns=self._model.elements.columns,
+            seconds=time.perf_counter() - self._started,
+            summary=self._summary(),
+        )

@@ -1,0 +1,73 @@
+"""Reading ahead: the frames that the next segment may take, checked, while the clip streams by."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.sequence import MeshSequence
+from pdecodec.settings import MAX_SEGMENT_FRAMES
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+
+LEAST_FRAMES = 16
+"""Frames to look ahead however large the mesh is: four functions of time want that many to pay."""
+
+
+class FrameWindow:
+    """The next frames of a sequence, at most :data:`pdecodec.settings.MAX_SEGMENT_FRAMES`.
+
+    Attributes
+    ----------
+    first : int
+        Index of the first frame held.
+    points : (frames, vertices, 3) float32 [scene units]
+        Finite.
+    """
+
+    def __init__(self, sequence: MeshSequence) -> None:
+        self._sequence = sequence
+        self._size = min(MAX_SEGMENT_FRAMES, max(LEAST_FRAMES, sequence.frames_per_block))
+        self.first = 0
+        self.points = checked_frames(sequence, 0, min(self._size, sequence.frame_count))
+
+    @property
+    def is_empty(self) -> bool:
+        return len(self.points) == 0
+
+    @property
+    def times(self) -> Float64Array:
+        """(frames,) float64 [s]: of the frames held."""
+        return self._sequence.times[self.first : self.first + len(self.points)]
+
+    def advance(self, frames: int) -> None:
+        """Let go of the first `frames` and read on."""
+        held = self.first + len(self.points)
+        self.first += frames
+        wanted = min(self.first + self._size, self._sequence.frame_count)
+        more = checked_frames(self._sequence, held, wanted)
+        self.points = np.concatenate([self.points[frames:], more])
+
+
+def checked_frames(sequence: MeshSequence, start: int, stop: int) -> Float32Array:
+    """Frames of a sequence; InputError names the first position that is not a finite number."""
+    points = sequence.read_frames(start, stop)
+    finite = np.isfinite(points)
+    if not finite.all():
+        frame, vertex, _ = np.argwhere(~finite)[0]
+        name, index = _owner(sequence, int(vertex))
+        raise InputError(
+            f"vertex {index} of object '{name}' is not at a finite position; repair or cut the sequence there",
+            frame=start + int(frame),
+        )
+    return points
+
+
+def _owner(sequence: MeshSequence, vertex: int) -> tuple[str, int]:
+    for item in sequence.objects:
+        if vertex < item.vertex_count:
+            return item.name, vertex
+        vertex -= item.vertex_count
+    raise IndexError(vertex)

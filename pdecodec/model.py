@@ -1,0 +1,255 @@
+"""The model a file describes: elements over a rest shape, time segments, and coefficients between them.
+
+One place turns coefficients into positions, for the encoder that checks its bound and for the decoder alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.alignment import POSE_NUMBERS, pose_matrices, pose_matrix_derivatives
+from pdecodec.basis import MAX_RATE
+from pdecodec.bytestream import FieldReader, FieldWriter
+from pdecodec.curves import Curves
+from pdecodec.elements import WHOLE_CURVE, Elements, build_elements
+from pdecodec.errors import CorruptFileError
+from pdecodec.restshape import RestShape
+from pdecodec.segments import Term
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+
+ModelAlignment = Literal["none", "affine", "rotation"]
+
+BATCH_BYTES = 32 * 2**20
+"""Memory for the combined coefficients of the times evaluated together."""
+
+
+ALIGNMENTS: tuple[ModelAlignment, ...] = ("none", "affine", "rotation")
+"""By their number in the file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelDescription:
+    """Section MODL: what the decoder builds the model from.
+
+    Attributes
+    ----------
+    alignment : {"none", "affine", "rotation"}
+    r : float
+        Rate of Eqs. 14 and 16 over half a piece.
+    step, correction_step : float [scene units]
+        Quantisation steps of the coefficients and of the corrections.
+    level : int
+        Piece length, see :func:`pdecodec.elements.piece_starts`.
+    columns : int
+        Functions of all elements together, as a check.
+    """
+
+    alignment: ModelAlignment
+    r: float
+    step: float
+    correction_step: float
+    level: int
+    columns: int
+
+    def to_bytes(self) -> bytes:
+        writer = FieldWriter()
+        writer.numbers(
+            "BBdddQ",
+            ALIGNMENTS.index(self.alignment),
+            self.level,
+            self.r,
+            self.step,
+            self.correction_step,
+            self.columns,
+        )
+        return writer.to_bytes()
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> ModelDescription:
+        """Undo :meth:`to_bytes`; CorruptFileError where a field is out of range."""
+        reader = FieldReader(data, "MODL")
+        alignment, level = reader.integers("BB")
+        r, step, correction_step = reader.reals("ddd")
+        (columns,) = reader.integers("Q")
+        reader.finish()
+        if alignment >= len(ALIGNMENTS) or level > WHOLE_CURVE:
+            raise CorruptFileError(f"section MODL names alignment {alignment} and piece length {level}, both unknown")
+        if not (0 <= r <= MAX_RATE and step > 0 and correction_step > 0):
+            raise CorruptFileError("section MODL has a rate or a quantisation step out of range")
+        return cls(
+            alignment=ALIGNMENTS[alignment],
+            r=r,
+            step=step,
+            correction_step=correction_step,
+            level=level,
+            columns=columns,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentCoefficients:
+    """Coefficients of one segment.
+
+    Attributes
+    ----------
+    shape : (columns, 3 * functions) float64 [scene units]
+        Over the elements' functions; function of time after function of time, x y z within each.
+    poses : (elements, 7 * functions) float64, or (0, 7 * functions)
+        Alignment as rotation: quaternion (w x y z) and translation, over the functions of time.
+    """
+
+    shape: Float64Array
+    poses: Float64Array
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Everything but the coefficients.
+
+    Attributes
+    ----------
+    elements : Elements
+    rest : (vertices, 3) float64 [scene units]
+        Decoded rest shape in curve order.
+    alignment : {"none", "affine", "rotation"}
+    """
+
+    elements: Elements
+    rest: Float64Array
+    alignment: ModelAlignment
+
+    @property
+    def posed_elements(self) -> int:
+        """Elements with a moving frame: all under "rotation", none otherwise."""
+        return self.elements.count if self.alignment == "rotation" else 0
+
+    def evaluate(
+        self, terms: Sequence[Term], times: int, coefficients: Callable[[int], SegmentCoefficients]
+    ) -> Float32Array:
+        """Positions at several times.
+
+        Parameters
+        ----------
+        terms : sequence of Term
+            What each segment contributes at which times.
+        times : int
+            Number of times.
+        coefficients : callable
+            Segment index to its coefficients.
+
+        Returns
+        -------
+        (times, vertices, 3) float32 [scene units]
+        """
+        out = np.empty((times, len(self.rest), 3), np.float32)
+        numbers = 3 * self.elements.columns + (POSE_NUMBERS + 12) * self.posed_elements
+        batch = max(1, BATCH_BYTES // (8 * max(1, numbers)))
+        for start in range(0, times, batch):
+            self._evaluate_batch(terms, out[start : start + batch], start, coefficients)
+        return out
+
+    def velocity(
+        self, values: Sequence[Term], slopes: Sequence[Term], coefficients: Callable[[int], SegmentCoefficients]
+    ) -> Float32Array:
+        """Velocities at one time.
+
+        Parameters
+        ----------
+        values, slopes : sequence of Term
+            What each segment contributes to positions and to their first derivatives at that time.
+        coefficients : callable
+
+        Returns
+        -------
+        (vertices, 3) float32 [scene units / s]
+        """
+        shape, poses = self._combined(values, coefficients)
+        shape_slope, poses_slope = self._combined(slopes, coefficients)
+        moved = self._displacement(shape_slope)
+        elements = self.elements
+        if self.posed_elements:
+            sizes = np.diff(elements.starts)
+            matrices, matrix_slopes = pose_matrices(poses), pose_matrix_derivatives(poses, poses_slope)
+            rotation, turning = (
+                np.repeat(found[0, :, :9].reshape(-1, 3, 3), sizes, axis=0) for found in (matrices, matrix_slopes)
+            )
+            offset = self.rest + self._displacement(shape) - np.repeat(self.rest[elements.starts[:-1]], sizes, axis=0)
+            moved = np.einsum("nij,nj->ni", rotation, moved) + np.einsum("nij,nj->ni", turning, offset)
+            moved += np.repeat(poses_slope[0, :, 4:], sizes, axis=0)
+        out = np.empty((len(self.rest), 3), np.float32)
+        out[elements.order] = moved
+        return out
+
+    def _combined(
+        self, terms: Sequence[Term], coefficients: Callable[[int], SegmentCoefficients]
+    ) -> tuple[Float64Array, Float64Array]:
+        from pdecodec.kernels.motion import combine
+
+        shape = np.zeros((1, self.elements.columns, 3))
+        poses = np.zeros((1, self.posed_elements, POSE_NUMBERS))
+        for term in terms:
+            found = coefficients(term.segment)
+            combine(found.shape, term.weights, shape)
+            combine(found.poses, term.weights, poses)
+        return shape, poses
+
+    def _displacement(self, combined: Float64Array) -> Float64Array:
+        """(vertices, 3) float64 in curve order: the functions' sum, without rest shape or moving frames."""
+        elements = self.elements
+        moved = np.zeros((len(self.rest), 3))
+        sizes = np.diff(elements.starts)
+        for degree in range(int(elements.ranks.max(initial=0))):
+            has = elements.ranks > degree
+            inside = np.repeat(has, sizes)
+            column = np.repeat(elements.column_starts[:-1] + degree, sizes)[inside]
+            place = np.arange(len(moved)) - np.repeat(elements.starts[:-1], sizes)
+            value = elements.basis[(np.repeat(elements.basis_starts[:-1] + degree * sizes, sizes) + place)[inside]]
+            moved[inside] += value[:, None] * combined[0, column]
+        return moved
+
+    def _evaluate_batch(
+        self, terms: Sequence[Term], out: Float32Array, start: int, coefficients: Callable[[int], SegmentCoefficients]
+    ) -> None:
+        from pdecodec.kernels.motion import combine, evaluate
+
+        count, elements = len(out), self.elements
+        combined = np.zeros((count, elements.columns, 3))
+        poses = np.zeros((count, self.posed_elements, POSE_NUMBERS))
+        for term in terms:
+            first, last = max(term.rows.start, start), min(term.rows.stop, start + count)
+            if first < last:
+                weights = term.weights[first - term.rows.start : last - term.rows.start]
+                found = coefficients(term.segment)
+                combine(found.shape, weights, combined[first - start : last - start])
+                combine(found.poses, weights, poses[first - start : last - start])
+        evaluate(
+            combined,
+            elements.order,
+            self.rest,
+            elements.starts,
+            elements.basis,
+            elements.basis_starts,
+            elements.column_starts,
+            pose_matrices(poses),
+            out,
+        )
+
+
+def build_model(
+    curves: Curves,
+    levels: NDArray[np.integer],
+    rest: RestShape,
+    *,
+    r: float,
+    alignment: ModelAlignment,
+) -> Model:
+    """The model of curves cut to `levels` (see :func:`pdecodec.elements.piece_starts`) over a rest shape."""
+    elements = build_elements(curves, levels, rest.levels, r=r, affine=alignment == "affine")
+    return Model(elements, rest.points[curves.order], alignment)
