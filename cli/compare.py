@@ -74,7 +74,6 @@ def _rate_for(path: str, fps: float | None) -> float | None:
 
 def _at_times_of(first: MeshSequence, second: MeshSequence) -> MeshSequence:
     from pdecodec.decoder import Animation
-
     from pdecodec.resample import SampledAnimation
 
     if not isinstance(second, Animation):

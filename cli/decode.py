@@ -23,8 +23,8 @@ from pdecodec.errors import InputError, SettingsError
 
 if TYPE_CHECKING:
     from pdecodec.decoder import Animation
-
-    from pdecodec.sequence import Float64Array, MeshSequence
+    from pdecodec.resample import Outside
+    from pdecodec.sequence import MeshSequence
 
 
 @click.command()
@@ -34,6 +34,13 @@ if TYPE_CHECKING:
 @click.option("--times", metavar="FILE", help="Decode at the times in seconds that a text file lists.")
 @click.option("--fps", type=float, metavar="F", help="Decode at a new frame rate, from the first time to the last.")
 @frames_option
+@click.option(
+    "--outside",
+    type=click.Choice(["refuse", "clamp", "loop"]),
+    default="refuse",
+    show_default=True,
+    help="What a time before the first frame or after the last one means.",
+)
 @click.option("--velocities", is_flag=True, help="Also write velocities, units a second, to OUT with '.velocities'.")
 @click.option("--max-memory", callback=parse_bytes, metavar="BYTES", help="Refuse files that need more, such as 2G.")
 @overwrite_option
@@ -46,6 +53,7 @@ def decode(
     times: str | None,
     fps: float | None,
     frames: str | None,
+    outside: Outside,
     velocities: bool,
     max_memory: int | None,
     overwrite: bool,
@@ -56,8 +64,10 @@ def decode(
     Times are taken in increasing order, each once. One frame may go to a single .obj file, several go to a folder,
     a pattern (out.####.obj) or a file that holds them all.
     """
-    from pdecodec.decoder import DecodeLimits, open_animation
     from pdecodec.formats import write_sequence
+
+    from pdecodec.decoder import DecodeLimits, open_animation
+    from pdecodec.resample import SampledAnimation
 
     started = time.perf_counter()
     given = [name for name, value in (("--at", at), ("--times", times), ("--fps", fps), ("--frames", frames)) if value]
@@ -69,10 +79,10 @@ def decode(
         check_output(path, overwrite=overwrite)
     limits = DecodeLimits() if max_memory is None else DecodeLimits(max_memory=max_memory)
     with open_animation(source, limits=limits) as animation:
-        positions = _chosen(animation, at=at, times=times, fps=fps, frames=frames)
+        positions = _chosen(animation, at=at, times=times, fps=fps, frames=frames, outside=outside)
         sequences = [positions]
         if velocities:
-            sequences.append(_velocities(animation, positions.times))
+            sequences.append(SampledAnimation(animation, positions.times, quantity="velocities", outside=outside))
         for path, sequence in zip(outputs, sequences, strict=True):
             with progress_bar() as progress:
                 write_sequence(sequence, path, overwrite=overwrite, progress=progress)
@@ -106,14 +116,14 @@ def _velocity_path(output: str) -> str:
     return str(path.with_name(f"{path.stem}.velocities{path.suffix}"))
 
 
-def _velocities(animation: Animation, times: Float64Array) -> MeshSequence:
-    from pdecodec.resample import SampledAnimation
-
-    return SampledAnimation(animation, times, quantity="velocities")
-
-
 def _chosen(
-    animation: Animation, *, at: tuple[float, ...], times: str | None, fps: float | None, frames: str | None
+    animation: Animation,
+    *,
+    at: tuple[float, ...],
+    times: str | None,
+    fps: float | None,
+    frames: str | None,
+    outside: Outside,
 ) -> MeshSequence:
     """The animation at the times or frames asked for."""
     from pdecodec.resample import SampledAnimation, times_at_rate
@@ -122,7 +132,7 @@ def _chosen(
         return SampledAnimation(animation, times_at_rate(float(animation.times[0]), float(animation.times[-1]), fps))
     wanted = list(at) if times is None else _read_times(times)
     if wanted:
-        return SampledAnimation(animation, sorted(set(wanted)))
+        return SampledAnimation(animation, sorted(set(wanted)), outside=outside)
     return select_frames(animation, frames)
 
 

@@ -35,8 +35,8 @@ def info(*, source: str, fps: float | None, as_json: bool) -> None:
 
 def _facts(sequence: MeshSequence) -> dict[str, Any]:
     import numpy as np
-    from pdecodec.decoder import Animation
 
+    from pdecodec.decoder import Animation
     from pdecodec.metrics import frame_scale
 
     first = sequence.read_frames(0, 1)[0]
@@ -58,8 +58,16 @@ def _facts(sequence: MeshSequence) -> dict[str, Any]:
         "objects": [_object_facts(item) for item in sequence.objects],
     }
     if isinstance(sequence, Animation):
-        facts.update(sequence.info())
+        facts.update(_animation_facts(sequence.info()))
     return facts
+
+
+def _animation_facts(found: dict[str, Any]) -> dict[str, Any]:
+    profile = found["settings"].get("profile")
+    if profile == "paper":
+        # Whole curves: an element is a curve, and 4 functions of time go with each of its functions of u (Eq. 18).
+        found["coefficients_per_curve_and_axis"] = 4 * found["model"]["columns"] / found["elements"]
+    return {"profile": profile, **found}
 
 
 def _object_facts(item: MeshObject) -> dict[str, Any]:

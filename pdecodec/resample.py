@@ -40,6 +40,45 @@ def times_at_rate(first: float, last: float, fps: float) -> Float64Array:
     return first + np.arange(int((last - first) * fps + TIME_SLACK) + 1) / fps
 
 
+ROUNDING = 1e-6
+"""Seconds by which a time may pass the clip's ends: times written as text are rounded there."""
+
+Outside = Literal["refuse", "clamp", "loop"]
+"""What a time before the first frame or after the last one means."""
+
+
+def times_inside(times: Float64Array, first: float, last: float, outside: Outside) -> Float64Array:
+    """Times brought between `first` and `last`.
+
+    Parameters
+    ----------
+    times : (frames,) float64 [s]
+    first, last : float [s]
+    outside : {"refuse", "clamp", "loop"}
+        Raise, stand still at the ends, or begin again: the last frame then takes the place of the first.
+
+    Returns
+    -------
+    (frames,) float64 [s]
+
+    Raises
+    ------
+    SettingsError
+        If one lies outside and that is refused.
+    """
+    beyond = (times < first - ROUNDING) | (times > last + ROUNDING)
+    if not beyond.any():
+        return np.clip(times, first, last)
+    if outside == "refuse":
+        raise SettingsError(
+            f"time {times[beyond][0]:g} s is outside the clip's {first:g} to {last:g} s; "
+            "ask for a time inside, or for clamping or looping"
+        )
+    if outside == "clamp" or first == last:
+        return np.clip(times, first, last)
+    return np.where(beyond, first + np.mod(times - first, last - first), np.clip(times, first, last))
+
+
 class SampledAnimation(MeshSequence):
     """An animation as a sequence of frames at chosen times, decoded block by block.
 
@@ -50,24 +89,35 @@ class SampledAnimation(MeshSequence):
         Strictly increasing.
     quantity : {"positions", "velocities"}
         What `read_frames` returns: positions [scene units] or velocities [scene units / s].
+    outside : {"refuse", "clamp", "loop"}
+        What times outside the clip mean (:func:`times_inside`).
     """
 
     def __init__(
-        self, animation: Animation, times: ArrayLike, *, quantity: Literal["positions", "velocities"] = "positions"
+        self,
+        animation: Animation,
+        times: ArrayLike,
+        *,
+        quantity: Literal["positions", "velocities"] = "positions",
+        outside: Outside = "refuse",
     ) -> None:
         self._animation = animation
         self._quantity = quantity
         self.objects = animation.objects
         self.times, self.fps = check_times(np.size(times), times, None if np.size(times) > 1 else animation.fps)
+        self._inside = times_inside(self.times, float(animation.times[0]), float(animation.times[-1]), outside)
         self.metadata = animation.metadata
         self.notices = animation.notices
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
-        times = self.times[start:stop]
+        times = self._inside[start:stop]
         if self._quantity == "positions":
             return self._animation.sample(times)
-        return np.stack([self._animation.velocity(float(time)) for time in times])
+        velocities = np.empty((stop - start, self.vertex_count, 3), np.float32)
+        for row, time in enumerate(times):
+            velocities[row] = self._animation.velocity(float(time))
+        return velocities
 
     def close(self) -> None:
         self._animation.close()

@@ -244,7 +244,7 @@ def test_an_animation_that_needs_more_memory_than_allowed_is_refused(
     animation: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     line = error_of(capsys, 4, "decode", animation, "-o", tmp_path / "out.npz", "--max-memory", "100")
-    assert "memory" in line
+    assert "the limit is 100" in line
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
+from pdecodec.decoder import Animation, open_animation
+from pdecodec.encoder import encode
 from pdecodec.errors import SettingsError
-from pdecodec.resample import LinearInterpolation, times_at_rate
+from pdecodec.resample import LinearInterpolation, SampledAnimation, times_at_rate, times_inside
 from pdecodec.sequence import ArraySequence
+from pdecodec.settings import EncodeSettings
 
 
 def test_times_at_the_clips_own_rate_are_its_own_times() -> None:
@@ -38,3 +43,59 @@ def test_straight_lines_end_with_the_sequence() -> None:
     source = ArraySequence(np.zeros((2, 1, 3), np.float32), times=[0.0, 1.0])
     with pytest.raises(SettingsError, match="leave the sequence's 0 to 1 s"):
         LinearInterpolation(source, [0.5, 1.5])
+
+
+def test_times_outside_are_refused_by_name() -> None:
+    with pytest.raises(SettingsError, match=r"time 2.5 s is outside the clip's 1 to 2 s"):
+        times_inside(np.array([1.0, 2.5]), 1.0, 2.0, "refuse")
+
+
+def test_times_outside_stand_still_at_the_ends_when_clamped() -> None:
+    assert times_inside(np.array([0.5, 1.5, 2.5]), 1.0, 2.0, "clamp").tolist() == [1.0, 1.5, 2.0]
+
+
+def test_times_outside_begin_again_when_looped() -> None:
+    assert times_inside(np.array([0.75, 1.0, 2.0, 2.25, 4.5]), 1.0, 2.0, "loop").tolist() == [1.75, 1.0, 2.0, 1.25, 1.5]
+    assert times_inside(np.array([5.0]), 1.0, 1.0, "loop").tolist() == [1.0]
+
+
+def test_times_that_rounding_put_outside_are_the_ends() -> None:
+    assert times_inside(np.array([1.0 - 1e-9, 2.0 + 1e-9]), 1.0, 2.0, "refuse").tolist() == [1.0, 2.0]
+
+
+@pytest.fixture(scope="module")
+def animation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Animation]:
+    """Five points that swing for a second, 12 frames a second, from second 1."""
+    times = 1 + np.arange(13) / 12
+    points = np.zeros((13, 5, 3), np.float32)
+    points[..., 0] = np.arange(5)
+    points[..., 1] = np.sin(3 * times)[:, None]
+    path = tmp_path_factory.mktemp("resample") / "swing.pdeanim"
+    encode(ArraySequence(points, times=times), path, EncodeSettings(tolerance=1e-5))
+    with open_animation(path) as opened:
+        yield opened
+
+
+def test_a_sampled_animation_is_the_animation_at_its_times(animation: Animation) -> None:
+    times = [1.1, 1.25, 1.9]
+    sampled = SampledAnimation(animation, times)
+    assert sampled.times.tolist() == times
+    assert np.array_equal(sampled.read_frames(0, 3), animation.sample(times))
+    assert np.array_equal(sampled.read_frames(1, 2)[0], animation.at(1.25))
+
+
+def test_a_looped_sample_repeats_the_animation(animation: Animation) -> None:
+    sampled = SampledAnimation(animation, [1.5, 2.5, 3.5], outside="loop").read_frames(0, 3)
+    assert np.array_equal(sampled[1], sampled[0])
+    assert np.array_equal(sampled[2], sampled[0])
+
+
+def test_sampled_velocities_are_those_of_the_motion(animation: Animation) -> None:
+    times = np.array([1.3, 1.6])
+    found = SampledAnimation(animation, times, quantity="velocities").read_frames(0, 2)
+    assert found[:, 2, 1] == pytest.approx(3 * np.cos(3 * times), abs=0.02)
+    assert np.abs(found[..., [0, 2]]).max() < 0.01
+
+
+def test_a_single_time_keeps_the_animations_frame_rate(animation: Animation) -> None:
+    assert SampledAnimation(animation, [1.5]).fps == animation.fps
