@@ -9,7 +9,7 @@ root and no singular case.
 
 The factor 3 is left out here: ``c = K / sqrt(A_0 + A_1)``. Equilateral triangles bent into a cylinder then store
 ``k/2`` times the squared curvature for each unit of area, in every direction, and ``k`` is the rigidity of the plate.
-Right triangles store as much for folds along the grid and up to three times that for folds across it.
+Right triangles store as much for folds along the grid, and 0.75 to 3 times that for folds across it.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ This file loads without numba, so that a command line can list scenes and option
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, cast
 
@@ -49,7 +50,7 @@ def _option(
 
 
 @dataclass(frozen=True, kw_only=True)
-class SceneOptions:
+class SceneOptions(ABC):
     """Base of all scenes' options: checks types and ranges.
 
     Raises
@@ -77,9 +78,9 @@ class SceneOptions:
             raise SettingsError(f"the scene would have {self.particle_count} particles, the most is {MAX_PARTICLES}")
 
     @property
+    @abstractmethod
     def particle_count(self) -> int:
         """Particles that the scene simulates."""
-        raise NotImplementedError
 
     @classmethod
     def infos(cls) -> tuple[OptionInfo, ...]:

@@ -68,7 +68,7 @@ class Solver:
         self.previous = system.positions.copy()
         self.multipliers = [batch.new_multipliers() for batch in system.constraints]
         self.substeps_done = 0
-        assert system.velocities is not None
+        assert system.velocities is not None  # the system has filled them in
         self.velocities = system.velocities.copy()
         movable = system.inverse_masses > 0
         self.velocities[movable] -= 0.5 * self.substep * self._accelerations()[movable]
