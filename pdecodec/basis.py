@@ -17,7 +17,9 @@ Euler-Bernoulli beam. All 32 solve ``w_tttt = (K/m)^2 w_uuuuuuuu``.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -111,20 +113,28 @@ def series_functions(x: ArrayLike, rate: float, order: int) -> Float64Array:
     -------
     (n, order) float64
     """
-    x = np.asarray(x, dtype=np.float64)
-    columns = np.empty((*x.shape, order))
+    x = np.asarray(x, dtype=np.float64)[..., None]
     power = _integer_power(x, order) * _integer_power(np.float64(rate), order)  # (rate x)^order
-    leading = np.ones_like(x)  # x^j / j!
+    total = np.ones((*x.shape[:-1], order))
+    for quotients in _series_quotients(order)[::-1]:  # Horner's scheme from the smallest term
+        total = 1.0 + total * (power / quotients)
+    leading = np.ones_like(x[..., 0])  # x^j / j!
     for j in range(order):
-        total = np.ones_like(x)
-        for k in range(SERIES_TERMS, 0, -1):  # Horner's scheme from the smallest term
-            quotient = 1.0
-            for m in range(order * (k - 1) + j + 1, order * k + j + 1):
-                quotient *= m
-            total = 1.0 + total * (power / quotient)
-        columns[..., j] = leading * total
-        leading = leading * x / (j + 1)
-    return columns
+        total[..., j] *= leading
+        leading = leading * x[..., 0] / (j + 1)
+    return total
+
+
+@cache
+def _series_quotients(order: int) -> Float64Array:
+    """(terms, order) float64: ``(n k + j)! / (n (k - 1) + j)!`` for k = 1, 2, ..., rounded to float64."""
+    return np.array(
+        [
+            [math.prod(range(order * (k - 1) + j + 1, order * k + j + 1)) for j in range(order)]
+            for k in range(1, SERIES_TERMS + 1)
+        ],
+        dtype=np.float64,
+    )
 
 
 def series_derivatives(values: Float64Array, rate: float) -> Float64Array:

@@ -6,7 +6,7 @@ import os
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -152,7 +152,7 @@ class Animation(MeshSequence):
 
     def _build_model(self, curves: Curves, rest: RestShape) -> Model:
         description = self._description
-        levels = np.full(curves.count, description.level)
+        levels = description.piece_levels(curves.count)
         model = build_model(curves, levels, rest, r=description.r, alignment=description.alignment)
         if model.elements.columns != description.columns:
             raise CorruptFileError(
@@ -294,7 +294,10 @@ class Animation(MeshSequence):
             "summary": str(self._remarks.get("summary", "")),
             "generator": str(self._remarks.get("generator", "")),
             "settings": self._remarks.get("settings", {}),
-            "model": asdict(self._description),
+            "alignment": self._description.alignment,
+            "r": self._description.r,
+            "step": self._description.step,
+            "curves": len(set(self._model.elements.curve_of.tolist())),
             "elements": self._model.elements.count,
             "segments": len(frames),
             "segment_frames": [min(frames), max(frames)],

@@ -20,13 +20,13 @@ from pdecodec.container import Section, Spool, check_writable, write_container
 from pdecodec.corrections import NO_CORRECTIONS, add_corrections, correct_frame, correction_step, encode_corrections
 from pdecodec.curves import extract_curves, order_lonely_points
 from pdecodec.description import encode_attributes, encode_remarks, encode_sequence_description
-from pdecodec.elements import PIECE_POINTS, WHOLE_CURVE
+from pdecodec.entropy import pack_integers
 from pdecodec.errors import InputError
 from pdecodec.fit import fit_levels
 from pdecodec.framewindow import FrameWindow, checked_frames
 from pdecodec.metrics import frame_scale
 from pdecodec.model import ModelDescription, build_model
-from pdecodec.plan import PAPER_STEP, choose_segment, make_plan
+from pdecodec.plan import PAPER_STEP, choose_levels, choose_segment, make_plan
 from pdecodec.restshape import decode_rest, encode_rest, quantise_rest
 from pdecodec.segments import SEGMENT_ENTRY, Segment, terms_at
 from pdecodec.sequence import MeshSequence
@@ -150,11 +150,13 @@ class _Encoder:
         self._plan, self._sample, self._sample_model = make_plan(
             sequence, self._curves, rest, settings, bound=self._bound, scale=self._scale
         )
-        levels = np.full(self._curves.count, self._plan.level)
-        self._model = build_model(self._curves, levels, rest, r=self._plan.r, alignment=self._plan.alignment)
+        self._levels = choose_levels(sequence, self._curves, rest, self._plan, settings, bound=self._bound)
+        self._model = build_model(self._curves, self._levels, rest, r=self._plan.r, alignment=self._plan.alignment)
         self._step = self._plan.step * (self._scale if self._bound is None else self._bound)
         largest = float(np.abs(first).max())
         self._correction_step = self._step if self._bound is None else correction_step(self._bound, largest)
+        self._still = np.empty((1, *first.shape), np.float32)
+        self._still[:, self._curves.order] = self._model.rest
         self._largest_square = 0.0
         self._sum_of_squares = 0.0
         self._corrections = 0
@@ -164,7 +166,7 @@ class _Encoder:
         """Encode segment after segment and write the file."""
         coefficients, corrections = Spool(path.parent), Spool(path.parent)
         try:
-            window = FrameWindow(self._sequence)
+            window = FrameWindow(self._sequence, self._sample.vertices)
             usual = self._plan.frames
             while not window.is_empty:
                 segment = self._next_segment(window, usual)
@@ -181,7 +183,7 @@ class _Encoder:
 
     def _next_segment(self, window: FrameWindow, usual: int) -> Segment:
         segment = choose_segment(
-            window.points[:, self._sample.vertices],
+            window.sample,
             self._sample_model,
             window.first,
             window.times,
@@ -198,9 +200,9 @@ class _Encoder:
 
     def _encode_segment(self, points: Float32Array, segment: Segment, coefficients: Spool, corrections: Spool) -> None:
         chunk, exponent = b"", 0
-        decoded = self._decode(chunk, segment, exponent)
+        decoded = np.repeat(self._still, segment.frames, axis=0)
         if self._bound is None or any(beyond.any() for _, _, beyond in self._errors(points, decoded)):
-            # The rest shape alone does not do: a segment that moves.
+            # The rest shape alone does not do: the segment moves.
             levels = fit_levels(points, self._model, segment, self._step)
             chunk, exponent = encode_segment(levels, self._model), levels.exponent
             decoded = self._decode(chunk, segment, exponent)
@@ -264,21 +266,19 @@ class _Encoder:
             r=self._plan.r,
             step=self._step,
             correction_step=self._correction_step,
-            level=self._plan.level,
             columns=self._model.elements.columns,
+            levels=pack_integers(self._levels),
         )
         return description.to_bytes()
 
     def _summary(self) -> str:
-        elements = self._model.elements
-        what = (
-            "whole curves" if self._plan.level == WHOLE_CURVE else f"pieces of {PIECE_POINTS[self._plan.level]} points"
-        )
-        numbers = elements.columns / elements.count
+        elements, frames = self._model.elements, self._sequence.frame_count
         return (
-            f"pde x curve: {self._curves.count} curves as {elements.count} {what}, {numbers:.1f} functions each "
-            f"({self._plan.alignment} alignment), times 4 functions of time over {len(self._entries)} segments; "
-            f"{self._corrections} corrections"
+            f"pde x curve: {self._curves.count} curves in {elements.count} pieces of "
+            f"{self._curves.order.size / elements.count:.0f} points, {elements.columns / elements.count:.1f} functions "
+            f"each ({self._plan.alignment} alignment), times 4 functions of time over {len(self._entries)} segments "
+            f"of {frames / len(self._entries):.0f} frames; {self._corrections} of {frames * self._curves.order.size} "
+            f"positions corrected"
         )
 
     def _report(self, path: Path, sizes: dict[str, int]) -> EncodeReport:

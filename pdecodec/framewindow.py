@@ -25,13 +25,17 @@ class FrameWindow:
         Index of the first frame held.
     points : (frames, vertices, 3) float32 [scene units]
         Finite.
+    sample : (frames, n, 3) float32 [scene units]
+        The same frames, some vertices only.
     """
 
-    def __init__(self, sequence: MeshSequence) -> None:
+    def __init__(self, sequence: MeshSequence, vertices: NDArray[np.int32]) -> None:
+        self._vertices = vertices
         self._sequence = sequence
         self._size = min(MAX_SEGMENT_FRAMES, max(LEAST_FRAMES, sequence.frames_per_block))
         self.first = 0
         self.points = checked_frames(sequence, 0, min(self._size, sequence.frame_count))
+        self.sample = self.points[:, vertices]
 
     @property
     def is_empty(self) -> bool:
@@ -49,6 +53,7 @@ class FrameWindow:
         wanted = min(self.first + self._size, self._sequence.frame_count)
         more = checked_frames(self._sequence, held, wanted)
         self.points = np.concatenate([self.points[frames:], more])
+        self.sample = np.concatenate([self.sample[frames:], more[:, self._vertices]])
 
 
 def checked_frames(sequence: MeshSequence, start: int, stop: int) -> Float32Array:

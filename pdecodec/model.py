@@ -17,6 +17,7 @@ from pdecodec.basis import MAX_RATE
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.curves import Curves
 from pdecodec.elements import WHOLE_CURVE, Elements, build_elements
+from pdecodec.entropy import unpack_integers
 from pdecodec.errors import CorruptFileError
 from pdecodec.restshape import RestShape
 from pdecodec.segments import Term
@@ -45,42 +46,37 @@ class ModelDescription:
         Rate of Eqs. 14 and 16 over half a piece.
     step, correction_step : float [scene units]
         Quantisation steps of the coefficients and of the corrections.
-    level : int
-        Piece length, see :func:`pdecodec.elements.piece_starts`.
     columns : int
         Functions of all elements together, as a check.
+    levels : bytes
+        Piece length of each curve (see :func:`pdecodec.elements.piece_starts`), packed.
     """
 
     alignment: ModelAlignment
     r: float
     step: float
     correction_step: float
-    level: int
     columns: int
+    levels: bytes
 
     def to_bytes(self) -> bytes:
         writer = FieldWriter()
-        writer.numbers(
-            "BBdddQ",
-            ALIGNMENTS.index(self.alignment),
-            self.level,
-            self.r,
-            self.step,
-            self.correction_step,
-            self.columns,
-        )
+        writer.numbers("B", ALIGNMENTS.index(self.alignment))
+        writer.numbers("dddQ", self.r, self.step, self.correction_step, self.columns)
+        writer.sized(self.levels)
         return writer.to_bytes()
 
     @classmethod
     def from_bytes(cls, data: bytes) -> ModelDescription:
         """Undo :meth:`to_bytes`; CorruptFileError where a field is out of range."""
         reader = FieldReader(data, "MODL")
-        alignment, level = reader.integers("BB")
+        (alignment,) = reader.integers("B")
         r, step, correction_step = reader.reals("ddd")
         (columns,) = reader.integers("Q")
+        levels = reader.sized()
         reader.finish()
-        if alignment >= len(ALIGNMENTS) or level > WHOLE_CURVE:
-            raise CorruptFileError(f"section MODL names alignment {alignment} and piece length {level}, both unknown")
+        if alignment >= len(ALIGNMENTS):
+            raise CorruptFileError(f"section MODL names alignment {alignment}, which is unknown")
         if not (0 <= r <= MAX_RATE and step > 0 and correction_step > 0):
             raise CorruptFileError("section MODL has a rate or a quantisation step out of range")
         return cls(
@@ -88,9 +84,16 @@ class ModelDescription:
             r=r,
             step=step,
             correction_step=correction_step,
-            level=level,
             columns=columns,
+            levels=levels,
         )
+
+    def piece_levels(self, curves: int) -> NDArray[np.int64]:
+        """(curves,) int64: the piece length of each curve; CorruptFileError where one is unknown."""
+        levels = unpack_integers(self.levels, curves)
+        if levels.min() < 0 or levels.max() > WHOLE_CURVE:
+            raise CorruptFileError("section MODL names a piece length that is unknown")
+        return levels
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,11 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.coefficients import QuantisedSegment, dequantise_segment
+from pdecodec.coefficients import dequantise_segment
 from pdecodec.corrections import correction_step
 from pdecodec.curves import Curves
 from pdecodec.elements import PIECE_POINTS, WHOLE_CURVE
-from pdecodec.fit import ALPHAS, RATES, choose_alpha, fit_levels, fit_segment
+from pdecodec.fit import ALPHAS, RATES, WORTHWHILE_GAIN, choose_alpha, fit_levels, fit_segment
+from pdecodec.framewindow import checked_frames
 from pdecodec.model import Model, ModelAlignment, SegmentCoefficients, build_model
 from pdecodec.restshape import RestShape
 from pdecodec.segments import Segment, terms_at
@@ -49,13 +50,19 @@ WINDOWS = 3
 WINDOW_FRAMES = 32
 """Frames of a window, and so the longest usual segment; single segments may still grow longer."""
 
+LEVEL_OFFSETS = (-2, 0, 2)
+"""Piece lengths tried for each curve: half the usual, the usual, double."""
+
+LEVELS_FROM_EFFORT = 4
+"""Least effort at which curves get piece lengths of their own."""
+
 START = {"level": PIECE_POINTS.index(64), "frames": SEGMENT_FRAMES.index(8), "step": STEPS.index(2.0)}
 """Where the search begins: the middle of what real clips ask for."""
 
 BITS_OF_ZERO = 0.4
-BITS_OF_LEVEL = 2.5
+BITS_OF_LEVEL = 2.1
 BITS_PER_DOUBLING = 1.6
-"""Estimated cost of a quantised coefficient: a zero, a level of one, and each doubling of it."""
+"""Estimated cost of a quantised coefficient: of any, what a level of one costs more, and each doubling of it."""
 
 BITS_OF_PLACE = 10.0
 """Estimated cost of saying which vertex a correction is for."""
@@ -72,7 +79,7 @@ class Plan:
     ----------
     alignment : {"none", "affine", "rotation"}
     level : int
-        Piece length for all curves, see :data:`pdecodec.elements.PIECE_POINTS`.
+        Usual piece length, see :data:`pdecodec.elements.PIECE_POINTS`.
     r : float
     step : float
         Quantisation step of the coefficients, over the bound (over the scale without one).
@@ -190,14 +197,14 @@ Window = tuple[int, Float32Array, Float64Array]
 """First frame, (frames, sample vertices, 3) positions, (frames,) times of a window."""
 
 
-def _read_windows(sequence: MeshSequence, vertices: NDArray[np.int32]) -> list[Window]:
-    size = min(WINDOW_FRAMES, sequence.frame_count)
+def _read_windows(sequence: MeshSequence, vertices: NDArray[np.int32], frames: int = WINDOW_FRAMES) -> list[Window]:
+    size = min(frames, sequence.frame_count)
     latest = sequence.frame_count - size
     windows = []
     for first in sorted({latest * k // (WINDOWS - 1) for k in range(WINDOWS)}):
         block = sequence.frames_per_block
         parts = [
-            sequence.read_frames(at, min(at + block, first + size))[:, vertices]
+            checked_frames(sequence, at, min(at + block, first + size))[:, vertices]
             for at in range(first, first + size, block)
         ]
         windows.append((first, np.concatenate(parts), sequence.times[first : first + size]))
@@ -234,11 +241,8 @@ def _search(windows: Sequence[Window], sample: Sample, settings: EncodeSettings,
             if key not in models:
                 models[key] = _sample_model(sample, plan)
             frames = min(plan.frames, longest)
-            bits = [
-                estimate_bits(points[:frames], models[key], first, times[:frames], plan.step * bound, bound, alphas)[0]
-                for first, points, times in windows
-            ]
-            costs[plan] = sum(bits) / frames
+            bits = _bits_of_windows(windows, models[key], plan, frames, bound, alphas)
+            costs[plan] = float(bits.sum()) / frames
         return costs[plan]
 
     plan = Plan(
@@ -264,6 +268,50 @@ def _search(windows: Sequence[Window], sample: Sample, settings: EncodeSettings,
     return plan
 
 
+def _bits_of_windows(
+    windows: Sequence[Window], model: Model, plan: Plan, frames: int, bound: float, alphas: Sequence[float]
+) -> Float64Array:
+    total = np.zeros(model.elements.count)
+    for first, points, times in windows:
+        total += estimate_bits(points[:frames], model, first, times[:frames], plan.step * bound, bound, alphas)[0]
+    return total
+
+
+def choose_levels(
+    sequence: MeshSequence,
+    curves: Curves,
+    rest: RestShape,
+    plan: Plan,
+    settings: EncodeSettings,
+    *,
+    bound: float | None,
+) -> NDArray[np.int64]:
+    """Piece length of each curve: the plan's, or longer or shorter where its motion asks for it.
+
+    Measured on all vertices over one segment in each window.
+
+    Returns
+    -------
+    (curves,) int64
+        Levels, see :data:`pdecodec.elements.PIECE_POINTS`.
+    """
+    usual = np.full(curves.count, plan.level, np.int64)
+    if bound is None or settings.piece_points is not None or settings.effort < LEVELS_FROM_EFFORT or curves.count == 1:
+        return usual
+    every_vertex = np.arange(curves.order.size, dtype=np.int32)
+    windows = _read_windows(sequence, every_vertex, plan.frames)
+    alphas = (0.0,) if settings.alpha is None else (settings.alpha,)
+    tried = sorted({min(max(plan.level + offset, 0), WHOLE_CURVE) for offset in LEVEL_OFFSETS})
+    costs = []
+    for level in tried:
+        model = build_model(curves, np.full(curves.count, level), rest, r=plan.r, alignment=plan.alignment)
+        bits = _bits_of_windows(windows, model, plan, plan.frames, bound, alphas)
+        costs.append(np.bincount(model.elements.curve_of, bits, minlength=curves.count))
+    # Ties (curves shorter than the pieces) go to the usual length, and then its index costs nothing.
+    costs[tried.index(plan.level)] *= 1.0 - WORTHWHILE_GAIN
+    return np.array(tried)[np.argmin(costs, axis=0)]
+
+
 def _walk(plan: Plan, name: str, options: Sequence[float], cost: Callable[[Plan], float]) -> Plan:
     """Walk from the present option to its neighbours while that costs less."""
     index = options.index(getattr(plan, name))
@@ -284,8 +332,8 @@ def estimate_bits(
     step: float,
     bound: float,
     alphas: Sequence[float] = ALPHAS,
-) -> tuple[float, float]:
-    """Estimated bits of one segment, and the alpha they are for.
+) -> tuple[Float64Array, float]:
+    """Estimated bits of each element of one segment, and the alpha they are for.
 
     Parameters
     ----------
@@ -296,26 +344,33 @@ def estimate_bits(
     step, bound : float [scene units]
     alphas : sequence of float
         To choose from.
+
+    Returns
+    -------
+    bits : (elements,) float64
+    alpha : float
     """
     alpha = choose_alpha(points, model, first, times, alphas)
     segment = Segment(first, times, alpha)
     levels = fit_levels(points, model, segment, step)
+    elements = model.elements
+    bits = np.add.reduceat(_level_bits(levels.shape).sum(axis=1), elements.column_starts[:-1])
+    if model.posed_elements:
+        bits += _level_bits(np.diff(levels.poses, axis=0, prepend=0)).sum(axis=1)
     decoded = _decode(model, segment, dequantise_segment(levels, model, step))
     residual = points.astype(np.float64) - decoded
-    beyond = (residual**2).sum(axis=2) > bound * bound
-    corrections = np.abs(residual[beyond]) / correction_step(bound, 0.0)
-    bits = BITS_OF_PLACE * int(beyond.sum()) + _level_bits(np.rint(corrections))
-    return bits + _segment_bits(levels), alpha
+    beyond = (residual * residual).sum(axis=2) > bound * bound
+    corrections = _level_bits(np.rint(residual[beyond] / correction_step(bound, 0.0))).sum(axis=1)
+    of_vertex = np.bincount(np.nonzero(beyond)[1], BITS_OF_PLACE + corrections, minlength=points.shape[1])
+    return bits + np.add.reduceat(of_vertex[elements.order], elements.starts[:-1]), alpha
 
 
-def _segment_bits(levels: QuantisedSegment) -> float:
-    return _level_bits(np.abs(levels.shape)) + _level_bits(np.abs(np.diff(levels.poses, axis=0, prepend=0)))
-
-
-def _level_bits(magnitudes: NDArray[np.floating] | NDArray[np.integer]) -> float:
-    nonzero = magnitudes[magnitudes > 0]
-    doublings = float(np.log2(nonzero).sum()) if nonzero.size else 0.0
-    return BITS_OF_ZERO * magnitudes.size + BITS_OF_LEVEL * nonzero.size + BITS_PER_DOUBLING * doublings
+def _level_bits(levels: NDArray[np.floating] | NDArray[np.integer]) -> Float64Array:
+    """Estimated bits of each level."""
+    # frexp instead of a logarithm: exact, so that the choice is the same on every machine.
+    fraction, exponent = np.frexp(np.abs(levels).astype(np.float64))
+    doublings = exponent + 2.0 * fraction - 2.0
+    return np.where(levels == 0, BITS_OF_ZERO, BITS_OF_ZERO + BITS_OF_LEVEL + BITS_PER_DOUBLING * doublings)
 
 
 def choose_segment(
@@ -355,7 +410,7 @@ def choose_segment(
     def cost(frames: int) -> float:
         if frames not in found:
             bits, alpha = estimate_bits(points[:frames], model, first, times[:frames], step, bound, alphas)
-            found[frames] = bits / frames, alpha
+            found[frames] = float(bits.sum()) / frames, alpha
         return found[frames][0]
 
     options = sorted({min(frames, available) for frames in SEGMENT_FRAMES})
