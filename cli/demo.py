@@ -91,7 +91,7 @@ def _between_table(found: Demonstration) -> Table:
         "at the frames left out",
         "decoded",
         "straight lines",
-        title="between frames: every second frame left out of the encoding",
+        title="every second frame left out",
         title_justify="left",
     )
     pair = (found.between.decoded, found.between.linear)
@@ -104,10 +104,14 @@ def _between_table(found: Demonstration) -> Table:
 def _sections_table(found: Demonstration) -> Table:
     from rich.table import Table
 
+    from pdecodec.experiments.demo import SECTION_TITLES
+
     names = dict.fromkeys(name for item in found.encodings for name in item.report.sections)
-    table = Table("section", *(item.name for item in found.encodings), title="bytes", title_justify="left")
+    table = Table("bytes", *(item.name for item in found.encodings), title="where they go", title_justify="left")
     for name in names:
-        table.add_row(name, *(f"{item.report.sections.get(name, 0):,}" for item in found.encodings))
+        table.add_row(
+            SECTION_TITLES.get(name, name), *(f"{item.report.sections.get(name, 0):,}" for item in found.encodings)
+        )
     return table
 
 

@@ -28,10 +28,24 @@ FPS = 24.0
 
 TOLERANCE = 1e-3
 
-RATE_TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
+RATE_TOLERANCES = (1e-2, 3e-3, TOLERANCE, 3e-4, 1e-4)
 """Tolerances of the picture's rate chart."""
 
-PICTURE_FRAMES = 5
+SECTION_TITLES = {
+    "container": "header and table",
+    "META": "remarks",
+    "SEQN": "times and objects",
+    "CONN": "connectivity",
+    "REST": "rest shape",
+    "MODL": "model",
+    "SEGM": "segments",
+    "COEF": "coefficients",
+    "CORR": "corrections",
+    "ATTR": "attributes",
+}
+"""Sections of a `.pdeanim` file in words."""
+
+PICTURE_FRAMES = 4
 """Frames shown in the picture, spread over the clip."""
 
 Progress = Callable[[int, int, str], None]
@@ -119,7 +133,10 @@ def demonstrate(
         encoded("rope", EncodeSettings(tolerance=TOLERANCE)),
         encoded("rope-paper", EncodeSettings(profile="paper")),
     )
-    rates = tuple(encoded(f"rope-{tolerance:g}", EncodeSettings(tolerance=tolerance)) for tolerance in RATE_TOLERANCES)
+    rates = tuple(
+        encodings[0] if tolerance == TOLERANCE else encoded(f"rope-{tolerance:g}", EncodeSettings(tolerance=tolerance))
+        for tolerance in RATE_TOLERANCES
+    )
     shown = tuple(np.linspace(0, frames - 1, PICTURE_FRAMES + 1).astype(int)[1:].tolist())
     with open_animation(directory / "rope.pdeanim") as animation:
         points = np.concatenate([animation.read_frames(frame, frame + 1) for frame in shown])

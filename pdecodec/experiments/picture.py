@@ -10,9 +10,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
-from pdecodec.experiments.demo import TOLERANCE, Demonstration
+from pdecodec.experiments.demo import SECTION_TITLES, TOLERANCE, Demonstration
 from pdecodec.metrics import frame_scale
 from pdecodec.sequence import Connectivity, Float32Array
 
@@ -32,6 +33,11 @@ TURN, TILT = np.radians(12.0), np.radians(10.0)
 CLOSE_UP = 0.14
 """Width of the close-up around the worst vertex, over the diagonal."""
 
+RATE_TICKS = (0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30)
+
+SECTIONS_SHOWN = 5
+"""Largest sections of the bar chart; the rest are a few hundred bytes together."""
+
 SIMULATED_COLOUR = (0.36, 0.52, 0.72)
 DECODED_COLOUR = (0.86, 0.52, 0.26)
 
@@ -46,7 +52,7 @@ def draw(demonstration: Demonstration, path: Path) -> None:
         Replaced when it exists.
     """
     figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DOTS_PER_INCH)
-    overview = [figure.add_axes((0.005 + 0.32 * column, 0.44, 0.315, 0.51)) for column in range(3)]
+    overview = [figure.add_axes((0.005 + 0.32 * column, 0.44, 0.315, 0.47)) for column in range(3)]
     close = [figure.add_axes((0.005 + 0.175 * column, 0.03, 0.17, 0.35)) for column in range(3)]
     first = demonstration.encodings[0]
     figure.suptitle(
@@ -62,19 +68,20 @@ def draw(demonstration: Demonstration, path: Path) -> None:
 
 
 def _draw_meshes(demonstration: Demonstration, figure: Figure, overview: list[Any], close: list[Any]) -> None:
-    """Three ways to see the clip: all chosen frames at once, and the worst of them close up."""
+    """Three ways to see the clip: the chosen frames one below the other, and the worst of them close up."""
     sequence = demonstration.sequence
     frames = demonstration.picture_frames
     quads = _quads(sequence.connectivity)
     diagonal = frame_scale(sequence.points[0])
-    simulated = sequence.points[list(frames)]
-    decoded = demonstration.picture_points
-    errors = np.linalg.norm(simulated.astype(np.float64) - decoded, axis=2) / diagonal
+    simulated = _seen(sequence.points[list(frames)])
+    decoded = _seen(demonstration.picture_points)
+    errors = np.linalg.norm(sequence.points[list(frames)] - demonstration.picture_points.astype(np.float64), axis=2)
+    errors /= diagonal
     heat = ScalarMappable(Normalize(0.0, 1.0), "YlOrRd")
     worst, vertex = np.unravel_index(int(errors.argmax()), errors.shape)
-    centre = (_camera() @ decoded[worst, vertex])[:2]
+    centre = decoded[worst, vertex, :2]
     reach = 0.5 * CLOSE_UP * diagonal
-    low, high = _extent(simulated)
+    heights = _stacked(simulated)
     solid = [np.broadcast_to(colour, (len(quads), 3)) for colour in (SIMULATED_COLOUR, DECODED_COLOUR)]
     columns = (
         ("simulated", simulated, [solid[0]] * len(frames)),
@@ -82,19 +89,32 @@ def _draw_meshes(demonstration: Demonstration, figure: Figure, overview: list[An
         ("error", decoded, [heat.to_rgba(row[quads].max(axis=1) / TOLERANCE)[:, :3] for row in errors]),
     )
     for (name, points, colours), wide, near in zip(columns, overview, close, strict=True):
+        placed = points.copy()
+        placed[..., 1] += heights[:, None]
         for index in range(len(frames)):
-            _draw_mesh(wide, points[index], quads, colours[index])
+            _draw_mesh(wide, placed[index], quads, colours[index])
         _draw_mesh(near, points[worst], quads, colours[worst], lines=True)
-        _frame(wide, low, high)
+        margin = 0.02 * diagonal
+        _frame(wide, placed[..., :2].min(axis=(0, 1)) - margin, placed[..., :2].max(axis=(0, 1)) + margin)
         _frame(near, centre - reach, centre + reach)
         wide.set_title(name, fontsize=11)
-    seconds = ", ".join(f"{sequence.times[frame]:.2f}" for frame in frames)
-    overview[0].set_xlabel(f"at {seconds} s", fontsize=9)
+    for index, frame in enumerate(frames):
+        middle = float(np.median(simulated[index, :, 1])) + heights[index]
+        left = float(simulated[..., 0].min())
+        overview[0].text(left, middle, f"{sequence.times[frame]:.2f} s", fontsize=8, va="center", ha="right")
     close[0].set_title(f"close up at {sequence.times[frames[worst]]:.2f} s", fontsize=10)
     close[2].set_title("around the worst vertex", fontsize=10)
     bar = figure.colorbar(heat, cax=figure.add_axes((0.965, 0.5, 0.007, 0.3)), ticks=(0, 0.5, 1))
     bar.ax.tick_params(labelsize=8)
     overview[2].set_xlabel(f"error over the bound of {TOLERANCE:g} of the diagonal", fontsize=9)
+
+
+def _stacked(seen: Float64Array) -> Float64Array:
+    """How far up to move each frame so that it lies just below the one before: (frames,)."""
+    tops, bottoms = seen[..., 1].max(axis=1), seen[..., 1].min(axis=1)
+    gap = 0.05 * float(np.ptp(seen[..., 0]))
+    extents = tops - bottoms + gap
+    return np.asarray(-tops - np.concatenate([[0.0], np.cumsum(extents[:-1])]))
 
 
 def _frame(panel: Any, low: Float64Array, high: Float64Array) -> None:
@@ -107,25 +127,18 @@ def _quads(connectivity: Connectivity) -> NDArray[np.int32]:
     return connectivity.face_indices.reshape(-1, 4)
 
 
-def _camera() -> Float64Array:
-    """Rows: right, up and towards the viewer."""
+def _seen(points: Float32Array) -> Float64Array:
+    """Positions in the camera's axes: right, up and towards the viewer."""
     around = np.array([[np.cos(TURN), 0, -np.sin(TURN)], [0, 1, 0], [np.sin(TURN), 0, np.cos(TURN)]])
     over = np.array([[1, 0, 0], [0, np.cos(TILT), -np.sin(TILT)], [0, np.sin(TILT), np.cos(TILT)]])
-    return np.asarray(over @ around)
-
-
-def _extent(points: Float32Array) -> tuple[Float64Array, Float64Array]:
-    """Corners of the picture's window over all frames, with a margin."""
-    seen = (points.astype(np.float64) @ _camera().T)[..., :2].reshape(-1, 2)
-    margin = 0.02 * np.ptp(seen, axis=0).max()
-    return seen.min(axis=0) - margin, seen.max(axis=0) + margin
+    return np.asarray(points.astype(np.float64) @ (over @ around).T)
 
 
 def _draw_mesh(
-    panel: Any, points: Float32Array, quads: NDArray[np.int32], colours: Float64Array, *, lines: bool = False
+    panel: Any, seen: Float64Array, quads: NDArray[np.int32], colours: Float64Array, *, lines: bool = False
 ) -> None:
     """Faces from far to near, shaded by the angle between their normals and the light."""
-    corners = (points.astype(np.float64) @ _camera().T)[quads]
+    corners = seen[quads]
     normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
     # An open tube shows its inside too: light both sides alike.
@@ -145,29 +158,33 @@ def _draw_mesh(
 
 def _draw_rates(demonstration: Demonstration, panel: Any) -> None:
     rates = demonstration.rates
-    panel.loglog([item.bits for item in rates], [item.distortion.e_m for item in rates], "o-", color=DECODED_COLOUR)
     paper = demonstration.encodings[1]
+    panel.loglog([item.bits for item in rates], [item.distortion.e_m for item in rates], "o-", color=DECODED_COLOUR)
     panel.loglog(paper.bits, paper.distortion.e_m, "s", color=SIMULATED_COLOUR)
     panel.annotate(
         "profile paper",
         (paper.bits, paper.distortion.e_m),
-        xytext=(-4, -12),
-        ha="right",
+        xytext=(8, -3),
         textcoords="offset points",
         fontsize=8,
     )
+    low, high = panel.get_xlim()
+    panel.set_xticks([tick for tick in RATE_TICKS if low <= tick <= high], minor=False)
+    panel.xaxis.set_major_formatter("{x:g}")
+    panel.xaxis.set_minor_locator(NullLocator())
     panel.set_xlabel("bits per vertex and frame (raw: 96)", fontsize=9)
     panel.set_ylabel("maximum error over the diagonal", fontsize=9)
-    panel.grid(alpha=0.3, which="both")
+    panel.grid(alpha=0.3)
     panel.tick_params(labelsize=8)
     panel.set_title("rate and distortion", fontsize=10)
 
 
 def _draw_sections(demonstration: Demonstration, panel: Any) -> None:
     report = demonstration.encodings[0].report
-    sections = sorted(report.sections.items(), key=lambda item: item[1])
-    panel.barh([name for name, _ in sections], [size / 1000 for _, size in sections], color=DECODED_COLOUR)
+    sections = sorted(report.sections.items(), key=lambda item: item[1])[-SECTIONS_SHOWN:]
+    names = [SECTION_TITLES.get(name, name) for name, _ in sections]
+    panel.barh(names, [size / 1000 for _, size in sections], color=DECODED_COLOUR)
     panel.set_xlabel("kB", fontsize=9)
     panel.tick_params(labelsize=8)
     panel.grid(alpha=0.3, axis="x")
-    panel.set_title(f"where {report.file_bytes / 1000:,.0f} kB go (raw: {report.raw_bytes / 1e6:.1f} MB)", fontsize=10)
+    panel.set_title(f"where the {report.file_bytes / 1000:,.0f} kB go", fontsize=10)
