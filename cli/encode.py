@@ -102,12 +102,12 @@ def encode(
 
 def _as_json(report: EncodeReport, sequence: MeshSequence, input_size: int, profile: str) -> dict[str, Any]:
     """The report with the names and ratios that scripts want; errors are those of the file, decoded again."""
-    from pdecodec.curves import extract_curves
     from pdecodec.decoder import open_animation
     from pdecodec.metrics import bits_per_vertex_frame, measure_distortion
 
     with open_animation(report.path) as animation, progress_bar() as progress:
         distortion = measure_distortion(sequence, animation, progress=progress).to_dict()
+        curves = animation.info()["curves"]
     constant = sum(report.sections.get(name, 0) for name in CONSTANT_SECTIONS)
     return {
         "output": str(report.path),
@@ -125,7 +125,7 @@ def _as_json(report: EncodeReport, sequence: MeshSequence, input_size: int, prof
         "kg_error": distortion["kg_error"],
         "seconds": report.seconds,
         "profile": profile,
-        "curves": extract_curves(sequence.objects).count,
+        "curves": curves,
         "segments": report.segments,
         "elements": report.elements,
         "corrections": report.corrections,

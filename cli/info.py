@@ -63,10 +63,12 @@ def _facts(sequence: MeshSequence) -> dict[str, Any]:
 
 
 def _animation_facts(found: dict[str, Any]) -> dict[str, Any]:
+    from pdecodec.basis import SPACE_FUNCTIONS, TIME_FUNCTIONS
+
     profile = found["settings"].get("profile")
     if profile == "paper":
-        # Whole curves: an element is a curve, and 4 functions of time go with each of its functions of u (Eq. 18).
-        found["coefficients_per_curve_and_axis"] = 4 * found["model"]["columns"] / found["elements"]
+        # Eq. 18, of every curve and segment long enough to tell so many apart.
+        found.setdefault("coefficients_per_curve_and_axis", TIME_FUNCTIONS * SPACE_FUNCTIONS)
     return {"profile": profile, **found}
 
 
