@@ -104,7 +104,7 @@ def encode_segment(levels: QuantisedSegment, model: Model) -> bytes:
     if levels.is_zero:
         return b""
     writer = FieldWriter()
-    writer.sized(pack_integers(levels.shape[_by_degree(model)].T))
+    writer.sized(pack_integers(levels.shape[model.elements.by_degree].T))
     if model.posed_elements:
         writer.sized(pack_integers(_differences(levels.poses).T))
     return writer.to_bytes()
@@ -124,7 +124,7 @@ def decode_segment(data: bytes, model: Model, functions: int, exponent: int) -> 
     if data:
         reader = FieldReader(data, "COEF")
         stream = unpack_integers(reader.sized(), shape.size)
-        shape[_by_degree(model)] = stream.reshape(3 * functions, columns).T
+        shape[model.elements.by_degree] = stream.reshape(3 * functions, columns).T
         if posed:
             stream = unpack_integers(reader.sized(), poses.size)
             poses = np.cumsum(stream.reshape(POSE_NUMBERS * functions, posed).T, axis=0)
@@ -133,10 +133,6 @@ def decode_segment(data: bytes, model: Model, functions: int, exponent: int) -> 
             if levels.size and max(int(levels.max()), -int(levels.min())) > LARGEST:
                 raise CorruptFileError("section COEF has a coefficient out of range")
     return QuantisedSegment(shape, poses, exponent)
-
-
-def _by_degree(model: Model) -> Int64Array:
-    return np.argsort(model.elements.column_degree, kind="stable")
 
 
 def _differences(levels: Int64Array) -> Int64Array:

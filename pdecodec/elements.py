@@ -12,6 +12,7 @@ Departs from the paper: Eq. 24 takes ``u`` from the coordinate that is to be dec
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,10 +71,11 @@ class Elements:
     def ranks(self) -> Int64Array:
         return np.diff(self.column_starts)
 
-    @property
-    def column_degree(self) -> Int64Array:
-        """(columns,) position of each column within its element: 0 is the smoothest."""
-        return np.arange(self.columns) - np.repeat(self.column_starts[:-1], self.ranks)
+    @cached_property
+    def by_degree(self) -> Int64Array:
+        """(columns,) int64: the columns in order of their place within their element, the smoothest first."""
+        degree = np.arange(self.columns) - np.repeat(self.column_starts[:-1], self.ranks)
+        return np.argsort(degree, kind="stable")
 
 
 def piece_starts(curves: Curves, levels: NDArray[np.integer]) -> tuple[Int64Array, Int64Array]:

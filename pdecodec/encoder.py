@@ -26,7 +26,7 @@ from pdecodec.fit import fit_levels
 from pdecodec.framewindow import FrameWindow, checked_frames
 from pdecodec.metrics import frame_scale
 from pdecodec.model import ModelDescription, build_model
-from pdecodec.plan import PAPER_STEP, choose_levels, choose_segment, make_plan
+from pdecodec.plan import PAPER_STEP, choose_levels, choose_segment, make_plan, sample_model, take_segment_sample
 from pdecodec.restshape import decode_rest, encode_rest, quantise_rest
 from pdecodec.segments import SEGMENT_ENTRY, Segment, terms_at
 from pdecodec.sequence import MeshSequence
@@ -147,9 +147,9 @@ class _Encoder:
         self._rest_bytes = encode_rest(quantise_rest(first, rest_step), curves)
         rest = decode_rest(self._rest_bytes, curves)
         self._curves = order_lonely_points(curves, rest.levels)
-        self._plan, self._sample, self._sample_model = make_plan(
-            sequence, self._curves, rest, settings, bound=self._bound, scale=self._scale
-        )
+        self._plan = make_plan(sequence, self._curves, rest, settings, bound=self._bound)
+        self._sample = take_segment_sample(self._curves, rest, self._plan, settings)
+        self._sample_model = sample_model(self._sample, self._plan)
         self._levels = choose_levels(sequence, self._curves, rest, self._plan, settings, bound=self._bound)
         self._model = build_model(self._curves, self._levels, rest, r=self._plan.r, alignment=self._plan.alignment)
         self._step = self._plan.step * (self._scale if self._bound is None else self._bound)

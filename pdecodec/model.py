@@ -27,6 +27,9 @@ Float64Array = NDArray[np.float64]
 
 ModelAlignment = Literal["none", "affine", "rotation"]
 
+THREADS_FROM = 2**18
+"""Coordinates to evaluate from which threads are worth starting."""
+
 BATCH_BYTES = 32 * 2**20
 """Memory for the combined coefficients of the times evaluated together."""
 
@@ -220,7 +223,7 @@ class Model:
     def _evaluate_batch(
         self, terms: Sequence[Term], out: Float32Array, start: int, coefficients: Callable[[int], SegmentCoefficients]
     ) -> None:
-        from pdecodec.kernels.motion import combine, evaluate
+        from pdecodec.kernels.motion import combine, evaluate, evaluate_elements
 
         count, elements = len(out), self.elements
         combined = np.zeros((count, elements.columns, 3))
@@ -232,7 +235,7 @@ class Model:
                 found = coefficients(term.segment)
                 combine(found.shape, weights, combined[first - start : last - start])
                 combine(found.poses, weights, poses[first - start : last - start])
-        evaluate(
+        arguments = (
             combined,
             elements.order,
             self.rest,
@@ -243,6 +246,10 @@ class Model:
             pose_matrices(poses),
             out,
         )
+        if out.size < THREADS_FROM:
+            evaluate_elements(0, elements.count, *arguments)
+        else:
+            evaluate(*arguments)
 
 
 def build_model(

@@ -38,11 +38,14 @@ SEGMENT_FRAMES = (2, 3, 4, 5, 6, 8, 11, 16, 23, 32, 45, MAX_SEGMENT_FRAMES)
 PAPER_STEP = 2e-5
 """Quantisation step of an unbounded encode, over the scale: far below the model's own error."""
 
-SAMPLE_RUN = 512
+SAMPLE_RUN = 256
 """Longest stretch of one curve in the sample, and so the longest piece that is tried."""
 
 SAMPLE_VERTICES = 400
-"""Vertices of the sample for each level of effort."""
+"""Vertices that the plan is made from, for each level of effort."""
+
+SEGMENT_SAMPLE_VERTICES = 240
+"""Vertices that each segment's length and alpha are chosen from, for each level of effort."""
 
 WINDOWS = 3
 """Windows of the clip that the plan is made from: its beginning, middle and end."""
@@ -145,8 +148,7 @@ def make_plan(
     settings: EncodeSettings,
     *,
     bound: float | None,
-    scale: float,
-) -> tuple[Plan, Sample, Model]:
+) -> Plan:
     """Choose the model of a clip.
 
     Parameters
@@ -157,29 +159,30 @@ def make_plan(
         Decoded.
     settings : EncodeSettings
         What they fix is not searched.
-    bound, scale : float [scene units]
-
-    Returns
-    -------
-    plan : Plan
-    sample : Sample
-        For the segment lengths that follow the motion.
-    model : Model
-        The plan's model of the sample.
+    bound : float or None [scene units]
     """
-    whole = settings.profile == "paper"
-    size = SAMPLE_VERTICES * settings.effort
-    sample = take_sample(curves, rest, size, int(curves.lengths.max()) if whole else SAMPLE_RUN)
+    sample = take_sample(curves, rest, SAMPLE_VERTICES * settings.effort, _longest_run(curves, settings))
     windows = _read_windows(sequence, sample.vertices)
     if bound is None:
         plan = Plan("rotation" if settings.alignment == "auto" else settings.alignment, 0, 0.0, PAPER_STEP, 0)
         plan = replace(plan, level=_fixed_level(settings), frames=settings.segment_frames or PAPER_SEGMENT_FRAMES)
         rates = RATES if settings.r is None else (settings.r,)
-        errors = [_squared_error(windows, _sample_model(sample, replace(plan, r=r)), plan.frames) for r in rates]
+        errors = [_squared_error(windows, sample_model(sample, replace(plan, r=r)), plan.frames) for r in rates]
         plan = replace(plan, r=rates[int(np.argmin(errors))])
     else:
         plan = _search(windows, sample, settings, bound)
-    return plan, sample, _sample_model(sample, plan)
+    return plan
+
+
+def take_segment_sample(curves: Curves, rest: RestShape, plan: Plan, settings: EncodeSettings) -> Sample:
+    """The vertices that each segment's length and alpha are chosen from: pieces spread over the mesh."""
+    run = _longest_run(curves, settings) if plan.level == WHOLE_CURVE else PIECE_POINTS[plan.level]
+    return take_sample(curves, rest, SEGMENT_SAMPLE_VERTICES * settings.effort, run)
+
+
+def _longest_run(curves: Curves, settings: EncodeSettings) -> int:
+    # The paper's curves are whole: so is its sample.
+    return int(curves.lengths.max()) if settings.profile == "paper" else SAMPLE_RUN
 
 
 def _fixed_level(settings: EncodeSettings) -> int:
@@ -188,7 +191,7 @@ def _fixed_level(settings: EncodeSettings) -> int:
     return int(np.searchsorted(PIECE_POINTS, settings.piece_points))
 
 
-def _sample_model(sample: Sample, plan: Plan) -> Model:
+def sample_model(sample: Sample, plan: Plan) -> Model:
     levels = np.full(sample.curves.count, plan.level)
     return build_model(sample.curves, levels, sample.rest, r=plan.r, alignment=plan.alignment)
 
@@ -239,7 +242,7 @@ def _search(windows: Sequence[Window], sample: Sample, settings: EncodeSettings,
         if plan not in costs:
             key = (plan.alignment, plan.level, plan.r)
             if key not in models:
-                models[key] = _sample_model(sample, plan)
+                models[key] = sample_model(sample, plan)
             frames = min(plan.frames, longest)
             bits = _bits_of_windows(windows, models[key], plan, frames, bound, alphas)
             costs[plan] = float(bits.sum()) / frames
@@ -359,7 +362,8 @@ def estimate_bits(
         bits += _level_bits(np.diff(levels.poses, axis=0, prepend=0)).sum(axis=1)
     decoded = _decode(model, segment, dequantise_segment(levels, model, step))
     residual = points.astype(np.float64) - decoded
-    beyond = (residual * residual).sum(axis=2) > bound * bound
+    x, y, z = residual[..., 0], residual[..., 1], residual[..., 2]
+    beyond = x * x + y * y + z * z > bound * bound
     corrections = _level_bits(np.rint(residual[beyond] / correction_step(bound, 0.0))).sum(axis=1)
     of_vertex = np.bincount(np.nonzero(beyond)[1], BITS_OF_PLACE + corrections, minlength=points.shape[1])
     return bits + np.add.reduceat(of_vertex[elements.order], elements.starts[:-1]), alpha
@@ -400,7 +404,7 @@ def choose_segment(
     settings : EncodeSettings
     bound : float or None [scene units]
     """
-    alphas = ALPHAS if settings.alpha is None else (settings.alpha,)
+    alphas = ALPHAS if settings.alpha is None else (float(np.float32(settings.alpha)),)
     available = len(times)
     if bound is None or settings.segment_frames is not None:
         frames = min(plan.frames, available)

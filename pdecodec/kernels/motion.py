@@ -139,6 +139,10 @@ def combine_reference(coefficients: Float64Array, weights: Float64Array, width: 
     return np.einsum("ta,kac->tkc", weights, coefficients.reshape(len(coefficients), weights.shape[1], width))
 
 
+LANES = 16
+"""Shares that elements are divided into for threads; no result depends on their number."""
+
+
 @njit(cache=True, parallel=True)
 def evaluate(
     combined: Float64Array,
@@ -162,57 +166,94 @@ def evaluate(
     starts, basis, basis_starts, column_starts
         Elements as in :func:`project_space`.
     poses : (times, elements, 12) float64, or (times, 0, 12)
-        Where elements move as rigid bodies besides: a row-major rotation, the first point's rest position
-        is the centre, and its translation (9 + 3 numbers).
+        Where elements move as rigid bodies besides: a row-major rotation about the first point of the rest
+        shape, and a translation.
     out : (times, vertices of the mesh, 3) float32, written at `order`
     """
-    largest = 0
-    for e in range(starts.size - 1):
-        largest = max(largest, starts[e + 1] - starts[e])
-    times = combined.shape[0]
-    lanes = 16  # chunks of elements, each with a buffer of its own; the result does not depend on their number
     elements = starts.size - 1
-    buffers = np.empty((lanes, 3, largest))
-    for lane in prange(lanes):
-        buffer = buffers[lane]
-        for e in range(elements * lane // lanes, elements * (lane + 1) // lanes):
-            begin = starts[e]
-            size = starts[e + 1] - begin
-            for f in range(times):
-                for axis in range(3):
-                    for i in range(size):
-                        buffer[axis, i] = rest[begin + i, axis]
-                for b in range(column_starts[e + 1] - column_starts[e]):
-                    row = column_starts[e] + b
-                    offset = basis_starts[e] + b * size
-                    x = combined[f, row, 0]
-                    y = combined[f, row, 1]
-                    z = combined[f, row, 2]
-                    if x == 0.0 and y == 0.0 and z == 0.0:
-                        continue
-                    for i in range(size):
-                        buffer[0, i] += x * basis[offset + i]
-                        buffer[1, i] += y * basis[offset + i]
-                        buffer[2, i] += z * basis[offset + i]
-                if poses.shape[1] > 0:
-                    pose(buffer, size, rest[begin], poses[f, e])
-                for i in range(size):
-                    vertex = order[begin + i]
-                    out[f, vertex, 0] = buffer[0, i]
-                    out[f, vertex, 1] = buffer[1, i]
-                    out[f, vertex, 2] = buffer[2, i]
+    for lane in prange(LANES):
+        evaluate_elements(
+            elements * lane // LANES,
+            elements * (lane + 1) // LANES,
+            combined,
+            order,
+            rest,
+            starts,
+            basis,
+            basis_starts,
+            column_starts,
+            poses,
+            out,
+        )
 
 
 @njit(cache=True)
-def pose(buffer: Float64Array, size: int, centre: Float64Array, motion: Float64Array) -> None:
-    """Rotate the first `size` points of `buffer` (3, n) about `centre` and translate them, in place."""
-    for i in range(size):
-        x = buffer[0, i] - centre[0]
-        y = buffer[1, i] - centre[1]
-        z = buffer[2, i] - centre[2]
-        buffer[0, i] = motion[0] * x + motion[1] * y + motion[2] * z + (centre[0] + motion[9])
-        buffer[1, i] = motion[3] * x + motion[4] * y + motion[5] * z + (centre[1] + motion[10])
-        buffer[2, i] = motion[6] * x + motion[7] * y + motion[8] * z + (centre[2] + motion[11])
+def evaluate_elements(
+    first: int,
+    last: int,
+    combined: Float64Array,
+    order: Int32Array,
+    rest: Float64Array,
+    starts: Int64Array,
+    basis: Float64Array,
+    basis_starts: Int64Array,
+    column_starts: Int64Array,
+    poses: Float64Array,
+    out: Float32Array,
+) -> None:
+    """As :func:`evaluate`, for elements `first` to ``last - 1`` on one thread."""
+    times = combined.shape[0]
+    width = 3 * times
+    most = 0
+    for e in range(first, last):
+        most = max(most, column_starts[e + 1] - column_starts[e])
+    # All times of one vertex side by side: the innermost loop is long however short the element is.
+    rows = np.empty((most, width))
+    point = np.empty(width)
+    for e in range(first, last):
+        begin = starts[e]
+        size = starts[e + 1] - begin
+        rank = column_starts[e + 1] - column_starts[e]
+        for b in range(rank):
+            for t in range(times):
+                for axis in range(3):
+                    rows[b, 3 * t + axis] = combined[t, column_starts[e] + b, axis]
+        for i in range(size):
+            if times == 1:  # the same sums without the overhead of loops over three numbers
+                x = rest[begin + i, 0]
+                y = rest[begin + i, 1]
+                z = rest[begin + i, 2]
+                for b in range(rank):
+                    value = basis[basis_starts[e] + b * size + i]
+                    x += value * rows[b, 0]
+                    y += value * rows[b, 1]
+                    z += value * rows[b, 2]
+                point[0] = x
+                point[1] = y
+                point[2] = z
+            else:
+                for t in range(times):
+                    for axis in range(3):
+                        point[3 * t + axis] = rest[begin + i, axis]
+                for b in range(rank):
+                    value = basis[basis_starts[e] + b * size + i]
+                    for k in range(width):
+                        point[k] += value * rows[b, k]
+            vertex = order[begin + i]
+            if poses.shape[1] == 0:
+                for t in range(times):
+                    for axis in range(3):
+                        out[t, vertex, axis] = point[3 * t + axis]
+            else:
+                for t in range(times):
+                    x = point[3 * t] - rest[begin, 0]
+                    y = point[3 * t + 1] - rest[begin, 1]
+                    z = point[3 * t + 2] - rest[begin, 2]
+                    for axis in range(3):
+                        turned = (
+                            poses[t, e, 3 * axis] * x + poses[t, e, 3 * axis + 1] * y + poses[t, e, 3 * axis + 2] * z
+                        )
+                        out[t, vertex, axis] = turned + (rest[begin, axis] + poses[t, e, 9 + axis])
 
 
 def evaluate_reference(
