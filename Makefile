@@ -1,11 +1,13 @@
 # Every target works on a fresh clone with python3 (3.11 or newer) alone: it makes .venv first.
 PYTHON ?= python3
 BIN := .venv/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+INSTALLED := .venv/installed
 READY := .venv/ready
 
 .PHONY: demo test lint types bench docs vectors clean
 
-demo: $(READY)
+demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
 
 test: lint types
@@ -18,23 +20,28 @@ lint: $(READY)
 # mypy sees all three folders only where they lie as they are installed: nested in one package.
 types: $(READY)
 	rm -rf build
-	$(BIN)/python -m pip install --quiet --no-deps --target build/types .
+	$(PIP) --no-deps --target build/types .
 	cd build/types && ../../$(BIN)/mypy --config-file ../../pyproject.toml -p pdecodec
 
-bench: $(READY)
+bench: $(INSTALLED)
 	$(BIN)/python -m pdecodec.experiments.bench
 
-docs: $(READY)
+docs: $(INSTALLED)
 	$(BIN)/python docs/make_cli.py docs/cli.md
 
-vectors: $(READY)
+vectors: $(INSTALLED)
 	$(BIN)/python spec/make_vectors.py
 
 # Without --no-compile, pip compiles every module of every dependency: as long again as the whole installation.
-$(READY): pyproject.toml
+$(INSTALLED): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "pdecodec needs Python 3.11 or newer")'
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[dev]' 'setuptools>=77'
+	$(PIP) --editable .
+	touch $(INSTALLED)
+
+# The build backend comes along for the test that builds a wheel.
+$(READY): $(INSTALLED)
+	$(PIP) --editable '.[dev]' 'setuptools>=77'
 	touch $(READY)
 
 clean:

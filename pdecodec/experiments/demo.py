@@ -28,7 +28,7 @@ FPS = 24.0
 
 TOLERANCE = 1e-3
 
-RATE_TOLERANCES = (1e-2, 3e-3, TOLERANCE, 3e-4, 1e-4)
+RATE_TOLERANCES = (1e-2, 3e-3, TOLERANCE, 3e-4)
 """Tolerances of the picture's rate chart."""
 
 SECTION_TITLES = {
