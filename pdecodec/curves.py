@@ -217,6 +217,7 @@ def _quad_loops(connectivity: Connectivity) -> tuple[Int32Array, Int32Array, Int
             np.add.at(beside, (edge, (edges[edge, 0] != at).astype(np.int64)), other)
     straight = sum_of_edges[edges] - number[:, None] - beside
     goes_on = (inner[edges] & (faces_of_edge == 2)[:, None]) | (border[edges] & (faces_of_edge == 1)[:, None])
+    goes_on &= straight != number[:, None]  # where quads touch twice the sum may come out as the edge itself
     onward = np.where(goes_on, straight, -1)
     # A vertex with four edges need not be a disc (two fans that touch): go on only where the way back agrees.
     for side in range(2):
