@@ -169,7 +169,8 @@ def test_gaps_of_dropped_functions_are_closed() -> None:
     )  # at r = 0 the constant is there twice
     assert np.array_equal(together.basis, np.concatenate([item.basis for item in alone]))
     assert together.basis_starts.tolist() == [0, 8 * 12, 8 * 12 + 11 * 15]
-    assert together.column_degree.tolist() == [*range(8), *range(11)]
+    smoothest_first = [column for k in range(8) for column in (k, 8 + k)]
+    assert together.by_degree.tolist() == [*smoothest_first, 16, 17, 18]
 
 
 def test_functions_do_not_depend_on_where_the_element_is() -> None:
