@@ -6,9 +6,9 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import click
+
 from pdecodec.cli.console import print_json, print_table, progress_bar, say, say_notices
 from pdecodec.cli.options import fps_option, json_option
-
 from pdecodec.errors import SettingsError
 
 if TYPE_CHECKING:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 import click
+
 from pdecodec.cli.console import print_json, progress_bar, say, say_notices
 from pdecodec.cli.options import (
     check_output,

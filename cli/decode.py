@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
 from pdecodec.cli.console import megabytes, print_json, progress_bar, say
 from pdecodec.cli.options import (
     check_output,
@@ -18,7 +19,6 @@ from pdecodec.cli.options import (
     refuse_pdeanim,
     select_frames,
 )
-
 from pdecodec.errors import InputError, SettingsError
 
 if TYPE_CHECKING:
@@ -64,9 +64,8 @@ def decode(
     Times are taken in increasing order, each once. One frame may go to a single .obj file, several go to a folder,
     a pattern (out.####.obj) or a file that holds them all.
     """
-    from pdecodec.formats import write_sequence
-
     from pdecodec.decoder import DecodeLimits, open_animation
+    from pdecodec.formats import write_sequence
     from pdecodec.resample import SampledAnimation
 
     started = time.perf_counter()

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
 from pdecodec.cli.console import megabytes, print_json, print_table, progress_bar, ratio, say
 from pdecodec.cli.options import json_option
 

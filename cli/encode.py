@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import click
+
 from pdecodec.cli.console import megabytes, print_json, progress_bar, ratio, say, say_notices
 from pdecodec.cli.options import (
     check_output,
@@ -16,7 +17,6 @@ from pdecodec.cli.options import (
     overwrite_option,
     select_frames,
 )
-
 from pdecodec.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -75,9 +75,8 @@ def encode(
 
     The error bound holds for every vertex at every frame of IN, in the float32 positions that decoding returns.
     """
-    from pdecodec.formats import open_sequence
-
     from pdecodec.encoder import encode as encode_sequence
+    from pdecodec.formats import open_sequence
     from pdecodec.settings import EncodeSettings
 
     checked = EncodeSettings(**settings)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import click
+
 from pdecodec.cli.console import print_json, print_table
 from pdecodec.cli.options import json_option
 
@@ -11,8 +12,9 @@ from pdecodec.cli.options import json_option
 @json_option
 def formats(*, as_json: bool) -> None:
     """List the formats that can be read and written."""
-    from pdecodec.formats import list_formats
     from rich.table import Table
+
+    from pdecodec.formats import list_formats
 
     entries = list_formats()
     if as_json:

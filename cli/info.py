@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import click
+
 from pdecodec.cli.console import megabytes, print_json, print_table, say_notices
 from pdecodec.cli.options import fps_option, json_option
 

@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from types import TracebackType
 
 import click
+
+from pdecodec import __version__
 from pdecodec.cli.compare import compare
 from pdecodec.cli.convert import convert
 from pdecodec.cli.decode import decode
@@ -20,8 +22,6 @@ from pdecodec.cli.encode import encode
 from pdecodec.cli.formats import formats
 from pdecodec.cli.info import info
 from pdecodec.cli.simulate import simulate
-
-from pdecodec import __version__
 from pdecodec.errors import InputError, PdecodecError, SettingsError
 
 EXIT_CHECK_FAILED = 1

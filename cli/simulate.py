@@ -6,9 +6,9 @@ import time
 from typing import Any
 
 import click
+
 from pdecodec.cli.console import print_json, progress_bar, say
 from pdecodec.cli.options import check_output, json_option, output_option, overwrite_option, refuse_pdeanim
-
 from pdecodec.xpbd.options import OptionInfo
 from pdecodec.xpbd.scenes import SCENES
 
@@ -74,7 +74,6 @@ def _simulate(
     as_json: bool,
 ) -> None:
     from pdecodec.formats import write_sequence
-
     from pdecodec.xpbd import build
 
     started = time.perf_counter()

@@ -11,14 +11,14 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+
+from pdecodec.errors import InputError
 from pdecodec.formats.frame_files import find_frames
 from pdecodec.formats.obj_kernels import copy_structure, find_positions
 from pdecodec.formats.obj_objects import build_model
 from pdecodec.formats.obj_scan import ObjScan, scan
 from pdecodec.formats.obj_text import ObjText, read_text
 from pdecodec.formats.obj_time import times_of_frames
-
-from pdecodec.errors import InputError
 from pdecodec.sequence import Float32Array, MeshSequence, check_frame_range
 
 MOST_THREADS = 8

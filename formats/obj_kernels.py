@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from pdecodec.formats.decimal_text import ByteArray, Int64Array, is_blank
 
+from pdecodec.formats.decimal_text import ByteArray, Int64Array, is_blank
 from pdecodec.sequence import Int32Array
 
 OTHER, VERTEX, TEXTURE, NORMAL, FACE, LINE, POINT, LIBRARY, NOTHING = range(9)

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
 from pdecodec.formats.obj_kernels import FACE
 from pdecodec.formats.obj_scan import ObjScan
-
 from pdecodec.sequence import Attribute, Connectivity, Int32Array, MeshObject
 
 DEFAULT_NAME = "mesh"

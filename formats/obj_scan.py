@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
+from pdecodec.errors import InputError
 from pdecodec.formats.decimal_text import Int64Array
 from pdecodec.formats.obj_kernels import (
     BAD_COORDINATES,
@@ -20,8 +22,6 @@ from pdecodec.formats.obj_kernels import (
     fill_statements,
 )
 from pdecodec.formats.obj_text import ObjText
-
-from pdecodec.errors import InputError
 from pdecodec.sequence import Float32Array, Int32Array
 
 _MESSAGES = {

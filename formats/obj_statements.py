@@ -7,10 +7,10 @@ from itertools import repeat
 
 import numpy as np
 from numpy.typing import NDArray
-from pdecodec.formats.decimal_text import NUMBER_WIDTH, format_rows, format_rows_plainly
-from pdecodec.formats.obj_objects import DEFAULT_NAME
 
 from pdecodec.errors import InputError
+from pdecodec.formats.decimal_text import NUMBER_WIDTH, format_rows, format_rows_plainly
+from pdecodec.formats.obj_objects import DEFAULT_NAME
 from pdecodec.sequence import Attribute, Float32Array, MeshObject, MeshSequence
 
 _FACE_STATEMENTS = (("object", "o {}", ""), ("group", "g {}", "g default"), ("material", "usemtl {}", "usemtl"))

@@ -8,9 +8,9 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from pdecodec.formats.decimal_text import ByteArray, Int64Array, float32_of_token, parse_decimals
 
 from pdecodec.errors import InputError
+from pdecodec.formats.decimal_text import ByteArray, Int64Array, float32_of_token, parse_decimals
 from pdecodec.sequence import Float32Array
 
 _CONTINUATION = re.compile(rb"\\[ \t]*\r?\n")

@@ -11,9 +11,9 @@ import re
 from pathlib import Path
 
 import numpy as np
-from pdecodec.formats.frame_files import FrameFiles
 
 from pdecodec.errors import InputError
+from pdecodec.formats.frame_files import FrameFiles
 from pdecodec.sequence import DEFAULT_FPS, Float64Array, check_times
 
 _COMMENT = re.compile(rb"# time ([-+.\deE]{1,30}) s at ([-+.\deE]{1,30}) frames per second\r?\n")

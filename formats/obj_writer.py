@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from pdecodec.errors import InputError
 from pdecodec.formats.frame_files import FOLDER_PADDING, is_frame_pattern, parse_pattern
 from pdecodec.formats.obj_statements import FrameText
 from pdecodec.formats.obj_time import time_comment
 from pdecodec.formats.registry import Progress
 from pdecodec.formats.whole_output import partial_folder, whole_file, write_errors
-
-from pdecodec.errors import InputError
 from pdecodec.sequence import MeshSequence
 
 

@@ -54,8 +54,7 @@ def rotation_between(moved: Float64Array, target: Float64Array) -> Float64Array:
     """
     left, _, right = np.linalg.svd(moved.T @ target)
     handed = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right)) or 1.0])
-    rotation: Float64Array = (left * handed) @ right
-    return rotation
+    return np.asarray((left * handed) @ right, dtype=np.float64)
 
 
 def affine_between(moved: Float64Array, target: Float64Array) -> Float64Array:
@@ -72,8 +71,8 @@ def affine_between(moved: Float64Array, target: Float64Array) -> Float64Array:
     (3, 3) float64
         ``target ~ moved @ matrix``, Eq. 21.
     """
-    matrix: Float64Array = np.linalg.lstsq(moved, target, rcond=RANK_THRESHOLD)[0]  # Eqs. 20 and 23
-    return matrix
+    matrix = np.linalg.lstsq(moved, target, rcond=RANK_THRESHOLD)[0]  # Eqs. 20 and 23
+    return np.asarray(matrix, dtype=np.float64)
 
 
 def fit_poses(points: Float32Array, order: NDArray[np.int32], rest: Float64Array, starts: Int64Array) -> Float64Array:

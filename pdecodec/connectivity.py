@@ -61,12 +61,16 @@ def decode_connectivity(data: bytes, vertex_counts: Sequence[int], most_indices:
                 counts = np.full(count, uniform, np.int64)
             else:
                 counts = unpack_integers(reader.sized(), count)
-                if count and (counts.min() < 1 or counts.max() > size or counts.sum() != size):
+                if counts.sum() != size or (count and (counts.min() < 1 or counts.max() > size)):
                     raise CorruptFileError("section CONN has counts that do not add up to its corners")
             kinds.append((counts, _indices(counts, unpack_integers(reader.sized(), size), vertices)))
         (face_counts, face_indices), (line_counts, line_indices) = kinds
         try:
-            parts.append(Connectivity(vertices, face_counts, face_indices, line_counts, line_indices))
+            parts.append(
+                Connectivity(
+                    vertices, face_counts.astype(np.int32), face_indices, line_counts.astype(np.int32), line_indices
+                )
+            )
         except InputError as error:
             raise CorruptFileError(f"section CONN is damaged ({error.message})") from error
     reader.finish()
@@ -96,7 +100,7 @@ def _indices(counts: Int64Array, differences: Int64Array, vertices: int) -> NDAr
     running[firsts] = 0
     along = np.cumsum(running)
     owner = np.repeat(np.arange(counts.size), counts)
-    indices = along - along[firsts][owner] + first_values[owner]
+    indices: Int64Array = along - along[firsts][owner] + first_values[owner]
     if indices.size and (int(indices.min()) < 0 or int(indices.max()) >= vertices):
         raise CorruptFileError("section CONN refers to a vertex that is not there")
     return indices.astype(np.int32)

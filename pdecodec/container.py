@@ -50,7 +50,7 @@ class Spool:
     """A section that grows while frames stream by: an unnamed temporary file beside the output."""
 
     def __init__(self, folder: Path) -> None:
-        self._file = tempfile.TemporaryFile(dir=folder)
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - lives as long as the spool, see close()
         self.length = 0
         self.checksum = 0
 

@@ -94,7 +94,7 @@ def correct_frame(
         return NO_CORRECTIONS
     wanted, before = points[vertices].astype(np.float64), base[vertices].astype(np.float64)
     steps = np.rint((wanted - before) / step)
-    within = (np.abs(steps) <= LARGEST).all(axis=1)
+    within: NDArray[np.bool_] = np.all(np.abs(steps) <= LARGEST, axis=1)
     levels = np.where(within[:, None], steps, 0.0).astype(np.int64)
     with np.errstate(over="ignore"):  # beyond float32: not within, kept literally
         corrected = (before + levels * step).astype(np.float32).astype(np.float64)
@@ -186,7 +186,7 @@ def _vertices(gaps: Int64Array, counts: Int64Array, vertices: int) -> Int64Array
         raise CorruptFileError("section CORR refers to a vertex that is not there")
     running = np.cumsum(gaps + 1)
     before = np.concatenate([[0], running])[np.cumsum(counts) - counts]
-    found = running - np.repeat(before, counts) - 1
+    found: Int64Array = running - np.repeat(before, counts) - 1
     if found.size and found.max() >= vertices:
         raise CorruptFileError("section CORR refers to a vertex that is not there")
     return found

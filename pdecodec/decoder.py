@@ -79,7 +79,7 @@ def open_animation(path: str | os.PathLike[str], *, limits: DecodeLimits | None 
         If it asks for more memory than `limits` allow.
     """
     try:
-        file = Path(path).open("rb")
+        file = Path(path).open("rb")  # noqa: SIM115 - the animation keeps it open until it is closed
     except OSError as error:
         raise InputError(f"cannot be opened ({error.strerror})", path=path) from error
     try:
@@ -184,7 +184,8 @@ class Animation(MeshSequence):
         -------
         (vertices, 3) float32 [scene units]
         """
-        return self.sample([time])[0]
+        positions: Float32Array = self.sample([time])[0]
+        return positions
 
     def sample(self, times: ArrayLike) -> Float32Array:
         """Positions at several times, in any order.
@@ -231,7 +232,7 @@ class Animation(MeshSequence):
         with self._naming_the_file():
             at = np.array([time], dtype=np.float64)
             values, slopes = terms_at(self._segments, at), terms_at(self._segments, at, 1)
-            return self._model.velocity(values, slopes, lambda index: self._segment(index).coefficients)
+            return self._model.velocity(values, slopes, self._coefficients)
 
     def _checked_times(self, times: ArrayLike) -> tuple[Float64Array, NDArray[np.int64]]:
         asked = np.asarray(times, dtype=np.float64)
@@ -242,7 +243,10 @@ class Animation(MeshSequence):
 
     def _evaluate(self, times: Float64Array) -> Float32Array:
         terms = terms_at(self._segments, times)
-        return self._model.evaluate(terms, times.size, lambda index: self._segment(index).coefficients)
+        return self._model.evaluate(terms, times.size, self._coefficients)
+
+    def _coefficients(self, index: int) -> SegmentCoefficients:
+        return self._segment(index).coefficients
 
     def _add_corrections(self, out: Float32Array, times: Float64Array) -> None:
         left = np.searchsorted(self.times, times, side="right") - 1

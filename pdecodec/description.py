@@ -102,7 +102,7 @@ def decode_sequence_description(data: bytes, most_frames: int) -> SequenceDescri
 
 
 def _ruled_times(kind: int, start: float, rate: float, frames: int) -> Float64Array:
-    steps = np.arange(frames)
+    steps = np.arange(frames, dtype=np.float64)
     with np.errstate(over="ignore"):
         return start + steps / rate if kind == TIMES_STEPPED else (start + steps) / rate
 
@@ -142,7 +142,7 @@ def encode_attributes(objects: Sequence[MeshObject]) -> bytes:
             writer.sized(compress(raw.reshape(-1, values.dtype.itemsize).T.tobytes()))
             writer.numbers("Q", 0 if attribute.indices is None else attribute.indices.size + 1)
             if attribute.indices is not None:
-                writer.sized(pack_integers(np.diff(attribute.indices.astype(np.int64), prepend=0)))
+                writer.sized(pack_integers(np.diff(attribute.indices, prepend=np.int32(0)).astype(np.int64)))
             writer.sized(compress(json.dumps(attribute.labels).encode()) if attribute.labels else b"")
     return writer.to_bytes()
 

@@ -26,8 +26,10 @@ from pdecodec.fit import fit_levels
 from pdecodec.framewindow import FrameWindow, checked_frames
 from pdecodec.metrics import frame_scale
 from pdecodec.model import ModelDescription, build_model
-from pdecodec.plan import PAPER_STEP, choose_levels, choose_segment, make_plan, sample_model, take_segment_sample
+from pdecodec.plan import PAPER_STEP, choose_levels, make_plan, sample_model
 from pdecodec.restshape import decode_rest, encode_rest, quantise_rest
+from pdecodec.sampling import Window
+from pdecodec.segmentation import choose_segment, take_segment_sample
 from pdecodec.segments import SEGMENT_ENTRY, Segment, terms_at
 from pdecodec.sequence import MeshSequence
 from pdecodec.settings import EncodeSettings
@@ -183,10 +185,8 @@ class _Encoder:
 
     def _next_segment(self, window: FrameWindow, usual: int) -> Segment:
         segment = choose_segment(
-            window.sample,
+            Window(window.first, window.sample, window.times),
             self._sample_model,
-            window.first,
-            window.times,
             usual,
             self._plan,
             self._settings,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pdecodec.alignment import POSE_NUMBERS, fit_poses, pose_matrices
 from pdecodec.coefficients import QuantisedSegment, dequantise_poses, quantise_poses, quantise_shape
 from pdecodec.model import Model, SegmentCoefficients
+from pdecodec.sampling import Window
 from pdecodec.segments import Segment
 
 Float32Array = NDArray[np.float32]
@@ -126,9 +127,7 @@ def _fit_displacement(
     return coefficients
 
 
-def choose_alpha(
-    points: Float32Array, model: Model, first: int, times: Float64Array, alphas: Sequence[float] = ALPHAS
-) -> float:
+def choose_alpha(window: Window, model: Model, alphas: Sequence[float] = ALPHAS) -> float:
     """The alpha whose four functions leave the least of the displacement over (variable projection).
 
     For a fixed alpha the fit is linear, and its residual is the displacement's energy less that of its
@@ -136,11 +135,9 @@ def choose_alpha(
 
     Parameters
     ----------
-    points : (frames, vertices, 3) float32
+    window : Window
+        The segment's frames of the model's vertices.
     model : Model
-    first : int
-        Index of the first frame in the sequence.
-    times : (frames,) float64 [s]
     alphas : sequence of float
     """
     from pdecodec.kernels.motion import project_time
@@ -148,11 +145,11 @@ def choose_alpha(
     order = model.elements.order
     best, most = alphas[0], -1.0
     for alpha in alphas if len(alphas) > 1 else ():
-        segment = Segment(first, times, alpha)
+        segment = Segment(window.first, window.times, alpha)
         if segment.frames == segment.functions:
             break  # as many functions as frames: every alpha fits exactly
         projected = np.empty((len(order), 3 * segment.functions))
-        project_time(points, order, model.rest, segment.rows, projected)
+        project_time(window.points, order, model.rest, segment.rows, projected)
         energy = float((projected * projected).sum(axis=0).sum())
         if energy > most * (1.0 + WORTHWHILE_GAIN):
             best, most = alpha, energy

@@ -44,4 +44,4 @@ def coarsening(values: Float64Array, step: float) -> int:
 
 def dequantise(levels: Int64Array, step: float) -> Float64Array:
     """Levels times step."""
-    return levels * step
+    return np.multiply(levels, step, dtype=np.float64)

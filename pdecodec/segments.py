@@ -66,7 +66,8 @@ class Segment:
         return float(self.times[-1] - self.times[0]) / 2.0 if self.frames > 1 else 1.0
 
     def _argument(self, t: Float64Array) -> Float64Array:
-        return (t - (self.times[0] + self.times[-1]) / 2.0) / self._half
+        centre = float(self.times[0] + self.times[-1]) / 2.0
+        return np.divide(t - centre, self._half)
 
     @cached_property
     def _orthonormal(self) -> tuple[Float64Array, Float64Array]:

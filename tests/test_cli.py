@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from pdecodec.cli.main import run
 
 FRAMES, ROWS, COLUMNS = 20, 10, 12

@@ -12,8 +12,8 @@ from typing import NoReturn
 
 import numpy as np
 import pytest
-from pdecodec.cli.main import run
 
+from pdecodec.cli.main import run
 from pdecodec.errors import (
     CorruptFileError,
     InputError,

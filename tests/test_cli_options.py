@@ -7,9 +7,9 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
+
 from pdecodec.cli.console import megabytes, ratio
 from pdecodec.cli.options import check_output, input_bytes, parse_bytes, select_frames
-
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.sequence import ArraySequence
 

@@ -9,11 +9,11 @@ import h5py
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from pdecodec.formats import open_sequence, write_sequence
-from pdecodec.formats.hdf5 import CHUNK_BYTES, chunk_shape
 from sequence_cases import assert_same_sequence, rich_sequence, sequences
 
 from pdecodec.errors import InputError
+from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.formats.hdf5 import CHUNK_BYTES, chunk_shape
 from pdecodec.sequence import ArraySequence, Connectivity
 
 POINTS = np.arange(2 * 4 * 3, dtype=np.float32).reshape(2, 4, 3)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pdecodec.formats import open_sequence, write_sequence
 from sequence_cases import assert_same_sequence, rich_sequence, sequences
 
 from pdecodec.errors import InputError
+from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.sequence import ArraySequence, Connectivity, MeshObject
 
 POINTS = np.arange(2 * 4 * 3, dtype=np.float32).reshape(2, 4, 3)

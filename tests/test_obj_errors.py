@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pdecodec.formats import open_sequence
 
 from pdecodec.errors import InputError
+from pdecodec.formats import open_sequence
 
 THREE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pdecodec.formats import open_sequence
 
 from pdecodec.errors import InputError
+from pdecodec.formats import open_sequence
 
 FACES = "f 1 2 3\n"
 

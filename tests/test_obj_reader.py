@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pdecodec.formats import open_sequence
-from pdecodec.formats.obj import PARALLEL_BYTES, ObjSequence
 from plain_obj import read_plainly
 
+from pdecodec.formats import open_sequence
+from pdecodec.formats.obj import PARALLEL_BYTES, ObjSequence
 from pdecodec.sequence import Attribute, MeshObject, MeshSequence
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pdecodec.formats import open_sequence, write_sequence
 
 from pdecodec.errors import InputError
+from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.sequence import ArraySequence, Attribute, Connectivity, FrameSelection, MeshObject, MeshSequence
 
 TRIANGLE = Connectivity(3, face_counts=np.array([3]), face_indices=np.array([0, 1, 2]))

@@ -9,9 +9,9 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from pdecodec.formats import Format, list_formats, open_sequence, register_format, registry, write_sequence
 
 from pdecodec.errors import InputError, MissingExtraError, SettingsError
+from pdecodec.formats import Format, list_formats, open_sequence, register_format, registry, write_sequence
 from pdecodec.sequence import ArraySequence
 
 TWO_FRAMES = ArraySequence(np.arange(18, dtype=np.float32).reshape(2, 3, 3), fps=24)

@@ -93,7 +93,8 @@ def _draw_meshes(demonstration: Demonstration, figure: Figure, overview: list[An
         placed[..., 1] += heights[:, None]
         for index in range(len(frames)):
             _draw_mesh(wide, placed[index], quads, colours[index])
-        inside = (np.abs(points[worst, :, :2] - centre) < reach).all(axis=1)[quads].any(axis=1)
+        near_vertices: NDArray[np.bool_] = np.all(np.abs(points[worst, :, :2] - centre) < reach, axis=1)
+        inside = near_vertices[quads].any(axis=1)
         _draw_mesh(near, points[worst], quads[inside], colours[worst][inside], lines=True)
         margin = 0.02 * diagonal
         _frame(wide, placed[..., :2].min(axis=(0, 1)) - margin, placed[..., :2].max(axis=(0, 1)) + margin)

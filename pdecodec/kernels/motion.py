@@ -18,13 +18,17 @@ Int64Array = NDArray[np.int64]
 
 @njit(cache=True)
 def project_time(
-    points: Float32Array, order: Int32Array, rest: Float64Array, functions: Float64Array, projected: Float64Array
+    points: Float32Array | Float64Array,
+    order: Int32Array,
+    rest: Float64Array,
+    functions: Float64Array,
+    projected: Float64Array,
 ) -> None:
     """Project displacements onto orthonormal functions of time: the first half of the separable Eq. 25.
 
     Parameters
     ----------
-    points : (frames, vertices of the mesh, 3) float32
+    points : (frames, vertices of the mesh, 3) float32 or float64
     order : (n,) int32
         Vertices to project.
     rest : (n, 3) float64
@@ -56,7 +60,7 @@ def project_time_reference(
 ) -> Float64Array:
     """Plain numpy form of :func:`project_time`; returns ``projected``."""
     moved = points[:, order].astype(np.float64) - rest
-    projected = np.einsum("af,fic->iac", functions, moved)
+    projected: Float64Array = np.einsum("af,fic->iac", functions, moved)
     return projected.reshape(len(order), -1)
 
 
@@ -136,7 +140,9 @@ def combine(coefficients: Float64Array, weights: Float64Array, combined: Float64
 
 def combine_reference(coefficients: Float64Array, weights: Float64Array, width: int) -> Float64Array:
     """Plain numpy form of :func:`combine`, starting from zero."""
-    return np.einsum("ta,kac->tkc", weights, coefficients.reshape(len(coefficients), weights.shape[1], width))
+    split = coefficients.reshape(len(coefficients), weights.shape[1], width)
+    combined: Float64Array = np.einsum("ta,kac->tkc", weights, split)
+    return combined
 
 
 LANES = 16
