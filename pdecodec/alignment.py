@@ -23,6 +23,10 @@ POSE_NUMBERS = 7
 RANK_THRESHOLD = 1e-9
 """Relative singular value under which a straight or planar curve leaves a direction of Eq. 23 undetermined."""
 
+LEAST_TURN = 1e-9 / 4.0
+"""Share of a curve's energy that pulls towards no rotation: it decides where a straight curve may spin freely.
+Horn's matrix in :mod:`pdecodec.kernels.rotation` has four times as much on its first entry, which is the same."""
+
 
 def move_first_points(curve: Float64Array) -> Float64Array:
     """Eq. 19: every frame moved so that its first point is where frame 0 has it.
@@ -52,7 +56,8 @@ def rotation_between(moved: Float64Array, target: Float64Array) -> Float64Array:
     (3, 3) float64
         ``target ~ moved @ matrix`` as in Eq. 21, determinant +1.
     """
-    left, _, right = np.linalg.svd(moved.T @ target)
+    moment = moved.T @ target + LEAST_TURN * float((moved * moved).sum()) * np.eye(3)
+    left, _, right = np.linalg.svd(moment)
     handed = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right)) or 1.0])
     return np.asarray((left * handed) @ right, dtype=np.float64)
 
