@@ -69,6 +69,12 @@ def megabytes(count: int) -> str:
 
 
 def ratio(raw: int, coded: int) -> str:
-    """``135:1``, with one decimal below ten."""
+    """``135:1``, with one decimal below ten and two digits below one."""
     value = raw / max(1, coded)
-    return f"{value:.0f}:1" if value >= 10 else f"{value:.1f}:1"
+    digits = f"{value:.0f}" if value >= 10 else f"{value:.1f}" if value >= 1 else f"{value:.2g}"
+    return f"{digits}:1"
+
+
+def extent(frames: int, vertices: int) -> str:
+    """``60 frames of 19,968 vertices``, ``1 frame of 1 vertex``."""
+    return f"{frames:,} frame{'s' * (frames != 1)} of {vertices:,} {'vertex' if vertices == 1 else 'vertices'}"

@@ -6,7 +6,7 @@ import time
 
 import click
 
-from pdecodec.cli.console import print_json, progress_bar, say, say_notices
+from pdecodec.cli.console import extent, print_json, progress_bar, say, say_notices
 from pdecodec.cli.options import (
     check_output,
     fps_option,
@@ -46,4 +46,4 @@ def convert(*, source: str, output: str, frames: str | None, fps: float | None, 
     seconds = time.perf_counter() - started
     if as_json:
         print_json({"output": output, **counts, "seconds": seconds})
-    say(f"{output}: {counts['frames']} frames of {counts['vertices']:,} vertices, {seconds:.1f} s")
+    say(f"{output}: {extent(**counts)}, {seconds:.1f} s")

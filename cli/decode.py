@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import megabytes, print_json, progress_bar, say
+from pdecodec.cli.console import extent, megabytes, print_json, progress_bar, say
 from pdecodec.cli.options import (
     check_output,
     frames_option,
@@ -96,7 +96,7 @@ def decode(
         print_json(result)
     say(
         f"in {megabytes(Path(source).stat().st_size)} -> out {megabytes(result['raw_bytes'])} of positions, "
-        f"{result['frames']} frames of {result['vertices']:,} vertices, {result['seconds']:.1f} s"
+        f"{extent(result['frames'], result['vertices'])}, {result['seconds']:.1f} s"
     )
 
 

@@ -13,6 +13,7 @@ from pdecodec.cli.options import (
     frames_option,
     input_bytes,
     json_option,
+    naming_file,
     output_option,
     overwrite_option,
     select_frames,
@@ -86,7 +87,7 @@ def encode(
     with open_sequence(source, fps=fps) as whole:
         say_notices(whole)
         sequence = select_frames(whole, frames)
-        with progress_bar() as progress:
+        with progress_bar() as progress, naming_file(source):
             report = encode_sequence(sequence, output, checked, overwrite=overwrite, progress=progress)
         if as_json:
             print_json(_as_json(report, sequence, input_bytes(source), checked.profile))

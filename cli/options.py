@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -137,6 +139,17 @@ def _first_frame_of(pattern: Path) -> Path | None:
     fixed = [re.escape(part) for part in FRAME_FIELD.split(pattern.name)]
     numbered = re.compile(r"-?\d+".join(fixed))
     return min((file for file in pattern.parent.iterdir() if numbered.fullmatch(file.name)), default=None)
+
+
+@contextmanager
+def naming_file(source: str) -> Iterator[None]:
+    """Name the input in errors of code that knows only its positions."""
+    try:
+        yield
+    except InputError as error:
+        if error.path is not None:
+            raise
+        raise InputError(error.message, path=source, frame=error.frame, offset=error.offset) from error
 
 
 def input_bytes(source: str) -> int:

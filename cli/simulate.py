@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from pdecodec.cli.console import print_json, progress_bar, say
+from pdecodec.cli.console import extent, print_json, progress_bar, say
 from pdecodec.cli.options import check_output, json_option, output_option, overwrite_option, refuse_pdeanim
 from pdecodec.xpbd.options import OptionInfo
 from pdecodec.xpbd.scenes import SCENES
@@ -87,7 +87,7 @@ def _simulate(
     counts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
     if as_json:
         print_json({"output": output, "scene": name, **counts, "fps": fps, "seconds": seconds})
-    say(f"{output}: {counts['frames']} frames of {counts['vertices']:,} vertices, {seconds:.1f} s")
+    say(f"{output}: {extent(**counts)}, {seconds:.1f} s")
 
 
 for _name in SCENES:

@@ -166,7 +166,7 @@ def test_positions_that_are_not_finite_are_named_by_frame(
     points[3, 5, 1] = value
     np.savez(tmp_path / "bad.npz", points=points)
     line = error_of(capsys, 3, "encode", tmp_path / "bad.npz", "-o", tmp_path / "out.pdeanim")
-    assert "frame 3" in line
+    assert f"{tmp_path / 'bad.npz'}, frame 3: " in line
     assert "5" in line
     assert [item.name for item in tmp_path.iterdir()] == ["bad.npz"]
 

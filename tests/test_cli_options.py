@@ -8,7 +8,7 @@ import click
 import numpy as np
 import pytest
 
-from pdecodec.cli.console import megabytes, ratio
+from pdecodec.cli.console import extent, megabytes, ratio
 from pdecodec.cli.options import check_output, input_bytes, parse_bytes, select_frames
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.sequence import ArraySequence
@@ -150,3 +150,9 @@ def test_sizes_are_written_in_megabytes(count: int, text: str) -> None:
 def test_ratios_have_a_decimal_below_ten() -> None:
     assert ratio(42_000_000, 310_000) == "135:1"
     assert ratio(25, 10) == "2.5:1"
+    assert ratio(12, 812) == "0.015:1"
+
+
+def test_one_frame_of_one_vertex_is_singular() -> None:
+    assert extent(1, 1) == "1 frame of 1 vertex"
+    assert extent(60, 19968) == "60 frames of 19,968 vertices"
