@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.entropy import pack_integers, unpack_integers
-from pdecodec.errors import CorruptFileError, InputError
+from pdecodec.errors import CorruptFileError, InputError, LimitError
 from pdecodec.sequence import Connectivity
 
 Int64Array = NDArray[np.int64]
@@ -44,6 +44,8 @@ def decode_connectivity(data: bytes, vertex_counts: Sequence[int], most_indices:
     ------
     CorruptFileError
         If the section is damaged or an index is out of range.
+    LimitError
+        If there are more corners than `most_indices`.
     """
     reader = FieldReader(data, "CONN")
     parts = []
@@ -51,8 +53,10 @@ def decode_connectivity(data: bytes, vertex_counts: Sequence[int], most_indices:
         kinds = []
         for _ in range(2):
             count, size = reader.integers("QQ")
-            if count > size or size > most_indices:
+            if count > size:
                 raise CorruptFileError(f"section CONN declares {count} faces or lines with {size} corners")
+            if size > most_indices:
+                raise LimitError(f"section CONN declares {size} corners, more than the memory limit allows")
             most_indices -= size
             (uniform,) = reader.integers("I")
             if uniform:

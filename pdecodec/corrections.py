@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.entropy import compress, decompress, pack_integers, unpack_integers
-from pdecodec.errors import CorruptFileError
+from pdecodec.errors import CorruptFileError, LimitError
 from pdecodec.quantise import LARGEST
 
 Float32Array = NDArray[np.float32]
@@ -25,6 +25,9 @@ Int64Array = NDArray[np.int64]
 
 SAFETY = 0.98
 """Share of the bound that the rounding of a residual may use; the last digits of float32 take the rest."""
+
+BYTES_PER_CORRECTION = 200
+"""Peak memory of unpacking, per correction; a few bytes of a file can stand for a great many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,23 +147,35 @@ def encode_corrections(frames: list[FrameCorrections]) -> bytes:
     return writer.to_bytes()
 
 
-def decode_corrections(data: bytes, frames: int, vertices: int) -> list[FrameCorrections]:
+def decode_corrections(data: bytes, frames: int, vertices: int, most_bytes: int) -> list[FrameCorrections]:
     """Undo :func:`encode_corrections`.
+
+    Parameters
+    ----------
+    data : bytes
+    frames, vertices : int
+        Of the segment, and of the mesh.
+    most_bytes : int
+        Memory that the corrections may take.
 
     Raises
     ------
     CorruptFileError
         If the chunk is damaged or names a vertex that is not there.
+    LimitError
+        If there are more than `most_bytes` has room for.
     """
     if not data:
         return [NO_CORRECTIONS] * frames
     reader = FieldReader(data, "CORR")
     counts = unpack_integers(reader.sized(), 2 * frames).reshape(frames, 2)
-    if counts.min() < 0 or counts.sum(axis=1).max() > vertices:
+    if counts.min() < 0 or counts.max() > vertices or counts.sum(axis=1).max() > vertices:
         raise CorruptFileError("section CORR corrects more vertices of a frame than there are")
+    if int(counts.sum()) * BYTES_PER_CORRECTION > most_bytes:
+        raise LimitError(f"section CORR has {int(counts.sum())} corrections in one segment, more than the limit allows")
     corrected = _vertices(unpack_integers(reader.sized(), int(counts[:, 0].sum())), counts[:, 0], vertices)
     levels = np.stack([unpack_integers(reader.sized(), corrected.size) for _ in range(3)], axis=1)
-    if levels.size and np.abs(levels).max() > LARGEST:
+    if levels.size and max(int(levels.max()), -int(levels.min())) > LARGEST:
         raise CorruptFileError("section CORR has a residual out of range")
     literal = _vertices(unpack_integers(reader.sized(), int(counts[:, 1].sum())), counts[:, 1], vertices)
     raw = decompress(reader.sized(), 12 * literal.size)

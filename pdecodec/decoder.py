@@ -19,7 +19,7 @@ from pdecodec.container import ContainerReader
 from pdecodec.corrections import FrameCorrections, add_corrections, decode_corrections
 from pdecodec.curves import Curves, extract_curves, order_lonely_points
 from pdecodec.description import decode_attributes, decode_remarks, decode_sequence_description
-from pdecodec.errors import CorruptFileError, InputError, LimitError, PdecodecError
+from pdecodec.errors import CorruptFileError, InputError, LimitError
 from pdecodec.model import Model, ModelDescription, SegmentCoefficients, build_model
 from pdecodec.restshape import RestShape, decode_rest
 from pdecodec.segments import Segment, SegmentTable, read_segment_table, terms_at
@@ -38,6 +38,9 @@ BYTES_PER_VERTEX = 600
 
 BYTES_PER_CORNER = 80
 """Peak memory of opening a file, per face corner: connectivity, and the edges that curves are found on."""
+
+BYTES_PER_COEFFICIENT = 80
+"""Peak memory of a segment, per coefficient: a float64 in each segment kept, unpacked through four int64."""
 
 CACHED_SEGMENTS = 4
 """Segments whose coefficients are kept: playing forwards or backwards decodes each once."""
@@ -114,9 +117,10 @@ class Animation(MeshSequence):
 
     @contextmanager
     def _naming_the_file(self) -> Iterator[None]:
-        # The parts below know their section, not the file.
+        # The parts below know their section, not the file. Numbers of a hostile file may overflow: no warnings.
         try:
-            yield
+            with np.errstate(all="ignore"):
+                yield
         except CorruptFileError as error:
             if error.path is not None:
                 raise
@@ -143,6 +147,8 @@ class Animation(MeshSequence):
         curves = order_lonely_points(curves, rest.levels)
         self._description = ModelDescription.from_bytes(container.read("MODL"))
         self._model = self._build_model(curves, rest)
+        self._left = left - BYTES_PER_COEFFICIENT * self._model.coefficients
+        self._check_memory(most - self._left, f"{self._model.coefficients} coefficients a segment")
         self._remarks = decode_remarks(container.read("META")) if "META" in container.entries else {}
         metadata = self._remarks.get("metadata", {})
         self.metadata = {str(key): str(value) for key, value in metadata.items()} if isinstance(metadata, dict) else {}
@@ -275,7 +281,7 @@ class Animation(MeshSequence):
         levels = decode_segment(chunk, self._model, segment.functions, int(self._table.exponents[index]))
         decoded = _DecodedSegment(
             dequantise_segment(levels, self._model, description.step),
-            decode_corrections(corrected, segment.frames, self.vertex_count),
+            decode_corrections(corrected, segment.frames, self.vertex_count, self._left),
         )
         self._cache[index] = decoded
         if len(self._cache) > CACHED_SEGMENTS:
@@ -319,5 +325,5 @@ class Animation(MeshSequence):
         for index, segment in enumerate(self._segments):
             try:
                 self._segment(index)
-            except PdecodecError as error:
-                raise CorruptFileError(error.message, path=self.path, frame=segment.first) from error
+            except CorruptFileError as error:
+                raise type(error)(error.message, path=self.path, frame=segment.first) from error

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.entropy import compress, decompress, pack_integers, unpack_integers
-from pdecodec.errors import CorruptFileError
-from pdecodec.sequence import Attribute, AttributeDomain, MeshObject, MeshSequence
+from pdecodec.errors import CorruptFileError, InputError, LimitError
+from pdecodec.sequence import MAX_INDEX, Attribute, AttributeDomain, MeshObject, MeshSequence
 
 Float64Array = NDArray[np.float64]
 
@@ -26,8 +26,17 @@ DOMAINS: tuple[AttributeDomain, ...] = ("vertex", "face", "corner", "object")
 VALUE_TYPES = ("<f4", "<f8", "<i4", "|u1", "<i8")
 """Types of attribute values, by their number in the file."""
 
-MAX_REMARKS_BYTES = 16 * 2**20
-"""Bytes of metadata after unpacking; a person's remarks are a few kilobytes."""
+MAX_JSON_BYTES = 16 * 2**20
+"""Bytes of a JSON text (metadata, labels) after unpacking; a person's remarks are a few kilobytes."""
+
+BYTES_PER_JSON_BYTE = 32
+"""Peak memory of reading JSON, per byte of text: an empty list takes three bytes there and 64 here."""
+
+BYTES_PER_VALUE_BYTE = 4
+"""Peak memory of unpacking attribute values: byte planes, their transpose, the values, the values in native order."""
+
+BYTES_PER_INDEX = 48
+"""Peak memory of unpacking an attribute's index: a 10-byte integer, four times 8 bytes, and 4."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,16 +97,16 @@ def decode_sequence_description(data: bytes, most_frames: int) -> SequenceDescri
         times = _ruled_times(kind, start, rate, frames)
     else:
         raise CorruptFileError(f"section SEQN stores its times in an unknown way ({kind}, rate {rate})")
-    if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
-        raise CorruptFileError("section SEQN has times that do not increase")
+    if not np.isfinite(times).all() or (times[1:] <= times[:-1]).any() or math.isinf(float(times[-1] - times[0])):
+        raise CorruptFileError("section SEQN has times that do not increase or are not finite")
     (count,) = reader.integers("I")
     names, vertex_counts = [], []
     for _ in range(count):
         vertex_counts.append(reader.integers("Q")[0])
         names.append(reader.text())
     reader.finish()
-    if sum(vertex_counts) == 0:
-        raise CorruptFileError("section SEQN declares no vertices")
+    if not 1 <= sum(vertex_counts) <= MAX_INDEX:
+        raise CorruptFileError(f"section SEQN declares {sum(vertex_counts)} vertices, 1 to {MAX_INDEX} can be")
     return SequenceDescription(times, fps, tuple(names), tuple(vertex_counts))
 
 
@@ -156,32 +165,52 @@ def decode_attributes(data: bytes, objects: Sequence[MeshObject], most_bytes: in
     objects : sequence of MeshObject
     most_bytes : int
         Memory that all attributes together may take.
+
+    Raises
+    ------
+    CorruptFileError
+        If the section is damaged, or an attribute does not fit its object.
+    LimitError
+        If the attributes need more than `most_bytes`.
     """
     if not data:
         return list(objects)
     reader = FieldReader(data, "ATTR")
+    room = _Room(most_bytes)
     found = []
     for item in objects:
-        attributes = []
-        for _ in range(reader.integers("I")[0]):
-            attribute, size = _decode_attribute(reader, most_bytes)
-            most_bytes -= size
-            attributes.append(attribute)
-        found.append(MeshObject(item.name, item.connectivity, tuple(attributes)))
+        attributes = tuple(_decode_attribute(reader, room) for _ in range(reader.integers("I")[0]))
+        try:
+            found.append(MeshObject(item.name, item.connectivity, attributes))
+        except InputError as error:
+            raise CorruptFileError(f"section ATTR is damaged ({error.message})") from error
     reader.finish()
     return found
 
 
-def _decode_attribute(reader: FieldReader, most_bytes: int) -> tuple[Attribute, int]:
+class _Room:
+    """Memory that is left for attributes."""
+
+    def __init__(self, most_bytes: int) -> None:
+        self._left = most_bytes
+
+    def take(self, size: int, what: str) -> None:
+        self._left -= size
+        if self._left < 0:
+            raise LimitError(f"section ATTR has {what}, more than the memory limit allows")
+
+
+def _decode_attribute(reader: FieldReader, room: _Room) -> Attribute:
     name = reader.text()
     domain, kind, dimensions = reader.integers("BBB")
     if domain >= len(DOMAINS) or kind >= len(VALUE_TYPES) or dimensions not in (1, 2):
         raise CorruptFileError("section ATTR has an attribute of an unknown kind")
     shape = reader.integers("Q" * dimensions)
+    if max(shape) > MAX_INDEX:
+        raise CorruptFileError(f"section ATTR has an attribute of {max(shape)} rows or columns")
     dtype = np.dtype(VALUE_TYPES[kind])
     size = math.prod(shape) * dtype.itemsize
-    if size > most_bytes:
-        raise CorruptFileError(f"section ATTR has an attribute of {size} bytes, {most_bytes} are allowed")
+    room.take(BYTES_PER_VALUE_BYTE * size, f"an attribute of {size} bytes")
     raw = np.frombuffer(decompress(reader.sized(), size), np.uint8)
     if raw.size != size:
         raise CorruptFileError("section ATTR has an attribute of the wrong size")
@@ -190,19 +219,18 @@ def _decode_attribute(reader: FieldReader, most_bytes: int) -> tuple[Attribute, 
     indices = None
     if marked:
         count = marked - 1
-        if size + 4 * count > most_bytes:
-            raise CorruptFileError(f"section ATTR has {count} indices, more than the memory limit allows")
+        room.take(BYTES_PER_INDEX * count, f"{count} indices")
         wide = np.cumsum(unpack_integers(reader.sized(), count))
         if count and (wide.min() < -1 or wide.max() >= shape[0]):
             raise CorruptFileError("section ATTR has an index out of range")
         indices = wide.astype(np.int32)
-        size += 4 * count
-    packed = reader.sized()
-    labels = _decode_json(decompress(packed, MAX_REMARKS_BYTES), "ATTR") if packed else []
+    text = decompress(reader.sized(), MAX_JSON_BYTES)
+    room.take(BYTES_PER_JSON_BYTE * len(text), f"labels of {len(text)} bytes")
+    labels = _decode_json(text, "ATTR") if text else []
     if not (isinstance(labels, list) and all(isinstance(label, str) for label in labels)):
         raise CorruptFileError("section ATTR has labels that are not texts")
     native = values.astype(dtype.newbyteorder("="))
-    return Attribute(name, DOMAINS[domain], native, indices, tuple(labels)), size
+    return Attribute(name, DOMAINS[domain], native, indices, tuple(labels))
 
 
 def encode_remarks(remarks: Mapping[str, Any]) -> bytes:
@@ -212,7 +240,7 @@ def encode_remarks(remarks: Mapping[str, Any]) -> bytes:
 
 def decode_remarks(data: bytes) -> dict[str, Any]:
     """Undo :func:`encode_remarks`."""
-    remarks = _decode_json(decompress(data, MAX_REMARKS_BYTES), "META") if data else {}
+    remarks = _decode_json(decompress(data, MAX_JSON_BYTES), "META") if data else {}
     if not isinstance(remarks, dict):
         raise CorruptFileError("section META is not a JSON object")
     return remarks

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.alignment import POSE_NUMBERS, pose_matrices, pose_matrix_derivatives
-from pdecodec.basis import MAX_RATE
+from pdecodec.basis import MAX_RATE, TIME_FUNCTIONS
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.curves import Curves
 from pdecodec.elements import WHOLE_CURVE, Elements, build_elements
 from pdecodec.entropy import unpack_integers
 from pdecodec.errors import CorruptFileError
+from pdecodec.quantise import LARGEST_STEP
 from pdecodec.restshape import RestShape
 from pdecodec.segments import Term
 
@@ -80,7 +81,7 @@ class ModelDescription:
         reader.finish()
         if alignment >= len(ALIGNMENTS):
             raise CorruptFileError(f"section MODL names alignment {alignment}, which is unknown")
-        if not (0 <= r <= MAX_RATE and step > 0 and correction_step > 0):
+        if not (0 <= r <= MAX_RATE and 0 < step <= LARGEST_STEP and 0 < correction_step <= LARGEST_STEP):
             raise CorruptFileError("section MODL has a rate or a quantisation step out of range")
         return cls(
             alignment=ALIGNMENTS[alignment],
@@ -135,6 +136,11 @@ class Model:
     def posed_elements(self) -> int:
         """Elements with a moving frame: all under "rotation", none otherwise."""
         return self.elements.count if self.alignment == "rotation" else 0
+
+    @property
+    def coefficients(self) -> int:
+        """Coefficients of a segment that uses every function of time."""
+        return TIME_FUNCTIONS * (3 * self.elements.columns + POSE_NUMBERS * self.posed_elements)
 
     def evaluate(
         self, terms: Sequence[Term], times: int, coefficients: Callable[[int], SegmentCoefficients]

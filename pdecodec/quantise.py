@@ -16,6 +16,9 @@ ROUND_UP_AT = 0.6
 LARGEST = 2**40
 """Largest magnitude of a quantised coefficient; a coarser step is taken where it would be passed."""
 
+LARGEST_STEP = 2.0**160
+"""Largest quantisation step: float32 positions end at 2^128, and products with it stay far from overflow."""
+
 
 def quantise(values: Float64Array, step: float) -> Int64Array:
     """Quantise with a dead zone: ``sign(x) floor(|x| / step + 1 - ROUND_UP_AT)``.

@@ -12,6 +12,7 @@ from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.curves import Curves
 from pdecodec.entropy import pack_integers, unpack_integers
 from pdecodec.errors import CorruptFileError
+from pdecodec.quantise import LARGEST_STEP
 
 Float64Array = NDArray[np.float64]
 Int64Array = NDArray[np.int64]
@@ -86,8 +87,8 @@ def decode_rest(data: bytes, curves: Curves) -> RestShape:
     """
     reader = FieldReader(data, "REST")
     step, *origin = reader.reals("dddd")
-    if step <= 0:
-        raise CorruptFileError("section REST has a quantisation step that is not positive")
+    if not 0 < step <= LARGEST_STEP or max(map(abs, origin)) > LARGEST_STEP:
+        raise CorruptFileError("section REST has a quantisation step or an origin out of range")
     (predictor,) = reader.integers("B")
     if predictor not in PREDICTORS:
         raise CorruptFileError(f"section REST names predictor {predictor}, this decoder knows 1 and 2")
