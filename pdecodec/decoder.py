@@ -31,7 +31,7 @@ Float64Array = NDArray[np.float64]
 KNOWN_SECTIONS = frozenset({"META", "SEQN", "CONN", "REST", "MODL", "SEGM", "COEF", "CORR", "ATTR"})
 
 DEFAULT_MAX_MEMORY = 4 * 2**30
-"""Bytes a file may ask for while it is opened and decoded: 7 million vertices."""
+"""Bytes a file may ask for while it is opened and decoded: some five million vertices."""
 
 BYTES_PER_VERTEX = 600
 """Peak memory of opening a file, per vertex: curves, rest shape, and twelve float64 functions each, twice."""
@@ -39,7 +39,7 @@ BYTES_PER_VERTEX = 600
 BYTES_PER_CORNER = 80
 """Peak memory of opening a file, per face corner: connectivity, and the edges that curves are found on."""
 
-BYTES_PER_COEFFICIENT = 80
+BYTES_PER_COEFFICIENT = 64
 """Peak memory of a segment, per coefficient: a float64 in each segment kept, unpacked through four int64."""
 
 CACHED_SEGMENTS = 4
@@ -136,6 +136,7 @@ class Animation(MeshSequence):
         self._check_memory(BYTES_PER_VERTEX * vertices, f"{vertices} vertices")
         left = most - BYTES_PER_VERTEX * vertices
         parts = decode_connectivity(container.read("CONN"), description.vertex_counts, left // BYTES_PER_CORNER)
+        left -= BYTES_PER_CORNER * sum(part.face_indices.size + part.line_indices.size for part in parts)
         objects = [MeshObject(name, part) for name, part in zip(description.names, parts, strict=True)]
         if "ATTR" in container.entries:
             objects = decode_attributes(container.read("ATTR"), objects, left)
