@@ -112,7 +112,7 @@ def _print(facts: Mapping[str, Any]) -> None:
     else:
         table.add_row("first frame", "holds positions that are not finite numbers")
     for name in [name for name in facts if name not in _TABLED]:
-        table.add_row(name, _in_words(facts[name]))
+        table.add_row(name.replace("_", " "), _in_words(facts[name]))
     table.add_row("metadata", _in_words(facts["metadata"]) or "none")
     print_table(table)
 
