@@ -44,6 +44,10 @@ SOLVES_BEAM_EQUATION[:2, :4] = True  # e^{+-at} with e^{+-ru}, sin ru, cos ru: m
 SOLVES_BEAM_EQUATION[2:, 4:] = True  # sin, cos(at) with the damped four: -m a^2 = K (r e^{i pi/4})^4 = -K r^4
 
 
+SERIES_CHUNK = 2**12
+"""Arguments evaluated at once: their sums stay in the processor's cache."""
+
+
 def paper_time_functions(t: ArrayLike, alpha: float) -> Float64Array:
     """Eq. 12: ``e^{at}, e^{-at}, sin(at), cos(at)``.
 
@@ -113,10 +117,16 @@ def series_functions(x: ArrayLike, rate: float, order: int) -> Float64Array:
     -------
     (n, order) float64
     """
-    x = np.asarray(x, dtype=np.float64)[..., None]
+    x = np.asarray(x, dtype=np.float64)
+    if x.ndim == 1 and x.size > SERIES_CHUNK:
+        return np.concatenate(
+            [series_functions(x[at : at + SERIES_CHUNK], rate, order) for at in range(0, x.size, SERIES_CHUNK)]
+        )
+    x = x[..., None]
     power = _integer_power(x, order) * _integer_power(np.float64(rate), order)  # (rate x)^order
     total = np.ones((*x.shape[:-1], order))
-    for quotients in _series_quotients(order)[::-1]:  # Horner's scheme from the smallest term
+    # Horner's scheme from the smallest term; at rate 0 every term but the first is 0.
+    for quotients in _series_quotients(order)[::-1] if rate != 0 else ():
         total = 1.0 + total * (power / quotients)
     leading = np.ones_like(x[..., 0])  # x^j / j!
     for j in range(order):

@@ -17,14 +17,6 @@ from pdecodec.segments import Segment, terms_at
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 
-BITS_OF_ZERO = 0.4
-BITS_OF_LEVEL = 2.1
-BITS_PER_DOUBLING = 1.6
-"""Estimated cost of a quantised coefficient: of any, what a level of one costs more, and each doubling of it."""
-
-BITS_OF_PLACE = 10.0
-"""Estimated cost of saying which vertex a correction is for."""
-
 
 def estimate_bits(
     window: Window,
@@ -49,29 +41,21 @@ def estimate_bits(
     bits : (elements,) float64
     alpha : float
     """
+    from pdecodec.kernels.estimate import add_correction_bits, add_level_bits
+
     points = window.points
     alpha = choose_alpha(window, model, alphas)
     segment = Segment(window.first, window.times, alpha)
     levels = fit_levels(points, model, segment, step)
     elements = model.elements
-    bits = np.add.reduceat(_level_bits(levels.shape).sum(axis=1), elements.column_starts[:-1])
+    bits = np.zeros(elements.count)
+    add_level_bits(levels.shape, elements.column_starts, bits)
     if model.posed_elements:
-        bits += _level_bits(np.diff(levels.poses, axis=0, prepend=0)).sum(axis=1)
+        changes = np.diff(levels.poses, axis=0, prepend=0)
+        add_level_bits(changes, np.arange(elements.count + 1), bits)
     decoded = decode_alone(model, segment, dequantise_segment(levels, model, step))
-    residual = points.astype(np.float64) - decoded
-    x, y, z = residual[..., 0], residual[..., 1], residual[..., 2]
-    beyond = x * x + y * y + z * z > bound * bound
-    corrections = _level_bits(np.rint(residual[beyond] / correction_step(bound, 0.0))).sum(axis=1)
-    of_vertex = np.bincount(np.nonzero(beyond)[1], BITS_OF_PLACE + corrections, minlength=points.shape[1])
-    return bits + np.add.reduceat(of_vertex[elements.order], elements.starts[:-1]), alpha
-
-
-def _level_bits(levels: NDArray[np.floating] | NDArray[np.integer]) -> Float64Array:
-    """Estimated bits of each level."""
-    # frexp instead of a logarithm: exact, so that the choice is the same on every machine.
-    fraction, exponent = np.frexp(np.abs(levels).astype(np.float64))
-    doublings = exponent + 2.0 * fraction - 2.0
-    return np.where(levels == 0, BITS_OF_ZERO, BITS_OF_ZERO + BITS_OF_LEVEL + BITS_PER_DOUBLING * doublings)
+    add_correction_bits(points, decoded, elements.order, elements.starts, correction_step(bound, 0.0), bound, bits)
+    return bits, alpha
 
 
 def squared_error(window: Window, model: Model) -> float:

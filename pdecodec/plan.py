@@ -49,6 +49,9 @@ LEVEL_OFFSETS = (-2, 0, 2)
 LEVELS_FROM_EFFORT = 4
 """Least effort at which curves get piece lengths of their own."""
 
+LEVEL_POSITIONS = 2**20
+"""Positions (vertices times frames) that curves' piece lengths are chosen from: a large mesh gets one window."""
+
 START_LEVEL = PIECE_POINTS.index(64)
 START_FRAMES = 8
 START_STEP = 2.0
@@ -203,7 +206,7 @@ def choose_levels(
 ) -> NDArray[np.int64]:
     """Piece length of each curve: the plan's, or longer or shorter where its motion asks for it.
 
-    Measured on all vertices over one segment in each window.
+    Measured on all vertices over one segment in each of up to three windows.
 
     Returns
     -------
@@ -214,7 +217,7 @@ def choose_levels(
     if bound is None or settings.piece_points is not None or settings.effort < LEVELS_FROM_EFFORT or curves.count == 1:
         return usual
     every_vertex = np.arange(curves.order.size, dtype=np.int32)
-    windows = read_windows(sequence, every_vertex, plan.frames)
+    windows = read_windows(sequence, every_vertex, plan.frames, LEVEL_POSITIONS // (plan.frames * every_vertex.size))
     alphas = (0.0,) if settings.alpha is None else (settings.alpha,)
     tried = sorted({min(max(plan.level + offset, 0), WHOLE_CURVE) for offset in LEVEL_OFFSETS})
     costs: list[Float64Array] = []

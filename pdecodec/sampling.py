@@ -84,8 +84,16 @@ class Window:
         return Window(self.first, self.points[:frames], self.times[:frames])
 
 
-def read_windows(sequence: MeshSequence, vertices: NDArray[np.int32], frames: int) -> list[Window]:
+def read_windows(sequence: MeshSequence, vertices: NDArray[np.int32], frames: int, most: int = WINDOWS) -> list[Window]:
     """Windows of at most `frames` frames, spread over the clip.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    vertices : (n,) int32
+    frames : int
+    most : int
+        Windows at most; where there is room for one only (or for none), the middle of the clip.
 
     Raises
     ------
@@ -95,7 +103,9 @@ def read_windows(sequence: MeshSequence, vertices: NDArray[np.int32], frames: in
     size = min(frames, sequence.frame_count)
     latest = sequence.frame_count - size
     windows = []
-    for first in sorted({latest * k // (WINDOWS - 1) for k in range(WINDOWS)}):
+    count = min(most, WINDOWS)
+    firsts = [latest // 2] if count < 2 else [latest * k // (count - 1) for k in range(count)]
+    for first in sorted(set(firsts)):
         parts = [
             checked_frames(sequence, at, min(at + sequence.frames_per_block, first + size))[:, vertices]
             for at in range(first, first + size, sequence.frames_per_block)
