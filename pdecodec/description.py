@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.entropy import compress, decompress, pack_integers, unpack_integers
 from pdecodec.errors import CorruptFileError, InputError, LimitError
-from pdecodec.sequence import MAX_INDEX, Attribute, AttributeDomain, MeshObject, MeshSequence
+from pdecodec.sequence import (
+    LARGEST_TIME,
+    MAX_INDEX,
+    SHORTEST_TIME_STEP,
+    Attribute,
+    AttributeDomain,
+    MeshObject,
+    MeshSequence,
+)
 
 Float64Array = NDArray[np.float64]
 
@@ -97,8 +105,8 @@ def decode_sequence_description(data: bytes, most_frames: int) -> SequenceDescri
         times = _ruled_times(kind, start, rate, frames)
     else:
         raise CorruptFileError(f"section SEQN stores its times in an unknown way ({kind}, rate {rate})")
-    if not np.isfinite(times).all() or (times[1:] <= times[:-1]).any() or math.isinf(float(times[-1] - times[0])):
-        raise CorruptFileError("section SEQN has times that do not increase or are not finite")
+    if not (np.abs(times) <= LARGEST_TIME).all() or not (np.diff(times) >= SHORTEST_TIME_STEP).all():
+        raise CorruptFileError("section SEQN has times that do not increase or lie out of range")
     (count,) = reader.integers("I")
     names, vertex_counts = [], []
     for _ in range(count):

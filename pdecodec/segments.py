@@ -27,6 +27,11 @@ SEGMENT_ENTRY = struct.Struct("<IfhHIII")
 """Section SEGM: frames, alpha, step exponent, reserved (0), bytes in COEF, bytes in CORR, CRC-32 of both."""
 
 
+DEPENDENT_IN_TIME = 1e-12
+"""As :data:`pdecodec.kernels.orthonormal.DEPENDENT`, for functions of time. Of distinct times they are
+independent (a Chebyshev system), and even at alpha 12 some 1e-6 is left; frames so close together that
+float64 hardly tells them apart leave rounding alone."""
+
 MAX_EXPONENT = 512
 """Largest step exponent: float32 spans 2^277, and steps are doubles."""
 
@@ -58,8 +63,8 @@ class Segment:
 
     @property
     def functions(self) -> int:
-        """Functions in use: four, or as many as there are frames."""
-        return min(TIME_FUNCTIONS, self.frames)
+        """Functions in use: four, or as many as there are frames; fewer where frames all but coincide."""
+        return len(self.rows)
 
     @property
     def _half(self) -> float:
@@ -70,15 +75,14 @@ class Segment:
         return np.divide(t - centre, self._half)
 
     @cached_property
-    def _orthonormal(self) -> tuple[Float64Array, Float64Array]:
+    def _orthonormal(self) -> tuple[Float64Array, Float64Array, NDArray[np.int64]]:
         from pdecodec.kernels.orthonormal import orthonormalise
 
-        count = self.functions
+        count = min(TIME_FUNCTIONS, self.frames)
         raw = series_functions(self._argument(self.times), self.alpha, TIME_FUNCTIONS)[:, :count].copy()
-        rows, triangle = np.zeros((count, self.frames)), np.zeros((count, count))
-        # Threshold 0: functions of distinct times up to their number are independent (a Chebyshev system).
-        orthonormalise(raw, 0.0, rows, triangle, np.zeros(count, np.int64))
-        return rows, triangle
+        rows, triangle, kept = np.zeros((count, self.frames)), np.zeros((count, count)), np.zeros(count, np.int64)
+        rank = orthonormalise(raw, DEPENDENT_IN_TIME, rows, triangle, kept)
+        return rows[:rank], triangle[:rank, :rank], kept[:rank]
 
     @property
     def rows(self) -> Float64Array:
@@ -87,7 +91,7 @@ class Segment:
 
     @property
     def triangle(self) -> Float64Array:
-        """(functions, functions) float64: ``phi = psi @ triangle``."""
+        """(functions, functions) float64: ``phi = psi @ triangle`` for the functions in use."""
         return self._orthonormal[1]
 
     def weights(self, t: Float64Array, derivative: int = 0) -> Float64Array:
@@ -106,10 +110,10 @@ class Segment:
         values = series_functions(self._argument(t), self.alpha, TIME_FUNCTIONS)
         for _ in range(derivative):
             values = series_derivatives(values, self.alpha)
-        count, triangle = self.functions, self.triangle
-        weights = np.empty((len(t), count))
-        for j in range(count):  # back-substitution in column order, the same bits everywhere
-            column = values[:, j].copy()
+        _, triangle, kept = self._orthonormal
+        weights = np.empty((len(t), kept.size))
+        for j in range(kept.size):  # back-substitution in column order, the same bits everywhere
+            column = values[:, kept[j]].copy()
             for k in range(j):
                 column -= triangle[k, j] * weights[:, k]
             weights[:, j] = column / triangle[j, j]

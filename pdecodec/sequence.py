@@ -31,6 +31,12 @@ DEFAULT_FPS = 24.0
 BLOCK_BYTES = 64 * 2**20
 """Raw float32 bytes that one block of frames may take: what bounds memory while frames pass through."""
 
+LARGEST_TIME = 2.0**53
+"""Farthest time from 0 [s]: there float64 no longer tells half seconds apart."""
+
+SHORTEST_TIME_STEP = 2.0**-53
+"""Least time from frame to frame [s], a tenth of a femtosecond: rates stay far from overflow."""
+
 MAX_INDEX = int(np.iinfo(np.int32).max)
 """Largest vertex index: indices are int32 everywhere, here and in the file."""
 
@@ -419,8 +425,9 @@ def check_times(frames: int, times: ArrayLike | None, fps: float | None) -> tupl
     if fps is not None and not (np.isfinite(fps) and fps > 0):
         raise InputError(f"frames per second must be a positive number, not {fps}")
     if times is None:
-        rate = float(fps if fps is not None else DEFAULT_FPS)
-        return np.arange(frames) / rate, rate
+        fps = DEFAULT_FPS if fps is None else fps
+        with np.errstate(over="ignore"):  # refused below
+            times = np.arange(frames) / fps
     checked = np.ascontiguousarray(times, dtype=np.float64)
     if checked.shape != (frames,):
         raise InputError(f"there are {frames} frames, but times have shape {checked.shape}")
@@ -429,6 +436,10 @@ def check_times(frames: int, times: ArrayLike | None, fps: float | None) -> tupl
     steps = np.diff(checked)
     if (steps <= 0).any():
         raise InputError("times must increase from frame to frame", frame=int(np.flatnonzero(steps <= 0)[0]) + 1)
+    if np.abs(checked).max() > LARGEST_TIME or (steps < SHORTEST_TIME_STEP).any():
+        raise InputError(
+            f"times must lie within {LARGEST_TIME:g} seconds of 0, and frames {SHORTEST_TIME_STEP:g} seconds apart"
+        )
     if fps is None:
         spacing = float(np.median(steps)) if frames > 1 else 1.0 / DEFAULT_FPS
         fps = round(1.0 / spacing, 6) or DEFAULT_FPS
