@@ -75,9 +75,9 @@ def add_correction_bits(
         for f in range(points.shape[0]):
             for place in range(starts[e], starts[e + 1]):
                 vertex = order[place]
-                x = float(points[f, vertex, 0]) - float(decoded[f, vertex, 0])
-                y = float(points[f, vertex, 1]) - float(decoded[f, vertex, 1])
-                z = float(points[f, vertex, 2]) - float(decoded[f, vertex, 2])
+                x = np.float64(points[f, vertex, 0]) - np.float64(decoded[f, vertex, 0])
+                y = np.float64(points[f, vertex, 1]) - np.float64(decoded[f, vertex, 1])
+                z = np.float64(points[f, vertex, 2]) - np.float64(decoded[f, vertex, 2])
                 if x * x + y * y + z * z > bound * bound:
                     bits[e] += BITS_OF_PLACE
                     for off in (x, y, z):

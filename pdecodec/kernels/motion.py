@@ -321,7 +321,7 @@ def exceeding(
     for v in range(points.shape[0]):
         square = 0.0
         for axis in range(3):
-            off = float(points[v, axis]) - float(decoded[v, axis])
+            off = np.float64(points[v, axis]) - np.float64(decoded[v, axis])
             square += off * off
         found[v] = not square <= bound * bound
         total += square

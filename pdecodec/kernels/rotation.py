@@ -87,7 +87,7 @@ def align_elements(
                     from_first = rest[i, a] - rest[begin, a]
                     energy += from_first * from_first
                     for b in range(3):
-                        to_first = float(points[f, order[i], b]) - float(points[f, order[begin], b])
+                        to_first = np.float64(points[f, order[i], b]) - np.float64(points[f, order[begin], b])
                         moment[a, b] += from_first * to_first
             # Horn 1987: the leading eigenvector of this matrix is the quaternion.
             matrix[0, 0] = moment[0, 0] + moment[1, 1] + moment[2, 2]
@@ -118,7 +118,7 @@ def align_elements(
             for k in range(4):
                 poses[f, e, k] = -quaternion[k] if sign < 0.0 else quaternion[k]
             for axis in range(3):
-                poses[f, e, 4 + axis] = float(points[f, order[begin], axis]) - rest[begin, axis]
+                poses[f, e, 4 + axis] = np.float64(points[f, order[begin], axis]) - rest[begin, axis]
 
 
 @njit(cache=True)
@@ -150,7 +150,7 @@ def remove_poses(
             motion = matrices[f, e]
             for i in range(begin, starts[e + 1]):
                 for axis in range(3):
-                    offset[axis] = float(points[f, order[i], axis]) - (rest[begin, axis] + motion[9 + axis])
+                    offset[axis] = np.float64(points[f, order[i], axis]) - (rest[begin, axis] + motion[9 + axis])
                 for axis in range(3):
                     total = 0.0
                     for row in range(3):
