@@ -30,12 +30,13 @@ class FrameWindow:
     """
 
     def __init__(self, sequence: MeshSequence, vertices: NDArray[np.int32]) -> None:
-        self._vertices = vertices
         self._sequence = sequence
+        self._vertices = vertices
         self._size = min(MAX_SEGMENT_FRAMES, max(LEAST_FRAMES, sequence.frames_per_block))
+        self._held = np.zeros((0, sequence.vertex_count, 3), np.float32)
+        self._held_first = 0
         self.first = 0
-        self.points = checked_frames(sequence, 0, min(self._size, sequence.frame_count))
-        self.sample = self.points[:, vertices]
+        self._refill()
 
     @property
     def is_empty(self) -> bool:
@@ -48,12 +49,19 @@ class FrameWindow:
 
     def advance(self, frames: int) -> None:
         """Let go of the first `frames` and read on."""
-        held = self.first + len(self.points)
         self.first += frames
-        wanted = min(self.first + self._size, self._sequence.frame_count)
-        more = checked_frames(self._sequence, held, wanted)
-        self.points = np.concatenate([self.points[frames:], more])
-        self.sample = np.concatenate([self.sample[frames:], more[:, self._vertices]])
+        self._refill()
+
+    def _refill(self) -> None:
+        # Twice the window is held, so that what stays is copied once a window and not once a segment.
+        stop = min(self.first + self._size, self._sequence.frame_count)
+        held_stop = self._held_first + len(self._held)
+        if held_stop < stop:
+            more = checked_frames(self._sequence, held_stop, min(stop + self._size, self._sequence.frame_count))
+            self._held = np.concatenate([self._held[self.first - self._held_first :], more])
+            self._held_first = self.first
+        self.points = self._held[self.first - self._held_first : stop - self._held_first]
+        self.sample = self.points[:, self._vertices]
 
 
 def checked_frames(sequence: MeshSequence, start: int, stop: int) -> Float32Array:
