@@ -1,0 +1,47 @@
+"""Damage for everything that reads bytes: cut short, too long, overwritten."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from pdecodec.errors import CorruptFileError
+
+
+def assert_cuts_are_refused(data: bytes, decode: Callable[[bytes], object]) -> None:
+    """Whatever ends too early (nothing at all left aside) or goes on too long is a CorruptFileError."""
+    for size in range(1, len(data)):
+        with pytest.raises(CorruptFileError):
+            decode(data[:size])
+    for more in (b"\0", b"\xff", data):
+        with pytest.raises(CorruptFileError):
+            decode(data + more)
+
+
+def assert_only_corrupt_file_errors(data: bytes, decode: Callable[[bytes], object], *, seed: int = 0) -> int:
+    """Overwrite bytes one by one and several together; returns how many of them were refused.
+
+    Any error but CorruptFileError comes through and fails the test. Damage may go unnoticed: checksums
+    belong to the container.
+    """
+    random = np.random.default_rng(seed)
+    damaged = [
+        bytearray(data[:at] + bytes([data[at] ^ mask]) + data[at + 1 :])
+        for at in range(len(data))
+        for mask in (0x01, 0x80, 0xFF)
+    ]
+    for _ in range(200):
+        several = bytearray(data)
+        for at in random.integers(0, len(data), 3):
+            several[at] = random.integers(0, 256)
+        damaged.append(several)
+    refused = 0
+    for each in damaged:
+        try:
+            with np.errstate(all="ignore"):  # as the decoder does: numbers of a hostile file may overflow
+                decode(bytes(each))
+        except CorruptFileError:
+            refused += 1
+    return refused
