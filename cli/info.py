@@ -64,15 +64,9 @@ def _facts(sequence: MeshSequence) -> dict[str, Any]:
 
 
 def _animation_facts(found: dict[str, Any]) -> dict[str, Any]:
-    from pdecodec.basis import SPACE_FUNCTIONS, TIME_FUNCTIONS
-
     settings = found["settings"]
     # Remarks in a file are what somebody wrote there: they need not be what this encoder writes.
-    profile = settings.get("profile") if isinstance(settings, Mapping) else None
-    if profile == "paper":
-        # Eq. 18, of every curve and segment long enough to tell so many apart.
-        found.setdefault("coefficients_per_curve_and_axis", TIME_FUNCTIONS * SPACE_FUNCTIONS)
-    return {"profile": profile, **found}
+    return {"profile": settings.get("profile") if isinstance(settings, Mapping) else None, **found}
 
 
 def _object_facts(item: MeshObject) -> dict[str, Any]:

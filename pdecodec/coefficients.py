@@ -71,10 +71,14 @@ def pose_steps(model: Model, step: float) -> Float64Array:
 
 
 def quantise_poses(poses: Float64Array, model: Model, step: float) -> Int64Array:
-    """Moving frames in whole steps (no dead zone: a frame that is nearly still must not snap back)."""
+    """Moving frames in whole steps (no dead zone: a frame that is nearly still must not snap back).
+
+    A translation beyond the largest level is cut off there; the fit in the moving frames makes up for it.
+    """
     if not poses.size:
         return np.zeros(poses.shape, np.int64)
-    return np.rint(poses / _per_column(model, step, poses.shape[1])).astype(np.int64)
+    levels = np.rint(poses / _per_column(model, step, poses.shape[1]))
+    return np.clip(levels, -LARGEST, LARGEST).astype(np.int64)
 
 
 def dequantise_poses(levels: Int64Array, model: Model, step: float) -> Float64Array:

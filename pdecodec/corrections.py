@@ -26,6 +26,9 @@ Int64Array = NDArray[np.int64]
 SAFETY = 0.98
 """Share of the bound that the rounding of a residual may use; the last digits of float32 take the rest."""
 
+LAST_BINADE = 2.0**127
+"""From here on all float32 lie equally far apart, and the next after the largest is infinite."""
+
 BYTES_PER_CORRECTION = 200
 """Peak memory of unpacking, per correction; a few bytes of a file can stand for a great many."""
 
@@ -73,7 +76,7 @@ def correction_step(bound: float, largest: float) -> float:
     largest : float [scene units]
         Largest absolute coordinate.
     """
-    spacing = float(np.spacing(np.float32(largest)))
+    spacing = float(np.spacing(np.float32(min(largest, LAST_BINADE))))
     step = SAFETY * (2.0 * bound / math.sqrt(3.0) - spacing)
     return step if step > spacing / 4.0 else spacing / 4.0  # a quarter of the spacing rounds to the input itself
 

@@ -310,6 +310,8 @@ class Animation(MeshSequence):
             "step": self._description.step,
             "curves": len(set(self._model.elements.curve_of.tolist())),
             "elements": self._model.elements.count,
+            "coefficients_per_element_and_axis": int(self._model.elements.ranks.max())
+            * max(segment.functions for segment in self._segments),
             "segments": len(frames),
             "segment_frames": [min(frames), max(frames)],
         }

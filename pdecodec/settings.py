@@ -16,6 +16,12 @@ Alignment = Literal["auto", "none", "affine", "rotation"]
 DEFAULT_TOLERANCE = 1e-3
 """A thousandth of frame 0's diagonal: below what is seen on a full-frame character."""
 
+SMALLEST_BOUND = 2.0**-150
+"""Half the least distance of two float32 that differ: a smaller bound asks for nothing more."""
+
+LARGEST_BOUND = 2.0**130
+"""Farther than any two float32 positions lie apart: a larger bound allows nothing more."""
+
 MAX_SEGMENT_FRAMES = 64
 """Longest time segment: four functions carry no more, and an encoder holds one segment in memory."""
 
@@ -102,10 +108,14 @@ class EncodeSettings:
             What tolerances are relative to, :func:`pdecodec.metrics.frame_scale` of frame 0.
         """
         if self.max_error is not None:
-            return self.max_error
-        if self.tolerance is not None:
-            return self.tolerance * scale
-        return None if self.profile == "paper" else DEFAULT_TOLERANCE * scale
+            bound = self.max_error
+        elif self.tolerance is not None:
+            bound = self.tolerance * scale
+        elif self.profile == "paper":
+            return None
+        else:
+            bound = DEFAULT_TOLERANCE * scale
+        return min(max(bound, SMALLEST_BOUND), LARGEST_BOUND)
 
     def to_json(self) -> dict[str, Any]:
         """As a JSON object; :meth:`from_json` brings it back equal."""

@@ -127,7 +127,7 @@ def test_the_papers_profile_has_32_coefficients_per_curve_and_axis(
     report = json_of(capsys, "encode", folder / "wave.npz", "-o", output, "--profile", "paper", "--json")
     assert report["profile"] == "paper"
     assert report["bound"] is None
-    assert json_of(capsys, "info", output, "--json")["coefficients_per_curve_and_axis"] == 32
+    assert json_of(capsys, "info", output, "--json")["coefficients_per_element_and_axis"] == 32
 
 
 def test_info_of_an_npz_tells_objects_faces_and_times(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -40,7 +40,7 @@ def add_level_bits(levels: Int64Array, starts: Int64Array, bits: Float64Array) -
     for e in range(starts.size - 1):
         for row in range(starts[e], starts[e + 1]):
             for column in range(levels.shape[1]):
-                bits[e] += level_bits(abs(float(levels[row, column])))
+                bits[e] += level_bits(abs(np.float64(levels[row, column])))
 
 
 def add_level_bits_reference(levels: Int64Array, starts: Int64Array, bits: Float64Array) -> None:
