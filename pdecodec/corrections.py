@@ -58,6 +58,10 @@ class FrameCorrections:
     def count(self) -> int:
         return int(self.vertices.size + self.literal_vertices.size)
 
+    @property
+    def nbytes(self) -> int:
+        return self.vertices.nbytes + self.levels.nbytes + self.literal_vertices.nbytes + self.literals.nbytes
+
 
 NO_CORRECTIONS = FrameCorrections(
     np.zeros(0, np.int64), np.zeros((0, 3), np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.float32)
