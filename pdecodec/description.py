@@ -150,7 +150,11 @@ def encode_attributes(objects: Sequence[MeshObject]) -> bytes:
         writer.numbers("I", len(item.attributes))
         for attribute in item.attributes:
             values = np.ascontiguousarray(attribute.values)
-            kind = VALUE_TYPES.index(values.dtype.newbyteorder("<").str)
+            value_type = values.dtype.newbyteorder("<").str
+            if value_type not in VALUE_TYPES or values.ndim not in (1, 2):
+                what = f"attribute {attribute.name!r} of object {item.name!r} is {values.dtype} {values.shape}"
+                raise InputError(f"{what}; rows of float32, float64, int32, int64 or uint8 can be kept")
+            kind = VALUE_TYPES.index(value_type)
             writer.text(attribute.name)
             writer.numbers("BBB", DOMAINS.index(attribute.domain), kind, values.ndim)
             writer.numbers("Q" * values.ndim, *values.shape)
@@ -160,7 +164,7 @@ def encode_attributes(objects: Sequence[MeshObject]) -> bytes:
             writer.numbers("Q", 0 if attribute.indices is None else attribute.indices.size + 1)
             if attribute.indices is not None:
                 writer.sized(pack_integers(np.diff(attribute.indices, prepend=np.int32(0)).astype(np.int64)))
-            writer.sized(compress(json.dumps(attribute.labels).encode()) if attribute.labels else b"")
+            writer.sized(_encode_json(attribute.labels, "labels") if attribute.labels else b"")
     return writer.to_bytes()
 
 
@@ -243,7 +247,7 @@ def _decode_attribute(reader: FieldReader, room: _Room) -> Attribute:
 
 def encode_remarks(remarks: Mapping[str, Any]) -> bytes:
     """Section META: a JSON object, for people; a decoder may ignore it."""
-    return compress(json.dumps(remarks, sort_keys=True, separators=(",", ":")).encode())
+    return _encode_json(remarks, "metadata")
 
 
 def decode_remarks(data: bytes) -> dict[str, Any]:
@@ -252,6 +256,13 @@ def decode_remarks(data: bytes) -> dict[str, Any]:
     if not isinstance(remarks, dict):
         raise CorruptFileError("section META is not a JSON object")
     return remarks
+
+
+def _encode_json(value: Mapping[str, Any] | Sequence[str], what: str) -> bytes:
+    text = json.dumps(value, sort_keys=True, separators=(",", ":")).encode()
+    if len(text) > MAX_JSON_BYTES:
+        raise InputError(f"the {what} are {len(text)} bytes long; at most {MAX_JSON_BYTES} can be kept")
+    return compress(text)
 
 
 def _decode_json(data: bytes, name: str) -> Any:

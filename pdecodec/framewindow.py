@@ -15,6 +15,9 @@ Float64Array = NDArray[np.float64]
 LEAST_FRAMES = 16
 """Frames to look ahead however large the mesh is: four functions of time want that many to pay."""
 
+FARTHEST = 1e37
+"""Largest coordinate: float32 ends at 3.4e38, and motion between frames may swing beyond them."""
+
 
 class FrameWindow:
     """The next frames of a sequence, at most :data:`pdecodec.settings.MAX_SEGMENT_FRAMES`.
@@ -65,14 +68,15 @@ class FrameWindow:
 
 
 def checked_frames(sequence: MeshSequence, start: int, stop: int) -> Float32Array:
-    """Frames of a sequence; InputError names the first position that is not a finite number."""
+    """Frames of a sequence; InputError names the first position that is no number or beyond :data:`FARTHEST`."""
     points = sequence.read_frames(start, stop)
-    finite = np.isfinite(points)
-    if not finite.all():
-        frame, vertex, _ = np.argwhere(~finite)[0]
+    sound = np.abs(points) <= FARTHEST  # false for NaN too
+    if not sound.all():
+        frame, vertex, axis = np.argwhere(~sound)[0]
         name, index = _owner(sequence, int(vertex))
+        what = f"farther than {FARTHEST:g}" if np.isfinite(points[frame, vertex, axis]) else "not at a finite position"
         raise InputError(
-            f"vertex {index} of object '{name}' is not at a finite position; repair or cut the sequence there",
+            f"vertex {index} of object '{name}' is {what}; repair or cut the sequence there",
             frame=start + int(frame),
         )
     return points
