@@ -1,0 +1,83 @@
+"""Taking `.pdeanim` files apart and sealing them again, so that damage gets past the checksums.
+
+Written from ``spec/pdeanim.md`` alone, with nothing of the library in it.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass, replace
+
+IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
+HEADER = struct.Struct("<12sHHIII")
+ENTRY = struct.Struct("<4sIQQII")
+SEGMENT = struct.Struct("<IfhHIII")
+
+REQUIRED = 1
+
+
+@dataclass(frozen=True)
+class Part:
+    """One section of a file."""
+
+    kind: str
+    content: bytes
+    flags: int = REQUIRED
+
+
+def take_apart(data: bytes) -> list[Part]:
+    """The sections of a sound file, in order."""
+    count = HEADER.unpack_from(data)[3]
+    parts = []
+    for index in range(count):
+        kind, flags, offset, length, _, _ = ENTRY.unpack_from(data, HEADER.size + index * ENTRY.size)
+        parts.append(Part(kind.decode("ascii"), data[offset : offset + length], flags))
+    return parts
+
+
+def seal(parts: list[Part], *, major: int = 1, minor: int = 0) -> bytes:
+    """A file of these sections, every checksum right."""
+    offset = HEADER.size + ENTRY.size * len(parts)
+    table = b""
+    for part in parts:
+        entry = (part.kind.encode("ascii"), part.flags, offset, len(part.content), zlib.crc32(part.content), 0)
+        table += ENTRY.pack(*entry)
+        offset += len(part.content)
+    header = HEADER.pack(IDENTIFIER, major, minor, len(parts), zlib.crc32(table), 0)[:-4]
+    return header + struct.pack("<I", zlib.crc32(header)) + table + b"".join(part.content for part in parts)
+
+
+def content(parts: list[Part], kind: str) -> bytes:
+    """The bytes of one section."""
+    return next(part.content for part in parts if part.kind == kind)
+
+
+def with_section(parts: list[Part], kind: str, new: bytes) -> list[Part]:
+    """The same sections, one of them with other bytes; the segments' own checksums are made right."""
+    changed = [replace(part, content=new) if part.kind == kind else part for part in parts]
+    return _seal_segments(changed) if kind in ("SEGM", "COEF", "CORR") else changed
+
+
+def with_chunk(parts: list[Part], kind: str, chunk: bytes) -> list[Part]:
+    """The first segment's part of COEF or CORR replaced, and the segment table made to say so."""
+    column = {"COEF": 4, "CORR": 5}[kind]
+    table = content(parts, "SEGM")
+    row = list(SEGMENT.unpack_from(table))
+    rest = content(parts, kind)[row[column] :]
+    row[column] = len(chunk)
+    return with_section(with_section(parts, kind, chunk + rest), "SEGM", SEGMENT.pack(*row) + table[SEGMENT.size :])
+
+
+def _seal_segments(parts: list[Part]) -> list[Part]:
+    table, at, sealed = content(parts, "SEGM"), {"COEF": 0, "CORR": 0}, b""
+    for offset in range(0, len(table) - SEGMENT.size + 1, SEGMENT.size):
+        coefficient_bytes, correction_bytes, _ = SEGMENT.unpack_from(table, offset)[4:]
+        checksum = 0
+        for kind, size in (("COEF", coefficient_bytes), ("CORR", correction_bytes)):
+            checksum = zlib.crc32(content(parts, kind)[at[kind] : at[kind] + size], checksum)
+            at[kind] += size
+        # Packed as bytes: alpha may be a NaN whose bits must stay.
+        sealed += table[offset : offset + 20] + struct.pack("<I", checksum)
+    sealed += table[len(sealed) :]
+    return [replace(part, content=sealed) if part.kind == "SEGM" else part for part in parts]
