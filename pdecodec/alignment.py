@@ -118,6 +118,8 @@ def pose_matrices(poses: Float64Array) -> Float64Array:
     -------
     (times, elements, 12) float64
     """
+    if poses.size == 0:
+        return np.zeros((*poses.shape[:2], 12))
     square = (poses[..., :4] * poses[..., :4]).sum(axis=-1)
     zero = square == 0.0
     matrices = np.empty((*poses.shape[:2], 12))

@@ -7,6 +7,7 @@ from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -42,8 +43,8 @@ BYTES_PER_CORNER = 80
 BYTES_PER_COEFFICIENT = 64
 """Peak memory of a segment, per coefficient: a float64 in each segment kept, unpacked through four int64."""
 
-CACHED_SEGMENTS = 4
-"""Segments whose coefficients are kept: playing forwards or backwards decodes each once."""
+CACHE_BYTES = 64 * 2**20
+"""Memory for decoded segments: all of most clips, so that scrubbing does not decode one twice."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,6 +98,10 @@ class _DecodedSegment:
     coefficients: SegmentCoefficients
     corrections: list[FrameCorrections]
 
+    @cached_property
+    def nbytes(self) -> int:
+        return self.coefficients.nbytes + sum(frame.nbytes for frame in self.corrections)
+
 
 class Animation(MeshSequence):
     """A `.pdeanim` file: a mesh sequence, and a mesh at any time between its first and its last frame.
@@ -114,6 +119,7 @@ class Animation(MeshSequence):
             self._container.check_known(KNOWN_SECTIONS)
             self._open()
         self._cache: OrderedDict[int, _DecodedSegment] = OrderedDict()
+        self._cached_bytes = 0
 
     @contextmanager
     def _naming_the_file(self) -> Iterator[None]:
@@ -285,8 +291,9 @@ class Animation(MeshSequence):
             decode_corrections(corrected, segment.frames, self.vertex_count, self._left),
         )
         self._cache[index] = decoded
-        if len(self._cache) > CACHED_SEGMENTS:
-            self._cache.popitem(last=False)
+        self._cached_bytes += decoded.nbytes
+        while self._cached_bytes > CACHE_BYTES and len(self._cache) > 1:
+            self._cached_bytes -= self._cache.popitem(last=False)[1].nbytes
         return decoded
 
     @property

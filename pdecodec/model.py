@@ -115,6 +115,10 @@ class SegmentCoefficients:
     shape: Float64Array
     poses: Float64Array
 
+    @property
+    def nbytes(self) -> int:
+        return self.shape.nbytes + self.poses.nbytes
+
 
 @dataclass(frozen=True, eq=False)
 class Model:
@@ -229,7 +233,7 @@ class Model:
     def _evaluate_batch(
         self, terms: Sequence[Term], out: Float32Array, start: int, coefficients: Callable[[int], SegmentCoefficients]
     ) -> None:
-        from pdecodec.kernels.motion import combine, evaluate, evaluate_elements
+        from pdecodec.kernels.motion import combine, evaluate, evaluate_elements, evaluate_once
 
         count, elements = len(out), self.elements
         combined = np.zeros((count, elements.columns, 3))
@@ -252,7 +256,9 @@ class Model:
             pose_matrices(poses),
             out,
         )
-        if out.size < THREADS_FROM:
+        if count == 1:
+            evaluate_once(*arguments)
+        elif out.size < THREADS_FROM:
             evaluate_elements(0, elements.count, *arguments)
         else:
             evaluate(*arguments)

@@ -39,20 +39,24 @@ def project_time(
         Function after function, x y z within each.
     """
     frames = points.shape[0]
-    count = functions.shape[0]
+    moved = np.empty((frames, 3))
     for i in range(order.size):
         vertex = order[i]
-        for k in range(3 * count):
-            projected[i, k] = 0.0
         for f in range(frames):
-            x = points[f, vertex, 0] - rest[i, 0]
-            y = points[f, vertex, 1] - rest[i, 1]
-            z = points[f, vertex, 2] - rest[i, 2]
-            for a in range(count):
+            for axis in range(3):
+                moved[f, axis] = points[f, vertex, axis] - rest[i, axis]
+        for a in range(functions.shape[0]):
+            x = 0.0
+            y = 0.0
+            z = 0.0
+            for f in range(frames):
                 weight = functions[a, f]
-                projected[i, 3 * a] += weight * x
-                projected[i, 3 * a + 1] += weight * y
-                projected[i, 3 * a + 2] += weight * z
+                x += weight * moved[f, 0]
+                y += weight * moved[f, 1]
+                z += weight * moved[f, 2]
+            projected[i, 3 * a] = x
+            projected[i, 3 * a + 1] = y
+            projected[i, 3 * a + 2] = z
 
 
 def project_time_reference(
@@ -225,38 +229,25 @@ def evaluate_elements(
                 for axis in range(3):
                     rows[b, 3 * t + axis] = combined[t, column_starts[e] + b, axis]
         for i in range(size):
-            if times == 1:  # the same sums without the overhead of loops over three numbers
-                x = rest[begin + i, 0]
-                y = rest[begin + i, 1]
-                z = rest[begin + i, 2]
-                for b in range(rank):
-                    value = basis[basis_starts[e] + b * size + i]
-                    x += value * rows[b, 0]
-                    y += value * rows[b, 1]
-                    z += value * rows[b, 2]
-                point[0] = x
-                point[1] = y
-                point[2] = z
-            else:
-                for t in range(times):
-                    for axis in range(3):
-                        point[3 * t + axis] = rest[begin + i, axis]
-                offset = basis_starts[e] + i
-                whole = rank - rank % 4
-                for b in range(0, whole, 4):  # four at a time: half the time, and the same sums in the same order
-                    v0 = basis[offset + b * size]
-                    v1 = basis[offset + (b + 1) * size]
-                    v2 = basis[offset + (b + 2) * size]
-                    v3 = basis[offset + (b + 3) * size]
-                    for k in range(width):
-                        total = point[k] + v0 * rows[b, k]
-                        total += v1 * rows[b + 1, k]
-                        total += v2 * rows[b + 2, k]
-                        point[k] = total + v3 * rows[b + 3, k]
-                for b in range(whole, rank):
-                    value = basis[offset + b * size]
-                    for k in range(width):
-                        point[k] += value * rows[b, k]
+            for t in range(times):
+                for axis in range(3):
+                    point[3 * t + axis] = rest[begin + i, axis]
+            offset = basis_starts[e] + i
+            whole = rank - rank % 4
+            for b in range(0, whole, 4):  # four at a time: half the time, and the same sums in the same order
+                v0 = basis[offset + b * size]
+                v1 = basis[offset + (b + 1) * size]
+                v2 = basis[offset + (b + 2) * size]
+                v3 = basis[offset + (b + 3) * size]
+                for k in range(width):
+                    total = point[k] + v0 * rows[b, k]
+                    total += v1 * rows[b + 1, k]
+                    total += v2 * rows[b + 2, k]
+                    point[k] = total + v3 * rows[b + 3, k]
+            for b in range(whole, rank):
+                value = basis[offset + b * size]
+                for k in range(width):
+                    point[k] += value * rows[b, k]
             vertex = order[begin + i]
             if poses.shape[1] == 0:
                 for t in range(times):
@@ -264,14 +255,72 @@ def evaluate_elements(
                         out[t, vertex, axis] = point[3 * t + axis]
             else:
                 for t in range(times):
-                    x = point[3 * t] - rest[begin, 0]
-                    y = point[3 * t + 1] - rest[begin, 1]
-                    z = point[3 * t + 2] - rest[begin, 2]
-                    for axis in range(3):
-                        turned = (
-                            poses[t, e, 3 * axis] * x + poses[t, e, 3 * axis + 1] * y + poses[t, e, 3 * axis + 2] * z
-                        )
-                        out[t, vertex, axis] = turned + (rest[begin, axis] + poses[t, e, 9 + axis])
+                    x, y, z = posed(point[3 * t], point[3 * t + 1], point[3 * t + 2], rest[begin], poses[t, e])
+                    out[t, vertex, 0] = x
+                    out[t, vertex, 1] = y
+                    out[t, vertex, 2] = z
+
+
+@njit(cache=True)
+def evaluate_once(
+    combined: Float64Array,
+    order: Int32Array,
+    rest: Float64Array,
+    starts: Int64Array,
+    basis: Float64Array,
+    basis_starts: Int64Array,
+    column_starts: Int64Array,
+    poses: Float64Array,
+    out: Float32Array,
+) -> None:
+    """As :func:`evaluate`, for one time: loops along the points of an element instead of along times.
+
+    Every coordinate is the same sum in the same order, and so the same bits.
+    """
+    elements = starts.size - 1
+    largest = 0
+    for e in range(elements):
+        largest = max(largest, starts[e + 1] - starts[e])
+    x, y, z = np.empty(largest), np.empty(largest), np.empty(largest)
+    for e in range(elements):
+        begin = starts[e]
+        size = starts[e + 1] - begin
+        for i in range(size):
+            x[i] = rest[begin + i, 0]
+            y[i] = rest[begin + i, 1]
+            z[i] = rest[begin + i, 2]
+        for b in range(column_starts[e + 1] - column_starts[e]):
+            offset = basis_starts[e] + b * size
+            function = basis[
+                offset : offset + size
+            ]  # a slice: indices from 0 need no check, and the loop is vectorised
+            column = column_starts[e] + b
+            cx, cy, cz = combined[0, column, 0], combined[0, column, 1], combined[0, column, 2]
+            for i in range(size):
+                x[i] += function[i] * cx
+                y[i] += function[i] * cy
+                z[i] += function[i] * cz
+        if poses.shape[1] > 0:
+            for i in range(size):
+                x[i], y[i], z[i] = posed(x[i], y[i], z[i], rest[begin], poses[0, e])
+        for i in range(size):
+            vertex = order[begin + i]
+            out[0, vertex, 0] = x[i]
+            out[0, vertex, 1] = y[i]
+            out[0, vertex, 2] = z[i]
+
+
+@njit(cache=True)
+def posed(x: float, y: float, z: float, centre: Float64Array, pose: Float64Array) -> tuple[float, float, float]:
+    """A point in its element's moving frame: turned about `centre` (row-major matrix), then moved along."""
+    x -= centre[0]
+    y -= centre[1]
+    z -= centre[2]
+    return (
+        pose[0] * x + pose[1] * y + pose[2] * z + (centre[0] + pose[9]),
+        pose[3] * x + pose[4] * y + pose[5] * z + (centre[1] + pose[10]),
+        pose[6] * x + pose[7] * y + pose[8] * z + (centre[2] + pose[11]),
+    )
 
 
 def evaluate_reference(
