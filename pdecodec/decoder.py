@@ -22,6 +22,7 @@ from pdecodec.curves import Curves, extract_curves, order_lonely_points
 from pdecodec.description import decode_attributes, decode_remarks, decode_sequence_description
 from pdecodec.errors import CorruptFileError, InputError, LimitError
 from pdecodec.model import Model, ModelDescription, SegmentCoefficients, build_model
+from pdecodec.paperform import PaperForm, paper_form
 from pdecodec.restshape import RestShape, decode_rest
 from pdecodec.segments import Segment, SegmentTable, read_segment_table, terms_at
 from pdecodec.sequence import MeshObject, MeshSequence, check_frame_range
@@ -246,6 +247,24 @@ class Animation(MeshSequence):
             at = np.array([time], dtype=np.float64)
             values, slopes = terms_at(self._segments, at), terms_at(self._segments, at, 1)
             return self._model.velocity(values, slopes, self._coefficients)
+
+    def paper_form(self, segment: int) -> PaperForm:
+        """The coefficients of one time segment as the paper writes them (Eqs. 17 and 18), with their conditioning.
+
+        Parameters
+        ----------
+        segment : int
+            0 to ``info()["segments"] - 1``.
+
+        Raises
+        ------
+        SettingsError
+            If the file was encoded with functions that are not the paper's 32.
+        """
+        if not 0 <= segment < len(self._segments):
+            raise IndexError(f"segment {segment} of {len(self._segments)}")
+        with self._naming_the_file():
+            return paper_form(self._model, self._segments[segment], self._coefficients(segment), self._description.r)
 
     def _checked_times(self, times: ArrayLike) -> tuple[Float64Array, NDArray[np.int64]]:
         asked = np.asarray(times, dtype=np.float64)

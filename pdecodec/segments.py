@@ -67,12 +67,17 @@ class Segment:
         return len(self.rows)
 
     @property
-    def _half(self) -> float:
+    def half_length(self) -> float:
+        """Half of the time from its first to its last frame [s]; 1 for a single frame."""
         return float(self.times[-1] - self.times[0]) / 2.0 if self.frames > 1 else 1.0
 
+    @property
+    def centre(self) -> float:
+        """The time half-way between its first and its last frame [s]."""
+        return float(self.times[0] + self.times[-1]) / 2.0
+
     def _argument(self, t: Float64Array) -> Float64Array:
-        centre = float(self.times[0] + self.times[-1]) / 2.0
-        return np.divide(t - centre, self._half)
+        return np.divide(t - self.centre, self.half_length)
 
     @cached_property
     def _orthonormal(self) -> tuple[Float64Array, Float64Array, NDArray[np.int64]]:
@@ -117,7 +122,7 @@ class Segment:
             for k in range(j):
                 column -= triangle[k, j] * weights[:, k]
             weights[:, j] = column / triangle[j, j]
-        return weights / self._half**derivative if derivative else weights
+        return weights / self.half_length**derivative if derivative else weights
 
 
 @dataclass(frozen=True)
