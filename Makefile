@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-com
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test lint types bench docs vectors clean
+.PHONY: demo test lint types bench corpus docs vectors clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out

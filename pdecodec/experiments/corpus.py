@@ -100,7 +100,8 @@ def as_markdown(rows: Sequence[Row]) -> str:
     ]
     lines += [
         f"| {row.name} | {row.frames} x {row.vertices} | {row.ratio:.1f} | {row.bpvf:.2f} | {row.max_error:.2e} "
-        f"| {row.rms_error:.2e} | {row.kg_error:.3f} | {row.encode_rate:.1f} | {row.decode_multiple:.0f} | {row.model} |"
+        f"| {row.rms_error:.2e} | {row.kg_error:.3f} | {row.encode_rate:.1f} | {row.decode_multiple:.0f} "
+        f"| {row.model} |"
         for row in rows
     ]
     mean = [math.exp(np.mean(np.log([getattr(row, name) for row in rows]))) for name in ("ratio", "bpvf")]
