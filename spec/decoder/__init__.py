@@ -1,0 +1,11 @@
+"""An educational decoder of `.pdeanim` files: plain Python, written from ``spec/pdeanim.md`` alone.
+
+It shares no code with `pdecodec` and exists to be read beside the specification and to check it: the tests
+compare what both decode to the last bit. It is slow, trusts a file's sizes, and holds everything in memory.
+
+    python -m spec.decoder FILE.pdeanim            what the file holds
+    python -m spec.decoder FILE.pdeanim 0.25       the vertex positions at 0.25 s, a line each
+
+Modules, in the order of a decode: `fields` (sections 1 to 4 of the specification), `mesh` (5, 6, 13),
+`curves` (7), `shape` (8, 9), `motion` (10 to 12).
+"""
