@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import mpmath
@@ -11,6 +12,8 @@ from mpmath import mpf
 
 from pdecodec.basis import (
     MAX_RATE,
+    SERIES_CHUNK,
+    SERIES_TERMS,
     SOLVES_BEAM_EQUATION,
     SPACE_FUNCTIONS,
     TIME_FUNCTIONS,
@@ -158,6 +161,11 @@ def test_series_has_the_exact_values_up_to_the_largest_rate(order: int, rate: fl
     np.testing.assert_allclose(series_functions(x, rate, order), exact, rtol=2e-15)
 
 
+def test_no_term_that_is_left_out_of_the_series_would_change_a_bit() -> None:
+    first_left_out = 4 * (SERIES_TERMS + 1)
+    assert MAX_RATE**first_left_out / math.factorial(first_left_out) < np.finfo(float).eps / 30
+
+
 @pytest.mark.parametrize(("order", "printed"), [(4, paper_time_functions), (8, paper_space_functions)])
 @pytest.mark.parametrize("rate", [0.5, 1.0, 2.0, 3.5, 6.0, 9.0, MAX_RATE])
 def test_series_is_the_stated_sum_of_the_printed_functions(
@@ -207,9 +215,12 @@ def test_series_of_opposite_arguments_have_opposite_signs_to_the_last_bit() -> N
 
 
 def test_series_does_not_depend_on_how_many_points_are_asked_together() -> None:
-    x = np.linspace(-1, 1, 37)
+    x = np.linspace(-1, 1, 2 * SERIES_CHUNK + 37)
     together = series_functions(x, 5.3, 4)
-    assert np.array_equal(together, [series_functions(at, 5.3, 4) for at in x])
+    assert together.shape == (len(x), 4)
+    for at in (0, 1, SERIES_CHUNK - 1, SERIES_CHUNK, 2 * SERIES_CHUNK + 36):
+        assert np.array_equal(together[at], series_functions(x[at], 5.3, 4))
+    assert np.array_equal(together[5::7], series_functions(x[5::7], 5.3, 4))
 
 
 def scaled_condition(columns: np.ndarray) -> float:

@@ -29,7 +29,7 @@ def assert_comes_back(parts: list[Connectivity]) -> bytes:
     return data
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.lists(connectivities(), min_size=1, max_size=3))
 def test_any_faces_and_lines_come_back_in_their_order(parts: list[Connectivity]) -> None:
     assert assert_comes_back(parts) == encode_connectivity(parts)
@@ -143,7 +143,7 @@ def test_more_corners_than_memory_has_room_for_are_refused_before_memory_is_take
         decode_connectivity(section([], count=2**59, size=2**60, uniform=2), [4], PLENTY)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(
     st.lists(st.integers(-3, 4) | st.integers(-(2**63), 2**63 - 1), max_size=8),
     st.lists(st.integers(-1, 5) | st.integers(-(2**63), 2**63 - 1), max_size=4),

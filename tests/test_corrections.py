@@ -51,7 +51,7 @@ def distances(points: Float32Array, other: Float32Array) -> NDArray[np.float64]:
     return np.linalg.norm(points.astype(np.float64) - other.astype(np.float64), axis=1)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(
     arrays.arrays(np.float32, (5, 3), elements=FINITE),
     arrays.arrays(np.float32, (5, 3), elements=FINITE),
@@ -159,7 +159,7 @@ def frame_corrections(draw: st.DrawFn) -> FrameCorrections:
     )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.lists(frame_corrections(), min_size=1, max_size=5))
 def test_corrections_come_back_to_the_last_bit(frames: list[FrameCorrections]) -> None:
     data = encode_corrections(frames)
@@ -253,7 +253,7 @@ def test_counts_whose_sum_wraps_round_are_refused() -> None:
         decode_corrections(chunk(counts, [], [[], [], []], [], b""), 3, 5, PLENTY)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(
     st.lists(st.integers(-2, 6), min_size=4, max_size=4),
     *(st.lists(st.integers(-1, 6) | st.integers(-(2**63), 2**63 - 1), max_size=6) for _ in range(3)),

@@ -56,7 +56,7 @@ def assert_partition(curves: Curves, vertices: int) -> None:
     assert curves.order.dtype == np.int32
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(connectivities())
 def test_every_vertex_of_any_mesh_is_in_exactly_one_curve_that_follows_edges(connectivity: Connectivity) -> None:
     curves = curves_of(connectivity)

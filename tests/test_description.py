@@ -89,7 +89,7 @@ def test_times_that_a_rule_would_give_but_for_one_bit_are_listed() -> None:
     assert assert_times_come_back(clip(times, 24.0)) == TIMES_LISTED
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.lists(st.floats(-LARGEST_TIME, LARGEST_TIME) | st.floats(-2, 2), min_size=1, max_size=12, unique=True))
 def test_any_times_come_back_to_the_last_bit(values: list[float]) -> None:
     chosen: list[float] = []
@@ -225,7 +225,7 @@ def attributes(draw: st.DrawFn) -> Attribute:
     return Attribute(draw(st.text(st.characters(codec="utf-8"), max_size=5)), domain, values, indices, labels)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.lists(attributes(), max_size=3))
 def test_any_attributes_come_back(drawn: list[Attribute]) -> None:
     mesh = connectivity_of(3, [[0, 1, 2], [2, 1, 0, 0]])

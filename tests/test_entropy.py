@@ -23,7 +23,7 @@ BLOCK = 2**17
 """Bytes that one block of a zstandard frame can stand for."""
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(arrays.arrays(np.int64, st.integers(0, 40), elements=st.integers(-(2**63), 2**63 - 1) | st.integers(-99, 99)))
 def test_integers_come_back_from_the_same_bytes(values: NDArray[np.int64]) -> None:
     data = pack_integers(values)
@@ -66,7 +66,7 @@ def test_bytes_come_back(content: bytes) -> None:
         assert zstandard.frame_content_size(data) == len(content)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(st.binary(max_size=60) | st.binary(max_size=60).map(lambda tail: MAGIC + tail))
 def test_any_bytes_give_at_most_what_was_allowed_or_our_own_error(data: bytes) -> None:
     try:

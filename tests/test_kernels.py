@@ -278,7 +278,7 @@ def test_removing_poses_equals_its_plain_form() -> None:
 INTEGERS = st.integers(-(2**63), 2**63 - 1) | st.integers(-200, 200)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(st.lists(INTEGERS, max_size=30))
 def test_variable_length_integers_equal_their_plain_form_and_come_back(values: list[int]) -> None:
     array = np.array(values, np.int64)

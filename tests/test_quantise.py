@@ -51,7 +51,7 @@ def test_values_go_to_the_next_level_at_the_stated_share_of_a_step() -> None:
     assert quantise(values * 0.25, 0.25).tolist() == [0, 0, 0, 1, 1, 2, 7, 0, -1, -1, -2]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(arrays.arrays(np.float64, 8, elements=st.floats(-1, 1)), MAGNITUDE, st.floats(1e-12, 3))
 def test_a_quantised_value_is_within_the_dead_zones_share_of_a_step(
     values: Float64Array, unit: float, relative: float
@@ -65,7 +65,7 @@ def test_a_quantised_value_is_within_the_dead_zones_share_of_a_step(
     assert np.array_equal(quantise(-values, step), -levels)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(MAGNITUDE, MAGNITUDE)
 def test_steps_are_coarsened_until_levels_fit_and_no_further(value: float, step: float) -> None:
     values = np.array([0.3 * value, -value])

@@ -31,7 +31,7 @@ def random_curves(*lengths: int) -> Curves:
     return Curves(np.random.default_rng(1).permutation(sum(lengths)).astype(np.int32), np.cumsum([0, *lengths]))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(arrays.arrays(np.float32, (6, 3), elements=FINITE), st.integers(-45, 38))
 def test_points_are_within_half_a_step_of_the_input_at_any_scale(points: NDArray[np.float32], decade: int) -> None:
     shape = quantise_rest(points, 10.0**decade)
@@ -58,7 +58,7 @@ def test_coinciding_points_are_exact() -> None:
     assert np.array_equal(shape.points, points.astype(np.float64))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(curves(), st.data())
 def test_levels_come_back_to_the_last_bit(partition: Curves, data: st.DataObject) -> None:
     level = st.integers(0, 2**LARGEST_BITS - 1) | st.integers(0, 50)
@@ -156,7 +156,7 @@ def test_numbers_out_of_range_are_named(data: bytes, message: str) -> None:
         decode_rest(data, ONE)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(
     st.integers(1, 2),
     st.lists(st.integers(-2, 2) | st.integers(-(2**63), 2**63 - 1), min_size=6, max_size=6),
