@@ -121,9 +121,7 @@ def _fit_displacement(
     projected = np.empty((len(order), 3 * segment.functions))
     project_time(points, order, model.rest, segment.rows, projected)
     coefficients = np.empty((elements.columns, 3 * segment.functions))
-    project_space(
-        projected, elements.starts, elements.basis, elements.basis_starts, elements.column_starts, coefficients
-    )
+    project_space(projected, model.layout, coefficients)
     return coefficients
 
 

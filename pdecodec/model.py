@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -19,6 +20,7 @@ from pdecodec.curves import Curves
 from pdecodec.elements import WHOLE_CURVE, Elements, build_elements
 from pdecodec.entropy import unpack_integers
 from pdecodec.errors import CorruptFileError
+from pdecodec.kernels.layout import Layout
 from pdecodec.quantise import LARGEST_STEP
 from pdecodec.restshape import RestShape
 from pdecodec.segments import Term
@@ -136,6 +138,12 @@ class Model:
     rest: Float64Array
     alignment: ModelAlignment
 
+    @cached_property
+    def layout(self) -> Layout:
+        """Its arrays as compiled loops take them."""
+        item = self.elements
+        return Layout(item.order, self.rest, item.starts, item.basis, item.basis_starts, item.column_starts)
+
     @property
     def posed_elements(self) -> int:
         """Elements with a moving frame: all under "rotation", none otherwise."""
@@ -245,17 +253,7 @@ class Model:
                 found = coefficients(term.segment)
                 combine(found.shape, weights, combined[first - start : last - start])
                 combine(found.poses, weights, poses[first - start : last - start])
-        arguments = (
-            combined,
-            elements.order,
-            self.rest,
-            elements.starts,
-            elements.basis,
-            elements.basis_starts,
-            elements.column_starts,
-            pose_matrices(poses),
-            out,
-        )
+        arguments = (combined, self.layout, pose_matrices(poses), out)
         if count == 1:
             evaluate_once(*arguments)
         elif out.size < THREADS_FROM:

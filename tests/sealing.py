@@ -9,12 +9,15 @@ import struct
 import zlib
 from dataclasses import dataclass, replace
 
+import zstandard
+
 IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
 HEADER = struct.Struct("<12sHHIII")
 ENTRY = struct.Struct("<4sIQQII")
 SEGMENT = struct.Struct("<IfhHIII")
 
 REQUIRED = 1
+FRAME_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
 @dataclass(frozen=True)
@@ -81,3 +84,61 @@ def _seal_segments(parts: list[Part]) -> list[Part]:
         sealed += table[offset : offset + 20] + struct.pack("<I", checksum)
     sealed += table[len(sealed) :]
     return [replace(part, content=sealed) if part.kind == "SEGM" else part for part in parts]
+
+
+def sized(data: bytes) -> bytes:
+    """A byte string after its length."""
+    return struct.pack("<Q", len(data)) + data
+
+
+def compressed(data: bytes) -> bytes:
+    """A zstandard frame that declares its size."""
+    return zstandard.ZstdCompressor(level=1, write_content_size=True).compress(data) if data else b""
+
+
+def varints(*values: int) -> bytes:
+    """Integers as zigzag variable-length integers."""
+    out = bytearray()
+    for value in values:
+        rest = 2 * value if value >= 0 else -2 * value - 1
+        while rest >= 128:
+            out.append(rest & 127 | 128)
+            rest >>= 7
+        out.append(rest)
+    return bytes(out)
+
+
+def integers(*values: int) -> bytes:
+    """A sized stream of integers."""
+    return sized(compressed(varints(*values)))
+
+
+def zeros(declared: int, blocks: int) -> bytes:
+    """A frame of `blocks` times 128 KiB of zeros that declares another size: four bytes a block."""
+    block = struct.pack("<I", (2**17 << 3) | 2)[:3] + b"\0"
+    last = struct.pack("<I", (2**17 << 3) | 3)[:3] + b"\0"
+    return FRAME_MAGIC + b"\xc0\x38" + struct.pack("<Q", declared) + block * (blocks - 1) + last
+
+
+def streams(data: bytes) -> list[tuple[int, int]]:
+    """Where the sized streams of a section begin, and how long they are."""
+    found, at = [], data.find(FRAME_MAGIC)
+    while at >= 0:
+        if at >= 8:
+            (size,) = struct.unpack_from("<Q", data, at - 8)
+            if size <= len(data) - at:
+                found.append((at, size))
+        at = data.find(FRAME_MAGIC, at + 4)
+    return found
+
+
+def unpacked(data: bytes, stream: tuple[int, int]) -> bytes:
+    """What one of :func:`streams` holds."""
+    at, size = stream
+    return zstandard.ZstdDecompressor().decompress(data[at : at + size])
+
+
+def with_stream(data: bytes, stream: tuple[int, int], new: bytes) -> bytes:
+    """A section with the content of one of :func:`streams` replaced, its length made right."""
+    at, size = stream
+    return data[: at - 8] + sized(compressed(new)) + data[at + size :]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +14,7 @@ from pdecodec.alignment import fit_poses, pose_matrices, rotation_between
 from pdecodec.elements import arc_length_parameter
 from pdecodec.kernels import estimate, motion
 from pdecodec.kernels.cover import free_runs, walk_loops
+from pdecodec.kernels.layout import Layout
 from pdecodec.kernels.orthonormal import (
     DEPENDENT,
     orthonormalise,
@@ -28,23 +28,8 @@ Float64Array = NDArray[np.float64]
 Int64Array = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Elements of several sizes and ranks over a mesh of which they are a shuffled part."""
-
-    order: NDArray[np.int32]
-    rest: Float64Array
-    starts: Int64Array
-    basis: Float64Array
-    basis_starts: Int64Array
-    column_starts: Int64Array
-
-    @property
-    def columns(self) -> int:
-        return int(self.column_starts[-1])
-
-
 def layout(seed: int = 0) -> Layout:
+    """Elements of several sizes and ranks over a mesh of which they are a shuffled part."""
     random = np.random.default_rng(seed)
     sizes, ranks = np.array([9, 1, 4, 30, 2]), np.array([7, 1, 4, 12, 1])
     numbers = sizes * ranks
@@ -56,10 +41,6 @@ def layout(seed: int = 0) -> Layout:
         basis_starts=np.cumsum([0, *numbers]),
         column_starts=np.cumsum([0, *ranks]),
     )
-
-
-def of_elements(part: Layout) -> tuple[Int64Array, Float64Array, Int64Array, Int64Array]:
-    return part.starts, part.basis, part.basis_starts, part.column_starts
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
@@ -78,9 +59,9 @@ def test_projection_in_time_equals_its_plain_form(kind: type, frames: int, funct
 def test_projection_in_space_equals_its_plain_form(width: int) -> None:
     part = layout()
     projected = np.random.default_rng(2).normal(size=(len(part.order), width))
-    coefficients = np.full((part.columns, width), np.nan)
-    motion.project_space(projected, *of_elements(part), coefficients)
-    expected = motion.project_space_reference(projected, *of_elements(part))
+    coefficients = np.full((int(part.column_starts[-1]), width), np.nan)
+    motion.project_space(projected, part, coefficients)
+    expected = motion.project_space_reference(projected, part)
     np.testing.assert_allclose(coefficients, expected, rtol=0, atol=1e-13)
 
 
@@ -99,10 +80,10 @@ def test_combination_equals_its_plain_form_and_adds(width: int) -> None:
 @pytest.mark.parametrize("times", [1, 2, 9])
 def test_evaluation_equals_its_plain_form(posed: bool, times: int) -> None:
     random, part = np.random.default_rng(4), layout()
-    combined = random.normal(size=(times, part.columns, 3))
+    combined = random.normal(size=(times, int(part.column_starts[-1]), 3))
     poses = random.normal(size=(times, 5 if posed else 0, 12))
     expected, threaded, single = (np.full((times, 60, 3), 7, np.float32) for _ in range(3))
-    arguments = (combined, part.order, part.rest, *of_elements(part), poses)
+    arguments = (combined, part, poses)
     motion.evaluate_reference(*arguments, expected)
     motion.evaluate(*arguments, threaded)
     motion.evaluate_elements(0, 5, *arguments, single)
@@ -115,13 +96,13 @@ def test_evaluation_equals_its_plain_form(posed: bool, times: int) -> None:
 @pytest.mark.parametrize("posed", [False, True])
 def test_a_time_evaluated_alone_has_the_bits_it_has_among_others(posed: bool) -> None:
     random, part = np.random.default_rng(5), layout()
-    combined = random.normal(size=(6, part.columns, 3))
+    combined = random.normal(size=(6, int(part.column_starts[-1]), 3))
     poses = random.normal(size=(6, 5 if posed else 0, 12))
     together, alone = np.zeros((6, 60, 3), np.float32), np.zeros((6, 60, 3), np.float32)
-    motion.evaluate(combined, part.order, part.rest, *of_elements(part), poses, together)
+    motion.evaluate(combined, part, poses, together)
     for t in range(6):
         one = slice(t, t + 1)
-        motion.evaluate_once(combined[one], part.order, part.rest, *of_elements(part), poses[one], alone[one])
+        motion.evaluate_once(combined[one], part, poses[one], alone[one])
     assert np.array_equal(together, alone)
 
 
@@ -253,10 +234,10 @@ def test_removing_poses_undoes_what_evaluation_does() -> None:
     random, part = np.random.default_rng(11), layout()
     poses = random.normal(size=(3, 5, 7))
     matrices = pose_matrices(poses)
-    combined = random.normal(size=(3, part.columns, 3))
+    combined = random.normal(size=(3, int(part.column_starts[-1]), 3))
     posed, plain = np.zeros((3, 60, 3), np.float32), np.zeros((3, 60, 3), np.float32)
-    motion.evaluate(combined, part.order, part.rest, *of_elements(part), matrices, posed)
-    motion.evaluate(combined, part.order, part.rest, *of_elements(part), matrices[:, :0], plain)
+    motion.evaluate(combined, part, matrices, posed)
+    motion.evaluate(combined, part, matrices[:, :0], plain)
     aligned = np.full((3, len(part.order), 3), np.nan)
     remove_poses(posed, part.order, part.rest, part.starts, matrices, aligned)
     np.testing.assert_allclose(aligned, plain[:, part.order], rtol=0, atol=1e-5)

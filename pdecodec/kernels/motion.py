@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from pdecodec.kernels.layout import Layout
+
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 Int32Array = NDArray[np.int32]
@@ -69,27 +71,16 @@ def project_time_reference(
 
 
 @njit(cache=True)
-def project_space(
-    projected: Float64Array,
-    starts: Int64Array,
-    basis: Float64Array,
-    basis_starts: Int64Array,
-    column_starts: Int64Array,
-    coefficients: Float64Array,
-) -> None:
+def project_space(projected: Float64Array, layout: Layout, coefficients: Float64Array) -> None:
     """Project onto the orthonormal space functions of each element: the second half of Eq. 25.
 
     Parameters
     ----------
     projected : (n, 3 * functions) float64
-    starts : (elements + 1,) int64
-        Element e holds vertices ``starts[e]`` to ``starts[e + 1] - 1`` of `projected`.
-    basis : (sum of rank * size,) float64
-        Element e's functions, one after the other, from ``basis_starts[e]``.
-    basis_starts, column_starts : (elements + 1,) int64
-        Where an element begins in `basis`, and in the columns of all elements.
+    layout : Layout
     coefficients : (columns, 3 * functions) float64, written
     """
+    _, _, starts, basis, basis_starts, column_starts = layout
     width = projected.shape[1]
     for e in range(starts.size - 1):
         begin = starts[e]
@@ -105,14 +96,9 @@ def project_space(
                     coefficients[row, k] += value * projected[begin + i, k]
 
 
-def project_space_reference(
-    projected: Float64Array,
-    starts: Int64Array,
-    basis: Float64Array,
-    basis_starts: Int64Array,
-    column_starts: Int64Array,
-) -> Float64Array:
+def project_space_reference(projected: Float64Array, layout: Layout) -> Float64Array:
     """Plain numpy form of :func:`project_space`; returns ``coefficients``."""
+    _, _, starts, basis, basis_starts, column_starts = layout
     parts = []
     for e in range(starts.size - 1):
         rank = int(column_starts[e + 1] - column_starts[e])
@@ -156,12 +142,7 @@ LANES = 16
 @njit(cache=True, parallel=True)
 def evaluate(
     combined: Float64Array,
-    order: Int32Array,
-    rest: Float64Array,
-    starts: Int64Array,
-    basis: Float64Array,
-    basis_starts: Int64Array,
-    column_starts: Int64Array,
+    layout: Layout,
     poses: Float64Array,
     out: Float32Array,
 ) -> None:
@@ -170,28 +151,19 @@ def evaluate(
     Parameters
     ----------
     combined : (times, columns, 3) float64
-    order : (n,) int32
-        Vertex of the mesh that the i-th vertex in curve order is.
-    rest : (n, 3) float64
-    starts, basis, basis_starts, column_starts
-        Elements as in :func:`project_space`.
+    layout : Layout
     poses : (times, elements, 12) float64, or (times, 0, 12)
         Where elements move as rigid bodies besides: a row-major rotation about the first point of the rest
         shape, and a translation.
-    out : (times, vertices of the mesh, 3) float32, written at `order`
+    out : (times, vertices of the mesh, 3) float32, written at ``layout.order``
     """
-    elements = starts.size - 1
+    elements = layout.starts.size - 1
     for lane in prange(LANES):
         evaluate_elements(
             elements * lane // LANES,
             elements * (lane + 1) // LANES,
             combined,
-            order,
-            rest,
-            starts,
-            basis,
-            basis_starts,
-            column_starts,
+            layout,
             poses,
             out,
         )
@@ -202,16 +174,12 @@ def evaluate_elements(
     first: int,
     last: int,
     combined: Float64Array,
-    order: Int32Array,
-    rest: Float64Array,
-    starts: Int64Array,
-    basis: Float64Array,
-    basis_starts: Int64Array,
-    column_starts: Int64Array,
+    layout: Layout,
     poses: Float64Array,
     out: Float32Array,
 ) -> None:
     """As :func:`evaluate`, for elements `first` to ``last - 1`` on one thread."""
+    order, rest, starts, basis, basis_starts, column_starts = layout
     times = combined.shape[0]
     width = 3 * times
     most = 0
@@ -264,12 +232,7 @@ def evaluate_elements(
 @njit(cache=True)
 def evaluate_once(
     combined: Float64Array,
-    order: Int32Array,
-    rest: Float64Array,
-    starts: Int64Array,
-    basis: Float64Array,
-    basis_starts: Int64Array,
-    column_starts: Int64Array,
+    layout: Layout,
     poses: Float64Array,
     out: Float32Array,
 ) -> None:
@@ -277,6 +240,7 @@ def evaluate_once(
 
     Every coordinate is the same sum in the same order, and so the same bits.
     """
+    order, rest, starts, basis, basis_starts, column_starts = layout
     elements = starts.size - 1
     largest = 0
     for e in range(elements):
@@ -325,16 +289,12 @@ def posed(x: float, y: float, z: float, centre: Float64Array, pose: Float64Array
 
 def evaluate_reference(
     combined: Float64Array,
-    order: Int32Array,
-    rest: Float64Array,
-    starts: Int64Array,
-    basis: Float64Array,
-    basis_starts: Int64Array,
-    column_starts: Int64Array,
+    layout: Layout,
     poses: Float64Array,
     out: Float32Array,
 ) -> None:
     """Plain numpy form of :func:`evaluate`."""
+    order, rest, starts, basis, basis_starts, column_starts = layout
     for e in range(starts.size - 1):
         inside = slice(starts[e], starts[e + 1])
         columns = slice(column_starts[e], column_starts[e + 1])
