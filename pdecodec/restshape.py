@@ -105,13 +105,10 @@ def decode_rest(data: bytes, curves: Curves) -> RestShape:
 def _predict(along: Int64Array, curves: Curves, predictor: int) -> Int64Array:
     # The first point of a curve against the first of the curve before it; the others along the curve.
     firsts = curves.starts[:-1]
-    residual = np.diff(along, axis=0, prepend=0)
-    residual[firsts] = 0
-    if predictor == 2:
+    residual = along
+    for _ in range(predictor):
         residual = np.diff(residual, axis=0, prepend=0)
         residual[firsts] = 0
-        seconds = firsts[curves.lengths > 1] + 1
-        residual[seconds] = along[seconds] - along[seconds - 1]
     residual[firsts] = np.diff(along[firsts], axis=0, prepend=0)
     return residual
 
