@@ -106,6 +106,14 @@ def test_residuals_beyond_the_largest_level_are_kept_literally() -> None:
     assert found.count == 1
 
 
+def test_what_a_rounded_residual_still_misses_is_kept_literally() -> None:
+    points, base = np.array([[0.45, 0, 0], [0.39, 0.9, 0]], np.float32), np.zeros((2, 3), np.float32)
+    found = correct_frame(points, base, np.array([True, True]), 1.0, 0.42)
+    assert found.literal_vertices.tolist() == [0]
+    assert found.vertices.tolist() == [1]
+    assert found.levels.tolist() == [[0, 1, 0]]
+
+
 def test_a_frame_within_the_bound_has_no_corrections() -> None:
     points = np.ones((4, 3), np.float32)
     assert correct_frame(points, points, np.zeros(4, bool), 0.1, 0.1) is NO_CORRECTIONS
