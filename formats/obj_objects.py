@@ -100,10 +100,17 @@ def build_model(scan: ObjScan, *, frame: int | None = None) -> ObjModel:
     return ObjModel(objects, metadata, builder.notices(tuple(left_out)))
 
 
+def _as_text(name: bytes) -> str:
+    try:
+        return name.decode("utf-8")
+    except UnicodeDecodeError:
+        return name.decode("latin-1")  # what older exporters write; every byte is a letter of it
+
+
 def _statement(scan: ObjScan, offset: int, frame: int | None) -> tuple[str, str]:
     """Word and argument of a statement, blanks of the argument single."""
     end = scan.text.data.index(b"\n", offset)
-    words = [token.decode("utf-8", "replace") for token in scan.text.data[offset:end].split()]
+    words = [_as_text(token) for token in scan.text.data[offset:end].split()]
     word = words[0]
     if not _STATEMENT.fullmatch(word):
         raise scan.text.error(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from pdecodec.errors import CorruptFileError
+from pdecodec.errors import CorruptFileError, InputError
 
 
 class FieldWriter:
@@ -23,8 +23,11 @@ class FieldWriter:
         self._parts.append(data)
 
     def text(self, value: str) -> None:
-        """UTF-8 text after its length in bytes (u64)."""
-        self.sized(value.encode("utf-8"))
+        """UTF-8 text after its length in bytes (u64); InputError for a lone surrogate."""
+        try:
+            self.sized(value.encode("utf-8"))
+        except UnicodeEncodeError as error:
+            raise InputError(f"the name {value!r} is not text that UTF-8 can hold; rename it") from error
 
     def to_bytes(self) -> bytes:
         return b"".join(self._parts)

@@ -18,9 +18,8 @@ from pdecodec.quantise import LARGEST, coarsening, dequantise, quantise
 Float64Array = NDArray[np.float64]
 Int64Array = NDArray[np.int64]
 
-POSE_REACH = 16.0
-"""Points of an element that a quaternion's step may move by a coefficient's step, as a share: finer for a
-turn (the whole element follows it) than for a function that moves a few points."""
+COARSEST_TURN = 1.0 / 16.0
+"""Largest quantisation step of a unit quaternion's numbers, where points are so near that any turn is small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +65,7 @@ def pose_steps(model: Model, step: float) -> Float64Array:
     firsts = np.repeat(model.rest[model.elements.starts[:-1]], sizes, axis=0)
     reach = math.sqrt(float(((model.rest - firsts) ** 2).sum(axis=1).max(initial=0.0)))
     translation = step / math.sqrt(float(sizes.max(initial=1)))
-    turn = min(translation / (2.0 * reach), 1.0 / POSE_REACH) if reach > 0 else 1.0 / POSE_REACH
+    turn = min(translation / (2.0 * reach), COARSEST_TURN) if reach > 0 else COARSEST_TURN
     return np.array([turn] * 4 + [translation] * 3)
 
 

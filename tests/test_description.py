@@ -393,3 +393,9 @@ def test_damage_to_remarks_ends_in_our_own_error() -> None:
     data = encode_remarks({"metadata": {"up_axis": "Y"}, "settings": {"tolerance": 1e-3, "alpha": None}})
     assert_cuts_are_refused(data, decode_remarks)
     assert assert_only_corrupt_file_errors(data, decode_remarks) > 50
+
+
+def test_a_name_that_no_text_encoding_holds_is_refused_by_name() -> None:
+    broken = MeshObject("part\ud800", Connectivity(1))
+    with pytest.raises(InputError, match="rename"):
+        encode_sequence_description(ArraySequence(np.zeros((1, 1, 3)), objects=[broken]))

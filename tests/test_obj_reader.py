@@ -232,3 +232,8 @@ def test_the_shirt_in_obj_is_the_shirt_in_npz(shared_data: Path):
         assert np.array_equal(sequence.read_frames(0, 60), known["points"][:60])
         assert np.array_equal(sequence.connectivity.face_indices.reshape(-1, 3), known["faces"])
         assert np.allclose(sequence.times, known["times"][:60], rtol=0, atol=1e-12)
+
+
+def test_a_name_that_is_not_utf8_is_read_as_latin_1(tmp_path: Path) -> None:
+    (item,) = read(tmp_path, SQUARE.encode() + b"o caf\xe9\nf 1 2 3 4\n").objects
+    assert item.name == "caf\u00e9"

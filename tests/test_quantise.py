@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pdecodec.alignment import POSE_NUMBERS
 from pdecodec.bytestream import FieldWriter
 from pdecodec.coefficients import (
-    POSE_REACH,
+    COARSEST_TURN,
     QuantisedSegment,
     decode_segment,
     dequantise_poses,
@@ -102,8 +102,8 @@ def test_steps_of_moving_frames_follow_from_the_widest_element() -> None:
 
 def test_a_turn_is_quantised_however_small_the_element() -> None:
     dot = scene("rotation", extent=0.0)
-    assert pose_steps(dot, 5.0)[:4].tolist() == [1 / POSE_REACH] * 4
-    assert pose_steps(scene("rotation", extent=1e-20), 5.0)[:4].tolist() == [1 / POSE_REACH] * 4
+    assert pose_steps(dot, 5.0)[:4].tolist() == [COARSEST_TURN] * 4
+    assert pose_steps(scene("rotation", extent=1e-20), 5.0)[:4].tolist() == [COARSEST_TURN] * 4
 
 
 def test_moving_frames_come_back_within_half_a_step() -> None:
