@@ -121,13 +121,16 @@ def zeros(declared: int, blocks: int) -> bytes:
 
 
 def streams(data: bytes) -> list[tuple[int, int]]:
-    """Where the sized streams of a section begin, and how long they are."""
+    """Where the sized streams of a section begin, and how long they are; those that can be unpacked."""
     found, at = [], data.find(FRAME_MAGIC)
     while at >= 0:
-        if at >= 8:
-            (size,) = struct.unpack_from("<Q", data, at - 8)
-            if size <= len(data) - at:
+        (size,) = struct.unpack_from("<Q", data, at - 8) if at >= 8 else (len(data) + 1,)
+        if size <= len(data) - at:
+            try:
+                unpacked(data, (at, size))
                 found.append((at, size))
+            except zstandard.ZstdError:
+                pass
         at = data.find(FRAME_MAGIC, at + 4)
     return found
 
