@@ -129,28 +129,38 @@ def pose_matrices(poses: Float64Array) -> Float64Array:
     return matrices
 
 
-def pose_matrix_derivatives(poses: Float64Array, slopes: Float64Array) -> Float64Array:
-    """Derivatives in time of :func:`pose_matrices`.
+def pose_matrix_derivatives(
+    poses: Float64Array, slopes: Float64Array, curvatures: Float64Array
+) -> tuple[Float64Array, Float64Array]:
+    """First and second derivatives in time of :func:`pose_matrices`.
 
     Parameters
     ----------
-    poses, slopes : (times, elements, 7) float64
-        Moving frames and their derivatives.
+    poses, slopes, curvatures : (times, elements, 7) float64
+        Moving frames, their first and their second derivatives.
 
     Returns
     -------
-    (times, elements, 12) float64
+    first, second : (times, elements, 12) float64
     """
-    turn, turning = poses[..., :4], slopes[..., :4]
-    square = (turn * turn).sum(axis=-1)
-    safe = np.where(square == 0.0, 1.0, square)[..., None]
+    turn, turning, bending = poses[..., :4], slopes[..., :4], curvatures[..., :4]
+    square = (turn * turn).sum(axis=-1)[..., None]
+    square = np.where(square == 0.0, 1.0, square)
     growth = 2.0 * (turn * turning).sum(axis=-1)[..., None]
-    derivatives = np.empty((*poses.shape[:2], 12))
-    derivatives[..., :9] = 2.0 * (_quadratic(turn, turning) + _quadratic(turning, turn)) / safe - 2.0 * _quadratic(
-        turn, turn
-    ) * growth / (safe * safe)
-    derivatives[..., 9:] = slopes[..., 4:]
-    return derivatives
+    growing = 2.0 * (turning * turning + turn * bending).sum(axis=-1)[..., None]
+    # The rotation less the unit matrix is N / square, N quadratic in the quaternion: the quotient rule, twice.
+    numerator = 2.0 * _quadratic(turn, turn)
+    change = 2.0 * (_quadratic(turn, turning) + _quadratic(turning, turn))
+    changing = 2.0 * (2.0 * _quadratic(turning, turning) + _quadratic(turn, bending) + _quadratic(bending, turn))
+    first, second = np.empty((*poses.shape[:2], 12)), np.empty((*poses.shape[:2], 12))
+    first[..., :9] = change / square - numerator * growth / square**2
+    second[..., :9] = (
+        changing / square
+        - (2.0 * change * growth + numerator * growing) / square**2
+        + 2.0 * numerator * growth**2 / square**3
+    )
+    first[..., 9:], second[..., 9:] = slopes[..., 4:], curvatures[..., 4:]
+    return first, second
 
 
 def _quadratic(a: Float64Array, b: Float64Array) -> Float64Array:

@@ -20,9 +20,10 @@ from pdecodec.container import ContainerReader
 from pdecodec.corrections import FrameCorrections, add_corrections, decode_corrections
 from pdecodec.curves import Curves, extract_curves, order_lonely_points
 from pdecodec.description import decode_attributes, decode_remarks, decode_sequence_description
-from pdecodec.errors import CorruptFileError, InputError, LimitError
+from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
 from pdecodec.model import Model, ModelDescription, SegmentCoefficients, build_model
 from pdecodec.paperform import PaperForm, paper_form
+from pdecodec.resample import Outside, times_inside
 from pdecodec.restshape import RestShape, decode_rest
 from pdecodec.segments import Segment, SegmentTable, read_segment_table, terms_at
 from pdecodec.sequence import MeshObject, MeshSequence, check_frame_range
@@ -186,69 +187,119 @@ class Animation(MeshSequence):
         check_frame_range(self, start, stop)
         return self.sample(self.times[start:stop])
 
-    def at(self, time: float) -> Float32Array:
-        """Positions at one time.
+    def positions(self, times: ArrayLike, *, outside: Outside = "clamp") -> Float32Array:
+        """Positions at one time or at several.
 
         Parameters
         ----------
-        time : float [s]
-            Before the first frame the first is given, after the last the last.
+        times : float or (n,) array [s]
+            In any order.
+        outside : {"clamp", "loop", "refuse"}
+            What holds before the first and after the last frame: that frame, the clip again, an error.
 
         Returns
         -------
-        (vertices, 3) float32 [scene units]
-        """
-        positions: Float32Array = self.sample([time])[0]
-        return positions
+        (vertices, 3) or (n, vertices, 3) float32 [scene units]
 
-    def sample(self, times: ArrayLike) -> Float32Array:
-        """Positions at several times, in any order.
+        Raises
+        ------
+        SettingsError
+            If a time is not a number, or lies outside and that is refused.
+        CorruptFileError
+            If a segment that is needed is damaged.
+        """
+        if np.ndim(times) == 0:
+            single: Float32Array = self.sample([times], outside=outside)[0]
+            return single
+        return self.sample(times, outside=outside)
+
+    def sample(self, times: ArrayLike, *, out: Float32Array | None = None, outside: Outside = "clamp") -> Float32Array:
+        """Positions at several times, into an array of the caller's if there is one.
 
         Parameters
         ----------
         times : (n,) array [s]
-            Before the first frame the first is given, after the last the last.
+            In any order.
+        out : (n, vertices, 3) float32, optional
+            Written and returned.
+        outside : {"clamp", "loop", "refuse"}
+            As in :meth:`positions`.
 
         Returns
         -------
         (n, vertices, 3) float32 [scene units]
-
-        Raises
-        ------
-        CorruptFileError
-            If a segment that is needed is damaged.
         """
+        inside = self._inside(times, outside)
+        shape = (inside.size, self.vertex_count, 3)
+        if out is not None and (out.shape != shape or out.dtype != np.float32):
+            raise SettingsError(f"the array to write to must be float32 {shape}, not {out.dtype} {out.shape}")
+        order = np.argsort(inside, kind="stable")
         with self._naming_the_file():
-            inside, order = self._checked_times(times)
-            out = self._evaluate(inside[order])
-            self._add_corrections(out, inside[order])
-        if np.array_equal(order, np.arange(order.size)):
-            return out
-        unsorted = np.empty_like(out)
-        unsorted[order] = out
-        return unsorted
+            found = self._evaluate(inside[order])
+            self._add_corrections(found, inside[order])
+        if out is None and np.array_equal(order, np.arange(order.size)):
+            return found
+        result = np.empty_like(found) if out is None else out
+        result[order] = found
+        return result
 
-    def velocity(self, time: float) -> Float32Array:
-        """Velocity of every vertex at one time: the exact derivative of the model's motion.
+    def velocities(self, times: ArrayLike, *, outside: Outside = "clamp") -> Float32Array:
+        """Velocity of every vertex at one time or at several: the exact derivative of the positions.
 
-        Corrections, which hold at single frames, do not take part. Outside the clip nothing moves.
+        Corrections change at constant speed from one frame to the next; at a frame the speed to the next
+        one counts. Where positions are held (clamped) outside the clip nothing moves.
 
         Parameters
         ----------
-        time : float [s]
+        times : float or (n,) array [s]
+        outside : {"clamp", "loop", "refuse"}
+            As in :meth:`positions`.
 
         Returns
         -------
-        (vertices, 3) float32 [scene units / s]
+        (vertices, 3) or (n, vertices, 3) float32 [scene units / s]
         """
-        if not self.times[0] <= time <= self.times[-1] or self.frame_count == 1:
-            return np.zeros((self.vertex_count, 3), np.float32)
-        with self._naming_the_file():
-            at = np.array([time], dtype=np.float64)
-            values, slopes = terms_at(self._segments, at), terms_at(self._segments, at, 1)
-            return self._model.velocity(values, slopes, self._coefficients)
+        return self._derivatives(1, times, outside)
 
-    def paper_form(self, segment: int) -> PaperForm:
+    def accelerations(self, times: ArrayLike, *, outside: Outside = "clamp") -> Float32Array:
+        """As :meth:`velocities`, the second derivative [scene units / s^2]; corrections have none."""
+        return self._derivatives(2, times, outside)
+
+    def _derivatives(self, order: int, times: ArrayLike, outside: Outside) -> Float32Array:
+        asked = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        inside = self._inside(asked, outside)
+        moving = (outside == "loop") | ((asked >= self.times[0]) & (asked <= self.times[-1]))
+        out = np.zeros((asked.size, self.vertex_count, 3), np.float32)
+        with self._naming_the_file():
+            for row in np.flatnonzero(moving):
+                out[row] = self._derivative(order, inside[row])
+        return out if np.ndim(times) else out[0]
+
+    def _derivative(self, order: int, time: float) -> Float64Array:
+        if self.frame_count == 1:
+            return np.zeros((self.vertex_count, 3))
+        at = np.array([time])
+        terms = [terms_at(self._segments, at, part) for part in range(3)]
+        found = self._model.derivative(order, terms, self._coefficients)
+        if order == 1:
+            frame = min(int(np.searchsorted(self.times, time, side="right")), self.frame_count - 1)
+            step = float(self.times[frame] - self.times[frame - 1])
+            found += (self._correction(frame) - self._correction(frame - 1)) / step
+        return found
+
+    def _correction(self, frame: int) -> Float64Array:
+        """(vertices, 3) float64: what the corrections of a frame add to its positions."""
+        index = self._table.segment_of(frame)
+        corrections = self._segment(index).corrections[frame - self._segments[index].first]
+        added = np.zeros((self.vertex_count, 3))
+        added[corrections.vertices] = corrections.levels * self._description.correction_step
+        if corrections.literal_vertices.size:
+            base = self._evaluate(self.times[frame : frame + 1])[0]
+            at = corrections.literal_vertices
+            added[at] = corrections.literals.astype(np.float64) - base[at]
+        return added
+
+    def coefficients(self, segment: int) -> PaperForm:
         """The coefficients of one time segment as the paper writes them (Eqs. 17 and 18), with their conditioning.
 
         Parameters
@@ -266,12 +317,11 @@ class Animation(MeshSequence):
         with self._naming_the_file():
             return paper_form(self._model, self._segments[segment], self._coefficients(segment), self._description.r)
 
-    def _checked_times(self, times: ArrayLike) -> tuple[Float64Array, NDArray[np.int64]]:
+    def _inside(self, times: ArrayLike, outside: Outside) -> Float64Array:
         asked = np.asarray(times, dtype=np.float64)
         if asked.ndim != 1 or np.isnan(asked).any():
-            raise InputError("times must be a list of numbers", path=self.path)
-        inside = np.clip(asked, self.times[0], self.times[-1])
-        return inside, np.argsort(inside, kind="stable")
+            raise SettingsError("times must be a number or a list of numbers")
+        return times_inside(asked, float(self.times[0]), float(self.times[-1]), outside)
 
     def _evaluate(self, times: Float64Array) -> Float32Array:
         terms = terms_at(self._segments, times)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import __version__
+from pdecodec.basis import TIME_FUNCTIONS
 from pdecodec.coefficients import decode_segment, dequantise_segment, encode_segment
 from pdecodec.connectivity import encode_connectivity
 from pdecodec.container import Section, Spool, check_writable, write_container
@@ -192,9 +193,12 @@ class _Encoder:
             self._settings,
             self._bound,
         )
-        if self._sequence.frame_count - segment.stop == 1:
-            # One frame left alone could not tell how fast it moves: this segment takes it, or leaves it company.
-            frames = segment.frames + (1 if segment.frames < len(window.times) else -1)
+        left = self._sequence.frame_count - segment.stop
+        # Few frames left alone could not tell how they move: this segment takes them, or leaves them company.
+        least = TIME_FUNCTIONS if segment.frames >= 2 * TIME_FUNCTIONS else 2
+        if 0 < left < least:
+            takes_them = segment.frames + left <= len(window.times)
+            frames = segment.frames + (left if takes_them else left - least)
             segment = Segment(segment.first, window.times[:frames], segment.alpha)
         return segment
 

@@ -37,7 +37,7 @@ BATCH_BYTES = 32 * 2**20
 """Memory for the combined coefficients of the times evaluated together."""
 
 
-ALIGNMENTS: tuple[ModelAlignment, ...] = ("none", "affine", "rotation")
+ALIGNMENT_CODES: tuple[ModelAlignment, ...] = ("none", "affine", "rotation")
 """By their number in the file."""
 
 
@@ -67,7 +67,7 @@ class ModelDescription:
 
     def to_bytes(self) -> bytes:
         writer = FieldWriter()
-        writer.numbers("B", ALIGNMENTS.index(self.alignment))
+        writer.numbers("B", ALIGNMENT_CODES.index(self.alignment))
         writer.numbers("dddQ", self.r, self.step, self.correction_step, self.columns)
         writer.sized(self.levels)
         return writer.to_bytes()
@@ -81,12 +81,12 @@ class ModelDescription:
         (columns,) = reader.integers("Q")
         levels = reader.sized()
         reader.finish()
-        if alignment >= len(ALIGNMENTS):
+        if alignment >= len(ALIGNMENT_CODES):
             raise CorruptFileError(f"section MODL names alignment {alignment}, which is unknown")
         if not (0 <= r <= MAX_RATE and 0 < step <= LARGEST_STEP and 0 < correction_step <= LARGEST_STEP):
             raise CorruptFileError("section MODL has a rate or a quantisation step out of range")
         return cls(
-            alignment=ALIGNMENTS[alignment],
+            alignment=ALIGNMENT_CODES[alignment],
             r=r,
             step=step,
             correction_step=correction_step,
@@ -179,35 +179,40 @@ class Model:
             self._evaluate_batch(terms, out[start : start + batch], start, coefficients)
         return out
 
-    def velocity(
-        self, values: Sequence[Term], slopes: Sequence[Term], coefficients: Callable[[int], SegmentCoefficients]
-    ) -> Float32Array:
-        """Velocities at one time.
+    def derivative(
+        self, order: int, terms: Sequence[Sequence[Term]], coefficients: Callable[[int], SegmentCoefficients]
+    ) -> Float64Array:
+        """Exact velocities or accelerations at one time.
 
         Parameters
         ----------
-        values, slopes : sequence of Term
-            What each segment contributes to positions and to their first derivatives at that time.
+        order : int
+            1 or 2.
+        terms : sequence of sequences of Term
+            What each segment contributes at that time: to positions, to first and to second derivatives.
         coefficients : callable
+            Segment index to its coefficients.
 
         Returns
         -------
-        (vertices, 3) float32 [scene units / s]
+        (vertices, 3) float64 [scene units / s^order]
+            In the mesh's vertex order.
         """
-        shape, poses = self._combined(values, coefficients)
-        shape_slope, poses_slope = self._combined(slopes, coefficients)
-        moved = self._displacement(shape_slope)
         elements = self.elements
+        shapes, poses = zip(*(self._combined(part, coefficients) for part in terms), strict=True)
+        moved = self._displacement(shapes[order])
         if self.posed_elements:
             sizes = np.diff(elements.starts)
-            matrices, matrix_slopes = pose_matrices(poses), pose_matrix_derivatives(poses, poses_slope)
-            rotation, turning = (
-                np.repeat(found[0, :, :9].reshape(-1, 3, 3), sizes, axis=0) for found in (matrices, matrix_slopes)
-            )
-            offset = self.rest + self._displacement(shape) - np.repeat(self.rest[elements.starts[:-1]], sizes, axis=0)
-            moved = np.einsum("nij,nj->ni", rotation, moved) + np.einsum("nij,nj->ni", turning, offset)
-            moved += np.repeat(poses_slope[0, :, 4:], sizes, axis=0)
-        out = np.empty((len(self.rest), 3), np.float32)
+            frames = (pose_matrices(poses[0]), *pose_matrix_derivatives(*poses))
+            turn = [np.repeat(found[0, :, :9].reshape(-1, 3, 3), sizes, axis=0) for found in frames]
+            from_centre = self.rest - np.repeat(self.rest[elements.starts[:-1]], sizes, axis=0)
+            offset = from_centre + self._displacement(shapes[0])
+            # (M p + T)' = M' p + M p' + T', and once more.
+            rotated = np.einsum("nij,nj->ni", turn[0], moved) + np.einsum("nij,nj->ni", turn[order], offset)
+            if order == 2:
+                rotated += 2.0 * np.einsum("nij,nj->ni", turn[1], self._displacement(shapes[1]))
+            moved = rotated + np.repeat(frames[order][0, :, 9:], sizes, axis=0)
+        out = np.empty((len(self.rest), 3))
         out[elements.order] = moved
         return out
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from pdecodec.cost import estimate_bits, squared_error
 from pdecodec.curves import Curves
 from pdecodec.elements import PIECE_POINTS, WHOLE_CURVE
-from pdecodec.fit import RATES, WORTHWHILE_GAIN
+from pdecodec.errors import SettingsError
+from pdecodec.fit import RATES
 from pdecodec.model import Model, ModelAlignment, build_model
 from pdecodec.restshape import RestShape
 from pdecodec.sampling import Sample, Window, read_windows, take_sample
@@ -57,8 +58,11 @@ START_FRAMES = 8
 START_STEP = 2.0
 """Where the search begins: the middle of what real clips ask for."""
 
-ALIGNMENTS: tuple[ModelAlignment, ...] = ("affine", "none", "rotation")
-"""In the order they are tried."""
+ALIGNMENTS_TO_TRY: tuple[ModelAlignment, ...] = ("affine", "none", "rotation")
+"""In the order they are tried; ties go to the earlier."""
+
+WORTHWHILE_SHARE = 1e-9
+"""Share of its bits by which another piece length must win, so that rounding does not choose."""
 
 
 @dataclass(frozen=True)
@@ -106,22 +110,30 @@ def make_plan(
     """
     sample = take_sample(curves, rest, SAMPLE_VERTICES * settings.effort, longest_run(curves, settings))
     windows = read_windows(sequence, sample.vertices, WINDOW_FRAMES)
+    if settings.profile == "paper":
+        return _paper_plan(windows, sample, settings, step=PAPER_STEP if bound is None else START_STEP)
     if bound is None:
-        plan = Plan(
-            alignment="rotation" if settings.alignment == "auto" else settings.alignment,
-            level=_fixed_level(settings),
-            r=0.0,
-            step=PAPER_STEP,
-            frames=settings.segment_frames or PAPER_SEGMENT_FRAMES,
-        )
-        rates = RATES if settings.r is None else (settings.r,)
-        heads = [window.head(plan.frames) for window in windows]
-        models = [sample_model(sample, replace(plan, r=r)) for r in rates]
-        errors = [sum(squared_error(head, model) for head in heads) for model in models]
-        plan = replace(plan, r=rates[int(np.argmin(errors))])
-    else:
-        plan = _search(windows, sample, settings, bound)
-    return plan
+        raise SettingsError("without a bound there is nothing to choose the model by; give a tolerance")
+    return _search(windows, sample, settings, bound)
+
+
+def _paper_plan(windows: Sequence[Window], sample: Sample, settings: EncodeSettings, *, step: float) -> Plan:
+    """The paper's model: whole curves, fixed segments, r by what it leaves over.
+
+    Not r = 0: there the functions of Eq. 18 are dependent, and the file's would not be the paper's.
+    """
+    plan = Plan(
+        alignment="rotation" if settings.alignment == "auto" else settings.alignment,
+        level=_fixed_level(settings),
+        r=0.0,
+        step=step,
+        frames=settings.segment_frames or PAPER_SEGMENT_FRAMES,
+    )
+    rates = RATES[1:] if settings.r is None else (settings.r,)
+    heads = [window.head(plan.frames) for window in windows]
+    models = [sample_model(sample, replace(plan, r=r)) for r in rates]
+    errors = [sum(squared_error(head, model) for head in heads) for model in models]
+    return replace(plan, r=rates[int(np.argmin(errors))])
 
 
 def _fixed_level(settings: EncodeSettings) -> int:
@@ -151,7 +163,7 @@ def _search(windows: Sequence[Window], sample: Sample, settings: EncodeSettings,
         return costs[plan]
 
     plan = Plan(
-        alignment=ALIGNMENTS[0] if settings.alignment == "auto" else settings.alignment,
+        alignment=ALIGNMENTS_TO_TRY[0] if settings.alignment == "auto" else settings.alignment,
         level=START_LEVEL if settings.piece_points is None else _fixed_level(settings),
         r=settings.r or 0.0,
         step=START_STEP,
@@ -167,7 +179,7 @@ def _search(windows: Sequence[Window], sample: Sample, settings: EncodeSettings,
             plan = _walk(plan, [replace(plan, level=level) for level in levels], cost)
         plan = _walk(plan, [replace(plan, step=step) for step in STEPS], cost)
         if settings.alignment == "auto":
-            plan = min((replace(plan, alignment=alignment) for alignment in ALIGNMENTS), key=cost)
+            plan = min((replace(plan, alignment=alignment) for alignment in ALIGNMENTS_TO_TRY), key=cost)
         if settings.r is None and settings.effort > 1:
             plan = _walk(plan, [replace(plan, r=r) for r in RATES], cost)
         if plan == before:
@@ -214,7 +226,8 @@ def choose_levels(
         Levels, see :data:`pdecodec.elements.PIECE_POINTS`.
     """
     usual = np.full(curves.count, plan.level, np.int64)
-    if bound is None or settings.piece_points is not None or settings.effort < LEVELS_FROM_EFFORT or curves.count == 1:
+    is_fixed = settings.profile == "paper" or settings.piece_points is not None
+    if bound is None or is_fixed or settings.effort < LEVELS_FROM_EFFORT or curves.count == 1:
         return usual
     every_vertex = np.arange(curves.order.size, dtype=np.int32)
     windows = read_windows(sequence, every_vertex, plan.frames, LEVEL_POSITIONS // (plan.frames * every_vertex.size))
@@ -226,7 +239,7 @@ def choose_levels(
         bits = _bits_per_frame(windows, model, plan, bound, alphas)
         costs.append(np.bincount(model.elements.curve_of, bits, minlength=curves.count).astype(np.float64))
     # Ties (curves shorter than the pieces) go to the usual length, and then its index costs nothing.
-    costs[tried.index(plan.level)] = costs[tried.index(plan.level)] * (1.0 - WORTHWHILE_GAIN)
+    costs[tried.index(plan.level)] = costs[tried.index(plan.level)] * (1.0 - WORTHWHILE_SHARE)
     chosen: NDArray[np.int64] = np.array(tried)[np.argmin(costs, axis=0)]
     return chosen
 

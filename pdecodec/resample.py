@@ -105,19 +105,17 @@ class SampledAnimation(MeshSequence):
         self._quantity = quantity
         self.objects = animation.objects
         self.times, self.fps = check_times(np.size(times), times, None if np.size(times) > 1 else animation.fps)
-        self._inside = times_inside(self.times, float(animation.times[0]), float(animation.times[-1]), outside)
+        times_inside(self.times, float(animation.times[0]), float(animation.times[-1]), outside)  # refuses at once
+        self._outside: Outside = outside
         self.metadata = animation.metadata
         self.notices = animation.notices
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
-        times = self._inside[start:stop]
+        times = self.times[start:stop]
         if self._quantity == "positions":
-            return self._animation.sample(times)
-        velocities = np.empty((stop - start, self.vertex_count, 3), np.float32)
-        for row, time in enumerate(times):
-            velocities[row] = self._animation.velocity(float(time))
-        return velocities
+            return self._animation.sample(times, outside=self._outside)
+        return self._animation.velocities(times, outside=self._outside)
 
     def close(self) -> None:
         self._animation.close()

@@ -47,9 +47,12 @@ def choose_segment(
     settings : EncodeSettings
     bound : float or None [scene units]
     """
-    alphas = ALPHAS if settings.alpha is None else (float(np.float32(settings.alpha)),)
+    is_paper = settings.profile == "paper"
+    alphas = ALPHAS[1:] if is_paper else ALPHAS  # at 0 the functions of Eq. 12 are dependent
+    if settings.alpha is not None:
+        alphas = (float(np.float32(settings.alpha)),)  # as the file will have it
     available = len(window.times)
-    if bound is None or settings.segment_frames is not None:
+    if bound is None or is_paper or settings.segment_frames is not None:
         head = window.head(min(plan.frames, available))
         return Segment(head.first, head.times, choose_alpha(head, model, alphas))
     step = plan.step * bound

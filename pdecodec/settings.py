@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from numbers import Integral, Real
 from typing import Any, Literal, get_args
 
 from pdecodec.basis import MAX_RATE
@@ -80,6 +81,14 @@ class EncodeSettings:
     def __post_init__(self) -> None:
         if self.tolerance is not None and self.max_error is not None:
             raise SettingsError("give a tolerance or a maximum error, not both")
+        for name in ("segment_frames", "piece_points", "effort"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, Integral):
+                raise SettingsError(f"{name} must be a whole number, not {value!r}")
+        for name in ("tolerance", "max_error", "alpha", "r"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, Real):
+                raise SettingsError(f"{name} must be a number, not {value!r}")
         for name in ("tolerance", "max_error"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
@@ -98,6 +107,9 @@ class EncodeSettings:
             if value is not None and not (least <= value and (most is None or value <= most)):
                 limits = f"at least {least}" if most is None else f"from {least} to {most:g}"
                 raise SettingsError(f"{name} must be {limits}, not {value}")
+
+        if self.profile == "paper" and self.alignment == "affine":
+            raise SettingsError("the paper's profile has no affine functions; take alignment none or rotation")
 
     def bound(self, scale: float) -> float | None:
         """The largest distance allowed, in scene units; None where there is no bound.

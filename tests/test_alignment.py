@@ -199,7 +199,7 @@ def test_a_quaternion_counts_by_its_direction_alone(length: float) -> None:
 def test_a_zero_quaternion_turns_nothing() -> None:
     poses = np.array([[[0, 0, 0, 0, 5, 6, 7]]], float)
     assert pose_matrices(poses).tolist() == [[[1, 0, 0, 0, 1, 0, 0, 0, 1, 5, 6, 7]]]
-    assert pose_matrix_derivatives(poses, poses).tolist() == [[[0] * 9 + [5, 6, 7]]]
+    assert pose_matrix_derivatives(poses, poses, poses)[0].tolist() == [[[0] * 9 + [5, 6, 7]]]
 
 
 def test_derivatives_of_the_matrices_equal_finite_differences() -> None:
@@ -207,10 +207,10 @@ def test_derivatives_of_the_matrices_equal_finite_differences() -> None:
     poses, slopes = random.normal(size=(2, 4, 3, 7))
     step = 1e-6
     difference = (pose_matrices(poses + step * slopes) - pose_matrices(poses - step * slopes)) / (2 * step)
-    np.testing.assert_allclose(pose_matrix_derivatives(poses, slopes), difference, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(pose_matrix_derivatives(poses, slopes, slopes)[0], difference, rtol=0, atol=1e-7)
 
 
 def test_a_quaternion_that_only_grows_does_not_turn() -> None:
     poses = np.random.default_rng(9).normal(size=(1, 5, 7))
-    turning = pose_matrix_derivatives(poses, 3.0 * poses)[..., :9]
+    turning = pose_matrix_derivatives(poses, 3.0 * poses, poses)[0][..., :9]
     np.testing.assert_allclose(turning, 0, atol=1e-13)

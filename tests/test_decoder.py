@@ -26,6 +26,7 @@ from pdecodec import (
     encode,
     open_animation,
 )
+from pdecodec.errors import SettingsError
 from pdecodec.sequence import MeshSequence
 
 
@@ -54,7 +55,7 @@ def test_frames_are_the_same_bits_by_every_way_of_asking(animation: Animation) -
     together = animation.sample(animation.times)
     assert np.array_equal(bits(animation.read_frames(0, 20)), bits(together))
     for frame, time in enumerate(animation.times):
-        assert np.array_equal(bits(animation.at(time)), bits(together[frame]))
+        assert np.array_equal(bits(animation.positions(time)), bits(together[frame]))
         assert np.array_equal(bits(animation.read_frames(frame, frame + 1)[0]), bits(together[frame]))
     assert np.array_equal(bits(animation.to_array().points), bits(together))
 
@@ -69,7 +70,7 @@ def test_a_thousand_random_times_equal_the_frames_where_they_coincide(animation:
     decoded[mixed] = animation.sample(asked)
     assert np.array_equal(bits(decoded[:500]), bits(animation.sample(animation.times)[frames]))
     for time, points in zip(between[:40], decoded[500:540], strict=True):
-        assert np.array_equal(bits(animation.at(time)), bits(points))
+        assert np.array_equal(bits(animation.positions(time)), bits(points))
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -79,22 +80,22 @@ def test_times_in_any_order_and_repeated_give_the_same_bits_as_one_by_one(
 ) -> None:
     together = animation.sample(asked)
     for time, points in zip(asked, together, strict=True):
-        assert np.array_equal(bits(animation.at(time)), bits(points))
+        assert np.array_equal(bits(animation.positions(time)), bits(points))
 
 
 def test_outside_the_clip_the_first_and_the_last_frame_stand_still(animation: Animation) -> None:
-    first, last = animation.at(animation.times[0]), animation.at(animation.times[-1])
+    first, last = animation.positions(animation.times[0]), animation.positions(animation.times[-1])
     for time in (-1e300, 0.0, animation.times[0] - 1e-9, -math.inf):
-        assert np.array_equal(bits(animation.at(time)), bits(first))
-        assert not animation.velocity(time).any()
+        assert np.array_equal(bits(animation.positions(time)), bits(first))
+        assert not animation.velocities(time).any()
     for time in (animation.times[-1] + 1e-9, 1e300, math.inf):
-        assert np.array_equal(bits(animation.at(time)), bits(last))
-        assert not animation.velocity(time).any()
+        assert np.array_equal(bits(animation.positions(time)), bits(last))
+        assert not animation.velocities(time).any()
 
 
 def test_times_that_are_no_list_of_numbers_are_refused(animation: Animation) -> None:
     for times in ([math.nan], [0.0, math.nan], 3.0, [[1.0]]):
-        with pytest.raises(InputError, match="times must be a list of numbers"):
+        with pytest.raises(SettingsError, match="times must be a number or a list of numbers"):
             animation.sample(times)
     assert animation.sample([]).shape == (0, 35, 3)
 
@@ -106,7 +107,7 @@ def test_frames_outside_the_sequence_are_refused(animation: Animation) -> None:
     assert animation.read_frames(20, 20).shape == (0, 35, 3)
 
 
-@pytest.mark.parametrize("alignment", ["none", "affine", "rotation"])
+@pytest.mark.parametrize("alignment", ["none", "rotation"])
 def test_velocities_are_the_slope_of_the_positions(alignment: str, tmp_path: Path) -> None:
     # Without corrections, so that positions are the model's alone; scaled up, so that float32 does not hide the slope.
     sequence = sheet(wave(24) * np.float32(1000))
@@ -119,8 +120,57 @@ def test_velocities_are_the_slope_of_the_positions(alignment: str, tmp_path: Pat
         for time in inside:
             before, after = decoded.sample([time - step, time + step]).astype(np.float64)
             slope = (after - before) / (2 * step)
-            np.testing.assert_allclose(decoded.velocity(time), slope, rtol=1e-3, atol=4.0)
-        assert np.abs(decoded.velocity(inside[5])).max() > 1000
+            np.testing.assert_allclose(decoded.velocities(time), slope, rtol=1e-3, atol=4.0)
+        assert np.abs(decoded.velocities(inside[5])).max() > 1000
+
+
+@pytest.mark.parametrize("alignment", ["none", "rotation"])
+def test_accelerations_are_the_slope_of_the_velocities(alignment: str, tmp_path: Path) -> None:
+    with animation_of(
+        sheet(wave(24)), tmp_path / "a.pdeanim", profile="paper", alignment=alignment, segment_frames=8
+    ) as decoded:
+        step = 1e-4
+        inside = [time for time in np.linspace(0.01, 0.9, 30) if np.abs(decoded.times - time).min() > 2 * step]
+        largest = np.abs(decoded.accelerations(inside)).max()
+        for time in inside:
+            before, after = decoded.velocities([time - step, time + step]).astype(np.float64)
+            slope = (after - before) / (2 * step)
+            np.testing.assert_allclose(decoded.accelerations(time), slope, rtol=0, atol=2e-3 * largest)
+
+
+@pytest.mark.parametrize("alignment", ["none", "affine"])
+def test_velocities_follow_what_corrections_add_between_frames(alignment: str, tmp_path: Path) -> None:
+    sequence = sheet(100 * (wave(20) + 0.004 * noise(20, 35)))
+    with animation_of(sequence, tmp_path / "a.pdeanim", alignment=alignment, segment_frames=5, effort=1) as decoded:
+        assert decoded.sections["CORR"] > 0
+        middles = (decoded.times[:-1] + decoded.times[1:]) / 2
+        step = 1e-3
+        largest = np.abs(decoded.velocities(middles)).max()
+        for time in middles:
+            before, after = decoded.sample([time - step, time + step]).astype(np.float64)
+            slope = (after - before) / (2 * step)
+            np.testing.assert_allclose(decoded.velocities(time), slope, rtol=0, atol=0.02 * largest)
+
+
+def test_times_outside_are_held_looped_or_refused(animation: Animation) -> None:
+    length = animation.times[-1] - animation.times[0]
+    later = animation.times[3] + length
+    assert np.array_equal(animation.positions(later, outside="clamp"), animation.positions(animation.times[-1]))
+    looped = animation.positions(later, outside="loop")
+    np.testing.assert_allclose(looped, animation.positions(animation.times[3]), rtol=0, atol=1e-5)
+    assert animation.velocities(later, outside="loop").any()
+    with pytest.raises(SettingsError, match="outside the clip"):
+        animation.positions(later, outside="refuse")
+
+
+def test_positions_are_written_into_the_callers_array(animation: Animation) -> None:
+    wanted = animation.sample([0.2, 0.1])
+    out = np.empty((2, 35, 3), np.float32)
+    assert animation.sample([0.2, 0.1], out=out) is out
+    assert np.array_equal(out, wanted)
+    for wrong in (np.empty((1, 35, 3), np.float32), np.empty((2, 35, 3))):
+        with pytest.raises(SettingsError, match="the array to write to"):
+            animation.sample([0.2, 0.1], out=wrong)
 
 
 @pytest.mark.parametrize("alignment", ["none", "affine", "rotation"])
@@ -148,9 +198,9 @@ def test_a_correction_fades_towards_the_frames_beside_it(tmp_path: Path) -> None
 
 def test_one_frame_is_given_at_every_time(tmp_path: Path) -> None:
     with animation_of(CLIPS["one frame"](), tmp_path / "a.pdeanim") as decoded:
-        only = decoded.at(0.0)
+        only = decoded.positions(0.0)
         assert np.array_equal(decoded.sample([-1.0, 0.0, 7.5]), np.stack([only] * 3))
-        assert not decoded.velocity(0.0).any()
+        assert not decoded.velocities(0.0).any()
 
 
 def test_a_time_reads_no_more_segments_than_it_touches(tmp_path: Path) -> None:
@@ -168,7 +218,7 @@ def test_a_time_reads_no_more_segments_than_it_touches(tmp_path: Path) -> None:
         assert np.isfinite(decoded.sample(decoded.times[:15])).all()
         for time in (14.5, 15.0, 19.0):
             with pytest.raises(CorruptFileError, match="segment is damaged") as caught:
-                decoded.at(time)
+                decoded.positions(time)
             assert caught.value.frame == 15
             assert caught.value.path == str(path)
         with pytest.raises(CorruptFileError):
@@ -181,7 +231,7 @@ def test_a_small_cache_changes_no_bit(animation: Animation, monkeypatch: pytest.
     monkeypatch.setattr("pdecodec.decoder.CACHE_BYTES", 1)
     with open_animation(animation.path) as decoded:
         for time, points in zip(times, expected, strict=True):
-            assert np.array_equal(bits(decoded.at(time)), bits(points))
+            assert np.array_equal(bits(decoded.positions(time)), bits(points))
 
 
 def test_opening_what_is_not_there_says_so(tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ def decode(tmp_path_factory: pytest.TempPathFactory) -> Decode:
             animation.verify()
             first, last = float(animation.times[0]), float(animation.times[-1])
             animation.sample([first, first + 1e-3, (first + last) / 2, last])
-            animation.velocity((first + last) / 2)
+            animation.velocities((first + last) / 2)
 
     def outcome(data: bytes) -> str:
         path.write_bytes(data)

@@ -32,12 +32,12 @@ def test_equation_17_with_the_converted_coefficients_gives_the_decoded_positions
     path = tmp_path / "strip.pdeanim"
     encode(swinging_strip(), path, EncodeSettings(profile="paper", alignment="none", alpha=3.0, r=4.0))
     with open_animation(path) as animation:
-        form = animation.paper_form(0)
+        form = animation.coefficients(0)
         assert form.coefficients.shape == (CURVES, 3, 4, 8)
         assert (form.alpha, form.r) == (3.0, 4.0)
         elements, rest = animation._model.elements, animation._model.rest
         for time in (0.0, 0.1, 0.33):
-            decoded = animation.at(time)[elements.order].astype(np.float64)
+            decoded = animation.positions(time)[elements.order].astype(np.float64)
             argument = (time - form.time[0]) / form.time[1]
             for e in range(CURVES):
                 inside = slice(elements.starts[e], elements.starts[e + 1])
@@ -54,14 +54,14 @@ def test_conversion_loses_more_digits_the_smaller_alpha_and_r_are(tmp_path: Path
         path = tmp_path / f"{rate}.pdeanim"
         encode(swinging_strip(), path, EncodeSettings(profile="paper", alignment="none", alpha=rate, r=rate))
         with open_animation(path) as animation:
-            conditions.append(animation.paper_form(0).condition.max())
+            conditions.append(animation.coefficients(0).condition.max())
     assert conditions[0] < conditions[1] / 10 < conditions[2] / 100
 
 
 @pytest.mark.parametrize(
     ("settings", "reason"),
     [
-        ({"alignment": "affine", "alpha": 3.0, "r": 3.0}, "affine"),
+        ({"profile": "auto", "alignment": "affine", "alpha": 3.0, "r": 3.0, "tolerance": 1e-2}, "affine"),
         ({"alignment": "none", "alpha": 0.0, "r": 3.0}, "alpha or r of 0"),
         ({"alignment": "none", "alpha": 3.0, "r": 0.0}, "alpha or r of 0"),
         ({"alignment": "none", "alpha": 3.0, "r": 3.0, "segment_frames": 3}, "4 frames"),
@@ -72,13 +72,37 @@ def test_files_without_the_papers_32_functions_are_told_apart(
     tmp_path: Path, settings: dict[str, object], reason: str
 ) -> None:
     path = tmp_path / "strip.pdeanim"
-    encode(swinging_strip(), path, EncodeSettings(profile="paper", **settings))  # type: ignore[arg-type]
+    encode(swinging_strip(), path, EncodeSettings(**{"profile": "paper", **settings}))  # type: ignore[arg-type]
     with open_animation(path) as animation, pytest.raises(SettingsError, match=reason):
-        animation.paper_form(0)
+        animation.coefficients(0)
 
 
 def test_a_segment_that_is_not_there_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "strip.pdeanim"
     encode(swinging_strip(), path, EncodeSettings(profile="paper"))
     with open_animation(path) as animation, pytest.raises(IndexError):
-        animation.paper_form(1)
+        animation.coefficients(1)
+
+
+@pytest.mark.parametrize("bound", [{}, {"tolerance": 1e-3}, {"max_error": 2e-3}])
+def test_every_segment_of_a_paper_file_converts_with_a_bound_or_without(
+    tmp_path: Path, bound: dict[str, float]
+) -> None:
+    path = tmp_path / "strip.pdeanim"
+    long = swinging_strip().points[np.arange(25) % FRAMES]
+    clip = ArraySequence(long, objects=swinging_strip().objects)
+    report = encode(clip, path, EncodeSettings(profile="paper", **bound))
+    with open_animation(path) as animation:
+        assert animation.info()["segment_frames"] == [11, 14]  # three frames alone would be too few
+        for segment in range(2):
+            form = animation.coefficients(segment)
+            assert form.coefficients.shape == (CURVES, 3, 4, 8)
+            assert form.alpha > 0
+            assert form.r > 0
+    if report.bound is not None:
+        assert report.max_error <= report.bound
+
+
+def test_the_papers_profile_with_affine_functions_is_a_contradiction() -> None:
+    with pytest.raises(SettingsError, match="affine"):
+        EncodeSettings(profile="paper", alignment="affine")

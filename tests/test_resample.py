@@ -81,7 +81,7 @@ def test_a_sampled_animation_is_the_animation_at_its_times(animation: Animation)
     sampled = SampledAnimation(animation, times)
     assert sampled.times.tolist() == times
     assert np.array_equal(sampled.read_frames(0, 3), animation.sample(times))
-    assert np.array_equal(sampled.read_frames(1, 2)[0], animation.at(1.25))
+    assert np.array_equal(sampled.read_frames(1, 2)[0], animation.positions(1.25))
 
 
 def test_a_looped_sample_repeats_the_animation(animation: Animation) -> None:

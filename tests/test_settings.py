@@ -23,7 +23,7 @@ POSITIVE = st.floats(1e-300, 1e300)
         {},
         optional={
             "profile": st.sampled_from(["auto", "paper"]),
-            "alignment": st.sampled_from(["auto", "none", "affine", "rotation"]),
+            "alignment": st.sampled_from(["auto", "none", "rotation"]),
             "segment_frames": st.integers(2, MAX_SEGMENT_FRAMES),
             "piece_points": st.integers(2, 10**6),
             "alpha": st.floats(0, MAX_RATE),

@@ -115,4 +115,4 @@ def test_its_command_line_prints_objects_and_positions(tmp_path: Path) -> None:
     assert "body: 5 vertices, 2 faces, 2 lines" in printed()
     with open_animation(path) as mine:
         rows = [[float(number) for number in line.split()] for line in printed("0.05").splitlines()]
-        assert np.array_equal(np.array(rows, np.float32), mine.at(0.05))
+        assert np.array_equal(np.array(rows, np.float32), mine.positions(0.05))
