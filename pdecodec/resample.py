@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float32Array, Float64Array, MeshSequence, check_frame_range, check_times
@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 
 TIME_SLACK = 1e-9
 """Share of a frame by which the last time may overshoot: 100 frames at 1/24 s each do not add up exactly."""
+
+
+MOST_TIMES = 2**24
+"""Times that one rate may give: eight days at 24 a second. More is a rate mistyped, and would fill the memory."""
 
 
 def times_at_rate(first: float, last: float, fps: float) -> Float64Array:
@@ -33,11 +37,17 @@ def times_at_rate(first: float, last: float, fps: float) -> Float64Array:
     Raises
     ------
     SettingsError
-        If `fps` is not a positive number.
+        If `fps` is not a positive number, or gives more than :data:`MOST_TIMES` times.
     """
     if not (np.isfinite(fps) and fps > 0):
         raise SettingsError(f"frames per second must be a positive number, not {fps}")
-    return first + np.arange(int((last - first) * fps + TIME_SLACK) + 1) / fps
+    intervals = (last - first) * fps + TIME_SLACK
+    if intervals >= MOST_TIMES:
+        raise SettingsError(
+            f"{fps:g} frames per second are {intervals:.3g} frames from {first:g} to {last:g} s, "
+            f"more than {MOST_TIMES:,}; take a lower rate"
+        )
+    return first + np.arange(int(intervals) + 1) / fps
 
 
 ROUNDING = 1e-6
@@ -45,6 +55,11 @@ ROUNDING = 1e-6
 
 Outside = Literal["refuse", "clamp", "loop"]
 """What a time before the first frame or after the last one means."""
+
+
+def times_beyond(times: Float64Array, first: float, last: float) -> NDArray[np.bool_]:
+    """Which times lie before `first` or after `last` [s] by more than :data:`ROUNDING`; (frames,) bool."""
+    return (times < first - ROUNDING) | (times > last + ROUNDING)
 
 
 def times_inside(times: Float64Array, first: float, last: float, outside: Outside) -> Float64Array:
@@ -66,7 +81,7 @@ def times_inside(times: Float64Array, first: float, last: float, outside: Outsid
     SettingsError
         If one lies outside and that is refused.
     """
-    beyond = (times < first - ROUNDING) | (times > last + ROUNDING)
+    beyond = times_beyond(times, first, last)
     if not beyond.any():
         return np.clip(times, first, last)
     if outside == "refuse":
@@ -88,7 +103,8 @@ class SampledAnimation(MeshSequence):
     times : (frames,) array [s]
         Strictly increasing.
     quantity : {"positions", "velocities"}
-        What `read_frames` returns: positions [scene units] or velocities [scene units / s].
+        What `read_frames` returns: positions [scene units] or velocities [scene units / s], which are zero where
+        clamped positions stand still.
     outside : {"refuse", "clamp", "loop"}
         What times outside the clip mean (:func:`times_inside`).
     """

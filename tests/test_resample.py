@@ -10,7 +10,7 @@ import pytest
 from pdecodec.decoder import Animation, open_animation
 from pdecodec.encoder import encode
 from pdecodec.errors import SettingsError
-from pdecodec.resample import LinearInterpolation, SampledAnimation, times_at_rate, times_inside
+from pdecodec.resample import MOST_TIMES, LinearInterpolation, SampledAnimation, times_at_rate, times_inside
 from pdecodec.sequence import ArraySequence
 from pdecodec.settings import EncodeSettings
 
@@ -29,6 +29,12 @@ def test_times_at_a_rate_never_pass_the_last_time() -> None:
 @pytest.mark.parametrize("fps", [0.0, -24.0, float("nan"), float("inf")])
 def test_a_rate_that_is_no_positive_number_is_refused(fps: float) -> None:
     with pytest.raises(SettingsError, match="positive number"):
+        times_at_rate(0.0, 1.0, fps)
+
+
+@pytest.mark.parametrize("fps", [1e12, 1e300, MOST_TIMES])
+def test_a_rate_of_too_many_times_is_refused_before_they_are_made(fps: float) -> None:
+    with pytest.raises(SettingsError, match="take a lower rate"):
         times_at_rate(0.0, 1.0, fps)
 
 
@@ -95,6 +101,23 @@ def test_sampled_velocities_are_those_of_the_motion(animation: Animation) -> Non
     found = SampledAnimation(animation, times, quantity="velocities").read_frames(0, 2)
     assert found[:, 2, 1] == pytest.approx(3 * np.cos(3 * times), abs=0.02)
     assert np.abs(found[..., [0, 2]]).max() < 0.01
+
+
+def test_where_clamped_positions_stand_still_velocities_are_zero(animation: Animation) -> None:
+    times = [0.5, 1.0, 1.5, 2.0, 2.5]
+    positions = SampledAnimation(animation, times, outside="clamp").read_frames(0, 5)
+    assert np.array_equal(positions[[0, 4]], positions[[1, 3]])
+    velocities = SampledAnimation(animation, times, quantity="velocities", outside="clamp")
+    found = np.abs(velocities.read_frames(0, 5)[:, 2, 1])
+    assert found[[0, 4]].tolist() == [0, 0]
+    assert (found[1:4] > 0.1).all()
+    assert np.abs(velocities.read_frames(3, 5)[:, 2, 1]).tolist() == found[3:].tolist()
+
+
+def test_looped_velocities_begin_again_with_the_positions(animation: Animation) -> None:
+    found = SampledAnimation(animation, [1.5, 2.5], quantity="velocities", outside="loop").read_frames(0, 2)
+    assert np.array_equal(found[0], found[1])
+    assert np.abs(found[0]).max() > 0.1
 
 
 def test_a_single_time_keeps_the_animations_frame_rate(animation: Animation) -> None:
