@@ -12,6 +12,7 @@ def register_built_in_formats() -> None:
             name="pdeanim",
             title="pdecodec animation",
             extensions=(".pdeanim",),
+            magic=(b"\x89PDEANIM\r\n\x1a\n",),
             reader="pdecodec.formats.pdeanim:open_pdeanim",
             write_with="pdecodec.encoder.encode (`pdecodec encode`)",
             keeps="whatever its source held",

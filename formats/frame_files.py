@@ -78,6 +78,20 @@ def find_frames(path: Path, extension: str) -> FrameFiles:
     return _checked(sequence, path, wanted=pattern.frameSet())
 
 
+def frames_there(pattern: Path) -> list[Path]:
+    """Files that a reader of the pattern would take for its frames, in any padding: what a writer would replace."""
+    parsed = parse_pattern(pattern)
+    start, end = parsed.basename(), parsed.extension()
+    if not pattern.parent.is_dir():
+        return []
+    found = []
+    for item in pattern.parent.iterdir():
+        number = item.name.removeprefix(start).removesuffix(end)
+        if item.name == f"{start}{number}{end}" and number.removeprefix("-").isdecimal():
+            found.append(item)
+    return sorted(found)
+
+
 def parse_pattern(path: Path) -> Any:
     """The pattern as a ``fileseq.FileSequence``: one digit a hash or at sign."""
     try:

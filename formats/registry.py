@@ -217,7 +217,14 @@ def _format_to_read(path: Path) -> Format:
         return _format_of_folder(path)
     entry = _by_extension(path)
     if path.exists():
-        entry = entry or _by_magic(path)
+        content = _by_magic(path)
+        if entry is not None and content is not None and content is not entry:
+            raise InputError(
+                f"is a {content.title} file ({content.name}) in spite of its name; rename it to end in "
+                f"{content.extensions[0]}",
+                path=path,
+            )
+        entry = entry or content
     elif entry is None or not entry.frame_per_file:
         raise InputError("there is no such file; check the name", path=path)
     if entry is None:

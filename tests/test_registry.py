@@ -10,7 +10,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from pdecodec.errors import InputError, MissingExtraError, SettingsError
+from pdecodec.container import IDENTIFIER
+from pdecodec.errors import CorruptFileError, InputError, MissingExtraError, SettingsError
 from pdecodec.formats import Format, list_formats, open_sequence, register_format, registry, write_sequence
 from pdecodec.sequence import ArraySequence
 
@@ -63,6 +64,29 @@ def test_magic_bytes_choose_the_format_where_the_extension_says_nothing(tmp_path
     (tmp_path / f"x.{extension}").rename(tmp_path / f"x.{wrong}")
     with open_sequence(tmp_path / f"x.{wrong}") as read:
         assert np.array_equal(read.read_frames(0, 2), TWO_FRAMES.points)
+
+
+@pytest.mark.parametrize(
+    ("head", "name", "right"),
+    [
+        (IDENTIFIER, "x.npz", r"pdecodec animation file \(pdeanim\) .* rename it to end in \.pdeanim"),
+        (IDENTIFIER, "x.obj", r"\.pdeanim"),
+        (b"PK\x03\x04", "x.h5", r"NumPy archive .* \.npz"),
+        (b"\x89HDF\r\n\x1a\n", "x.npz", r"HDF5 .* \.h5"),
+    ],
+)
+def test_a_file_named_as_another_format_is_refused_by_its_right_name(
+    tmp_path: Path, head: bytes, name: str, right: str
+):
+    (tmp_path / name).write_bytes(head + b"and more")
+    with pytest.raises(InputError, match=right):
+        open_sequence(tmp_path / name)
+
+
+def test_an_animation_without_an_extension_is_known_by_its_first_bytes(tmp_path: Path):
+    (tmp_path / "x").write_bytes(IDENTIFIER)
+    with pytest.raises(CorruptFileError, match="ends inside its header"):
+        open_sequence(tmp_path / "x")
 
 
 @pytest.mark.parametrize("content", [b"", b"PK", b"garbage" * 9])
