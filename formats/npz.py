@@ -21,8 +21,8 @@ from pdecodec.formats.npy_member import StoredArray, read_array, read_header, wr
 from pdecodec.formats.object_arrays import arrays_of, is_layout_name, metadata_of, objects_of, padded_faces
 from pdecodec.formats.registry import Progress
 from pdecodec.formats.stored_times import times_of_arrays
-from pdecodec.formats.whole_output import whole_file
 from pdecodec.sequence import Float32Array, MeshSequence, check_frame_range
+from pdecodec.whole_output import whole_file
 
 EARLIEST_DATE = (1980, 1, 1, 0, 0, 0)
 """The first date a zip file can say: same input, same bytes."""

@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 
 from pdecodec.errors import InputError
-from pdecodec.formats.frame_files import FOLDER_PADDING, is_frame_pattern, parse_pattern
+from pdecodec.formats.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern, parse_pattern
 from pdecodec.formats.obj_statements import FrameText
 from pdecodec.formats.obj_time import time_comment
 from pdecodec.formats.registry import Progress
-from pdecodec.formats.whole_output import partial_folder, whole_file, write_errors
 from pdecodec.sequence import MeshSequence
+from pdecodec.whole_output import partial_folder, whole_file, write_errors
 
 
 def write_obj(
@@ -80,7 +80,7 @@ def _write_folder(
 ) -> None:
     pattern = folder / f"{folder.resolve().name}.{FOLDER_PADDING}.obj"
     if folder.exists():
-        frames = set(_frames_there(pattern))
+        frames = set(frames_there(pattern))
         foreign = sorted(item.name for item in folder.glob("*.obj") if item not in frames)
         if foreign:
             raise InputError(
@@ -97,7 +97,7 @@ def _write_folder(
 def _write_frames(
     sequence: MeshSequence, pattern: Path, rate: float, *, overwrite: bool, progress: Progress | None
 ) -> None:
-    old = _frames_there(pattern)
+    old = frames_there(pattern)
     if old and not overwrite:
         raise InputError(
             f"frames are there already ({old[0].name}); choose another name, or overwrite them (--overwrite)",
@@ -111,20 +111,6 @@ def _write_frames(
         for path in old:
             if path.name not in names:
                 path.unlink()
-
-
-def _frames_there(pattern: Path) -> list[Path]:
-    """Files that a reader of the pattern would take for its frames, in any padding."""
-    parsed = parse_pattern(pattern)
-    start, end = parsed.basename(), parsed.extension()
-    if not pattern.parent.is_dir():
-        return []
-    found = []
-    for item in pattern.parent.iterdir():
-        number = item.name.removeprefix(start).removesuffix(end)
-        if item.name == f"{start}{number}{end}" and number.removeprefix("-").isdecimal():
-            found.append(item)
-    return sorted(found)
 
 
 def _names(sequence: MeshSequence, pattern: Path, rate: float) -> list[str]:

@@ -20,6 +20,7 @@ if not (_here / "formats").is_dir():
 if TYPE_CHECKING:
     from pdecodec.decoder import Animation as Animation
     from pdecodec.decoder import DecodeLimits as DecodeLimits
+    from pdecodec.decoder import open_animation as open  # noqa: F401 - __all__ is computed, ruff cannot see it there
     from pdecodec.decoder import open_animation as open_animation
     from pdecodec.encoder import EncodeReport as EncodeReport
     from pdecodec.encoder import encode as encode
@@ -59,6 +60,7 @@ _HOME = {
     "PdecodecError": "errors",
     "SettingsError": "errors",
     "encode": "encoder",
+    "open": "decoder",
     "open_animation": "decoder",
     "open_sequence": "formats",
     "write_sequence": "formats",
@@ -67,7 +69,13 @@ _HOME = {
 __all__ = [*sorted(_HOME), "__version__"]
 
 
+_OTHER_NAMES = {"open": "open_animation"}
+"""Names that are longer at home: a module-level ``open`` there would hide the built-in one."""
+
+
 def __getattr__(name: str) -> Any:
+    if name in _OTHER_NAMES:
+        return __getattr__(_OTHER_NAMES[name])
     if name in _HOME:
         return getattr(importlib.import_module(f"pdecodec.{_HOME[name]}"), name)
     raise AttributeError(f"module 'pdecodec' has no attribute {name!r}")

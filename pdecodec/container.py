@@ -6,12 +6,13 @@ import os
 import struct
 import tempfile
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from pdecodec.errors import CorruptFileError, InputError
+from pdecodec.errors import CorruptFileError
+from pdecodec.whole_output import whole_file, write_errors
 
 IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
 """As PNG's: a byte that is not ASCII, the name, and line ends that a text transfer would change."""
@@ -47,15 +48,18 @@ class SectionEntry:
 
 
 class Spool:
-    """A section that grows while frames stream by: an unnamed temporary file beside the output."""
+    """A section that grows while frames stream by: an unnamed temporary file, in `folder` if one is given."""
 
-    def __init__(self, folder: Path) -> None:
-        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - lives as long as the spool, see close()
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder or Path(tempfile.gettempdir())
+        with write_errors(self._folder):
+            self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - lives as long as the spool, see close()
         self.length = 0
         self.checksum = 0
 
     def append(self, data: bytes) -> None:
-        self._file.write(data)
+        with write_errors(self._folder):
+            self._file.write(data)
         self.length += len(data)
         self.checksum = zlib.crc32(data, self.checksum)
 
@@ -97,57 +101,46 @@ class Section:
         return self.content.pieces() if isinstance(self.content, Spool) else (self.content,)
 
 
-def check_writable(path: Path, *, overwrite: bool) -> None:
-    """Raise InputError if `path` cannot become an output; called before the work starts."""
-    if path.is_dir():
-        raise InputError("is a folder; name a file", path=path)
-    if path.exists() and not overwrite:
-        raise InputError("exists already; ask to overwrite it, or name another", path=path)
-    if not path.parent.is_dir():
-        raise InputError("its folder does not exist; create it first", path=path)
-    if not os.access(path.parent, os.W_OK):
-        raise InputError("its folder is not writable", path=path)
-
-
-def write_container(path: Path, sections: Sequence[Section]) -> dict[str, int]:
+def write_container(path: Path, sections: Sequence[Section], *, overwrite: bool = True) -> dict[str, int]:
     """Write a whole file, or nothing.
 
     Returns
     -------
     dict of str to int
         Bytes of each section, and of header and table as ``"container"``; the sum is the file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
     """
+    with whole_file(path, overwrite=overwrite) as partial, partial.open("wb") as file:
+        for piece in container_pieces(sections):
+            file.write(piece)
+    return section_sizes(sections)
+
+
+def container_pieces(sections: Sequence[Section]) -> Iterator[bytes]:
+    """The bytes of a file, a piece at a time: header, table, sections."""
     offset = HEADER.size + ENTRY.size * len(sections)
-    sizes = {"container": offset}
     table = b""
     for section in sections:
         flags = REQUIRED if section.required else 0
         table += ENTRY.pack(section.type.encode("ascii"), flags, offset, section.length, section.checksum, 0)
         offset += section.length
-        sizes[section.type] = section.length
     unsealed = HEADER.pack(IDENTIFIER, MAJOR_VERSION, MINOR_VERSION, len(sections), zlib.crc32(table), 0)[:-4]
-    header = unsealed + struct.pack("<I", zlib.crc32(unsealed))
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(header)
-            file.write(table)
-            for section in sections:
-                for piece in section.pieces():
-                    file.write(piece)
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
-    return sizes
+    yield unsealed + struct.pack("<I", zlib.crc32(unsealed))
+    yield table
+    for section in sections:
+        yield from section.pieces()
 
 
-def _umask() -> int:
-    # mkstemp makes files that nobody else may read; the output gets the permissions of any new file.
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return mask
+def section_sizes(sections: Sequence[Section]) -> dict[str, int]:
+    """Bytes of each section, and of header and table as ``"container"``."""
+    return {
+        "container": HEADER.size + ENTRY.size * len(sections),
+        **{section.type: section.length for section in sections},
+    }
 
 
 class ContainerReader:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
@@ -62,12 +63,13 @@ class DecodeLimits:
     max_memory: int = DEFAULT_MAX_MEMORY
 
 
-def open_animation(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None) -> Animation:
-    """Open a `.pdeanim` file.
+def open_animation(source: str | os.PathLike[str] | bytes, *, limits: DecodeLimits | None = None) -> Animation:
+    """Open a `.pdeanim` file; ``pdecodec.open`` is the same.
 
     Parameters
     ----------
-    path : path-like
+    source : path-like or bytes
+        The file's path, or the whole file in memory.
     limits : DecodeLimits, optional
 
     Returns
@@ -84,12 +86,14 @@ def open_animation(path: str | os.PathLike[str], *, limits: DecodeLimits | None 
     LimitError
         If it asks for more memory than `limits` allow.
     """
+    if isinstance(source, bytes):
+        return Animation(io.BytesIO(source), "bytes in memory", limits or DecodeLimits())
     try:
-        file = Path(path).open("rb")  # noqa: SIM115 - the animation keeps it open until it is closed
+        file = Path(source).open("rb")  # noqa: SIM115 - the animation keeps it open until it is closed
     except OSError as error:
-        raise InputError(f"cannot be opened ({error.strerror})", path=path) from error
+        raise InputError(f"cannot be opened ({error.strerror})", path=source) from error
     try:
-        return Animation(file, os.fspath(path), limits or DecodeLimits())
+        return Animation(file, os.fspath(source), limits or DecodeLimits())
     except BaseException:
         file.close()
         raise
@@ -209,7 +213,7 @@ class Animation(MeshSequence):
             If a segment that is needed is damaged.
         """
         if np.ndim(times) == 0:
-            single: Float32Array = self.sample([times], outside=outside)[0]
+            single: Float32Array = self.sample(np.atleast_1d(times), outside=outside)[0]
             return single
         return self.sample(times, outside=outside)
 

@@ -7,8 +7,9 @@ import os
 import time
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,12 @@ from pdecodec import __version__
 from pdecodec.basis import TIME_FUNCTIONS
 from pdecodec.coefficients import decode_segment, dequantise_segment, encode_segment
 from pdecodec.connectivity import encode_connectivity
-from pdecodec.container import Section, Spool, check_writable, write_container
+from pdecodec.container import Section, Spool, container_pieces, section_sizes, write_container
 from pdecodec.corrections import NO_CORRECTIONS, add_corrections, correct_frame, correction_step, encode_corrections
 from pdecodec.curves import extract_curves, order_lonely_points
 from pdecodec.description import encode_attributes, encode_remarks, encode_sequence_description
 from pdecodec.entropy import pack_integers
-from pdecodec.errors import InputError
+from pdecodec.errors import SettingsError
 from pdecodec.fit import fit_levels
 from pdecodec.framewindow import FrameWindow, checked_frames
 from pdecodec.metrics import frame_scale
@@ -34,6 +35,7 @@ from pdecodec.segmentation import choose_segment, take_segment_sample
 from pdecodec.segments import SEGMENT_ENTRY, Segment, terms_at
 from pdecodec.sequence import MeshSequence
 from pdecodec.settings import EncodeSettings
+from pdecodec.whole_output import check_writable
 
 Float32Array = NDArray[np.float32]
 
@@ -54,7 +56,7 @@ class EncodeReport:
 
     Attributes
     ----------
-    path : Path
+    path : Path or None
     frames, vertices : int
     raw_bytes, file_bytes : int
         Float32 positions alone; the whole file.
@@ -73,9 +75,11 @@ class EncodeReport:
     seconds : float
     summary : str
         In a sentence, what model was taken and why.
+    data : bytes or None
+        The file itself where it was encoded without a path.
     """
 
-    path: Path
+    path: Path | None
     frames: int
     vertices: int
     raw_bytes: int
@@ -91,15 +95,17 @@ class EncodeReport:
     columns: int
     seconds: float
     summary: str
+    data: bytes | None = None
 
 
 def encode(
     sequence: MeshSequence,
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | None = None,
     settings: EncodeSettings | None = None,
     *,
     overwrite: bool = False,
     progress: Progress | None = None,
+    **options: Any,
 ) -> EncodeReport:
     """Encode a mesh sequence.
 
@@ -107,12 +113,14 @@ def encode(
     ----------
     sequence : MeshSequence
         Read once from front to back, after a look at a few windows of it.
-    path : path-like
-        The `.pdeanim` file; it appears whole or not at all.
+    path : path-like, optional
+        The `.pdeanim` file; it appears whole or not at all. Without one the file's bytes are in the report.
     settings : EncodeSettings, optional
     overwrite : bool
         Whether an existing file may be replaced.
     progress : callable, optional
+    **options
+        Fields of :class:`EncodeSettings`, in place of those of `settings`: ``encode(clip, path, tolerance=1e-4)``.
 
     Returns
     -------
@@ -123,14 +131,17 @@ def encode(
     InputError
         If positions are not finite, the sequence cannot be read, or the output cannot be written.
     SettingsError
-        If settings are out of range.
+        If settings are out of range or an option is unknown.
     """
-    target = Path(path)
-    check_writable(target, overwrite=overwrite)
-    try:
-        return _Encoder(sequence, settings or EncodeSettings(), progress).run(target)
-    except OSError as error:
-        raise InputError(f"cannot be written ({error.strerror or error})", path=target) from error
+    known = {item.name for item in fields(EncodeSettings)}
+    for name in options:
+        if name not in known:
+            raise SettingsError(f"there is no setting named {name}; there are {', '.join(sorted(known))}")
+    chosen = replace(settings or EncodeSettings(), **options)
+    target = None if path is None else Path(path)
+    if target is not None:
+        check_writable(target, overwrite=overwrite)
+    return _Encoder(sequence, chosen, progress).run(target, overwrite=overwrite)
 
 
 class _Encoder:
@@ -165,9 +176,10 @@ class _Encoder:
         self._corrections = 0
         self._entries: list[bytes] = []
 
-    def run(self, path: Path) -> EncodeReport:
+    def run(self, path: Path | None, *, overwrite: bool) -> EncodeReport:
         """Encode segment after segment and write the file."""
-        coefficients, corrections = Spool(path.parent), Spool(path.parent)
+        folder = None if path is None else path.parent
+        coefficients, corrections = Spool(folder), Spool(folder)
         try:
             window = FrameWindow(self._sequence, self._sample.vertices)
             usual = self._plan.frames
@@ -178,11 +190,16 @@ class _Encoder:
                 window.advance(segment.frames)
                 if self._progress:
                     self._progress(window.first, self._sequence.frame_count, "encoding")
-            sizes = write_container(path, self._sections(coefficients, corrections))
+            sections = self._sections(coefficients, corrections)
+            data = None
+            if path is None:
+                data = b"".join(container_pieces(sections))
+            else:
+                write_container(path, sections, overwrite=overwrite)
         finally:
             coefficients.close()
             corrections.close()
-        return self._report(path, sizes)
+        return self._report(path, data, section_sizes(sections))
 
     def _next_segment(self, window: FrameWindow, usual: int) -> Segment:
         segment = choose_segment(
@@ -285,7 +302,7 @@ class _Encoder:
             f"positions corrected"
         )
 
-    def _report(self, path: Path, sizes: dict[str, int]) -> EncodeReport:
+    def _report(self, path: Path | None, data: bytes | None, sizes: dict[str, int]) -> EncodeReport:
         frames, vertices = self._sequence.frame_count, self._sequence.vertex_count
         return EncodeReport(
             path=path,
@@ -304,4 +321,5 @@ class _Encoder:
             columns=self._model.elements.columns,
             seconds=time.perf_counter() - self._started,
             summary=self._summary(),
+            data=data,
         )

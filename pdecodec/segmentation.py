@@ -48,7 +48,7 @@ def choose_segment(
     bound : float or None [scene units]
     """
     is_paper = settings.profile == "paper"
-    alphas = ALPHAS[1:] if is_paper else ALPHAS  # at 0 the functions of Eq. 12 are dependent
+    alphas: tuple[float, ...] = ALPHAS[1:] if is_paper else ALPHAS  # at 0 the functions of Eq. 12 are dependent
     if settings.alpha is not None:
         alphas = (float(np.float32(settings.alpha)),)  # as the file will have it
     available = len(window.times)

@@ -9,7 +9,6 @@ import zlib
 from pathlib import Path
 
 import pytest
-from sealing import ENTRY, HEADER, Part, seal, take_apart
 
 from pdecodec.container import (
     COPY_BYTES,
@@ -17,10 +16,11 @@ from pdecodec.container import (
     ContainerReader,
     Section,
     Spool,
-    check_writable,
     write_container,
 )
 from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
+from pdecodec.whole_output import check_writable
+from spec.sealing import ENTRY, HEADER, Part, seal, take_apart
 
 SECTIONS = [Section("ABCD", b"first"), Section("EFGH", b"", required=False), Section("IJKL", bytes(range(256)))]
 
@@ -195,7 +195,7 @@ def test_a_failure_while_writing_leaves_nothing_behind_and_the_old_file_as_it_wa
     path.write_bytes(b"old")
     spool = _FailingSpool(tmp_path)
     spool.append(b"12345")
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(InputError, match="No space left"):
         write_container(path, [Section("ABCD", b"x"), Section("DATA", spool)])
     spool.close()
     assert [item.name for item in tmp_path.iterdir()] == ["out.pdeanim"]

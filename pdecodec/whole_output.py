@@ -12,6 +12,17 @@ from pathlib import Path
 from pdecodec.errors import InputError
 
 
+def check_writable(path: Path, *, overwrite: bool) -> None:
+    """Raise InputError if `path` cannot become an output file; worth calling before long work starts."""
+    if path.is_dir():
+        raise InputError("is a folder; name a file in it", path=path)
+    if path.exists() and not overwrite:
+        raise InputError("exists already; choose another name, or overwrite it (--overwrite)", path=path)
+    _check_folder(path.parent)
+    if not os.access(path.parent, os.W_OK):
+        raise InputError("this folder is not writable; choose another, or change its permissions", path=path.parent)
+
+
 @contextmanager
 def whole_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
     """A path to write to that becomes `path` when the block ends well and vanishes when it does not.
@@ -21,11 +32,7 @@ def whole_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
     InputError
         If `path` exists and `overwrite` is false, is a folder, or cannot be written.
     """
-    if path.is_dir():
-        raise InputError("is a folder; name a file in it", path=path)
-    if path.exists() and not overwrite:
-        raise InputError("exists already; choose another name, or overwrite it (--overwrite)", path=path)
-    _check_folder(path.parent)
+    check_writable(path, overwrite=overwrite)
     partial = partial_path(path)
     try:
         with write_errors(path):
