@@ -32,10 +32,11 @@ if TYPE_CHECKING:
     from pdecodec.errors import SettingsError as SettingsError
     from pdecodec.formats import open_sequence as open_sequence
     from pdecodec.formats import write_sequence as write_sequence
+    from pdecodec.selection import FrameSelection as FrameSelection
+    from pdecodec.selection import ObjectSelection as ObjectSelection
     from pdecodec.sequence import ArraySequence as ArraySequence
     from pdecodec.sequence import Attribute as Attribute
     from pdecodec.sequence import Connectivity as Connectivity
-    from pdecodec.sequence import FrameSelection as FrameSelection
     from pdecodec.sequence import MeshObject as MeshObject
     from pdecodec.sequence import MeshSequence as MeshSequence
     from pdecodec.settings import EncodeSettings as EncodeSettings
@@ -51,12 +52,13 @@ _HOME = {
     "DecodeLimits": "decoder",
     "EncodeReport": "encoder",
     "EncodeSettings": "settings",
-    "FrameSelection": "sequence",
+    "FrameSelection": "selection",
     "InputError": "errors",
     "LimitError": "errors",
     "MeshObject": "sequence",
     "MeshSequence": "sequence",
     "MissingExtraError": "errors",
+    "ObjectSelection": "selection",
     "PdecodecError": "errors",
     "SettingsError": "errors",
     "encode": "encoder",

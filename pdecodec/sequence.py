@@ -361,42 +361,6 @@ class ArraySequence(MeshSequence):
         return self.points[start:stop]
 
 
-class FrameSelection(MeshSequence):
-    """Some frames of another sequence: every second one, a range, a list.
-
-    Parameters
-    ----------
-    source : MeshSequence
-    frames : sequence of int
-        Strictly increasing frame indices of `source`.
-    """
-
-    def __init__(self, source: MeshSequence, frames: Sequence[int] | range) -> None:
-        chosen = np.asarray(list(frames), dtype=np.int64)
-        if chosen.size == 0:
-            raise InputError("the selection holds no frame")
-        if chosen[0] < 0 or chosen[-1] >= source.frame_count or (np.diff(chosen) <= 0).any():
-            raise InputError(f"frames must increase within 0 to {source.frame_count - 1}")
-        self._source = source
-        self._chosen = chosen
-        self.objects = source.objects
-        self.times, self.fps = check_times(chosen.size, source.times[chosen], source.fps if chosen.size == 1 else None)
-        self.metadata = source.metadata
-        self.notices = source.notices
-
-    def read_frames(self, start: int, stop: int) -> Float32Array:
-        check_frame_range(self, start, stop)
-        chosen = self._chosen[start:stop]
-        if chosen.size == 0:
-            return np.zeros((0, self.vertex_count, 3), np.float32)
-        if chosen[-1] - chosen[0] == chosen.size - 1:
-            return self._source.read_frames(int(chosen[0]), int(chosen[-1]) + 1)
-        return np.concatenate([self._source.read_frames(int(index), int(index) + 1) for index in chosen])
-
-    def close(self) -> None:
-        self._source.close()
-
-
 def check_frame_range(sequence: MeshSequence, start: int, stop: int) -> None:
     """Raise IndexError unless ``0 <= start <= stop <= frame_count``."""
     if not 0 <= start <= stop <= sequence.frame_count:

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_sequence
-from pdecodec.sequence import ArraySequence, Attribute, Connectivity, FrameSelection, MeshObject, MeshSequence
+from pdecodec.selection import FrameSelection
+from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject, MeshSequence
 
 TRIANGLE = Connectivity(3, face_counts=np.array([3]), face_indices=np.array([0, 1, 2]))
 

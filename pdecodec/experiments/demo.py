@@ -17,7 +17,8 @@ from pdecodec.decoder import open_animation
 from pdecodec.encoder import EncodeReport, encode
 from pdecodec.metrics import Distortion, bits_per_vertex_frame, measure_distortion
 from pdecodec.resample import LinearInterpolation, SampledAnimation
-from pdecodec.sequence import ArraySequence, Float32Array, FrameSelection
+from pdecodec.selection import FrameSelection
+from pdecodec.sequence import ArraySequence, Float32Array
 from pdecodec.settings import EncodeSettings
 from pdecodec.xpbd import build
 
