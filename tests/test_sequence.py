@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from pdecodec.errors import InputError
+from pdecodec.selection import FrameSelection
 from pdecodec.sequence import (
     ArraySequence,
     Attribute,
     Connectivity,
-    FrameSelection,
     MeshObject,
     check_times,
 )
