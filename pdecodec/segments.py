@@ -2,7 +2,7 @@
 
 Inside a segment the functions are evaluated at any time. Between the last frame of one segment and the
 first of the next, positions follow the cubic that meets both segments in value and first derivative
-(Hermite), so that motion is continuous in both everywhere.
+(Hermite), so that the model's motion is continuous in both everywhere.
 """
 
 from __future__ import annotations
