@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -32,18 +35,33 @@ def say_notices(sequence: MeshSequence) -> None:
         say(f"note: {notice}")
 
 
+def say_if_compiling() -> None:
+    """Explain the wait of a first use: Numba compiles the kernels, and keeps the result beside them."""
+    import pdecodec.kernels
+
+    folder = Path(pdecodec.kernels.__path__[0])
+    # Where Numba keeps its results elsewhere, nobody can tell from here whether they are there.
+    kept_here = "NUMBA_CACHE_DIR" not in os.environ and os.access(folder, os.W_OK)
+    if kept_here and not any(folder.glob("__pycache__/*.nbi")):
+        say("note: compiling, once; later runs start at once")
+
+
 def print_json(data: Mapping[str, Any]) -> None:
     """One JSON object to standard output."""
     click.echo(json.dumps(data, indent=2, allow_nan=False))
 
 
 def print_table(table: Table) -> None:
-    """A table to standard output, never wider than its content when it goes to a file or a pipe."""
+    """A table to standard output; to a file or a pipe, lines no wider than what they hold."""
     from rich.console import Console
 
-    terminal = sys.stdout.isatty()
     # Names in files may hold square brackets: they are no markup.
-    Console(file=sys.stdout, markup=False, width=None if terminal else PIPE_WIDTH).print(table)
+    if sys.stdout.isatty():
+        Console(file=sys.stdout, markup=False).print(table)
+        return
+    text = io.StringIO()
+    Console(file=text, markup=False, width=PIPE_WIDTH).print(table)
+    click.echo("\n".join(line.rstrip() for line in text.getvalue().splitlines()))
 
 
 @contextmanager
@@ -61,10 +79,17 @@ def progress_bar() -> Iterator[Progress | None]:
         yield lambda done, total, what: bar.update(task, completed=done, total=total, description=what)
 
 
-def megabytes(count: int) -> str:
-    """A byte count for people, decimal units: ``0.31 MB``, ``42.0 MB``, ``812 bytes``."""
-    if count < 10_000:
-        return f"{count} bytes"
+def counted(count: int, noun: str) -> str:
+    """``1 quad``, ``1,200 quads``."""
+    return f"{count:,} {noun}{'s' * (count != 1)}"
+
+
+def byte_size(count: int) -> str:
+    """A byte count for people, decimal units: ``812 bytes``, ``35.8 kB``, ``0.31 MB``, ``42.0 MB``."""
+    if count < 1000:
+        return counted(count, "byte")
+    if count < 100_000:
+        return f"{count / 1e3:.1f} kB"
     return f"{count / 1e6:.3g} MB" if count < 1_000_000 else f"{count / 1e6:,.1f} MB"
 
 
@@ -77,4 +102,4 @@ def ratio(raw: int, coded: int) -> str:
 
 def extent(frames: int, vertices: int) -> str:
     """``60 frames of 19,968 vertices``, ``1 frame of 1 vertex``."""
-    return f"{frames:,} frame{'s' * (frames != 1)} of {vertices:,} {'vertex' if vertices == 1 else 'vertices'}"
+    return f"{counted(frames, 'frame')} of {vertices:,} {'vertex' if vertices == 1 else 'vertices'}"

@@ -8,6 +8,7 @@ import click
 
 from pdecodec.cli.console import extent, print_json, progress_bar, say, say_notices
 from pdecodec.cli.options import (
+    check_apart,
     check_output,
     fps_option,
     frames_option,
@@ -37,6 +38,7 @@ def convert(*, source: str, output: str, frames: str | None, fps: float | None, 
     started = time.perf_counter()
     refuse_pdeanim(output, f"use pdecodec encode {source} -o {output}")
     check_output(output, overwrite=overwrite)
+    check_apart(source, [output])
     with open_sequence(source, fps=fps) as whole:
         say_notices(whole)
         sequence = select_frames(whole, frames)

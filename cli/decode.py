@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import extent, megabytes, print_json, progress_bar, say
+from pdecodec.cli.console import byte_size, extent, print_json, progress_bar, say, say_if_compiling
 from pdecodec.cli.options import (
+    check_apart,
     check_output,
+    files_there,
     frames_option,
     json_option,
     output_option,
@@ -18,6 +21,7 @@ from pdecodec.cli.options import (
     parse_bytes,
     refuse_pdeanim,
     select_frames,
+    stored_bytes,
 )
 from pdecodec.errors import InputError, SettingsError
 
@@ -72,12 +76,18 @@ def decode(
     given = [name for name, value in (("--at", at), ("--times", times), ("--fps", fps), ("--frames", frames)) if value]
     if len(given) > 1:
         raise SettingsError(f"{' and '.join(given)} exclude each other; give one of them")
+    if outside != "refuse" and not (at or times):
+        raise SettingsError(f"--outside {outside} is for times given with --at or --times; give them, or leave it out")
     refuse_pdeanim(output, "decode writes meshes; name another format")
     outputs = [output, _velocity_path(output)] if velocities else [output]
     for path in outputs:
         check_output(path, overwrite=overwrite)
+    check_apart(source, outputs)
+    if Path(source).is_dir():
+        raise InputError("is a folder; decode takes a .pdeanim file", path=source)
     limits = DecodeLimits() if max_memory is None else DecodeLimits(max_memory=max_memory)
     with open_animation(source, limits=limits) as animation:
+        say_if_compiling()
         positions = _chosen(animation, at=at, times=times, fps=fps, frames=frames, outside=outside)
         sequences = [positions]
         if velocities:
@@ -94,8 +104,11 @@ def decode(
         }
     if as_json:
         print_json(result)
+    written = stored_bytes(file for path in outputs for file in files_there(path))
+    values = "positions and velocities" if velocities else "positions"
     say(
-        f"in {megabytes(Path(source).stat().st_size)} -> out {megabytes(result['raw_bytes'])} of positions, "
+        f"{' and '.join(outputs)}: in {byte_size(Path(source).stat().st_size)} -> out {byte_size(written)} "
+        f"({byte_size(result['raw_bytes'] * len(outputs))} of {values}), "
         f"{extent(result['frames'], result['vertices'])}, {result['seconds']:.1f} s"
     )
 
@@ -129,6 +142,9 @@ def _chosen(
 
     if fps is not None:
         return SampledAnimation(animation, times_at_rate(float(animation.times[0]), float(animation.times[-1]), fps))
+    for time_asked in at:
+        if not math.isfinite(time_asked):
+            raise SettingsError(f"--at {time_asked}: is no time; give seconds")
     wanted = list(at) if times is None else _read_times(times)
     if wanted:
         return SampledAnimation(animation, sorted(set(wanted)), outside=outside)
@@ -147,4 +163,7 @@ def _read_times(path: str) -> list[float]:
         raise InputError(f"{error}; list times in seconds, apart by blanks or line ends", path=path) from error
     if not numbers:
         raise InputError("there is no time in it; list times in seconds", path=path)
+    for number in numbers:
+        if not math.isfinite(number):
+            raise InputError(f"{number} is no time; list times in seconds", path=path)
     return numbers

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import megabytes, print_json, print_table, progress_bar, ratio, say
+from pdecodec.cli.console import byte_size, print_json, print_table, progress_bar, ratio, say
 from pdecodec.cli.options import json_option
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def demo(*, output: str, as_json: bool) -> None:
         say(f"{encoding.report.path}: {encoding.report.summary}")
     say(f"picture: {directory / 'demo.png'}")
     say(
-        f"in {megabytes(first.report.raw_bytes)} -> out {megabytes(first.report.file_bytes)} "
+        f"in {byte_size(first.report.raw_bytes)} -> out {byte_size(first.report.file_bytes)} "
         f"({ratio(first.report.raw_bytes, first.report.file_bytes)}), max error {first.distortion.max_error:.3g} "
         f"scene units (bound {first.report.bound:.3g}), {seconds:.1f} s for everything"
     )
@@ -71,8 +71,8 @@ def _encodings_table(found: Demonstration) -> Table:
 
     each = found.encodings
     row("profile", *("paper" if item.report.bound is None else "auto, tolerance 0.001" for item in each))
-    row("raw float32", *(megabytes(item.report.raw_bytes) for item in each))
-    row("file", *(megabytes(item.report.file_bytes) for item in each))
+    row("raw float32", *(byte_size(item.report.raw_bytes) for item in each))
+    row("file", *(byte_size(item.report.file_bytes) for item in each))
     row("ratio", *(ratio(item.report.raw_bytes, item.report.file_bytes) for item in each))
     row("bits per vertex and frame", *(f"{item.bits:.3f}" for item in each))
     row("maximum error / diagonal", *(f"{item.distortion.e_m:.6f}" for item in each))

@@ -6,17 +6,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import megabytes, print_json, progress_bar, ratio, say, say_notices
+from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say, say_if_compiling, say_notices
 from pdecodec.cli.options import (
+    check_apart,
     check_output,
     fps_option,
     frames_option,
-    input_bytes,
+    input_files,
     json_option,
     naming_file,
     output_option,
     overwrite_option,
     select_frames,
+    stored_bytes,
 )
 from pdecodec.errors import SettingsError
 
@@ -84,33 +86,39 @@ def encode(
     if not output.lower().endswith(".pdeanim"):
         raise SettingsError(f"{output}: encode writes .pdeanim files; for other formats use pdecodec convert")
     check_output(output, overwrite=overwrite)
+    check_apart(source, [output])
     with open_sequence(source, fps=fps) as whole:
         say_notices(whole)
         sequence = select_frames(whole, frames)
+        say_if_compiling()
         with progress_bar() as progress, naming_file(source):
             report = encode_sequence(sequence, output, checked, overwrite=overwrite, progress=progress)
+        source_bytes = stored_bytes(input_files(source))
         if as_json:
-            print_json(_as_json(report, sequence, input_bytes(source), checked.profile))
+            print_json(_as_json(report, sequence, output, source_bytes, checked.profile))
     say(report.summary)
     bound = "no bound" if report.bound is None else f"bound {report.bound:.3g}"
     say(
-        f"in {megabytes(report.raw_bytes)} -> out {megabytes(report.file_bytes)} "
+        f"in {byte_size(source_bytes)} ({byte_size(report.raw_bytes)} of positions) -> "
+        f"out {byte_size(report.file_bytes)} "
         f"({ratio(report.raw_bytes, report.file_bytes)}), "
         f"max error {report.max_error:.3g} scene units ({bound}), {report.seconds:.1f} s"
     )
 
 
-def _as_json(report: EncodeReport, sequence: MeshSequence, input_size: int, profile: str) -> dict[str, Any]:
+def _as_json(
+    report: EncodeReport, sequence: MeshSequence, output: str, input_size: int, profile: str
+) -> dict[str, Any]:
     """The report with the names and ratios that scripts want; errors are those of the file, decoded again."""
     from pdecodec.decoder import open_animation
     from pdecodec.metrics import bits_per_vertex_frame, measure_distortion
 
-    with open_animation(report.path) as animation, progress_bar() as progress:
+    with open_animation(output) as animation, progress_bar() as progress:
         distortion = measure_distortion(sequence, animation, progress=progress).to_dict()
         curves = animation.info()["curves"]
     constant = sum(report.sections.get(name, 0) for name in CONSTANT_SECTIONS)
     return {
-        "output": str(report.path),
+        "output": output,
         "frames": report.frames,
         "vertices": report.vertices,
         "input_bytes": input_size,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import megabytes, print_json, print_table, say_notices
+from pdecodec.cli.console import byte_size, counted, print_json, print_table, ratio, say_notices
 from pdecodec.cli.options import fps_option, json_option
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def _print(facts: Mapping[str, Any]) -> None:
 
     objects = Table("object", "vertices", "faces", "lines", "attributes", box=None)
     for item in facts["objects"]:
-        faces = ", ".join(f"{count:,} {kind}" for kind, count in item["faces"].items()) or "none"
+        faces = ", ".join(counted(count, kind.removesuffix("s")) for kind, count in item["faces"].items()) or "none"
         objects.add_row(
             item["name"], f"{item['vertices']:,}", faces, f"{item['lines']:,}", ", ".join(item["attributes"]) or "none"
         )
@@ -100,16 +100,18 @@ def _print(facts: Mapping[str, Any]) -> None:
     table = Table(box=None, show_header=False)
     table.add_row("frames", f"{facts['frames']} at {facts['fps']:g} a second")
     table.add_row("time", f"{facts['first_time']:g} to {facts['last_time']:g} s")
-    table.add_row("raw positions", megabytes(facts["raw_bytes"]))
+    table.add_row("raw positions", byte_size(facts["raw_bytes"]))
     if facts["finite_at_first_frame"]:
         low, high = facts["bounds_at_first_frame"]
         spans = ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True))
         table.add_row("first frame", f"{spans}; diagonal {facts['diagonal']:g}")
     else:
         table.add_row("first frame", "holds positions that are not finite numbers")
+    if "file_bytes" in facts:
+        table.add_row("file", f"{byte_size(facts['file_bytes'])} ({ratio(facts['raw_bytes'], facts['file_bytes'])})")
     for name in [name for name in facts if name not in _TABLED]:
         table.add_row(name.replace("_", " "), _in_words(facts[name]))
-    table.add_row("metadata", _in_words(facts["metadata"]) or "none")
+    table.add_row("metadata", _in_words(facts["metadata"]))
     print_table(table)
 
 
@@ -124,6 +126,8 @@ _TABLED = frozenset(
         "faces",
         "lines",
         "raw_bytes",
+        "file_bytes",
+        "ratio",
         "finite_at_first_frame",
         "bounds_at_first_frame",
         "diagonal",
@@ -136,5 +140,9 @@ _TABLED = frozenset(
 
 def _in_words(value: Any) -> str:
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_in_words(item)}" for name, item in value.items())
+        return ", ".join(f"{name} {_in_words(item)}" for name, item in value.items()) or "none"
+    if isinstance(value, list):
+        return ", ".join(map(_in_words, value)) or "none"
+    if value is None or value == "":
+        return "none"
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,7 +1,7 @@
 """The `pdecodec` command: its group of commands, and how failures become one line and an exit code.
 
 Exit codes: 0 done; 1 a check failed; 2 usage; 3 bad input or a place that cannot be written to; 4 corrupt file;
-5 missing extra; 130 interrupted.
+5 missing extra; 130 interrupted; 141 nobody reads the output any more.
 """
 
 from __future__ import annotations
@@ -24,9 +24,11 @@ from pdecodec.cli.info import info
 from pdecodec.cli.simulate import simulate
 from pdecodec.errors import InputError, PdecodecError, SettingsError
 
-EXIT_CHECK_FAILED = 1
 EXIT_INTERRUPTED = 130
 """128 + SIGINT, as shells report it."""
+
+EXIT_UNREAD = 141
+"""128 + SIGPIPE, as shells report it: neither done nor a failed check."""
 
 TRACEBACK_VARIABLE = "PDECODEC_TRACEBACK"
 """Environment variable that, when set, shows the traceback of a bug instead of one line about it."""
@@ -41,7 +43,7 @@ def pdecodec() -> None:
     (name.%04d.obj, name.####.obj, name.$F4.obj). Data goes to standard output, everything else to standard error.
 
     Exit codes: 0 done, 1 a check failed, 2 usage, 3 bad input or unwritable output, 4 corrupt file,
-    5 missing extra, 130 interrupted.
+    5 missing extra, 130 interrupted, 141 nobody reads the output any more (`| head`).
     """
 
 
@@ -69,10 +71,9 @@ def run(arguments: Sequence[str]) -> int:
         return SettingsError.exit_code
     except PdecodecError as error:
         return _fail(str(error), error.exit_code)
-    except BrokenPipeError:
-        # The reader of our output has seen enough (`| head`); the interpreter's own flush must not fail again.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_CHECK_FAILED
+    except SystemExit:
+        # Outside its standalone mode click exits in one case: the reader of our output has seen enough (`| head`).
+        return EXIT_UNREAD
     except OSError as error:
         place = f"{error.filename}: " if error.filename is not None else ""
         return _fail(f"{place}{error.strerror or error}", InputError.exit_code)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -62,7 +62,7 @@ def select_frames(sequence: MeshSequence, text: str | None) -> MeshSequence:
     SettingsError
         If the text is neither notation, a frame number does not exist, or nothing is left.
     """
-    from pdecodec.sequence import FrameSelection
+    from pdecodec.selection import FrameSelection
 
     if text is None:
         return sequence
@@ -112,12 +112,13 @@ def check_output(output: str, *, overwrite: bool) -> None:
 
     Raises
     ------
+    SettingsError
+        If it is ``-``, or says neither a format nor that it is a folder.
     InputError
         If it exists and may not be replaced, or the folder it goes into is missing or not writable.
     """
-    from pdecodec.formats.frame_files import is_frame_pattern
-
     path = Path(output)
+    _check_name(output)
     folder = path.parent
     if not folder.is_dir():
         raise InputError("this folder does not exist; make it first", path=folder)
@@ -127,18 +128,48 @@ def check_output(output: str, *, overwrite: bool) -> None:
         raise InputError("is a folder; name a file in it", path=path)
     if overwrite:
         return
-    taken = _first_frame_of(path) if is_frame_pattern(path) else path
-    if taken is not None and taken.exists() and not (taken.is_dir() and not any(taken.iterdir())):
-        raise InputError("exists already; choose another name, or give --overwrite to replace it", path=taken)
+    taken = [path] if path.is_dir() and any(path.iterdir()) else files_there(output)
+    if taken:
+        raise InputError("exists already; choose another name, or give --overwrite to replace it", path=taken[0])
 
 
-def _first_frame_of(pattern: Path) -> Path | None:
-    """A file that a frame pattern stands for, if there is one."""
-    from pdecodec.formats.frame_files import FRAME_FIELD
+def _check_name(output: str) -> None:
+    from pdecodec.formats import list_formats
 
-    fixed = [re.escape(part) for part in FRAME_FIELD.split(pattern.name)]
-    numbered = re.compile(r"-?\d+".join(fixed))
-    return min((file for file in pattern.parent.iterdir() if numbered.fullmatch(file.name)), default=None)
+    if output == "-":
+        raise SettingsError("-o -: meshes are not written to standard output; name a file, folder/ or pattern")
+    if not Path(output).suffix and not output.endswith("/") and not Path(output).is_dir():
+        known = ", ".join(extension for entry in list_formats() if entry.writes for extension in entry.extensions)
+        raise SettingsError(
+            f"{output}: has no extension; write {output}/ for a folder of frames, or add one of {known}"
+        )
+
+
+def check_apart(source: str, outputs: Iterable[str]) -> None:
+    """Refuse to write where the input lies: frames that the output does not have would be lost.
+
+    Raises
+    ------
+    SettingsError
+        If a file of the input is one that an output would replace, by whatever name or link.
+    """
+    inputs = {file.resolve() for file in input_files(source)}
+    for output in outputs:
+        shared = [file for file in files_there(output) if file.resolve() in inputs]
+        if shared:
+            raise SettingsError(f"{output}: would replace {shared[0]}, which is read; choose another name")
+
+
+def files_there(output: str) -> list[Path]:
+    """Files that writing to a file, pattern or folder would replace; after writing, what was written."""
+    from pdecodec.formats.frame_files import frames_there, is_frame_pattern
+
+    path = Path(output)
+    if path.is_dir():
+        return sorted(file for file in path.iterdir() if file.suffix.lower() in _frame_extensions())
+    if path.exists():
+        return [path]
+    return frames_there(path) if is_frame_pattern(path) else []
 
 
 @contextmanager
@@ -152,14 +183,30 @@ def naming_file(source: str) -> Iterator[None]:
         raise InputError(error.message, path=source, frame=error.frame, offset=error.offset) from error
 
 
-def input_bytes(source: str) -> int:
-    """Bytes that an input takes on disk, all its frames together."""
-    from pdecodec.formats import list_formats
+def input_files(source: str) -> tuple[Path, ...]:
+    """The files of an input: one, or all its frames; none where there is no such file.
+
+    Raises
+    ------
+    InputError
+        If a folder or pattern does not stand for one whole sequence.
+    """
     from pdecodec.formats.frame_files import find_frames
 
     path = Path(source)
     if path.is_file():
-        return path.stat().st_size
-    extensions = {extension for entry in list_formats() if entry.frame_per_file for extension in entry.extensions}
+        return (path,)
     found = {file.suffix.lower() for file in path.iterdir()} if path.is_dir() else {path.suffix.lower()}
-    return sum(file.stat().st_size for extension in found & extensions for file in find_frames(path, extension).paths)
+    return tuple(file for extension in found & _frame_extensions() for file in find_frames(path, extension).paths)
+
+
+def _frame_extensions() -> set[str]:
+    """Extensions of the formats that keep a frame per file."""
+    from pdecodec.formats import list_formats
+
+    return {extension for entry in list_formats() if entry.frame_per_file for extension in entry.extensions}
+
+
+def stored_bytes(files: Iterable[Path]) -> int:
+    """Bytes that files take on disk, together."""
+    return sum(file.stat().st_size for file in files)

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pdecodec.cli.console import say_if_compiling
 from pdecodec.cli.main import run
 
 FRAMES, ROWS, COLUMNS = 20, 10, 12
 TOLERANCE = 1e-3
 
 SUMMARY = re.compile(
-    r"in [\d.,]+ (MB|bytes) -> out [\d.,]+ (MB|bytes) \([\d.]+:1\), max error .* \(bound .*\), [\d.]+ s$"
+    r"in [\d.]+ kB \(28.8 kB of positions\) -> out [\d.]+ kB \([\d.]+:1\), max error .* \(bound .*\), [\d.]+ s$"
 )
 
 
@@ -153,6 +154,16 @@ def test_info_is_a_table_for_people(folder: Path, capsys: pytest.CaptureFixture[
     assert "99 quads" in text
     assert "20 at 24 a second" in text
     assert "profile" in text
+    size = (folder / "wave.pdeanim").stat().st_size
+    assert f"{size / 1000:.1f} kB ({FRAMES * ROWS * COLUMNS * 12 / size:.0f}:1)" in text or size >= 2880
+    assert not re.search(r"[\[\]]|None", text)
+    assert [line for line in text.splitlines() if line != line.rstrip()] == []
+
+
+def test_info_counts_one_face_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    np.savez(tmp_path / "one.npz", points=np.eye(3, dtype=np.float32)[None], faces=np.array([[0, 1, 2]]))
+    assert run(["info", str(tmp_path / "one.npz")]) == 0
+    assert re.search(r"\b1 triangle\b", capsys.readouterr().out)
 
 
 def test_info_says_when_positions_are_not_finite(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -165,6 +176,34 @@ def test_info_says_when_positions_are_not_finite(tmp_path: Path, capsys: pytest.
 def decoded(path: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     with np.load(path) as archive:
         return archive["points"], archive["times"]
+
+
+def test_decode_ends_with_what_it_wrote_and_how_large_that_is(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output, source = tmp_path / "out.npz", folder / "wave.pdeanim"
+    assert run(["decode", str(source), "-o", str(output), "--velocities"]) == 0
+    line = capsys.readouterr().err.splitlines()[-1]
+    velocities = tmp_path / "out.velocities.npz"
+    sizes = [f"{count / 1000:.1f} kB" for count in (source.stat().st_size, 2 * output.stat().st_size)]
+    assert output.stat().st_size == velocities.stat().st_size
+    assert line.startswith(f"{output} and {velocities}: in {sizes[0]} -> out {sizes[1]} ")
+    assert "(57.6 kB of positions and velocities), 20 frames of 120 vertices" in line
+
+
+def test_the_first_use_says_that_it_compiles_and_later_ones_do_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import pdecodec.kernels
+
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(pdecodec.kernels, "__path__", [str(tmp_path)])
+    say_if_compiling()
+    assert capsys.readouterr().err == "note: compiling, once; later runs start at once\n"
+    (tmp_path / "__pycache__").mkdir()
+    (tmp_path / "__pycache__" / "motion.evaluate-146.py311.nbi").touch()
+    say_if_compiling()
+    assert capsys.readouterr().err == ""
 
 
 def test_decode_at_times_gives_them_in_order_each_once(folder: Path, tmp_path: Path) -> None:

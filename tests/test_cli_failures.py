@@ -182,6 +182,11 @@ def test_positions_that_are_not_finite_are_named_by_frame(
         (["decode", "a.pdeanim", "-o", "b.pdeanim"], "pdecodec encode"),
         (["decode", "a.pdeanim", "-o", "a.npz", "--at", "1", "--fps", "30"], "exclude each other"),
         (["decode", "a.pdeanim", "-o", "a.obj", "--velocities"], "--velocities"),
+        (["decode", "a.pdeanim", "-o", "a.npz", "--outside", "clamp"], "--at or --times"),
+        (["convert", "a.npz", "-o", "-"], "standard output"),
+        (["decode", "a.pdeanim", "-o", "-"], "standard output"),
+        (["simulate", "cloth", "-o", "-"], "standard output"),
+        (["convert", "a.npz", "-o", "frames"], "write frames/ for a folder of frames, or add one of .obj, .npz"),
         (["compare", "a.npz", "b.npz", "--tolerance", "-0.1"], "--tolerance"),
         (["simulate", "cloth", "-o", "a.npz", "--rows", "0"], "rows"),
         (["simulate", "cloth", "-o", "a.pdeanim"], "pdecodec encode"),
@@ -230,7 +235,7 @@ def test_a_frame_rate_that_is_none_is_a_usage_error(
     assert "frames per second" in error_of(capsys, 2, "decode", animation, "-o", tmp_path / "o.npz", f"--fps={fps}")
 
 
-@pytest.mark.parametrize("content", [b"", b"0.1 later", b"\xff\xfe\x00"])
+@pytest.mark.parametrize("content", [b"", b"0.1 later", b"0.1 nan", b"\xff\xfe\x00"])
 def test_a_file_of_times_that_holds_none_is_bad_input(
     animation: Path, tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -276,6 +281,72 @@ def test_every_failure_has_its_exit_code_and_one_line(
     assert words in error_of(capsys, code, "info", "clip.npz")
 
 
+def save_frames(folder: Path) -> list[Path]:
+    """Six frames as q.0.obj to q.5.obj."""
+    source = save_line(folder / "line.npz")
+    assert run(["convert", str(source), "-o", str(folder / "q.#.obj")]) == 0
+    return sorted(folder.glob("*.obj"))
+
+
+@pytest.mark.parametrize("output", ["q.#.obj", "q.%04d.obj", "q.2-3#.obj", "q.2.obj", "link/q.#.obj", "link/"])
+def test_frames_that_are_read_are_never_replaced(
+    tmp_path: Path, output: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = save_frames(tmp_path)
+    (tmp_path / "link").symlink_to(tmp_path)
+    before = [frame.read_bytes() for frame in frames]
+    command = ["convert", tmp_path / "q.#.obj", "-o", f"{tmp_path}/{output}", "--frames", "2-3", "--overwrite"]
+    assert "which is read; choose another name" in error_of(capsys, 2, *command)
+    assert [frame.read_bytes() for frame in frames] == before
+
+
+def test_other_frames_and_files_beside_the_input_may_be_replaced(tmp_path: Path) -> None:
+    frames = save_frames(tmp_path)
+    for _ in range(2):
+        for output in ("r.#.obj", "r.npz", "frames/"):
+            command = ["convert", str(tmp_path / "q.#.obj"), "-o", f"{tmp_path}/{output}", "--overwrite"]
+            assert run(command) == 0
+    assert all(frame.exists() for frame in frames)
+
+
+def test_decode_and_encode_never_replace_the_file_they_read(
+    animation: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    misnamed, clip = tmp_path / "clip.npz", tmp_path / "clip.pdeanim"
+    for source, command in ((misnamed, "decode"), (clip, "encode")):
+        source.write_bytes(animation.read_bytes())
+        assert "which is read" in error_of(capsys, 2, command, source, "-o", source, "--overwrite")
+        assert source.read_bytes() == animation.read_bytes()
+
+
+@pytest.mark.parametrize("time", ["nan", "inf", "-inf"])
+def test_a_time_that_is_no_number_is_refused_without_a_frame(
+    animation: Path, tmp_path: Path, time: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = error_of(capsys, 2, "decode", animation, "-o", tmp_path / "out.npz", f"--at={time}")
+    assert line == f"error: --at {time}: is no time; give seconds"
+
+
+def test_a_rate_of_too_many_frames_says_to_take_a_lower_one(
+    animation: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "take a lower rate" in error_of(capsys, 2, "decode", animation, "-o", tmp_path / "o.npz", "--fps", "1e12")
+
+
+def test_decode_of_a_folder_says_what_it_takes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    assert "takes a .pdeanim file" in error_of(capsys, 3, "decode", frames, "-o", tmp_path / "out.npz")
+
+
+def test_an_animation_named_as_another_format_is_called_one(
+    animation: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "clip.npz"
+    source.write_bytes(animation.read_bytes())
+    assert "rename it to end in .pdeanim" in error_of(capsys, 3, "info", source)
+
+
 def start(*arguments: str, **streams: int) -> subprocess.Popen[bytes]:
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "NO_COLOR": "1", "TERM": "xterm"}
     return subprocess.Popen([sys.executable, *arguments], env=environment, **streams)
@@ -290,7 +361,7 @@ def test_progress_is_silent_when_standard_error_is_no_terminal(tmp_path: Path) -
     assert process.returncode == 0
     assert b"\x1b" not in text
     assert b"\r" not in text
-    assert text.splitlines()[-1].startswith(b"in 288 bytes -> out ")
+    assert text.splitlines()[-1].startswith(b"in %d bytes (288 bytes of positions) -> " % source.stat().st_size)
 
 
 def test_progress_is_drawn_on_a_terminal_without_colours_under_no_color(tmp_path: Path) -> None:
@@ -315,14 +386,15 @@ def _read(terminal: int) -> bytes:
         return b""
 
 
-def test_a_reader_that_has_seen_enough_is_no_error_message() -> None:
-    process = start("-m", "pdecodec.cli", "formats", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+@pytest.mark.parametrize("arguments", [["formats"], ["formats", "--json"], ["--help"]])
+def test_a_reader_that_has_seen_enough_is_neither_a_message_nor_a_failed_check(arguments: list[str]) -> None:
+    process = start("-m", "pdecodec.cli", *arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert process.stdout is not None
     assert process.stderr is not None
     process.stdout.close()
     with process.stderr as stream:
         assert stream.read() == b""
-    assert process.wait(timeout=120) == 1
+    assert process.wait(timeout=120) == 141
 
 
 def test_a_bug_is_told_in_one_line_and_traced_on_request(monkeypatch: pytest.MonkeyPatch) -> None:

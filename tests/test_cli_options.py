@@ -8,8 +8,8 @@ import click
 import numpy as np
 import pytest
 
-from pdecodec.cli.console import extent, megabytes, ratio
-from pdecodec.cli.options import check_output, input_bytes, parse_bytes, select_frames
+from pdecodec.cli.console import byte_size, counted, extent, ratio
+from pdecodec.cli.options import check_output, input_files, parse_bytes, select_frames, stored_bytes
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.sequence import ArraySequence
 
@@ -113,6 +113,16 @@ def test_an_empty_folder_may_be_filled_and_a_full_one_may_not(tmp_path: Path) ->
         check_output(str(folder), overwrite=False)
 
 
+@pytest.mark.parametrize("name", ["-", "frames", "frame####"])
+def test_an_output_that_names_neither_format_nor_folder_is_a_usage_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SettingsError, match="standard output" if name == "-" else f"write {name}/ .* add one of"):
+        check_output(name, overwrite=True)
+    check_output(f"{name}/", overwrite=False)
+
+
 def test_an_output_in_no_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="does not exist"):
         check_output(str(tmp_path / "none" / "clip.npz"), overwrite=True)
@@ -130,27 +140,40 @@ def test_an_output_file_cannot_replace_a_folder(tmp_path: Path) -> None:
         check_output(str(tmp_path / "clip.npz"), overwrite=True)
 
 
-def test_input_bytes_count_every_frame_of_a_folder_or_pattern_and_nothing_else(tmp_path: Path) -> None:
+def test_the_bytes_of_an_input_are_those_of_every_frame_of_a_folder_or_pattern_and_nothing_else(tmp_path: Path) -> None:
     for number in (1, 2, 3):
         (tmp_path / f"clip.{number:04d}.obj").write_bytes(b"v 0 0 0\n")
     (tmp_path / "notes.txt").write_bytes(b"not a frame")
-    assert input_bytes(str(tmp_path)) == 24
-    assert input_bytes(str(tmp_path / "clip.####.obj")) == 24
-    assert input_bytes(str(tmp_path / "clip.0002.obj")) == 8
+    assert stored_bytes(input_files(str(tmp_path))) == 24
+    assert stored_bytes(input_files(str(tmp_path / "clip.####.obj"))) == 24
+    assert stored_bytes(input_files(str(tmp_path / "clip.0002.obj"))) == 8
+    assert input_files(str(tmp_path / "none.npz")) == ()
 
 
 @pytest.mark.parametrize(
     ("count", "text"),
-    [(812, "812 bytes"), (12_345, "0.0123 MB"), (310_000, "0.31 MB"), (42_000_000, "42.0 MB"), (10**10, "10,000.0 MB")],
+    [
+        (1, "1 byte"),
+        (812, "812 bytes"),
+        (1000, "1.0 kB"),
+        (35_840, "35.8 kB"),
+        (310_000, "0.31 MB"),
+        (42_000_000, "42.0 MB"),
+        (10**10, "10,000.0 MB"),
+    ],
 )
-def test_sizes_are_written_in_megabytes(count: int, text: str) -> None:
-    assert megabytes(count) == text
+def test_sizes_are_written_in_decimal_units(count: int, text: str) -> None:
+    assert byte_size(count) == text
 
 
 def test_ratios_have_a_decimal_below_ten() -> None:
     assert ratio(42_000_000, 310_000) == "135:1"
     assert ratio(25, 10) == "2.5:1"
     assert ratio(12, 812) == "0.015:1"
+
+
+def test_one_of_a_kind_is_singular() -> None:
+    assert [counted(count, "quad") for count in (0, 1, 2, 1200)] == ["0 quads", "1 quad", "2 quads", "1,200 quads"]
 
 
 def test_one_frame_of_one_vertex_is_singular() -> None:
