@@ -13,10 +13,12 @@ from pdecodec.cli.options import (
     fps_option,
     frames_option,
     json_option,
+    objects_option,
     output_option,
     overwrite_option,
     refuse_pdeanim,
     select_frames,
+    select_objects,
 )
 
 
@@ -24,10 +26,20 @@ from pdecodec.cli.options import (
 @click.argument("source", metavar="IN")
 @output_option
 @frames_option
+@objects_option
 @fps_option
 @overwrite_option
 @json_option
-def convert(*, source: str, output: str, frames: str | None, fps: float | None, overwrite: bool, as_json: bool) -> None:
+def convert(
+    *,
+    source: str,
+    output: str,
+    frames: str | None,
+    objects: tuple[str, ...],
+    fps: float | None,
+    overwrite: bool,
+    as_json: bool,
+) -> None:
     """Convert a mesh sequence to another format.
 
     Frames are kept as they are. IN may be a .pdeanim file, which is decoded at its frames; OUT may not: encoding has
@@ -41,7 +53,7 @@ def convert(*, source: str, output: str, frames: str | None, fps: float | None, 
     check_apart(source, [output])
     with open_sequence(source, fps=fps) as whole:
         say_notices(whole)
-        sequence = select_frames(whole, frames)
+        sequence = select_objects(select_frames(whole, frames), objects)
         with progress_bar() as progress:
             write_sequence(sequence, output, overwrite=overwrite, progress=progress)
         counts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}

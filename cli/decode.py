@@ -16,11 +16,13 @@ from pdecodec.cli.options import (
     files_there,
     frames_option,
     json_option,
+    objects_option,
     output_option,
     overwrite_option,
     parse_bytes,
     refuse_pdeanim,
     select_frames,
+    select_objects,
     stored_bytes,
 )
 from pdecodec.errors import InputError, SettingsError
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
 @click.option("--times", metavar="FILE", help="Decode at the times in seconds that a text file lists.")
 @click.option("--fps", type=float, metavar="F", help="Decode at a new frame rate, from the first time to the last.")
 @frames_option
+@objects_option
 @click.option(
     "--outside",
     type=click.Choice(["refuse", "clamp", "loop"]),
@@ -57,6 +60,7 @@ def decode(
     times: str | None,
     fps: float | None,
     frames: str | None,
+    objects: tuple[str, ...],
     outside: Outside,
     velocities: bool,
     max_memory: int | None,
@@ -88,10 +92,12 @@ def decode(
     limits = DecodeLimits() if max_memory is None else DecodeLimits(max_memory=max_memory)
     with open_animation(source, limits=limits) as animation:
         say_if_compiling()
-        positions = _chosen(animation, at=at, times=times, fps=fps, frames=frames, outside=outside)
+        chosen = _chosen(animation, at=at, times=times, fps=fps, frames=frames, outside=outside)
+        positions = select_objects(chosen, objects)
         sequences = [positions]
         if velocities:
-            sequences.append(SampledAnimation(animation, positions.times, quantity="velocities", outside=outside))
+            speeds = SampledAnimation(animation, chosen.times, quantity="velocities", outside=outside)
+            sequences.append(select_objects(speeds, objects))
         for path, sequence in zip(outputs, sequences, strict=True):
             with progress_bar() as progress:
                 write_sequence(sequence, path, overwrite=overwrite, progress=progress)

@@ -15,9 +15,11 @@ from pdecodec.cli.options import (
     input_files,
     json_option,
     naming_file,
+    objects_option,
     output_option,
     overwrite_option,
     select_frames,
+    select_objects,
     stored_bytes,
 )
 from pdecodec.errors import SettingsError
@@ -61,6 +63,7 @@ CONSTANT_SECTIONS = ("CONN", "ATTR")
 @click.option("--r", type=float, metavar="X", help="Rate of the space functions (Eqs. 14, 16); chosen by error.")
 @click.option("--effort", type=int, default=5, show_default=True, metavar="1-9", help="1 is quick, 9 is thorough.")
 @frames_option
+@objects_option
 @fps_option
 @overwrite_option
 @json_option
@@ -69,6 +72,7 @@ def encode(
     source: str,
     output: str,
     frames: str | None,
+    objects: tuple[str, ...],
     fps: float | None,
     overwrite: bool,
     as_json: bool,
@@ -89,7 +93,7 @@ def encode(
     check_apart(source, [output])
     with open_sequence(source, fps=fps) as whole:
         say_notices(whole)
-        sequence = select_frames(whole, frames)
+        sequence = select_objects(select_frames(whole, frames), objects)
         say_if_compiling()
         with progress_bar() as progress, naming_file(source):
             report = encode_sequence(sequence, output, checked, overwrite=overwrite, progress=progress)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -52,6 +52,24 @@ frames_option = click.option(
     help="Only these frames: positions counted from 0, B excluded, as a Python slice (10:, ::2); "
     "or frame numbers (time times fps, rounded), both ends included (1-100x2,120).",
 )
+
+
+objects_option = click.option(
+    "--object", "objects", multiple=True, metavar="NAME", help="Only this object; may be given more than once."
+)
+
+
+def select_objects(sequence: MeshSequence, names: Sequence[str]) -> MeshSequence:
+    """The objects that `--object` asks for; all of them where it does not.
+
+    Raises
+    ------
+    InputError
+        If there is no object of one of the names.
+    """
+    from pdecodec.selection import ObjectSelection
+
+    return ObjectSelection(sequence, names) if names else sequence
 
 
 def select_frames(sequence: MeshSequence, text: str | None) -> MeshSequence:

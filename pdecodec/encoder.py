@@ -293,12 +293,12 @@ class _Encoder:
         return description.to_bytes()
 
     def _summary(self) -> str:
-        elements, frames = self._model.elements, self._sequence.frame_count
+        elements, frames, segments = self._model.elements, self._sequence.frame_count, len(self._entries)
         return (
-            f"pde x curve: {self._curves.count} curves in {elements.count} pieces of "
+            f"pde x curve: {_counted(self._curves.count, 'curve')} in {_counted(elements.count, 'piece')} of "
             f"{self._curves.order.size / elements.count:.0f} points, {elements.columns / elements.count:.1f} functions "
-            f"each ({self._plan.alignment} alignment), times 4 functions of time over {len(self._entries)} segments "
-            f"of {frames / len(self._entries):.0f} frames; {self._corrections} of {frames * self._curves.order.size} "
+            f"each ({self._plan.alignment} alignment), times 4 functions of time over {_counted(segments, 'segment')} "
+            f"of {frames / segments:.0f} frames; {self._corrections} of {frames * self._curves.order.size} "
             f"positions corrected"
         )
 
@@ -323,3 +323,7 @@ class _Encoder:
             summary=self._summary(),
             data=data,
         )
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"

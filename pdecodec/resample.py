@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float32Array, Float64Array, MeshSequence, check_frame_range, check_times
@@ -57,11 +57,6 @@ Outside = Literal["refuse", "clamp", "loop"]
 """What a time before the first frame or after the last one means."""
 
 
-def times_beyond(times: Float64Array, first: float, last: float) -> NDArray[np.bool_]:
-    """Which times lie before `first` or after `last` [s] by more than :data:`ROUNDING`; (frames,) bool."""
-    return (times < first - ROUNDING) | (times > last + ROUNDING)
-
-
 def times_inside(times: Float64Array, first: float, last: float, outside: Outside) -> Float64Array:
     """Times brought between `first` and `last`.
 
@@ -81,7 +76,7 @@ def times_inside(times: Float64Array, first: float, last: float, outside: Outsid
     SettingsError
         If one lies outside and that is refused.
     """
-    beyond = times_beyond(times, first, last)
+    beyond = (times < first - ROUNDING) | (times > last + ROUNDING)
     if not beyond.any():
         return np.clip(times, first, last)
     if outside == "refuse":

@@ -13,6 +13,8 @@ import pytest
 
 from pdecodec.cli.console import byte_size, ratio, say_if_compiling
 from pdecodec.cli.main import run
+from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.sequence import ArraySequence, Connectivity, MeshObject
 
 FRAMES, ROWS, COLUMNS = 20, 10, 12
 TOLERANCE = 1e-3
@@ -341,3 +343,19 @@ def test_an_assumed_frame_rate_is_said_aloud_and_a_given_one_is_not(
     assert "note: assumed 24 frames per second" in capsys.readouterr().err
     assert run(["info", str(tmp_path), "--fps", "30"]) == 0
     assert "assumed" not in capsys.readouterr().err
+
+
+def test_one_object_of_several_is_encoded_converted_and_decoded(tmp_path: Path) -> None:
+    objects = [MeshObject(name, Connectivity(vertices)) for name, vertices in (("hat", 3), ("coat", 4))]
+    points = np.random.default_rng(2).normal(size=(5, 7, 3)).astype(np.float32)
+    source, whole, part = (str(tmp_path / name) for name in ("both.npz", "both.pdeanim", "coat.npz"))
+    write_sequence(ArraySequence(points, objects=objects), source)
+    assert run(["encode", source, "-o", whole]) == 0
+    assert run(["decode", whole, "-o", part, "--object", "coat", "--velocities"]) == 0
+    for name in (part, str(tmp_path / "coat.velocities.npz")):
+        with open_sequence(name) as decoded:
+            assert [item.name for item in decoded.objects] == ["coat"]
+            assert decoded.vertex_count == 4
+    assert run(["convert", source, "-o", str(tmp_path / "hat.npz"), "--object", "hat"]) == 0
+    assert run(["encode", source, "-o", str(tmp_path / "hat.pdeanim"), "--object", "hat"]) == 0
+    assert run(["decode", whole, "-o", str(tmp_path / "no.npz"), "--object", "shoe"]) == 3

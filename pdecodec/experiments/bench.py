@@ -92,7 +92,7 @@ def bench_codec() -> Iterator[Measurement]:
             random = np.random.default_rng(0)
             times = random.uniform(animation.times[0], animation.times[-1], RANDOM_FRAMES)
             animation.positions(float(times[0]))
-            single = statistics.median(_seconds(partial(animation.at, float(time))) for time in times)
+            single = statistics.median(_seconds(partial(animation.positions, float(time))) for time in times)
         yield Measurement(
             "decode all frames", decode / copy, "times as long as np.copyto", f"{raw / 1e6 / decode:.0f} MB/s"
         )
