@@ -30,7 +30,7 @@ docs: $(INSTALLED)
 	$(BIN)/python docs/make_cli.py docs/cli.md
 
 vectors: $(INSTALLED)
-	$(BIN)/python spec/make_vectors.py
+	$(BIN)/python -m spec.make_vectors
 
 # Without --no-compile, pip compiles every module of every dependency: as long again as the whole installation.
 $(INSTALLED): pyproject.toml

@@ -12,7 +12,6 @@ import pytest
 import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from sealing import content, seal, take_apart, with_section
 from test_round_trip import CLIPS, noise, sheet, wave
 
 from pdecodec import (
@@ -28,6 +27,7 @@ from pdecodec import (
 )
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import MeshSequence
+from spec.sealing import content, seal, take_apart, with_section
 
 
 def animation_of(sequence: MeshSequence, path: Path, **options: object) -> Animation:

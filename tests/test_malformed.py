@@ -15,24 +15,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mesh_cases import connectivity_of, grid
-from sealing import (
-    ENTRY,
-    HEADER,
-    Part,
-    compressed,
-    content,
-    integers,
-    seal,
-    sized,
-    streams,
-    take_apart,
-    unpacked,
-    varints,
-    with_chunk,
-    with_section,
-    with_stream,
-    zeros,
-)
 from test_round_trip import noise, wave
 
 from pdecodec import (
@@ -47,6 +29,25 @@ from pdecodec import (
     open_animation,
 )
 from pdecodec.container import ContainerReader
+from spec.sealing import (
+    ENTRY,
+    HEADER,
+    Part,
+    compressed,
+    content,
+    integers,
+    seal,
+    sized,
+    split_integers,
+    streams,
+    take_apart,
+    unpacked,
+    varints,
+    with_chunk,
+    with_section,
+    with_stream,
+    zeros,
+)
 
 MEMORY = 2**25
 """Limit that every file here is opened with."""
@@ -202,7 +203,7 @@ def damages(draw: st.DrawFn) -> Callable[[list[Part]], bytes]:
         found = streams(data)
         if inside and found:
             chosen = found[int(stream * len(found))]
-            values = _split(unpacked(data, chosen))
+            values = split_integers(unpacked(data, chosen))
             values[int(place * len(values))] = varints(number)
             data = with_stream(data, chosen, b"".join(values))
         else:
@@ -212,16 +213,6 @@ def damages(draw: st.DrawFn) -> Callable[[list[Part]], bytes]:
         return seal(change(parts, kind, data))
 
     return apply
-
-
-def _split(stream: bytes) -> list[bytes]:
-    """A stream of variable-length integers, one by one."""
-    values, begin = [], 0
-    for at, byte in enumerate(stream):
-        if byte < 128:
-            values.append(stream[begin : at + 1])
-            begin = at + 1
-    return [*values, stream[begin:]] if begin < len(stream) else values
 
 
 @settings(

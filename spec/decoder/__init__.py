@@ -1,7 +1,7 @@
 """An educational decoder of `.pdeanim` files: plain Python, written from ``spec/pdeanim.md`` alone.
 
 It shares no code with `pdecodec` and exists to be read beside the specification and to check it: the tests
-compare what both decode to the last bit. It is slow, trusts a file's sizes, and holds everything in memory.
+compare what both decode to the last bit. It is slow, has no limits of its own, and holds everything in memory.
 
     python -m spec.decoder FILE.pdeanim            what the file holds
     python -m spec.decoder FILE.pdeanim 0.25       the vertex positions at 0.25 s, a line each

@@ -107,12 +107,12 @@ class Fields:
         require(self._at == len(self._data), "a section has bytes too many")
 
 
-def decompress(stream: bytes) -> bytes:
-    """Section 4.2: one zstandard frame, or nothing."""
+def decompress(stream: bytes, most: int) -> bytes:
+    """Section 4.2: one zstandard frame of 1 to `most` bytes, or nothing."""
     if not stream:
         return b""
     try:
-        require(zstandard.frame_content_size(stream) > 0, "a frame declares no size, or none at all")
+        require(0 < zstandard.frame_content_size(stream) <= most, "a frame declares no size, or one that cannot be")
         return zstandard.ZstdDecompressor().decompress(stream, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise CorruptFileError(f"a compressed stream is damaged: {error}") from None
@@ -122,7 +122,7 @@ def unpack_integers(stream: bytes, count: int) -> list[int]:
     """Section 4.3: exactly `count` variable-length integers."""
     values = []
     value = shift = 0
-    for byte in decompress(stream):
+    for byte in decompress(stream, 10 * count):
         require(shift < 63 or (shift == 63 and byte < 2), "an integer is longer than 64 bits")
         value |= (byte & 127) << shift
         shift += 7

@@ -13,6 +13,7 @@ import numpy as np
 from spec.decoder.fields import CorruptFileError, Fields, decompress, require, running_sums, wrapped
 
 LARGEST_INDEX = 2**31 - 1
+MOST_JSON_BYTES = 2**24
 DOMAINS = ("vertex", "face", "corner", "object")
 VALUE_TYPES = ("<f4", "<f8", "<i4", "u1", "<i8")
 
@@ -55,7 +56,7 @@ def read_description(data: bytes) -> Description:
     require(frames >= 1 and fps > 0, "no frames, or no frame rate")
     rule, start, rate = fields.u8(), fields.f64(), fields.f64()
     if rule == 2:
-        content = decompress(fields.sized())
+        content = decompress(fields.sized(), 8 * frames)
         require(len(content) == 8 * frames, "not as many times as frames")
         times = [float(time) for time in np.frombuffer(content, "<f8")]
     else:
@@ -117,8 +118,9 @@ def _read_attribute(fields: Fields, mesh: Mesh) -> Attribute:
     shape = [fields.u64() for _ in range(dimensions)]
     require(max(shape) <= LARGEST_INDEX, "an attribute is too large")
     dtype = np.dtype(VALUE_TYPES[kind])
-    content = decompress(fields.sized())
-    require(len(content) == math.prod(shape) * dtype.itemsize, "an attribute of another size")
+    size = math.prod(shape) * dtype.itemsize
+    content = decompress(fields.sized(), size)
+    require(len(content) == size, "an attribute of another size")
     count = len(content) // dtype.itemsize
     # The first bytes of all values, then the second bytes of all values, ...
     interleaved = bytes(content[plane * count + i] for i in range(count) for plane in range(dtype.itemsize))
@@ -142,6 +144,6 @@ def _read_attribute(fields: Fields, mesh: Mesh) -> Attribute:
 def read_json(stream: bytes) -> Any:
     """A JSON text in a compressed stream."""
     try:
-        return json.loads(decompress(stream))
+        return json.loads(decompress(stream, MOST_JSON_BYTES))
     except ValueError:
         raise CorruptFileError("a text is not JSON") from None

@@ -302,7 +302,7 @@ def _read_corrections(segment: SegmentFields, vertices: int) -> list[Corrections
     gaps = fields.integers(sum(stepped))
     levels = [_checked(fields.integers(sum(stepped))) for _ in range(3)]
     literal_gaps = fields.integers(sum(literal))
-    content = decompress(fields.sized())
+    content = decompress(fields.sized(), 12 * sum(literal))
     require(len(content) == 12 * sum(literal), "not as many literal positions as vertices")
     literals = np.frombuffer(content, "<f4").reshape(-1, 3)
     require(bool(np.isfinite(literals).all()), "a literal position that is not finite")

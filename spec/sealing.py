@@ -1,6 +1,6 @@
 """Taking `.pdeanim` files apart and sealing them again, so that damage gets past the checksums.
 
-Written from ``spec/pdeanim.md`` alone, with nothing of the library in it.
+For tests and vectors. Written from ``spec/pdeanim.md`` alone, with nothing of the library in it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def take_apart(data: bytes) -> list[Part]:
     parts = []
     for index in range(count):
         kind, flags, offset, length, _, _ = ENTRY.unpack_from(data, HEADER.size + index * ENTRY.size)
-        parts.append(Part(kind.decode("ascii"), data[offset : offset + length], flags))
+        parts.append(Part(kind.decode("latin-1"), data[offset : offset + length], flags))
     return parts
 
 
@@ -44,7 +44,7 @@ def seal(parts: list[Part], *, major: int = 1, minor: int = 0) -> bytes:
     offset = HEADER.size + ENTRY.size * len(parts)
     table = b""
     for part in parts:
-        entry = (part.kind.encode("ascii"), part.flags, offset, len(part.content), zlib.crc32(part.content), 0)
+        entry = (part.kind.encode("latin-1"), part.flags, offset, len(part.content), zlib.crc32(part.content), 0)
         table += ENTRY.pack(*entry)
         offset += len(part.content)
     header = HEADER.pack(IDENTIFIER, major, minor, len(parts), zlib.crc32(table), 0)[:-4]
@@ -145,3 +145,13 @@ def with_stream(data: bytes, stream: tuple[int, int], new: bytes) -> bytes:
     """A section with the content of one of :func:`streams` replaced, its length made right."""
     at, size = stream
     return data[: at - 8] + sized(compressed(new)) + data[at + size :]
+
+
+def split_integers(stream: bytes) -> list[bytes]:
+    """The bytes of each integer of a stream; what is no whole integer at its end comes last."""
+    values, begin = [], 0
+    for at, byte in enumerate(stream):
+        if byte < 128:
+            values.append(stream[begin : at + 1])
+            begin = at + 1
+    return [*values, stream[begin:]] if begin < len(stream) else values

@@ -1,0 +1,119 @@
+"""The vectors of the specification: accepted ones decode to the pinned bits, refused ones to the pinned error."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdecodec import CorruptFileError, LimitError, open_animation
+from spec.decoder import animation as independent
+from spec.decoder.fields import CorruptFileError as IndependentCorruptFileError
+from spec.decoder.fields import unpack_integers
+from spec.sealing import compressed, varints
+
+SPEC = Path(__file__).resolve().parent.parent / "spec"
+VECTORS = SPEC / "vectors"
+MANIFEST: dict[str, dict[str, dict[str, Any]]] = json.loads((VECTORS / "manifest.json").read_text("utf-8"))
+
+
+def sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+@pytest.mark.parametrize("folder", ["accept", "reject"])
+def test_the_manifest_lists_every_vector_and_its_bytes_have_not_changed(folder: str) -> None:
+    files = {path.stem: path for path in (VECTORS / folder).iterdir()}
+    assert files.keys() == MANIFEST[folder].keys()
+    assert len(files) >= 20
+    for name, path in files.items():
+        assert path.suffix == ".pdeanim"
+        assert sha256(path.read_bytes()) == MANIFEST[folder][name]["sha256"], name
+
+
+def test_the_vectors_stay_small() -> None:
+    sizes = [path.stat().st_size for path in VECTORS.rglob("*.pdeanim")]
+    assert max(sizes) < 16_000
+    assert sum(sizes) < 400_000
+
+
+@pytest.mark.parametrize("name", MANIFEST["accept"])
+def test_an_accepted_vector_decodes_to_the_pinned_bits(name: str) -> None:
+    expected = MANIFEST["accept"][name]
+    with open_animation(VECTORS / "accept" / f"{name}.pdeanim") as animation:
+        animation.verify()
+        part = animation.connectivity
+        assert [item.name for item in animation.objects] == expected["objects"]
+        assert (animation.vertex_count, animation.frame_count) == (expected["vertices"], expected["frames"])
+        assert (part.face_count, part.line_count) == (expected["faces"], expected["lines"])
+        for times, pinned in (
+            (animation.times, expected["positions"]),
+            (expected["between"], expected["positions_between"]),
+        ):
+            assert sha256(animation.sample(times).astype("<f4").tobytes()) == pinned
+
+
+@pytest.mark.parametrize("name", MANIFEST["accept"])
+def test_the_independent_decoder_gives_the_pinned_bits_too(name: str) -> None:
+    expected = MANIFEST["accept"][name]
+    animation = independent.decode_file(VECTORS / "accept" / f"{name}.pdeanim")
+    assert [mesh.name for mesh in animation.meshes] == expected["objects"]
+    for times, pinned in (
+        (animation.times, expected["positions"]),
+        (expected["between"], expected["positions_between"]),
+    ):
+        points = np.stack([animation.positions(time) for time in times])
+        assert sha256(points.astype("<f4").tobytes()) == pinned
+
+
+@pytest.mark.parametrize("name", MANIFEST["reject"])
+def test_a_refused_vector_ends_in_the_pinned_error(name: str) -> None:
+    expected = MANIFEST["reject"][name]
+    path = VECTORS / "reject" / f"{name}.pdeanim"
+
+    def decode_all() -> None:
+        with open_animation(path) as animation:
+            animation.sample(animation.times)
+
+    with pytest.raises(CorruptFileError) as caught:
+        decode_all()
+    assert (type(caught.value) is LimitError) == (expected["error"] == "limit")
+    assert caught.value.exit_code == expected["exit_code"]
+    assert str(caught.value).startswith(str(path))
+
+
+@pytest.mark.parametrize("name", [name for name, vector in MANIFEST["reject"].items() if vector["error"] == "corrupt"])
+def test_the_independent_decoder_refuses_what_is_corrupt(name: str) -> None:
+    with pytest.raises(IndependentCorruptFileError):
+        independent.decode_file(VECTORS / "reject" / f"{name}.pdeanim")
+
+
+def test_the_examples_of_the_specification_hold() -> None:
+    text = (SPEC / "pdeanim.md").read_text("utf-8")
+    examples = re.findall(r"^\| (-?\d+) \| `([0-9A-F ]+)` \|$", text, re.MULTILINE)
+    assert len(examples) >= 6
+    for value, code in examples:
+        assert varints(int(value)) == bytes.fromhex(code)
+        assert unpack_integers(compressed(bytes.fromhex(code)), 1) == [int(value)]
+
+
+def test_the_links_inside_the_specification_lead_somewhere() -> None:
+    text = (SPEC / "pdeanim.md").read_text("utf-8")
+    titles = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    anchors = {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+    links = set(re.findall(r"\]\(#([^)]+)\)", text))
+    assert links
+    assert links <= anchors
+
+
+def test_every_reason_names_a_section_of_the_specification() -> None:
+    text = (SPEC / "pdeanim.md").read_text("utf-8")
+    numbers = {number.rstrip(".") for number in re.findall(r"^#+ (\d[\d.]*)", text, re.MULTILINE)}
+    for name, vector in MANIFEST["reject"].items():
+        (number,) = re.findall(r"\((\d+(?:\.\d+)?)\)$", vector["reason"])
+        assert number in numbers, name
