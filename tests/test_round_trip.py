@@ -325,9 +325,10 @@ def test_the_number_of_threads_changes_no_bit(tmp_path: Path) -> None:
 
 
 class Instrumented(MeshSequence):
-    """A clip that is never in memory, and remembers what was asked for."""
+    """A clip that is never in memory, remembers what was asked for, and cannot be read beyond a frame."""
 
-    def __init__(self, frames: int, vertices: int) -> None:
+    def __init__(self, frames: int, vertices: int, readable: int | None = None) -> None:
+        self._readable = frames if readable is None else readable
         self.objects = (MeshObject("points", connectivity_of(vertices)),)
         self.times = np.arange(frames) / 24
         self.fps = 24.0
@@ -338,6 +339,9 @@ class Instrumented(MeshSequence):
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         self.asked.append((start, stop))
+        # The plan looks at the last frames first; the clip itself breaks in its middle.
+        if start < self._readable < stop:
+            raise InputError("cannot be read", frame=self._readable)
         swing = np.sin(np.arange(start, stop) / 5)[:, None, None]
         return (self._shape * (1 + 0.1 * swing)).astype(np.float32)
 
@@ -363,3 +367,39 @@ def test_a_heavy_clip_is_read_fewer_frames_at_a_time(tmp_path: Path, monkeypatch
     assert sequence.frames_per_block == 20
     encode(sequence, tmp_path / "a.pdeanim", EncodeSettings(effort=1))
     assert max(stop - start for start, stop in sequence.asked) <= 2 * 20
+
+
+def test_a_clip_that_breaks_while_it_is_encoded_leaves_nothing_behind(tmp_path: Path) -> None:
+    path = tmp_path / "a.pdeanim"
+    path.write_bytes(b"old")
+    with pytest.raises(InputError, match="cannot be read") as caught:
+        encode(Instrumented(400, 30, readable=270), path, EncodeSettings(effort=1), overwrite=True)
+    assert caught.value.frame == 270
+    assert [item.name for item in tmp_path.iterdir()] == ["a.pdeanim"]
+    assert path.read_bytes() == b"old"
+
+
+def test_an_encode_that_is_interrupted_leaves_nothing_behind(tmp_path: Path) -> None:
+    reported: list[int] = []
+
+    def interrupt(done: int, frames: int, what: str) -> None:
+        reported.append(done)
+        if done > 100:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        encode(Instrumented(400, 30), tmp_path / "a.pdeanim", EncodeSettings(effort=1), progress=interrupt)
+    assert reported == sorted(reported)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_file_is_replaced_only_when_asked(tmp_path: Path) -> None:
+    path = tmp_path / "a.pdeanim"
+    path.write_bytes(b"old")
+    with pytest.raises(InputError, match="exists already"):
+        encode(CLIPS["static"](), path)
+    assert path.read_bytes() == b"old"
+    encode(CLIPS["static"](), path, overwrite=True)
+    assert [item.name for item in tmp_path.iterdir()] == ["a.pdeanim"]
+    with open_animation(path) as animation:
+        assert animation.frame_count == 6
