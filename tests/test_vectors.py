@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdecodec import CorruptFileError, LimitError, open_animation
+from pdecodec import CorruptFileError, LimitError, corrections, curves, decoder, description, elements, open_animation
+from pdecodec.basis import MAX_RATE, SERIES_TERMS
+from pdecodec.kernels.orthonormal import DEPENDENT
+from pdecodec.quantise import LARGEST, LARGEST_STEP
+from pdecodec.segments import DEPENDENT_IN_TIME, MAX_EXPONENT
+from pdecodec.sequence import LARGEST_TIME, SHORTEST_TIME_STEP
+from pdecodec.settings import MAX_SEGMENT_FRAMES
 from spec.decoder import animation as independent
 from spec.decoder.fields import CorruptFileError as IndependentCorruptFileError
 from spec.decoder.fields import unpack_integers
@@ -117,3 +123,28 @@ def test_every_reason_names_a_section_of_the_specification() -> None:
     for name, vector in MANIFEST["reject"].items():
         (number,) = re.findall(r"\((\d+(?:\.\d+)?)\)$", vector["reason"])
         assert number in numbers, name
+
+
+def test_the_limits_and_constants_of_the_specification_are_the_librarys() -> None:
+    text = " ".join((SPEC / "pdeanim.md").read_text("utf-8").split())
+    values = f"{description.BYTES_PER_VALUE_BYTE} for each byte of attribute values"
+    for said in (
+        f"| {decoder.BYTES_PER_VERTEX} for each vertex |",
+        f"| {decoder.BYTES_PER_CORNER} for each corner |",
+        f"| {decoder.BYTES_PER_COEFFICIENT} for each coefficient of a segment",
+        f"| {corrections.BYTES_PER_CORRECTION} for each correction of a segment |",
+        f"{values}, {description.BYTES_PER_INDEX} for each index, {description.BYTES_PER_JSON_BYTE} for each byte",
+        f"w = {', '.join(map(str, elements.PIECE_POINTS))} points",
+        f"for k = {SERIES_TERMS}, {SERIES_TERMS - 1}, ..., 1",
+        f"threshold {DEPENDENT:.0e}".replace("e-0", "e-"),
+        f"threshold {DEPENDENT_IN_TIME:.0e}",
+        f"| number of frames f | 1 to {MAX_SEGMENT_FRAMES} |",
+        f"| exponent | 0 to {MAX_EXPONENT} |",
+        f"| alpha | 0 to {MAX_RATE:g} |",
+        f"free runs of length {curves.SHORTEST_RUN} along",
+    ):
+        assert said in text, said
+    assert decoder.DEFAULT_MAX_MEMORY == 2**32
+    assert (LARGEST, LARGEST_STEP) == (2**40, 2.0**160)
+    assert (LARGEST_TIME, SHORTEST_TIME_STEP) == (2.0**53, 2.0**-53)
+    assert description.MAX_JSON_BYTES == 2**24
