@@ -59,7 +59,7 @@ def refused(path: Path, text: str | bytes) -> InputError:
         ("o name\n", "there are no vertices"),
         ("", "the file is empty"),
         (" \n\n", "the file is empty"),
-        (b"\x89HDF\r\n\x1a\n\0\0\0\0", "not OBJ text, it holds zero bytes"),
+        (b"\x88HDX\r\n\x1a\n\0\0\0\0", "not OBJ text, it holds zero bytes"),
         (THREE.encode("utf-16"), "not OBJ text, it holds zero bytes"),
     ],
 )
