@@ -6,7 +6,7 @@ import io
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,9 +16,7 @@ import click
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from pdecodec.sequence import MeshSequence
-
-Progress = Callable[[int, int, str], None]
+    from pdecodec.sequence import MeshSequence, Progress
 
 PIPE_WIDTH = 200
 """Columns of a table that goes to a file or a pipe, where nobody counts them."""

@@ -14,7 +14,6 @@ from pdecodec.cli.options import (
     frames_option,
     input_files,
     json_option,
-    naming_file,
     objects_option,
     output_option,
     overwrite_option,
@@ -22,7 +21,7 @@ from pdecodec.cli.options import (
     select_objects,
     stored_bytes,
 )
-from pdecodec.errors import SettingsError
+from pdecodec.errors import SettingsError, naming_file
 
 if TYPE_CHECKING:
     from pdecodec.encoder import EncodeReport

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -188,17 +187,6 @@ def files_there(output: str) -> list[Path]:
     if path.exists():
         return [path]
     return frames_there(path) if is_frame_pattern(path) else []
-
-
-@contextmanager
-def naming_file(source: str) -> Iterator[None]:
-    """Name the input in errors of code that knows only its positions."""
-    try:
-        yield
-    except InputError as error:
-        if error.path is not None:
-            raise
-        raise InputError(error.message, path=source, frame=error.frame, offset=error.offset) from error
 
 
 def input_files(source: str) -> tuple[Path, ...]:

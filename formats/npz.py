@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.npy_member import StoredArray, read_array, read_header, write_header
 from pdecodec.formats.object_arrays import arrays_of, is_layout_name, metadata_of, objects_of, padded_faces
-from pdecodec.formats.registry import Progress
 from pdecodec.formats.stored_times import times_of_arrays
-from pdecodec.sequence import Float32Array, MeshSequence, check_frame_range
+from pdecodec.sequence import Float32Array, MeshSequence, Progress, check_frame_range
 from pdecodec.whole_output import whole_file
 
 EARLIEST_DATE = (1980, 1, 1, 0, 0, 0)

@@ -22,8 +22,7 @@ from pdecodec.errors import InputError
 from pdecodec.formats.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern, parse_pattern
 from pdecodec.formats.obj_statements import FrameText
 from pdecodec.formats.obj_time import time_comment
-from pdecodec.formats.registry import Progress
-from pdecodec.sequence import MeshSequence
+from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.whole_output import partial_folder, whole_file, write_errors
 
 

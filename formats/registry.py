@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from pdecodec.errors import InputError, MissingExtraError, SettingsError
-from pdecodec.sequence import MeshSequence
-
-Progress = Callable[[int, int, str], None]
-"""``progress(done, total, what)``: called after each block of frames."""
+from pdecodec.errors import InputError, MissingExtraError, SettingsError, naming_file
+from pdecodec.sequence import MeshSequence, Progress
 
 
 class Reader(Protocol):
@@ -134,7 +130,7 @@ def open_sequence(path: str | os.PathLike[str], *, fps: float | None = None) -> 
     _check_fps(fps)
     entry = _format_to_read(where)
     reader: Reader = _load(entry, entry.reader, "read", where)
-    with _path_on_errors(where):
+    with naming_file(where):
         return reader(where, fps=fps)
 
 
@@ -173,24 +169,13 @@ def write_sequence(
     _check_fps(fps)
     entry = _format_to_write(where, is_folder=os.fspath(path).endswith(("/", os.sep)))
     writer: Writer = _load(entry, entry.writer, "written", where)
-    with _path_on_errors(where):
+    with naming_file(where):
         writer(sequence, where, overwrite=overwrite, fps=fps, progress=progress)
 
 
 def _check_fps(fps: float | None) -> None:
     if fps is not None and not 0 < fps < float("inf"):
         raise SettingsError(f"frames per second must be a positive number, not {fps}")
-
-
-@contextmanager
-def _path_on_errors(path: Path) -> Iterator[None]:
-    """Name the file on input errors raised by code that knows only arrays."""
-    try:
-        yield
-    except InputError as error:
-        if error.path is not None:
-            raise
-        raise InputError(error.message, path=path, frame=error.frame, offset=error.offset) from error
 
 
 def _by_extension(path: Path) -> Format | None:

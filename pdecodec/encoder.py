@@ -6,7 +6,7 @@ import math
 import os
 import time
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from pdecodec.coefficients import decode_segment, dequantise_segment, encode_seg
 from pdecodec.connectivity import encode_connectivity
 from pdecodec.container import Section, Spool, container_pieces, section_sizes, write_container
 from pdecodec.corrections import NO_CORRECTIONS, add_corrections, correct_frame, correction_step, encode_corrections
+from pdecodec.cost import decode_alone
 from pdecodec.curves import extract_curves, order_lonely_points
 from pdecodec.description import encode_attributes, encode_remarks, encode_sequence_description
 from pdecodec.entropy import pack_integers
@@ -32,15 +33,12 @@ from pdecodec.plan import PAPER_STEP, choose_levels, make_plan, sample_model
 from pdecodec.restshape import decode_rest, encode_rest, quantise_rest
 from pdecodec.sampling import Window
 from pdecodec.segmentation import choose_segment, take_segment_sample
-from pdecodec.segments import SEGMENT_ENTRY, Segment, terms_at
-from pdecodec.sequence import MeshSequence
+from pdecodec.segments import SEGMENT_ENTRY, Segment
+from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
 from pdecodec.whole_output import check_writable
 
 Float32Array = NDArray[np.float32]
-
-Progress = Callable[[int, int, str], None]
-"""Called as ``progress(frames done, frames in all, what is being done)``."""
 
 REST_STEP = 0.5
 """Quantisation step of the rest shape, over the bound: its error stays in every frame, and a halving costs
@@ -248,8 +246,7 @@ class _Encoder:
     def _decode(self, chunk: bytes, segment: Segment, exponent: int) -> Float32Array:
         # From the bytes, as the decoder does it: what is measured is what the file gives.
         levels = decode_segment(chunk, self._model, segment.functions, exponent)
-        found = dequantise_segment(levels, self._model, self._step)
-        return self._model.evaluate(terms_at([segment], segment.times), segment.frames, lambda _: found)
+        return decode_alone(self._model, segment, dequantise_segment(levels, self._model, self._step))
 
     def _errors(self, points: Float32Array, decoded: Float32Array) -> Iterator[tuple[float, float, NDArray[np.bool_]]]:
         """Of each frame: largest and summed squared distance, and which vertices are beyond the bound."""

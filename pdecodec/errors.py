@@ -7,6 +7,8 @@ Only the command line turns them into exit codes; the library never exits and ne
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
 class PdecodecError(Exception):
@@ -77,3 +79,14 @@ class MissingExtraError(PdecodecError):
     """An optional dependency that is not installed; the message names the command that installs it."""
 
     exit_code = 5
+
+
+@contextmanager
+def naming_file(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Name the file in input errors of code that knows only arrays and positions."""
+    try:
+        yield
+    except InputError as error:
+        if error.path is not None:
+            raise
+        raise InputError(error.message, path=path, frame=error.frame, offset=error.offset) from error

@@ -7,7 +7,6 @@ and far from overflow. A sequence longer than memory is measured in one pass and
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -15,10 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.sequence import Float32Array, MeshSequence
-
-Progress = Callable[[int, int, str], None]
-"""Called as ``progress(frames done, frames in all, what is being done)``."""
+from pdecodec.sequence import Float32Array, MeshSequence, Progress
 
 CHUNK_POINTS = 2**19
 """Vertices times frames taken at once: the float64 temporaries then stay near 40 MB."""

@@ -8,7 +8,7 @@ sequence longer than memory passes through.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import TracebackType
@@ -22,6 +22,9 @@ from pdecodec.errors import InputError
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 Int32Array = NDArray[np.int32]
+
+Progress = Callable[[int, int, str], None]
+"""Called as ``progress(frames done, frames in all, what is being done)``."""
 
 AttributeDomain = Literal["vertex", "face", "corner", "object"]
 

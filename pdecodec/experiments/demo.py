@@ -6,7 +6,6 @@ The rope is that of Fang et al. 2024, section 5: 24 curves of 832 points, simula
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from pdecodec.encoder import EncodeReport, encode
 from pdecodec.metrics import Distortion, bits_per_vertex_frame, measure_distortion
 from pdecodec.resample import LinearInterpolation, SampledAnimation
 from pdecodec.selection import FrameSelection
-from pdecodec.sequence import ArraySequence, Float32Array
+from pdecodec.sequence import ArraySequence, Float32Array, Progress
 from pdecodec.settings import EncodeSettings
 from pdecodec.xpbd import build
 
@@ -48,8 +47,6 @@ SECTION_TITLES = {
 
 PICTURE_FRAMES = 4
 """Frames shown in the picture, spread over the clip."""
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
