@@ -1,0 +1,78 @@
+"""A bound on top of a transform: a coarser transform, and corrections where it misses the bound.
+
+No paper of the peers below has it, but what they are compared with keeps a bound by corrections, so they may as well.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.bytestream import FieldReader, FieldWriter
+from pdecodec.peers.grid import BELOW_BOUND, CUBE_DIAGONAL
+from pdecodec.peers.peer import Encoder, Peer
+from pdecodec.peers.symbols import decode_bands, encode_bands
+from pdecodec.sequence import Connectivity, Float32Array
+
+COARSER = (2.0, 3.0, 4.5, 6.5, 9.0)
+"""Lengths given to the transform, over the bound; tried in this order until the bytes grow."""
+
+
+class Corrected(Peer):
+    """Another peer with corrections: quantised differences, frame by frame, of the vertices beyond the bound.
+
+    Parameters
+    ----------
+    transform : Peer
+    """
+
+    published = False
+
+    def __init__(self, transform: Peer) -> None:
+        self._transform = transform
+        self.name = f"{transform.name}, corrected"
+        self.source = transform.source
+
+    def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
+        encode_transform = self._transform.prepare(points, connectivity)
+
+        def encode(length: float) -> bytes:
+            smallest = None
+            for coarser in COARSER:
+                inner = encode_transform(coarser * length)
+                levels = _corrections(points, self._transform.decode(inner, connectivity), length)
+                writer = FieldWriter()
+                writer.numbers("d", _step(length))
+                writer.sized(inner)
+                writer.sized(encode_bands(levels.reshape(len(points), -1)))
+                data = writer.to_bytes()
+                if smallest is not None and len(data) >= len(smallest):
+                    break
+                smallest = data
+            assert smallest is not None
+            return smallest
+
+        return encode
+
+    def decode(self, data: bytes, connectivity: Connectivity) -> Float32Array:
+        reader = FieldReader(data, self.name)
+        (step,) = reader.reals("d")
+        points = self._transform.decode(reader.sized(), connectivity)
+        levels = decode_bands(reader.sized(), len(points), points[0].size).reshape(points.shape)
+        corrected: Float32Array = (points + levels * step).astype(np.float32)
+        return corrected
+
+    def version(self) -> str:
+        return f"{super().version()}-{self._transform.version()}"
+
+
+def _step(bound: float) -> float:
+    return BELOW_BOUND * CUBE_DIAGONAL * bound
+
+
+def _corrections(points: Float32Array, decoded: Float32Array, bound: float) -> NDArray[np.int64]:
+    """(frames, vertices, 3) int64: zero where the bound holds already."""
+    missing = points.astype(np.float64) - decoded
+    levels = np.rint(missing / _step(bound)).astype(np.int64)
+    levels[(missing**2).sum(axis=2) <= bound**2] = 0
+    return levels

@@ -1,0 +1,35 @@
+"""Arrays under zstandard with bytes of equal weight together, as numerical archives do it (Blosc, HDF5)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import zstandard
+from numpy.typing import DTypeLike, NDArray
+
+LEVEL = 19
+"""The strongest level that keeps to zstandard's usual memory."""
+
+
+def squeeze(values: NDArray[Any]) -> bytes:
+    """The numbers of an array, shuffled and compressed."""
+    contiguous = np.ascontiguousarray(values)
+    planes = contiguous.reshape(-1).view(np.uint8).reshape(-1, contiguous.itemsize).T
+    return zstandard.ZstdCompressor(level=LEVEL).compress(planes.tobytes())
+
+
+def unsqueeze(data: bytes, number: DTypeLike, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Undo :func:`squeeze`."""
+    kind = np.dtype(number)
+    planes = np.frombuffer(zstandard.ZstdDecompressor().decompress(data), np.uint8).reshape(kind.itemsize, -1)
+    return np.ascontiguousarray(planes.T).view(kind).reshape(shape)
+
+
+def narrowest(values: NDArray[np.int64]) -> NDArray[Any]:
+    """Integers in the fewest bytes that hold them all."""
+    largest = int(np.abs(values).max(initial=0))
+    for kind in (np.int8, np.int16, np.int32):
+        if largest <= np.iinfo(kind).max:
+            return values.astype(kind)
+    return values
