@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-com
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test lint types bench corpus docs vectors clean
+.PHONY: demo test lint types bench bench-rd corpus docs vectors clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
@@ -25,6 +25,10 @@ types: $(READY)
 
 bench: $(INSTALLED)
 	$(BIN)/python -m pdecodec.experiments.bench
+
+# make bench-rd SEQUENCES="a.npz b.npz" OPTIONS="--tolerance 1e-3 --no-peers"
+bench-rd: $(INSTALLED)
+	$(BIN)/python -m pdecodec.experiments.rate_distortion $(if $(SEQUENCES),--sequences $(SEQUENCES)) $(OPTIONS)
 
 docs: $(INSTALLED)
 	$(BIN)/python docs/make_cli.py docs/cli.md

@@ -172,4 +172,5 @@ def _in_between(kept: Float64Array, frames: int, interval: int) -> Float64Array:
     left = np.clip(np.searchsorted(keys, at, side="right") - 1, 0, max(0, keys.size - 2))
     right = np.minimum(left + 1, keys.size - 1)
     weight = ((at - keys[left]) / np.maximum(1, keys[right] - keys[left]))[:, None, None]
-    return (1.0 - weight) * kept[left] + weight * kept[right]
+    between: Float64Array = (1.0 - weight) * kept[left] + weight * kept[right]
+    return between

@@ -19,7 +19,7 @@ class _RawPeer(Peer):
     def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
         def encode(length: float) -> bytes:
             largest = float(np.abs(points).max())
-            if largest > np.finfo(self.number).max:
+            if largest > float(np.finfo(self.number).max):
                 raise UnreachableError(f"a coordinate of {largest:.3g} is beyond its numbers")
             writer = FieldWriter()
             writer.numbers("2Q", *points.shape[:2])
