@@ -28,7 +28,10 @@ RISE, FALL, TOP_BIT = 0, NODE_EXPONENTS, 2 * NODE_EXPONENTS
 
 NODES = 3 * NODE_EXPONENTS
 
-ALL_SIZES, PLACES, OWN_SIZES, MODE_SIZES = 48 * 3, 32 * 40, 16 * 20 * 3, 32 * 32
+GRADES = 24
+"""Of sizes and places: 2 an octave. Finer ones learn too slowly for the 20,000 numbers of a usual group."""
+
+ALL_SIZES, PLACES, OWN_SIZES, MODE_SIZES = GRADES * 3, GRADES * GRADES, GRADES * GRADES * 3, GRADES * GRADES
 """How many contexts each of the four opinions tells apart."""
 
 LEVEL_OPINIONS = 4
@@ -44,8 +47,8 @@ PADDING = 2
 ORDER = 4
 """Frames before that a mode is predicted from. Six or eight gain under 1 %, two lose 3 %."""
 
-FORGETTING = 511.0 / 512.0
-"""Weight of what was learnt, at each number: about 170 frames of three axes."""
+FORGETTING = 1.0 + 1.0 / 512.0
+"""Growth of the uncertainty of what was learnt, at each number: about 170 frames of three axes are remembered."""
 
 LEAST_SPREAD = 0.1
 """Least variance a prediction is trusted with, in squared steps: what rounding to steps leaves."""
@@ -55,6 +58,10 @@ FARTHEST = 2.0**39
 
 MOST_UNCERTAIN = 2.0**120
 """Predicted variance at which learning starts again: no sound file comes near it."""
+
+
+BIT_LENGTHS = np.array([number.bit_length() for number in range(4096)], np.int64)
+"""Of small numbers."""
 
 
 def new_model(places: int) -> tuple[Int64Array, ...]:
@@ -75,17 +82,17 @@ def new_model(places: int) -> tuple[Int64Array, ...]:
 def bit_length(number: int) -> int:
     """Bits of a number of 0 or more."""
     length = 0
-    while number:
-        number >>= 1
-        length += 1
-    return length
+    while number >= BIT_LENGTHS.size:
+        number >>= 8
+        length += 8
+    return length + BIT_LENGTHS[number]
 
 
 @njit(cache=True, forceinline=True, _nrt=False)
-def grade(number: int, fraction_bits: int, most: int) -> int:
-    """A number of 0 or more on a scale of 2^fraction_bits grades an octave; small ones are their own grade."""
-    shift = max(bit_length(number) - fraction_bits - 1, 0)
-    return min((shift << fraction_bits) + (number >> shift), most)
+def grade(number: int) -> int:
+    """A number of 0 or more on a scale of two grades an octave: 0, 1, 2, 3, 4, 4, 5, 5, 6, 6, 6, 6, 7, ..."""
+    shift = max(bit_length(number) - 2, 0)
+    return min(2 * shift + (number >> shift), GRADES - 1)
 
 
 @njit(cache=True, forceinline=True, _nrt=False)
@@ -244,31 +251,29 @@ def code_levels(
             last, second_last = own[f + 1], own[f]
             same, around = before[f + 2], before[f + 1] + before[f + 3]
             wide = 10 * last + 8 * second_last + 12 * same + 5 * around + 8 * second_before[f + 2]
-            place_context = ALL_SIZES + grade(f, 2, 31) * 40 + grade((2 * same + around) // 3, 2, 39)
+            place_context = ALL_SIZES + grade(f) * GRADES + grade((2 * same + around) // 3)
             here = 0
             for x in range(3):
                 first = levels[k, f - 1, x] if f > 0 else 0
                 second = levels[k, f - 2, x] if f > 1 else 0
                 fourth = levels[k, f - 4, x] if f > 3 else 0
-                mode_size = grade(abs(levels[k - 1, f, x]) if k > 0 else 0, 2, 31)
-                second_mode_size = grade(abs(levels[k - 2, f, x]) if k > 1 else 0, 2, 31)
+                mode_size = grade(abs(levels[k - 1, f, x]) if k > 0 else 0)
+                second_mode_size = grade(abs(levels[k - 2, f, x]) if k > 1 else 0)
                 if x == 0:
                     size = wide
                 elif x == 1:
                     size = (3 * wide + 48 * here) >> 2
                 else:
                     size = (wide + 8 * here) >> 1
-                own_size = grade(abs(first), 1, 15) * 20 + grade((last + second_last) >> 1, 1, 19)
-                contexts[0] = grade(size // 24, 2, 47) * 3 + x
+                own_size = grade(abs(first)) * GRADES + grade((last + second_last) >> 1)
+                contexts[0] = grade(size // 24) * 3 + x
                 contexts[1] = place_context
                 contexts[2] = ALL_SIZES + PLACES + own_size * 3 + x
-                contexts[3] = ALL_SIZES + PLACES + OWN_SIZES + mode_size * 32 + second_mode_size
+                contexts[3] = ALL_SIZES + PLACES + OWN_SIZES + mode_size * GRADES + second_mode_size
                 expected = min(bit_length(size // 136 + 1) - 1, MOST_EXPONENT - 1)
 
                 level = 0 if decoding else levels[k, f, x]
-                magnitude = code_magnitude(
-                    coder, data, cells, weights, contexts, scratch, expected, abs(level)
-                )
+                magnitude = code_magnitude(coder, data, cells, weights, contexts, scratch, expected, abs(level))
                 if magnitude > 0 and code_sign(
                     coder, data, sign_cells, sign_weights, sign_scratch, first, second, fourth, magnitude, level < 0
                 ):
@@ -309,10 +314,11 @@ def learn(
     elif uncertainty > 0.0:
         divisor = variance + uncertainty
         for i in range(ORDER):
-            weights[i] += gains[i] / divisor * miss
-        for i in range(ORDER):
-            for j in range(ORDER):
-                covariance[i, j] = (covariance[i, j] - gains[i] * gains[j] / divisor) / FORGETTING
+            share = gains[i] / divisor
+            weights[i] += share * miss
+            for j in range(i + 1):
+                covariance[i, j] = (covariance[i, j] - share * gains[j]) * FORGETTING
+                covariance[j, i] = covariance[i, j]
 
 
 @njit(cache=True, _nrt=False)
@@ -373,7 +379,7 @@ def follow_modes(
                 values[k, t, x] = prediction + miss
                 energy += miss * miss
                 if t > 1:
-                    learn(weights, covariance, past, gains, miss, FORGETTING * max(spread, LEAST_SPREAD))
+                    learn(weights, covariance, past, gains, miss, max(spread, LEAST_SPREAD))
             spread += (energy / 3.0 - spread) / 8.0
 
 
