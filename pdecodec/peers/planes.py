@@ -12,7 +12,8 @@ from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.sequence import Float32Array
 
 ORDERS = ("FV", "VF")
-"""Frames by vertices or vertices by frames. Neither wins everywhere; both together with the axes always lose."""
+"""Frames by vertices or vertices by frames: neither wins everywhere. One block of all three axes took about twice as
+much on the two clips it was tried on."""
 
 
 def encode_planes(points: Float32Array, compress: Callable[[Float32Array], bytes]) -> bytes:
