@@ -1,4 +1,4 @@
-"""Coding of the rest shape: frame 0 in quantisation steps, predicted along the curves."""
+"""The rest shape: frame 0 in quantisation steps; and its coding along the curves, as in format version 1."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ def quantise_rest(points: NDArray[np.float32], step: float) -> RestShape:
     return RestShape(np.rint((wide - origin) / step).astype(np.int64), origin, step)
 
 
-def encode_rest(shape: RestShape, curves: Curves) -> bytes:
-    """Section REST, with the predictor that makes it smallest."""
+def encode_rest_along_curves(shape: RestShape, curves: Curves) -> bytes:
+    """Section REST of format version 1, with the predictor that makes it smallest."""
     candidates = []
     for predictor in PREDICTORS:
         writer = FieldWriter()
@@ -77,8 +77,8 @@ def encode_rest(shape: RestShape, curves: Curves) -> bytes:
     return min(candidates, key=len)
 
 
-def decode_rest(data: bytes, curves: Curves) -> RestShape:
-    """Undo :func:`encode_rest`.
+def decode_rest_along_curves(data: bytes, curves: Curves) -> RestShape:
+    """Undo :func:`encode_rest_along_curves`.
 
     Raises
     ------
@@ -100,6 +100,10 @@ def decode_rest(data: bytes, curves: Curves) -> RestShape:
     if levels.min() < 0 or levels.max() >= 2**LARGEST_BITS:
         raise CorruptFileError("section REST has a coordinate out of range")
     return RestShape(levels, np.array(origin), step)
+
+
+# What the encoder and the decoder of format version 1 call them.
+encode_rest, decode_rest = encode_rest_along_curves, decode_rest_along_curves
 
 
 def _predict(along: Int64Array, curves: Curves, predictor: int) -> Int64Array:
