@@ -93,7 +93,7 @@ def order_lonely_points(curves: Curves, rest: NDArray[np.int64]) -> Curves:
     order = curves.order.copy()
     for curve in curves.lonely:
         inside = slice(curves.starts[curve], curves.starts[curve + 1])
-        order[inside] = order[inside][_morton_order(rest[order[inside]])]
+        order[inside] = order[inside][morton_order(rest[order[inside]])]
     return replace(curves, order=order)
 
 
@@ -148,7 +148,7 @@ def _starts(counts: NDArray[np.integer]) -> Int64Array:
     return starts
 
 
-def _face_edges(connectivity: Connectivity) -> tuple[Int32Array, Int32Array]:
+def face_edges(connectivity: Connectivity) -> tuple[Int32Array, Int32Array]:
     """The two ends of the edge that leaves each face corner: ``(from, to)``, each (corners,) int32."""
     indices, counts = connectivity.face_indices, connectivity.face_counts
     following = np.arange(1, indices.size + 1)
@@ -159,7 +159,7 @@ def _face_edges(connectivity: Connectivity) -> tuple[Int32Array, Int32Array]:
 
 def _neighbours(connectivity: Connectivity) -> tuple[Int64Array, Int32Array]:
     """Each vertex's neighbours along faces' and lines' edges, ascending, as ``(starts, neighbours)``."""
-    tail, head = _face_edges(connectivity)
+    tail, head = face_edges(connectivity)
     lines = connectivity.line_indices
     inside = np.ones(max(lines.size - 1, 0), dtype=bool)
     inside[np.cumsum(connectivity.line_counts, dtype=np.int64)[:-1] - 1] = False
@@ -240,7 +240,7 @@ def _quad_loops(connectivity: Connectivity) -> tuple[Int32Array, Int32Array, Int
     return edges.astype(np.int32), onward.astype(np.int32), across.astype(np.int32)
 
 
-def _morton_order(rest: NDArray[np.int64]) -> Int64Array:
+def morton_order(rest: NDArray[np.int64]) -> Int64Array:
     """Order of points along the Z-order curve through their bounding box; ties in index order."""
     low = rest.min(axis=0)
     extent = int((rest - low).max())

@@ -1,0 +1,342 @@
+"""Space bases: orthonormal functions of the rest shape on patches, joined upwards over the whole mesh.
+
+A mesh is divided into patches: by halving its graph again and again (basis "patch"), or along the pieces of its
+curves (basis "curve"). On each patch stand orthonormal functions: the affine four ``1, x, y, z`` first (what the
+literal Eq. 23 amounts to once its matrices are data), then polynomials of the rest shape's local coordinates by
+total degree, or the eight functions of Eqs. 14 and 16 along a curve piece, then unit vectors until the space of
+the patch is complete or the basis has as many functions as it may.
+
+What the affine functions of two neighbouring patches have in common, they share: those of a set are an orthogonal
+combination of those of its halves, and only the *details* (the rest of the combinations) stay with the set. A limb
+that moves as one needs four numbers, however many patches it has. (Alpert 1993, "A class of bases in L2 for the
+sparse representation of integral operators": multiwavelets, here on the vertices of a mesh.)
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.basis import SPACE_FUNCTIONS, series_functions
+from pdecodec.curves import extract_curves, face_edges, morton_order, order_lonely_points
+from pdecodec.elements import PIECE_POINTS, arc_length_parameter, piece_starts
+from pdecodec.sequence import MeshObject
+
+Float64Array = NDArray[np.float64]
+Int64Array = NDArray[np.int64]
+Int32Array = NDArray[np.int32]
+
+SpaceKind = Literal["patch", "curve"]
+
+NORMAL_DEGREE = 2
+"""What a factor of the third principal coordinate counts in a polynomial's degree: across a surface there is less
+to describe than along it."""
+
+LARGEST_DEGREE = 10
+"""Of the polynomials; what comes after them is left to unit vectors."""
+
+MOST_FUNCTIONS = 128
+"""Functions of a patch at most: building them costs the square of their number."""
+
+
+@lru_cache
+def polynomial_exponents() -> Int64Array:
+    """(n, 3) int64: exponents of the polynomials in order; the affine four, then by degree.
+
+    The third coordinate counts twice, but for the affine four. Equal degrees: higher powers of the first
+    coordinate first, then of the second.
+    """
+    found = [
+        (a, b, c)
+        for a in range(LARGEST_DEGREE + 1)
+        for b in range(LARGEST_DEGREE + 1 - a)
+        for c in range((LARGEST_DEGREE - a - b) // NORMAL_DEGREE + 1)
+    ]
+    affine = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    rest = [item for item in found if item not in affine]
+    rest.sort(key=lambda item: (item[0] + item[1] + NORMAL_DEGREE * item[2], -item[0], -item[1]))
+    return np.array(affine + rest, np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceBasis:
+    """Patches, their functions, and how they are joined.
+
+    Attributes
+    ----------
+    order : (vertices,) int32
+        Vertices of the mesh in patch order.
+    starts : (patches + 1,) int64
+        Patch p holds ``order[starts[p]:starts[p + 1]]``.
+    basis : (sum of functions * size,) float64
+        Of each patch from ``basis_starts[p]``: function after function.
+    basis_starts : (patches + 1,) int64
+    affine : (patches,) int64
+        How many of a patch's functions are affine: these come first.
+    children : (sets,) int64
+        Sets of patches; 0 is the whole. First of the two halves of each, the second follows it; -1 for a patch.
+    counts : (sets,) int64
+        Affine functions of each set.
+    joints : (sets, 8, 8) float64
+        Orthogonal: a set's affine functions and details from its halves' affine functions.
+    set_of : (patches,) int64
+        The set that each patch is.
+    detail_starts : (sets,) int64
+        Where each set's details begin among the columns; the whole's affine functions are the first columns.
+    coefficient_starts : (patches + 1,) int64
+        Where the columns of each patch begin, after all details.
+    """
+
+    order: Int32Array
+    starts: Int64Array
+    basis: Float64Array
+    basis_starts: Int64Array
+    affine: Int64Array
+    children: Int64Array
+    counts: Int64Array
+    joints: Float64Array
+    set_of: Int64Array
+    detail_starts: Int64Array
+    coefficient_starts: Int64Array
+
+    @property
+    def columns(self) -> int:
+        """Functions altogether."""
+        return int(self.coefficient_starts[-1])
+
+    @property
+    def patches(self) -> int:
+        return self.starts.size - 1
+
+    @cached_property
+    def units(self) -> tuple[Int64Array, Int64Array, Int64Array]:
+        """Columns in runs, as they are coded: ``(starts, kinds, parents)``.
+
+        Run 0 is the whole's affine functions, then come the details of each set, then each patch's other
+        functions. ``kinds`` is a set's depth (0 for run 0), or -1 - affine for a patch; ``parents`` the run of the
+        set above.
+        """
+        inner = np.flatnonzero(self.children >= 0)
+        depth = np.zeros(self.children.size, np.int64)
+        above = np.zeros(self.children.size, np.int64)
+        run = np.zeros(self.children.size, np.int64)
+        run[inner] = 1 + np.arange(inner.size)
+        for s in inner:
+            for half in (self.children[s], self.children[s] + 1):
+                depth[half], above[half] = depth[s] + 1, run[s]
+        starts = np.concatenate([[0], self.detail_starts[inner], self.coefficient_starts])
+        kinds = np.concatenate([[0], depth[inner] + 1, -1 - self.affine])
+        parents = np.concatenate([[0], above[inner], above[self.set_of]])
+        return starts.astype(np.int64), kinds.astype(np.int64), parents.astype(np.int64)
+
+    def project(self, values: Float64Array) -> Float64Array:
+        """Coefficients of functions on the vertices: (vertices, width), mesh order, to (columns, width) float64."""
+        from pdecodec.kernels.space_transform import join, project_patches
+
+        width = values.shape[1]
+        scaling = np.zeros((self.children.size, 4, width))
+        coefficients = np.zeros((self.columns, width))
+        project_patches(
+            np.ascontiguousarray(values[self.order], dtype=np.float64),
+            self.starts,
+            self.basis,
+            self.basis_starts,
+            self.affine,
+            self.coefficient_starts,
+            scaling,
+            self.set_of,
+            coefficients,
+        )
+        join(self.children, self.counts, self.joints, self.detail_starts, scaling, coefficients)
+        return coefficients
+
+    def expand(self, coefficients: Float64Array) -> Float64Array:
+        """Undo :meth:`project`: (columns, width) to (vertices, width) float64, in patch order."""
+        from pdecodec.kernels.space_transform import expand_patches, part
+
+        width = coefficients.shape[1]
+        scaling = np.zeros((self.children.size, 4, width))
+        values = np.empty((self.order.size, width))
+        part(self.children, self.counts, self.joints, self.detail_starts, coefficients, scaling)
+        expand_patches(
+            scaling,
+            coefficients,
+            self.starts,
+            self.basis,
+            self.basis_starts,
+            self.affine,
+            self.coefficient_starts,
+            self.set_of,
+            values,
+        )
+        return values
+
+
+def build_space_basis(
+    kind: SpaceKind, objects: Sequence[MeshObject], rest: Int64Array, *, points: int, functions: int
+) -> SpaceBasis:
+    """The space basis of a mesh.
+
+    Parameters
+    ----------
+    kind : {"patch", "curve"}
+    objects : sequence of MeshObject
+    rest : (vertices, 3) int64
+        Rest shape in quantisation steps.
+    points : int
+        Vertices of a patch at most.
+    functions : int
+        Functions of a patch at most.
+    """
+    if kind == "patch":
+        order, starts, children, set_of = _patches(objects, rest, points)
+        given = np.zeros((0, 0))
+    else:
+        order, starts, given = _pieces(objects, rest, points)
+        children, set_of = _chain(starts.size - 1)
+    return _with_functions(order, starts, children, set_of, given, rest, functions)
+
+
+def _with_functions(
+    order: Int32Array,
+    starts: Int64Array,
+    children: Int64Array,
+    set_of: Int64Array,
+    given: Float64Array,
+    rest: Int64Array,
+    functions: int,
+) -> SpaceBasis:
+    from pdecodec.kernels.patch_functions import AFFINE, build_joints, build_patches
+
+    sizes = np.diff(starts)
+    ranks, affine = np.zeros(sizes.size, np.int64), np.zeros(sizes.size, np.int64)
+    basis_starts = np.concatenate([[0], np.cumsum(np.minimum(sizes, functions) * sizes)]).astype(np.int64)
+    basis = np.empty(int(basis_starts[-1]))
+    patch_coordinates = np.zeros((sizes.size, AFFINE, AFFINE))
+    build_patches(
+        rest,
+        order,
+        starts,
+        polynomial_exponents(),
+        given,
+        functions,
+        basis,
+        basis_starts,
+        ranks,
+        affine,
+        patch_coordinates,
+    )
+    counts = np.zeros(children.size, np.int64)
+    coordinates = np.zeros((children.size, AFFINE, AFFINE))
+    counts[set_of], coordinates[set_of] = affine, patch_coordinates
+    joints = np.zeros((children.size, 2 * AFFINE, 2 * AFFINE))
+    build_joints(children, counts, coordinates, joints)
+    inner = np.flatnonzero(children >= 0)
+    details = np.zeros(children.size, np.int64)
+    details[inner] = counts[children[inner]] + counts[children[inner] + 1] - counts[inner]
+    detail_starts = counts[0] + np.cumsum(details) - details
+    first = counts[0] + details.sum()
+    coefficient_starts = first + np.concatenate([[0], np.cumsum(ranks - affine)])
+    return SpaceBasis(
+        order=order,
+        starts=starts,
+        basis=basis,
+        basis_starts=basis_starts,
+        affine=affine,
+        children=children,
+        counts=counts,
+        joints=joints,
+        set_of=set_of,
+        detail_starts=detail_starts.astype(np.int64),
+        coefficient_starts=coefficient_starts.astype(np.int64),
+    )
+
+
+def _patches(
+    objects: Sequence[MeshObject], rest: Int64Array, points: int
+) -> tuple[Int32Array, Int64Array, Int64Array, Int64Array]:
+    """Patches by halving: ``(order, starts, children, set_of)``."""
+    from pdecodec.kernels.bisection import bisect
+
+    starts, neighbours = mesh_graph(objects, rest)
+    order = _first_order(starts, rest)
+    room = 2 * order.size
+    begins, ends, children = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64)
+    count = bisect(starts, neighbours, points, order, begins, ends, children)
+    found = np.flatnonzero(children[:count] < 0)
+    found = found[np.argsort(begins[found])]
+    patch_starts = np.append(begins[found], order.size)
+    return order, patch_starts, children[:count].copy(), found
+
+
+def mesh_graph(objects: Sequence[MeshObject], rest: Int64Array) -> tuple[Int64Array, Int32Array]:
+    """Neighbours of each vertex, as ``(starts, neighbours)``: along faces, along lines, and at the same place."""
+    from pdecodec.kernels.graph import compressed_rows
+
+    tails, heads, offset = [], [], 0
+    for item in objects:
+        tail, head = face_edges(item.connectivity)
+        lines, counts = item.connectivity.line_indices, item.connectivity.line_counts
+        inside = np.ones(max(lines.size - 1, 0), dtype=bool)
+        inside[np.cumsum(counts, dtype=np.int64)[:-1] - 1] = False
+        before, after = lines[:-1][inside], lines[1:][inside]
+        tails += [tail + offset, before + offset]
+        heads += [head + offset, after + offset]
+        offset += item.connectivity.vertex_count
+    before, after = _coincident(rest)
+    tails.append(before)
+    heads.append(after)
+    return compressed_rows(np.concatenate(tails), np.concatenate(heads), offset)
+
+
+def _coincident(rest: Int64Array) -> tuple[Int32Array, Int32Array]:
+    """Chains through the vertices at equal places: each but the last of a place, and the one after it."""
+    order = np.lexsort(rest.T)
+    same = (rest[order[1:]] == rest[order[:-1]]).all(axis=1)
+    return order[:-1][same].astype(np.int32), order[1:][same].astype(np.int32)
+
+
+def _first_order(starts: Int64Array, rest: Int64Array) -> Int32Array:
+    """Vertices by index; those without neighbours come last, along a Z-order curve."""
+    is_lonely = starts[1:] == starts[:-1]
+    lonely = np.flatnonzero(is_lonely)
+    if lonely.size:
+        lonely = lonely[morton_order(rest[lonely])]
+    return np.concatenate([np.flatnonzero(~is_lonely), lonely]).astype(np.int32)
+
+
+def _pieces(
+    objects: Sequence[MeshObject], rest: Int64Array, points: int
+) -> tuple[Int32Array, Int64Array, Float64Array]:
+    """Pieces of curves, with their functions before orthonormalisation: ``(order, starts, given)``."""
+    curves = order_lonely_points(extract_curves(objects), rest)
+    level = int(np.searchsorted(PIECE_POINTS, points))
+    starts, _ = piece_starts(curves, np.full(curves.count, level))
+    along = rest[curves.order].astype(np.float64)
+    local = along - np.repeat(along[starts[:-1]], np.diff(starts), axis=0)
+    shape = series_functions(arc_length_parameter(local, starts), 0.0, SPACE_FUNCTIONS)
+    return curves.order, starts, np.column_stack([np.ones(len(local)), local, shape])
+
+
+def _chain(patches: int) -> tuple[Int64Array, Int64Array]:
+    """Sets over patches in a row, halved again and again: ``(children, set_of)``."""
+    begins, ends, children = [0], [patches], []
+    for s in itertools.count():
+        if s == len(begins):
+            break
+        if ends[s] - begins[s] == 1:
+            children.append(-1)
+            continue
+        children.append(len(begins))
+        middle = (begins[s] + ends[s]) // 2
+        begins += [begins[s], middle]
+        ends += [middle, ends[s]]
+    found = np.array(children, np.int64)
+    leaves = np.flatnonzero(found < 0)
+    return found, leaves[np.argsort(np.array(begins)[leaves])]
