@@ -174,6 +174,13 @@ def test_draco_gives_vertices_back_in_their_order() -> None:
     assert largest_distance(points, decoded) <= 1e-4
 
 
+def test_draco_keeps_vertices_that_stand_in_one_place() -> None:
+    sheet, points = grid(3, 4), noise(3, 12, 3)
+    points[1:, 7] = points[1:, 2]
+    decoded = here(Draco()).decode(Draco().prepare(points, sheet)(1e-4), sheet)
+    assert largest_distance(points, decoded) <= 1e-4
+
+
 def test_a_cubic_curve_that_moves_uniformly_needs_four_control_points_at_every_second_frame() -> None:
     u, t = np.linspace(-1, 1, 64), np.arange(9.0)[:, None, None]
     points = (np.stack([u, u**2, u**3], axis=-1) + t * [1.0, 0.0, 0.5]).astype(np.float32)

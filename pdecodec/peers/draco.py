@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.peers.grid import Grid
 from pdecodec.peers.peer import Encoder, Peer, UnreachableError
 from pdecodec.peers.traversal import fans
-from pdecodec.sequence import Connectivity, Float32Array
+from pdecodec.sequence import Connectivity, Float32Array, Float64Array
 
 MOST_BITS = 30
 """Of a coordinate, Draco's own limit."""
@@ -26,8 +27,8 @@ class Draco(Peer):
     """Every frame a mesh of its own, by edgebreaker: connectivity is in each of them and counts here.
 
     Draco returns vertices in an order of its own. It depends on connectivity alone, so the decoder finds it again
-    from a mesh whose vertices stand where their numbers say. Where Draco merges or leaves out vertices, frames are
-    coded in their original order instead.
+    from a mesh whose vertices stand where their numbers say. Where Draco merges or leaves out vertices, in that mesh
+    or in a frame, all frames are coded as points in their original order instead, without faces.
     """
 
     name = "Draco a frame"
@@ -35,10 +36,7 @@ class Draco(Peer):
     package = "DracoPy"
 
     def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
-        import DracoPy
-
-        triangles = _triangles(connectivity)
-        keeps_order = _order_of(connectivity) is None
+        triangles = None if _order_of(connectivity) is None else _triangles(connectivity)
         low = points.reshape(-1, 3).min(axis=0).astype(np.float64)
         extent = float((points.reshape(-1, 3).max(axis=0) - low).max())
 
@@ -47,58 +45,66 @@ class Draco(Peer):
             bits = max(1, math.ceil(math.log2(extent / step + 1.0)))
             if bits > MOST_BITS:
                 raise UnreachableError(f"steps of {step:.3g} over {extent:.3g} are more than {MOST_BITS} bits")
+
+            frames = [_encode(frame, triangles, low, step, bits) for frame in points]
+            as_points = triangles is None
+            if any(len(_decode(frame)) != connectivity.vertex_count for frame in frames):
+                frames = [_encode(frame, None, low, step, bits) for frame in points]
+                as_points = True
             writer = FieldWriter()
-            writer.numbers("Q", points.shape[0])
-            for frame in points:
-                writer.sized(
-                    DracoPy.encode(
-                        frame.astype(np.float64),
-                        triangles,
-                        quantization_bits=bits,
-                        compression_level=COMPRESSION_LEVEL,
-                        quantization_range=step * (2**bits - 1),
-                        quantization_origin=low,
-                        preserve_order=keeps_order,
-                    )
-                )
+            writer.numbers("QB", points.shape[0], as_points)
+            for frame in frames:
+                writer.sized(frame)
             return writer.to_bytes()
 
         return encode
 
     def decode(self, data: bytes, connectivity: Connectivity) -> Float32Array:
-        import DracoPy
-
         reader = FieldReader(data, self.name)
-        order = _order_of(connectivity)
-        points = np.empty((reader.integers("Q")[0], connectivity.vertex_count, 3), np.float32)
+        frames, as_points = reader.integers("QB")
+        order = None if as_points else _order_of(connectivity)
+        points = np.empty((frames, connectivity.vertex_count, 3), np.float32)
         for frame in points:
-            found = np.asarray(DracoPy.decode(reader.sized()).points, np.float32)
-            frame[slice(None) if order is None else order] = found
+            frame[slice(None) if order is None else order] = _decode(reader.sized())
         return points
 
 
-def _triangles(connectivity: Connectivity) -> NDArray[np.uint32] | None:
-    return fans(connectivity).astype(np.uint32) if connectivity.face_count else None
+def _encode(
+    frame: NDArray[Any], triangles: NDArray[np.uint32] | None, low: Float64Array, step: float, bits: int
+) -> bytes:
+    """A mesh in Draco's own order of vertices, or without triangles points in theirs."""
+    import DracoPy
+
+    data: bytes = DracoPy.encode(
+        frame.astype(np.float64),
+        triangles,
+        quantization_bits=bits,
+        quantization_range=step * (2**bits - 1),
+        quantization_origin=low,
+        compression_level=COMPRESSION_LEVEL,
+        preserve_order=triangles is None,
+    )
+    return data
+
+
+def _decode(data: bytes) -> Float32Array:
+    import DracoPy
+
+    return np.asarray(DracoPy.decode(data).points, np.float32)
+
+
+def _triangles(connectivity: Connectivity) -> NDArray[np.uint32]:
+    return fans(connectivity).astype(np.uint32)
 
 
 def _order_of(connectivity: Connectivity) -> NDArray[np.int64] | None:
     """Vertex that Draco returns at each place; None where it does not return every vertex once."""
-    import DracoPy
-
-    triangles = _triangles(connectivity)
-    if triangles is None:
+    if connectivity.face_count == 0:
         return None
     mask = 2**NUMBER_BITS - 1
     numbers = np.arange(connectivity.vertex_count)
     named = np.stack([numbers >> shift & mask for shift in (0, NUMBER_BITS, 2 * NUMBER_BITS)], axis=1)
-    data = DracoPy.encode(
-        named.astype(np.float64),
-        triangles,
-        quantization_bits=NUMBER_BITS,
-        quantization_range=float(mask),
-        quantization_origin=np.zeros(3),
-        compression_level=COMPRESSION_LEVEL,
-    )
-    found = np.rint(np.asarray(DracoPy.decode(data).points)).astype(np.int64)
+    data = _encode(named, _triangles(connectivity), np.zeros(3), 1.0, NUMBER_BITS)
+    found = np.rint(_decode(data)).astype(np.int64)
     order: NDArray[np.int64] = (found << np.array([0, NUMBER_BITS, 2 * NUMBER_BITS])).sum(axis=1)
     return order if np.array_equal(np.sort(order), numbers) else None
