@@ -51,10 +51,10 @@ _SPANS = (
     COUNTS * COUNTS * COUNTS,  # patch: two before, ahead in the reference, before
     4 * 8,  # vertex: size in the reference; its neighbours
     8 * 4 * COUNTS * 2,  # vertex: found so far, part of the patch, found in the reference; whether it was there
-    DIGITS,
-    1,
-    3 * DIGITS,
-    2 * DIGITS,
+    DIGITS,  # distance of a reference
+    1,  # whether it is that of the frame before
+    2 * DIGITS + 1,  # number of corrections, number of literals; whether levels are predicted
+    2 * DIGITS,  # literals: frames passed over, places passed over
 )
 _ENDS = [RESIDUAL_CELLS + int(end) for end in np.cumsum(_SPANS)]
 PATCH_AT = RESIDUAL_CELLS
@@ -269,29 +269,46 @@ def code_records(coding: Coding, records: Records, places: Places, predicted: in
 
 @njit(cache=True, _nrt=False)
 def code_literals(
-    coder: Int64Array, data: UInt8Array, cells: Int64Array, frames: Int64Array, places: Int64Array, bits: Int64Array
-) -> None:
-    """Code literal positions, by frame and then place; when decoding, `frames` and `places` may go beyond all bounds.
+    coder: Int64Array,
+    data: UInt8Array,
+    cells: Int64Array,
+    frames: int,
+    vertices: int,
+    literal_frames: Int64Array,
+    places: Int64Array,
+    bits: Int64Array,
+) -> bool:
+    """Code literal positions, by frame and then place; decoding fills them.
 
     Parameters
     ----------
     coder, data, cells
         As in :class:`Coding`.
-    frames, places : (n,) int64
+    frames, vertices : int
+        Of the group.
+    literal_frames, places : (n,) int64
     bits : (n, 3) int64
         Positions, as the 32 bits of a float32.
+
+    Returns
+    -------
+    bool
+        False where the bytes name a frame or a place that is not there.
     """
     frame = 0
     place = -1
-    for k in range(frames.size):
-        skipped = code_number(coder, data, cells, LITERAL_AT, frames[k] - frame + 1) - 1
+    for k in range(literal_frames.size):
+        skipped = code_number(coder, data, cells, LITERAL_AT, literal_frames[k] - frame + 1) - 1
         if skipped > 0:
             frame += skipped
             place = -1
         place += code_number(coder, data, cells, LITERAL_AT + DIGITS, places[k] - place)
-        frames[k], places[k] = frame, place
+        if frame >= frames or place >= vertices:
+            return False
+        literal_frames[k], places[k] = frame, place
         for axis in range(3):
             found = 0
             for digit in range(31, -1, -1):
                 found = 2 * found + code_with(coder, data, 1 << 15, (bits[k, axis] >> digit) & 1)
             bits[k, axis] = found
+    return True

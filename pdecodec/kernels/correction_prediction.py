@@ -38,9 +38,9 @@ LEARNING_SHIFT = 8
 
 @njit(cache=True, forceinline=True, _nrt=False)
 def digits_of(value: int) -> int:
-    """Binary digits of a number that is not negative."""
+    """Binary digits of a number; none of one that is not positive."""
     found = 0
-    while value:
+    while value > 0:
         value >>= 1
         found += 1
     return found

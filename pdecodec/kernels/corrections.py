@@ -1,0 +1,151 @@
+"""Compiled finding and adding of corrections in patch order."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pdecodec.quantise import LARGEST
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+Int64Array = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+@njit(cache=True)
+def squared_distance(point: Float32Array, other: Float32Array) -> float:
+    """Squared Euclidean distance of two points, (3,) float32, in float64; NaN where one is not finite."""
+    x = np.float64(point[0]) - np.float64(other[0])
+    y = np.float64(point[1]) - np.float64(other[1])
+    z = np.float64(point[2]) - np.float64(other[2])
+    return (x * x + y * y) + z * z
+
+
+@njit(cache=True)
+def find_misses(points: Float32Array, base: Float32Array, order: Int64Array, bound: float, starts: Int64Array) -> None:
+    """Count the vertices that miss the bound.
+
+    Parameters
+    ----------
+    points, base : (frames, vertices, 3) float32
+    order : (vertices,) int64
+    bound : float [scene units]
+    starts : (frames + 1,) int64, filled
+        Misses before each frame.
+    """
+    found = 0
+    for frame in range(points.shape[0]):
+        starts[frame] = found
+        for place in range(order.size):
+            vertex = order[place]
+            if not squared_distance(points[frame, vertex], base[frame, vertex]) <= bound * bound:
+                found += 1
+    starts[points.shape[0]] = found
+
+
+@njit(cache=True)
+def correct_misses(
+    points: Float32Array,
+    base: Float32Array,
+    order: Int64Array,
+    bound: float,
+    step: float,
+    places: Int64Array,
+    levels: Int64Array,
+    within: BoolArray,
+) -> None:
+    """Residuals of the vertices that miss the bound, by frame and place.
+
+    Parameters
+    ----------
+    points, base, order, bound
+        As in :func:`find_misses`.
+    step : float
+    places : (n,) int64, filled
+    levels : (n, 3) int64, filled
+        Rounded residuals in steps.
+    within : (n,) bool, filled
+        Whether these keep the bound, in the float32 that comes of them.
+    """
+    corrected = np.empty(3, np.float32)
+    at = 0
+    for frame in range(points.shape[0]):
+        for place in range(order.size):
+            point, before = points[frame, order[place]], base[frame, order[place]]
+            if squared_distance(point, before) <= bound * bound:
+                continue
+            places[at] = place
+            kept = True
+            for axis in range(3):
+                level = np.rint((np.float64(point[axis]) - np.float64(before[axis])) / step)
+                if not abs(level) <= LARGEST:
+                    kept = False
+                    level = 0.0
+                levels[at, axis] = np.int64(level)
+                corrected[axis] = np.float32(np.float64(before[axis]) + level * step)
+            within[at] = kept and squared_distance(point, corrected) <= bound * bound
+            at += 1
+
+
+def correct_misses_reference(
+    points: Float32Array, base: Float32Array, order: Int64Array, bound: float, step: float
+) -> tuple[Int64Array, Int64Array, Int64Array, BoolArray]:
+    """Plain numpy form of :func:`find_misses` and :func:`correct_misses`: starts, places, levels, within."""
+    wanted, before = points[:, order].astype(np.float64), base[:, order].astype(np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):  # a base beyond float32 is infinitely far
+        frames, places = np.nonzero(~(_squared(wanted - before) <= bound * bound))
+        wanted, before = wanted[frames, places], before[frames, places]
+        steps = np.rint((wanted - before) / step)
+        within = np.abs(steps) <= LARGEST
+        levels = np.where(within, steps, 0.0)
+        corrected = (before + levels * step).astype(np.float32).astype(np.float64)
+        kept: BoolArray = within.all(axis=1) & (_squared(wanted - corrected) <= bound * bound)
+    starts = np.searchsorted(frames, np.arange(len(points) + 1)).astype(np.int64)
+    return starts, places.astype(np.int64), levels.astype(np.int64), kept
+
+
+def _squared(difference: Float64Array) -> Float64Array:
+    x, y, z = difference[..., 0], difference[..., 1], difference[..., 2]
+    squares: Float64Array = (x * x + y * y) + z * z
+    return squares
+
+
+@njit(cache=True)
+def add_levels(
+    out: Float32Array,
+    order: Int64Array,
+    places: Int64Array,
+    levels: Int64Array,
+    step: float,
+    weight: float,
+) -> None:
+    """Add ``weight * (level * step)`` in float64, rounded to float32 once.
+
+    Parameters
+    ----------
+    out : (vertices, 3) float32, changed
+    order : (vertices,) int64
+    places : (n,) int64
+    levels : (n, 3) int64
+    step, weight : float
+    """
+    for k in range(places.size):
+        vertex = order[places[k]]
+        for axis in range(3):
+            out[vertex, axis] = np.float32(np.float64(out[vertex, axis]) + weight * (levels[k, axis] * step))
+
+
+def add_levels_reference(
+    out: Float32Array,
+    order: Int64Array,
+    places: Int64Array,
+    levels: Int64Array,
+    step: float,
+    weight: float,
+) -> None:
+    """Plain numpy form of :func:`add_levels`."""
+    vertices = order[places]
+    with np.errstate(over="ignore"):
+        out[vertices] = out[vertices].astype(np.float64) + weight * (levels * step)
