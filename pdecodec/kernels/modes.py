@@ -1,8 +1,8 @@
 """Compiled loops of the modal time basis: coding levels by their neighbours, following a mode in time, cosines.
 
 The order of every operation is part of the format (``spec/pdeanim.md``). Coding levels takes integers only;
-the other two take +, -, * and / of float64 in the order written, so that every IEEE 754 machine gets the same
-bits.
+the other two take +, -, *, / and sqrt of float64 in the order written, so that every IEEE 754 machine gets the
+same bits.
 """
 
 from __future__ import annotations
