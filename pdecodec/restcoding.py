@@ -32,7 +32,7 @@ ACROSS_FACES, ACROSS_WELDED_FACES = 3, 4
 HEADER_BYTES = 33
 """Step, origin, predictor."""
 
-FIRST_WEIGHT = 0.3
+FIRST_WEIGHT = 0.33
 """Of each opinion in a mix, before anything is learnt."""
 
 FIRST_ROOM = 12
@@ -166,7 +166,7 @@ def _encode_across(levels: Int64Array, mesh: Polygons, point_of: Int32Array | No
 def _decode_across(content: bytes, mesh: Polygons, *, is_welded: bool) -> Int64Array:
     from pdecodec.kernels.facepredict import CLASSES, HINTS
     from pdecodec.kernels.facewalk import link_corners, stencils, walk
-    from pdecodec.kernels.rangecoder import POSITION, new_decoder
+    from pdecodec.kernels.rangecoder import FIRST_BYTES, POSITION, new_decoder
 
     data = np.frombuffer(bytearray(content), np.uint8)
     coder = new_decoder(data)
@@ -183,10 +183,8 @@ def _decode_across(content: bytes, mesh: Polygons, *, is_welded: bool) -> Int64A
     found = stencils(surface)
     if not _code_points(coder, data, walk(surface), levels, surface.fan_starts, found, hint_weights):
         raise CorruptFileError("section REST has a coordinate out of range; get the file again")
-    if coder[POSITION] < data.size:
-        raise CorruptFileError(
-            f"section REST has {data.size - int(coder[POSITION])} bytes too many; get the file again"
-        )
+    if not data.size <= coder[POSITION] <= data.size + FIRST_BYTES:
+        raise CorruptFileError("section REST does not end where its numbers do; get the file again")
     return levels[point_of] if is_welded else levels
 
 

@@ -15,6 +15,7 @@ from pdecodec.kernels.facepredict import (
     NORMAL,
     WEIGHT_BITS,
 )
+from pdecodec.kernels.robustfit import fit_robustly
 
 Float64Array = NDArray[np.float64]
 Int64Array = NDArray[np.int64]
@@ -30,9 +31,6 @@ ROUNDS = 5
 
 WEIGHT_COST = 9.0
 """Bits that a weight takes."""
-
-RIDGE = 1e-6
-"""Relative; keeps hints apart that say the same."""
 
 HALF_LEVEL = float(1 << (FRACTION_BITS - 1))
 """In the findings' unit: residuals below this are rounded to zero, and their size is of no matter."""
@@ -75,27 +73,19 @@ def _along(hints: Float64Array, normals: Float64Array) -> Float64Array:
     """The components of hints along normals: (n, hints, 3)."""
     squares = np.einsum("vk,vk->v", normals, normals)
     portions = np.einsum("vhk,vk->vh", hints, normals) / np.where(squares > 0, squares, 1.0)[:, None]
-    return portions[:, :, None] * normals[:, None, :]
+    along: Float64Array = portions[:, :, None] * normals[:, None, :]
+    return along
 
 
 def _cheapest(hints: Float64Array, missed: Float64Array, weight_cost: float) -> Int64Array:
     """Weights [1/32], by what they save; all zero where nothing does."""
     best = np.zeros(hints.shape[1], np.int64)
     used = np.flatnonzero(hints.any(axis=0))
-    columns = hints[:, used]
+    columns = np.ascontiguousarray(hints[:, used])
     lowest = _residual_bits(missed)
     # By absolute values, and by their logarithms, which cares for the many that can be predicted to the level.
     for is_logarithmic in (False, True):
-        solution = np.zeros(used.size)
-        for _ in range(ROUNDS):
-            left = np.abs(missed - columns @ solution)
-            importance = 1.0 / np.maximum(left, HALF_LEVEL)
-            if is_logarithmic:
-                importance /= left + HALF_LEVEL
-            weighted = columns * importance[:, None]
-            normal_matrix = weighted.T @ columns
-            normal_matrix[np.diag_indices(used.size)] *= 1.0 + RIDGE
-            solution = np.linalg.lstsq(normal_matrix, weighted.T @ missed, rcond=None)[0]
+        solution = fit_robustly(columns, missed, HALF_LEVEL, is_logarithmic, ROUNDS)
         rounded = np.clip(np.rint(solution * 2**WEIGHT_BITS), -LARGEST_WEIGHT, LARGEST_WEIGHT)
         bits = _residual_bits(missed - columns @ (rounded / 2**WEIGHT_BITS)) + weight_cost * np.count_nonzero(rounded)
         if bits < lowest:

@@ -120,7 +120,8 @@ def bit_length(value: int) -> int:
     while value >= 1 << 12:
         value >>= 12
         digits += 12
-    return digits + _LENGTHS[value]
+    length: int = digits + _LENGTHS[value]
+    return length
 
 
 @njit(cache=True, forceinline=True, _nrt=False)
@@ -250,9 +251,8 @@ def look_around(
     for k in range(3):
         straight = (findings[STRAIGHT, k] * to_straight + half) >> shift
         mean = (findings[NEIGHBOURS, k] * to_neighbours + half) >> shift
-        if parallelograms:
-            base = (findings[BASE, k] * to_base + half) >> shift
-        else:
+        base = (findings[BASE, k] * to_base + half) >> shift
+        if not parallelograms:
             base = straight if straights else mean
         findings[CREASE, k] = (findings[CREASE, k] * to_crease + half) >> shift
         findings[STRAIGHT, k] = straight - base if straights else 0

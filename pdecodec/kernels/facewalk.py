@@ -31,8 +31,9 @@ class Corners(NamedTuple):
     mate : (corners,) int32
         The corner whose edge lies on the edge of each corner, -1 for none; a corner's edge goes to the next corner.
         Corners of faces on one edge form a ring, in the order in which they are met at the edge's smaller vertex:
-        corner by corner of its fan, first the edge from it, then the edge to it. In a polygon of two corners, which is a piece
-        of a line, the mate is the corner of the other piece at the same vertex, if there are two at it and no more.
+        corner by corner of its fan, first the edge from it, then the edge to it. In a polygon of two corners, which
+        is a piece of a line, the mate is the corner of the other piece at the same vertex, if there are two at it
+        and no more.
     fan_starts : (vertices + 1,) int64
     fan : (corners,) int32
         Corners at vertex v, ascending: ``fan[fan_starts[v]:fan_starts[v + 1]]``.
@@ -238,15 +239,13 @@ def walk(corners: Corners) -> Int32Array:
                 for other in range(corners.starts[polygon], corners.starts[polygon + 1]):
                     if not known[corners.vertex[other]]:
                         lacking = corners.vertex[other]
+            after = corners.vertex[corners.following[corner]]
+            before = corners.vertex[corners.preceding[corner]]
             for turn in range(3):
-                if turn == 0:
-                    grown, gain = corners.vertex[corners.following[corner]], BESIDE_KNOWN
-                elif turn == 1:
-                    grown, gain = corners.vertex[corners.preceding[corner]], BESIDE_KNOWN
-                else:
-                    grown, gain = lacking, FACE_LACKS_ONE
-                if grown < 0 or known[grown]:
+                grown = after if turn == 0 else before if turn == 1 else lacking
+                if grown < 0 or known[grown] or (turn == 2 and (grown in (after, before))):
                     continue
+                gain = (BESIDE_KNOWN if turn < 2 else 0) + (FACE_LACKS_ONE if grown == lacking else 0)
                 rank[grown] += gain
                 queue = min(rank[grown], LAST_RANK)
                 entry_vertex[entries] = grown

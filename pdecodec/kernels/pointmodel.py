@@ -1,8 +1,8 @@
 """Compiled model of residuals of predicted positions for the range coder.
 
-The size of a residual is coded by its *class*, its number of binary digits, beginning at the class that the
-neighbours' residuals make likely and going up or down from there; each decision mixes four opinions. Then come the
-digits below the first, and the sign.
+A residual is coded as its *length*, its number of binary digits: beginning with the length that the neighbours'
+residuals make likely and going up or down from there, each decision mixing three opinions. Then come the digits below
+the first, and the sign.
 """
 
 from __future__ import annotations
@@ -44,48 +44,52 @@ LEVEL_BITS = 40
 HALF = 1 << 15
 """Probability of a bit that nothing is known about."""
 
-_ROWS = 16
-"""Decisions that are told apart: whether a residual is zero, by how near to a level the prediction lies, and whether
-it is of each class from 2 to 12 or of any above."""
+OPINIONS = 3
+
+_FIRST, _UP, _DOWN = range(3)
+_WAYS = 3
+"""Decisions on the length: the first one, and those on the way up and down from there."""
 
 _NEARNESSES = 4
+_ROWS = 16
+"""Decisions that are told apart: whether a residual is zero, by how near to a level the prediction lies; whether it
+has each length from 2 to 12; and longer ones."""
 
 _SIZES = 48
 """Sizes that are told apart, two to an octave."""
 
-_WAYS = 3
-"""Kinds of decision: the first, further up, further down."""
-
-OPINIONS = 4
-
-_SIZE_SPANS = (
-    _ROWS * _SIZES * 3 * _WAYS,  # sizes of the neighbours' residuals on all axes, and the axis
-    _ROWS * _SIZES * CLASSES,  # on this axis, and the kind of prediction
+_LENGTH_SPANS = (
+    _ROWS * _SIZES * 3 * _WAYS,  # sizes of the neighbours' residuals on all axes together, and the axis
+    _ROWS * _SIZES * CLASSES,  # sizes on this axis, and the kind of prediction
     _ROWS * _SIZES * 4 * _WAYS,  # how far the parallelograms disagree, and their number
-    _ROWS * _SIZES * 3 * _WAYS,  # sizes of this vertex's residuals on the axes before, and the axis
 )
-_SIZE_AT = np.concatenate([[0], np.cumsum(_SIZE_SPANS)]).astype(np.int64)
+_LENGTH_AT = np.concatenate([[0], np.cumsum(_LENGTH_SPANS)]).astype(np.int64)
 
-_SIGN_CLASSES = 3
+_SIGN_KINDS = 3
+"""Signs of residuals of one digit, of two, and of more."""
+
 _SIGN_SPANS = (
-    _SIGN_CLASSES * (1 << FRACTION_BITS) * 3,  # where the prediction lies between two levels, and the axis
-    _SIGN_CLASSES * 5 * 5,  # where the hints of crease and straight on point
-    _SIGN_CLASSES * 5 * 5,  # where the misses and the neighbours point
+    _SIGN_KINDS * (1 << FRACTION_BITS) * 3,  # where the prediction lies between two levels, and the axis
+    _SIGN_KINDS * 5 * 5,  # where the hints of crease and straight on point
+    _SIGN_KINDS * 5 * 5,  # where the misses and the neighbours point
 )
-_SIGN_AT = (_SIZE_AT[-1] + np.concatenate([[0], np.cumsum(_SIGN_SPANS)])).astype(np.int64)
+_SIGN_AT = (_LENGTH_AT[-1] + np.concatenate([[0], np.cumsum(_SIGN_SPANS)])).astype(np.int64)
 
 _DIGIT_AT = int(_SIGN_AT[-1])
-_WEIGHT_AT = _DIGIT_AT + 4 * (LEVEL_BITS + 1)
+"""Cells of the two digits below the first, by length and what is known of the number."""
+
 _WEIGHT_DIGITS = 7
+_WEIGHT_AT = _DIGIT_AT + 4 * (LEVEL_BITS + 1)
 CELLS = _WEIGHT_AT + 2 + _WEIGHT_DIGITS
 """How many cells the model has."""
 
-_FIRST_DECISION = 0
-MIXERS = 12 + _SIGN_CLASSES
-"""Sets of weights: one for each way and distance from the first class, one for each class of signs."""
-
-_UP, _DOWN, _SIGNS = 1, 6, 12
-_FARTHEST = 4
+_FARTHEST = 5
+_FIRST_MIXER = 0
+_UP_MIXERS = _FIRST_MIXER + 1
+_DOWN_MIXERS = _UP_MIXERS + _FARTHEST
+_SIGN_MIXERS = _DOWN_MIXERS + _FARTHEST
+MIXERS = _SIGN_MIXERS + _SIGN_KINDS
+"""Sets of weights: by the way and how far a length is from the first one tried, and one for each kind of sign."""
 
 
 class Scratch(NamedTuple):
@@ -118,7 +122,7 @@ def new_scratch() -> Scratch:
 @njit(cache=True, forceinline=True, _nrt=False)
 def half_octave(value: int) -> int:
     """Size of a number that is not negative, two to an octave: 0, 1, 2, 3, 4 for 4 and 5, 5 for 6 and 7, ..."""
-    digits = bit_length(value)
+    digits: int = bit_length(value)
     if digits < 2:
         return digits
     return min(2 * digits - 2 + ((value >> (digits - 2)) & 1), _SIZES - 1)
@@ -166,7 +170,7 @@ def code_residual(
     axis: int,
     fraction: int,
     around: int,
-    size_before: int,
+    spread: int,
     residual: int,
 ) -> int:
     """Code one residual.
@@ -176,10 +180,10 @@ def code_residual(
     axis : int
     fraction : int
         Of the prediction, 0 to 15.
-    around : int [1/16]
-        Mean sizes of the neighbours' residuals, of all axes together.
-    size_before : int [1/16]
-        Mean size of this vertex's residuals on the axes before.
+    around : int
+        Half octave of the sizes of the neighbours' residuals in 1/16, of all axes together.
+    spread : int
+        Half octave of how far the parallelograms disagree.
 
     Returns
     -------
@@ -189,55 +193,52 @@ def code_residual(
     findings, numbers, chosen, opinions = scratch.findings, scratch.numbers, scratch.chosen, scratch.opinions
     size = abs(residual)
     wanted = bit_length(size)
-    expected = findings[ERRORS, axis]
-    class_ = min(max(bit_length((expected + 8) >> FRACTION_BITS), 1), LEVEL_BITS)
-    first = class_
-    at_0 = half_octave(around) * 3 + axis
-    at_1 = half_octave(expected + 8) * CLASSES + numbers[CLASS]
-    at_2 = half_octave(numbers[SPREAD]) * 4 + min(numbers[PARALLELOGRAMS], 3)
-    at_3 = half_octave(size_before) * 3 + axis
+    expected = findings[ERRORS, axis] + (1 << (FRACTION_BITS - 1))
+    first = min(max(bit_length(expected >> FRACTION_BITS), 1), LEVEL_BITS)
+    length = first
+    at_0 = around * 3 + axis
+    at_1 = half_octave(expected) * CLASSES + numbers[CLASS]
+    at_2 = spread * 4 + min(numbers[PARALLELOGRAMS], 3)
     nearness = min(abs(fraction - (1 << (FRACTION_BITS - 1))) >> 1, _NEARNESSES - 1)
-    way = 0
-    mixer = _FIRST_DECISION
+    way, mixer = _FIRST, _FIRST_MIXER
     while True:
-        row = (nearness if class_ == 1 else min(_NEARNESSES + class_ - 2, _ROWS - 1)) * _SIZES
-        chosen[0] = _SIZE_AT[0] + (row * 3 + at_0) * _WAYS + way
-        chosen[1] = _SIZE_AT[1] + row * CLASSES + at_1
-        chosen[2] = _SIZE_AT[2] + (row * 4 + at_2) * _WAYS + way
-        chosen[3] = _SIZE_AT[3] + (row * 3 + at_3) * _WAYS + way
-        is_it = code_mixed(coder, data, cells, chosen, mixers[mixer], opinions, 1 if wanted >= class_ else 0)
-        if way == 0:
-            way = 1 if is_it else 2
-        if way == 1:
+        row = (nearness if length == 1 else min(_NEARNESSES + length - 2, _ROWS - 1)) * _SIZES
+        chosen[0] = _LENGTH_AT[0] + (row * 3 + at_0) * _WAYS + way
+        chosen[1] = _LENGTH_AT[1] + row * CLASSES + at_1
+        chosen[2] = _LENGTH_AT[2] + (row * 4 + at_2) * _WAYS + way
+        is_it = code_mixed(coder, data, cells, chosen, mixers[mixer], opinions, 1 if wanted >= length else 0)
+        if way == _FIRST:
+            way = _UP if is_it else _DOWN
+        if way == _UP:
             if not is_it:
-                class_ -= 1
+                length -= 1
                 break
-            if class_ == LEVEL_BITS:
+            if length == LEVEL_BITS:
                 break
-            class_ += 1
-            mixer = _UP + min(class_ - first - 1, _FARTHEST)
+            length += 1
+            mixer = _UP_MIXERS + min(length - first, _FARTHEST) - 1
         else:
             if is_it:
                 break
-            class_ -= 1
-            if class_ == 0:
+            length -= 1
+            if length == 0:
                 break
-            mixer = _DOWN + min(first - class_ - 1, _FARTHEST)
-    if class_ == 0:
+            mixer = _DOWN_MIXERS + min(first - length, _FARTHEST) - 1
+    if length == 0:
         return 0
     value = 1
-    for digit in range(class_ - 2, -1, -1):
+    for digit in range(length - 2, -1, -1):
         bit = (size >> digit) & 1
         if value < 4:
-            value = 2 * value + code_bit(coder, data, cells, _DIGIT_AT + 4 * class_ + value, bit)
+            value = 2 * value + code_bit(coder, data, cells, _DIGIT_AT + 4 * length + value, bit)
         else:
             value = 2 * value + code_with(coder, data, HALF, bit)
-    kind = min(class_, _SIGN_CLASSES) - 1
+    kind = min(length, _SIGN_KINDS) - 1
     chosen[0] = _SIGN_AT[0] + (kind * (1 << FRACTION_BITS) + fraction) * 3 + axis
     chosen[1] = _SIGN_AT[1] + (kind * 5 + leaning(findings[CREASE, axis])) * 5 + leaning(findings[STRAIGHT, axis])
     chosen[2] = _SIGN_AT[2] + (kind * 5 + leaning(findings[MISS, axis])) * 5 + leaning(findings[NEIGHBOURS, axis])
     is_negative = code_mixed(
-        coder, data, cells, chosen[:3], mixers[_SIGNS + kind, :3], opinions[:3], 1 if residual < 0 else 0
+        coder, data, cells, chosen, mixers[_SIGN_MIXERS + kind], opinions, 1 if residual < 0 else 0
     )
     return -value if is_negative else value
 
@@ -282,21 +283,19 @@ def code_points(
             for axis in range(3):
                 findings[ERRORS, axis] = seed_errors[axis]
         weigh(findings, hint_weights[numbers[CLASS]], predicted)
-        around = findings[ERRORS, 0] + findings[ERRORS, 1] + findings[ERRORS, 2]
-        total = 0
+        around = half_octave(findings[ERRORS, 0] + findings[ERRORS, 1] + findings[ERRORS, 2])
+        spread = half_octave(numbers[SPREAD])
         for axis in range(3):
             sixteenths = predicted[axis] + (1 << (FRACTION_BITS - 1))
             prediction = min(max(sixteenths >> FRACTION_BITS, 0), largest)
             fraction = sixteenths & ((1 << FRACTION_BITS) - 1)
-            size_before = (total << FRACTION_BITS) >> (1 if axis == 2 else 0)
             residual = points.levels[vertex, axis] - prediction
-            residual = code_residual(coder, data, cells, mixers, scratch, axis, fraction, around, size_before, residual)
+            residual = code_residual(coder, data, cells, mixers, scratch, axis, fraction, around, spread, residual)
             level = prediction + residual
             if level < 0 or level > largest:
                 return False
             points.levels[vertex, axis] = level
             points.errors[vertex, axis] = abs(residual)
-            total += abs(residual)
         learn_miss(vertex, points, findings)
         if numbers[CLASS] == 0:
             last_seed = vertex

@@ -134,7 +134,7 @@ def code_point(
             elif kind == _AFTER:
                 asked = corners.following[other]
             is_gap = kind == _RECENT or not scratch.edge_met[asked if kind == _BEFORE else other]
-            candidate = point_of[corners.vertex[asked]]
+            candidate: int = point_of[corners.vertex[asked]]
             if is_gap and scratch.asked[candidate] != corner and scratch.within[candidate] != polygon:
                 scratch.asked[candidate] = corner
                 context = _ASKED_AT + (kind * _RANKS + min(rank, _RANKS - 1)) * 2 * _PLACES + place
@@ -142,7 +142,8 @@ def code_point(
                     return candidate
                 rank += 1
             other = other - 1 if kind == _RECENT else scratch.earlier[other]
-    return max(points - code_distance(coder, data, cells, points - point), -1)
+    distance: int = code_distance(coder, data, cells, points - point)
+    return max(points - distance, -1)
 
 
 @njit(cache=True, _nrt=False)
