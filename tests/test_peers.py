@@ -452,6 +452,18 @@ def test_another_sequence_tolerance_or_peer_is_another_cell(tmp_path: Path) -> N
     assert (kept.measured, kept.kept) == (8, 0)
 
 
+def test_cells_of_runs_at_the_same_time_are_all_kept(tmp_path: Path) -> None:
+    sequence, path = sheet_sequence(), tmp_path / "cells.json"
+    digest = sequence_digest(sequence)
+    first, second = KeptCells(path), KeptCells(path)
+    first.cell(QuantiseDelta(), sequence, digest, 1e-2)
+    second.cell(QuantiseDelta(), sequence, digest, 1e-3)
+    third = KeptCells(path)
+    for tolerance in (1e-2, 1e-3):
+        third.cell(QuantiseDelta(), sequence, digest, tolerance)
+    assert (third.measured, third.kept) == (0, 2)
+
+
 def test_what_a_peer_cannot_reach_is_kept_with_its_reason(tmp_path: Path) -> None:
     sequence = sheet_sequence()
     for _ in range(2):

@@ -74,6 +74,8 @@ class Row:
         Time of opening and decoding everything, over that of `np.copyto` of the same positions.
     sections : dict of str to int
         Bytes; the sum is the file.
+    peers_measured : int
+        Of `peers`, those that were measured in this run; the others were kept from an earlier one.
     """
 
     sequence: str
@@ -90,6 +92,7 @@ class Row:
     summary: str
     sections: dict[str, int]
     peers: tuple[PeerCell, ...] = ()
+    peers_measured: int = 0
 
     def best_peer(self, *, published: bool) -> PeerCell | None:
         """The smallest of the peers that reach the tolerance, of all or of those published as they are."""
@@ -234,7 +237,7 @@ def run(
     effort : int
     peers : sequence of Peer
     cells : KeptCells, optional
-        Where the peers' measurements are kept; needed where there are peers.
+        Where the peers' measurements are kept; without it no peer is measured.
     """
     for name, sequence in sources:
         _warm_up(sequence, tolerances, effort)
@@ -242,8 +245,9 @@ def run(
         for tolerance in tolerances:
             row = measure(name, sequence, tolerance=tolerance, effort=effort)
             if cells is not None:
+                before = cells.measured
                 found = tuple(cells.cell(peer, sequence, digest, tolerance) for peer in peers)
-                row = replace(row, peers=found)
+                row = replace(row, peers=found, peers_measured=cells.measured - before)
             yield row
         between = measure_between(name, sequence, effort=effort)
         if between is not None:
@@ -260,8 +264,8 @@ def _warm_up(sequence: ArraySequence, tolerances: Sequence[float], effort: int) 
 
 HEAD = (
     "| sequence | tolerance | bpvf | max / bound | rms | KG % | encode MB/s | decode / copy "
-    "| best peer | bpvf | ratio | best as published | bpvf | ratio |",
-    "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
+    "| best peer | bpvf | ratio | best as published | bpvf | ratio | peers now, kept |",
+    "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
 )
 
 HEAD_WITHOUT_PEERS = tuple("|".join(line.split("|")[:9]) + "|" for line in HEAD)
@@ -291,6 +295,7 @@ def line_of(row: Row, *, with_peers: bool) -> str:
                 cells += ["none", "", ""]
             else:
                 cells += [best.peer, f"{best.bpvf:.3f}", f"{row.bpvf / best.bpvf:.2f}"]
+        cells.append(f"{row.peers_measured}, {len(row.peers) - row.peers_measured}")
     return f"| {' | '.join(cells)} |"
 
 

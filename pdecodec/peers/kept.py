@@ -54,7 +54,7 @@ class KeptCells:
     path : Path
         Read if it is there, written after every new cell.
     fresh : bool
-        Measure everything anew; the file is written over.
+        Measure everything anew; what the file holds of it is replaced.
 
     Attributes
     ----------
@@ -94,8 +94,10 @@ class KeptCells:
         self.measured += 1
         self._cells[key] = asdict(found)
         self._path.parent.mkdir(parents=True, exist_ok=True)
+        # Another run may have kept cells in the meantime.
+        on_disk = _read(self._path) if self._path.exists() else {}
         with whole_file(self._path, overwrite=True) as partial:
-            partial.write_text(json.dumps(self._cells, indent=1, sort_keys=True), encoding="utf-8")
+            partial.write_text(json.dumps({**on_disk, **self._cells}, indent=1, sort_keys=True), encoding="utf-8")
         return found
 
 
