@@ -17,7 +17,9 @@ from pdecodec.whole_output import whole_file, write_errors
 IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
 """As PNG's: a byte that is not ASCII, the name, and line ends that a text transfer would change."""
 
-MAJOR_VERSION = 1
+MAJOR_VERSIONS = (1, 2)
+"""Those that are read: 1 holds segments, 2 groups of frames."""
+
 MINOR_VERSION = 0
 
 HEADER = struct.Struct("<12sHHIII")
@@ -101,8 +103,10 @@ class Section:
         return self.content.pieces() if isinstance(self.content, Spool) else (self.content,)
 
 
-def write_container(path: Path, sections: Sequence[Section], *, overwrite: bool = True) -> dict[str, int]:
-    """Write a whole file, or nothing.
+def write_container(
+    path: Path, sections: Sequence[Section], *, overwrite: bool = True, major: int = 1
+) -> dict[str, int]:
+    """Write a whole file of one major version, or nothing.
 
     Returns
     -------
@@ -115,12 +119,12 @@ def write_container(path: Path, sections: Sequence[Section], *, overwrite: bool 
         If the file cannot be written.
     """
     with whole_file(path, overwrite=overwrite) as partial, partial.open("wb") as file:
-        for piece in container_pieces(sections):
+        for piece in container_pieces(sections, major=major):
             file.write(piece)
     return section_sizes(sections)
 
 
-def container_pieces(sections: Sequence[Section]) -> Iterator[bytes]:
+def container_pieces(sections: Sequence[Section], *, major: int = 1) -> Iterator[bytes]:
     """The bytes of a file, a piece at a time: header, table, sections."""
     offset = HEADER.size + ENTRY.size * len(sections)
     table = b""
@@ -128,7 +132,7 @@ def container_pieces(sections: Sequence[Section]) -> Iterator[bytes]:
         flags = REQUIRED if section.required else 0
         table += ENTRY.pack(section.type.encode("ascii"), flags, offset, section.length, section.checksum, 0)
         offset += section.length
-    unsealed = HEADER.pack(IDENTIFIER, MAJOR_VERSION, MINOR_VERSION, len(sections), zlib.crc32(table), 0)[:-4]
+    unsealed = HEADER.pack(IDENTIFIER, major, MINOR_VERSION, len(sections), zlib.crc32(table), 0)[:-4]
     yield unsealed + struct.pack("<I", zlib.crc32(unsealed))
     yield table
     for section in sections:
@@ -163,7 +167,7 @@ class ContainerReader:
         self._file = file
         self.path = path
         self.file_bytes = file.seek(0, os.SEEK_END)
-        self.minor_version = 0
+        self.major_version, self.minor_version = 0, 0
         self.entries = self._read_table()
 
     def _read_table(self) -> dict[str, SectionEntry]:
@@ -176,11 +180,12 @@ class ContainerReader:
         _, major, minor, count, table_checksum, header_checksum = HEADER.unpack(header)
         if zlib.crc32(header[:-4]) != header_checksum:
             raise CorruptFileError("its header is damaged; get it again", path=self.path, offset=0)
-        if major != MAJOR_VERSION:
+        if major not in MAJOR_VERSIONS:
             raise CorruptFileError(
-                f"has format version {major}, this decoder reads {MAJOR_VERSION}; update pdecodec", path=self.path
+                f"has format version {major}, this decoder reads up to {MAJOR_VERSIONS[-1]}; update pdecodec",
+                path=self.path,
             )
-        self.minor_version = minor
+        self.major_version, self.minor_version = major, minor
         if count > MAX_SECTIONS:
             raise CorruptFileError(f"declares {count} sections, at most {MAX_SECTIONS} can be", path=self.path)
         table = self._file.read(ENTRY.size * count)

@@ -4,35 +4,26 @@ from __future__ import annotations
 
 import io
 import os
-from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from abc import abstractmethod
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdecodec.coefficients import decode_segment, dequantise_segment
 from pdecodec.connectivity import decode_connectivity
 from pdecodec.container import ContainerReader
-from pdecodec.corrections import FrameCorrections, add_corrections, decode_corrections
-from pdecodec.curves import Curves, extract_curves, order_lonely_points
 from pdecodec.description import decode_attributes, decode_remarks, decode_sequence_description
 from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
-from pdecodec.model import Model, ModelDescription, SegmentCoefficients, build_model
-from pdecodec.paperform import PaperForm, paper_form
+from pdecodec.paperform import PaperForm
 from pdecodec.resample import Outside, times_inside
-from pdecodec.restshape import RestShape, decode_rest
-from pdecodec.segments import Segment, SegmentTable, read_segment_table, terms_at
 from pdecodec.sequence import MeshObject, MeshSequence, check_frame_range
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
-
-KNOWN_SECTIONS = frozenset({"META", "SEQN", "CONN", "REST", "MODL", "SEGM", "COEF", "CORR", "ATTR"})
 
 DEFAULT_MAX_MEMORY = 4 * 2**30
 """Bytes a file may ask for while it is opened and decoded: some five million vertices."""
@@ -87,26 +78,25 @@ def open_animation(source: str | os.PathLike[str] | bytes, *, limits: DecodeLimi
         If it asks for more memory than `limits` allow.
     """
     if isinstance(source, bytes):
-        return Animation(io.BytesIO(source), "bytes in memory", limits or DecodeLimits())
+        return _open_file(io.BytesIO(source), "bytes in memory", limits or DecodeLimits())
     try:
         file = Path(source).open("rb")  # noqa: SIM115 - the animation keeps it open until it is closed
     except OSError as error:
         raise InputError(f"cannot be opened ({error.strerror})", path=source) from error
     try:
-        return Animation(file, os.fspath(source), limits or DecodeLimits())
+        return _open_file(file, os.fspath(source), limits or DecodeLimits())
     except BaseException:
         file.close()
         raise
 
 
-@dataclass(frozen=True, eq=False)
-class _DecodedSegment:
-    coefficients: SegmentCoefficients
-    corrections: list[FrameCorrections]
+def _open_file(file: BinaryIO, path: str, limits: DecodeLimits) -> Animation:
+    from pdecodec.groupanimation import GroupAnimation
+    from pdecodec.segmentanimation import SegmentAnimation
 
-    @cached_property
-    def nbytes(self) -> int:
-        return self.coefficients.nbytes + sum(frame.nbytes for frame in self.corrections)
+    container = ContainerReader(file, path)
+    kind = SegmentAnimation if container.major_version == 1 else GroupAnimation
+    return kind(container, file, limits)
 
 
 class Animation(MeshSequence):
@@ -115,17 +105,18 @@ class Animation(MeshSequence):
     Made by :func:`open_animation`. At the time of a frame every method gives the same bits.
     """
 
-    def __init__(self, file: BinaryIO, path: str, limits: DecodeLimits) -> None:
-        self.path = path
+    KNOWN_SECTIONS: ClassVar[frozenset[str]]
+    """Those of its major version."""
+
+    def __init__(self, container: ContainerReader, file: BinaryIO, limits: DecodeLimits) -> None:
+        self.path = container.path
         self.notices = ()
         self._file = file
         self._limits = limits
         with self._naming_the_file():
-            self._container = ContainerReader(file, path)
-            self._container.check_known(KNOWN_SECTIONS)
+            self._container = container
+            container.check_known(self.KNOWN_SECTIONS)
             self._open()
-        self._cache: OrderedDict[int, _DecodedSegment] = OrderedDict()
-        self._cached_bytes = 0
 
     @contextmanager
     def _naming_the_file(self) -> Iterator[None]:
@@ -142,8 +133,7 @@ class Animation(MeshSequence):
 
     def _open(self) -> None:
         container, most = self._container, self._limits.max_memory
-        self._table: SegmentTable = read_segment_table(container.read("SEGM"))
-        description = decode_sequence_description(container.read("SEQN"), self._table.frames)
+        description = decode_sequence_description(container.read("SEQN"), self._open_table())
         vertices = sum(description.vertex_counts)
         self._check_memory(BYTES_PER_VERTEX * vertices, f"{vertices} vertices")
         left = most - BYTES_PER_VERTEX * vertices
@@ -154,30 +144,57 @@ class Animation(MeshSequence):
             objects = decode_attributes(container.read("ATTR"), objects, left)
         self.objects = tuple(objects)
         self.times, self.fps = description.times, description.fps
-        self._segments: Sequence[Segment] = self._table.segments(self.times)
-        curves = extract_curves(self.objects)
-        rest = decode_rest(container.read("REST"), curves)
-        curves = order_lonely_points(curves, rest.levels)
-        self._description = ModelDescription.from_bytes(container.read("MODL"))
-        self._model = self._build_model(curves, rest)
-        self._left = left - BYTES_PER_COEFFICIENT * self._model.coefficients
-        self._check_memory(most - self._left, f"{self._model.coefficients} coefficients a segment")
         self._remarks = decode_remarks(container.read("META")) if "META" in container.entries else {}
         metadata = self._remarks.get("metadata", {})
         self.metadata = {str(key): str(value) for key, value in metadata.items()} if isinstance(metadata, dict) else {}
-        for name, lengths in (("COEF", self._table.coefficient_bytes), ("CORR", self._table.correction_bytes)):
-            if int(lengths.sum()) != container.entry(name).length:
-                raise CorruptFileError(f"section {name} has another length than the segments say")
+        self._open_motion(left)
 
-    def _build_model(self, curves: Curves, rest: RestShape) -> Model:
-        description = self._description
-        levels = description.piece_levels(curves.count)
-        model = build_model(curves, levels, rest, r=description.r, alignment=description.alignment)
-        if model.elements.columns != description.columns:
-            raise CorruptFileError(
-                f"its elements have {model.elements.columns} functions where section MODL says {description.columns}"
-            )
-        return model
+    @abstractmethod
+    def _open_table(self) -> int:
+        """Read the table of segments or groups; the number of frames."""
+
+    @abstractmethod
+    def _open_motion(self, left: int) -> None:
+        """Read the rest shape and the model; `left` bytes of memory are still free."""
+
+    @abstractmethod
+    def _evaluate(self, times: Float64Array) -> Float32Array:
+        """Positions at increasing times inside the clip, without corrections."""
+
+    @abstractmethod
+    def _add_frame_corrections(self, out: Float32Array, frame: int, weight: float) -> None:
+        """Add one frame's corrections, in place."""
+
+    @abstractmethod
+    def _correction(self, frame: int) -> Float64Array:
+        """(vertices, 3) float64: what the corrections of a frame add to its positions."""
+
+    @abstractmethod
+    def _model_derivative(self, order: int, time: float) -> Float64Array:
+        """(vertices, 3) float64: derivative of the positions without corrections."""
+
+    @abstractmethod
+    def coefficients(self, segment: int) -> PaperForm:
+        """The coefficients of one time segment as the paper writes them (Eqs. 17 and 18), with their conditioning.
+
+        Parameters
+        ----------
+        segment : int
+            0 to ``info()["segments"] - 1``.
+
+        Raises
+        ------
+        SettingsError
+            If the file was encoded with functions that are not the paper's 32.
+        """
+
+    @abstractmethod
+    def model_info(self) -> dict[str, Any]:
+        """What :meth:`info` says of the model."""
+
+    @abstractmethod
+    def _decode_everything(self) -> None:
+        """Decode every segment or group; CorruptFileError with its first frame where one does not."""
 
     def _check_memory(self, needed: int, what: str) -> None:
         if needed > self._limits.max_memory:
@@ -282,57 +299,18 @@ class Animation(MeshSequence):
     def _derivative(self, order: int, time: float) -> Float64Array:
         if self.frame_count == 1:
             return np.zeros((self.vertex_count, 3))
-        at = np.array([time])
-        terms = [terms_at(self._segments, at, part) for part in range(3)]
-        found = self._model.derivative(order, terms, self._coefficients)
+        found = self._model_derivative(order, time)
         if order == 1:
             frame = min(int(np.searchsorted(self.times, time, side="right")), self.frame_count - 1)
             step = float(self.times[frame] - self.times[frame - 1])
             found += (self._correction(frame) - self._correction(frame - 1)) / step
         return found
 
-    def _correction(self, frame: int) -> Float64Array:
-        """(vertices, 3) float64: what the corrections of a frame add to its positions."""
-        index = self._table.segment_of(frame)
-        corrections = self._segment(index).corrections[frame - self._segments[index].first]
-        added = np.zeros((self.vertex_count, 3))
-        added[corrections.vertices] = corrections.levels * self._description.correction_step
-        if corrections.literal_vertices.size:
-            base = self._evaluate(self.times[frame : frame + 1])[0]
-            at = corrections.literal_vertices
-            added[at] = corrections.literals.astype(np.float64) - base[at]
-        return added
-
-    def coefficients(self, segment: int) -> PaperForm:
-        """The coefficients of one time segment as the paper writes them (Eqs. 17 and 18), with their conditioning.
-
-        Parameters
-        ----------
-        segment : int
-            0 to ``info()["segments"] - 1``.
-
-        Raises
-        ------
-        SettingsError
-            If the file was encoded with functions that are not the paper's 32.
-        """
-        if not 0 <= segment < len(self._segments):
-            raise IndexError(f"segment {segment} of {len(self._segments)}")
-        with self._naming_the_file():
-            return paper_form(self._model, self._segments[segment], self._coefficients(segment), self._description.r)
-
     def _inside(self, times: ArrayLike, outside: Outside) -> Float64Array:
         asked = np.asarray(times, dtype=np.float64)
         if asked.ndim != 1 or np.isnan(asked).any():
             raise SettingsError("times must be a number or a list of numbers")
         return times_inside(asked, float(self.times[0]), float(self.times[-1]), outside)
-
-    def _evaluate(self, times: Float64Array) -> Float32Array:
-        terms = terms_at(self._segments, times)
-        return self._model.evaluate(terms, times.size, self._coefficients)
-
-    def _coefficients(self, index: int) -> SegmentCoefficients:
-        return self._segment(index).coefficients
 
     def _add_corrections(self, out: Float32Array, times: Float64Array) -> None:
         left = np.searchsorted(self.times, times, side="right") - 1
@@ -344,31 +322,6 @@ class Animation(MeshSequence):
             self._add_frame_corrections(out[row], frame, 1.0 - share)
             self._add_frame_corrections(out[row], frame + 1, share)
 
-    def _add_frame_corrections(self, out: Float32Array, frame: int, weight: float) -> None:
-        index = self._table.segment_of(frame)
-        corrections = self._segment(index).corrections[frame - self._segments[index].first]
-        base = None
-        if corrections.literal_vertices.size and weight < 1.0:
-            base = self._evaluate(self.times[frame : frame + 1])[0]
-        add_corrections(out, corrections, self._description.correction_step, weight, base)
-
-    def _segment(self, index: int) -> _DecodedSegment:
-        if index in self._cache:
-            self._cache.move_to_end(index)
-            return self._cache[index]
-        segment, description = self._segments[index], self._description
-        chunk, corrected = self._table.read_chunks(self._container, index)
-        levels = decode_segment(chunk, self._model, segment.functions, int(self._table.exponents[index]))
-        decoded = _DecodedSegment(
-            dequantise_segment(levels, self._model, description.step),
-            decode_corrections(corrected, segment.frames, self.vertex_count, self._left),
-        )
-        self._cache[index] = decoded
-        self._cached_bytes += decoded.nbytes
-        while self._cached_bytes > CACHE_BYTES and len(self._cache) > 1:
-            self._cached_bytes -= self._cache.popitem(last=False)[1].nbytes
-        return decoded
-
     @property
     def sections(self) -> dict[str, int]:
         """Bytes of each section, and of header and table as ``"container"``; the sum is the file."""
@@ -377,7 +330,6 @@ class Animation(MeshSequence):
 
     def info(self) -> dict[str, Any]:
         """What the file holds, as a JSON object: sections, model, settings, and why this model."""
-        frames = [segment.frames for segment in self._segments]
         return {
             "file_bytes": self._container.file_bytes,
             "ratio": 12 * self.frame_count * self.vertex_count / self._container.file_bytes,
@@ -385,15 +337,7 @@ class Animation(MeshSequence):
             "summary": str(self._remarks.get("summary", "")),
             "generator": str(self._remarks.get("generator", "")),
             "settings": self._remarks.get("settings", {}),
-            "alignment": self._description.alignment,
-            "r": self._description.r,
-            "step": self._description.step,
-            "curves": len(set(self._model.elements.curve_of.tolist())),
-            "elements": self._model.elements.count,
-            "coefficients_per_element_and_axis": int(self._model.elements.ranks.max())
-            * max(segment.functions for segment in self._segments),
-            "segments": len(frames),
-            "segment_frames": [min(frames), max(frames)],
+            **self.model_info(),
         }
 
     def verify(self) -> None:
@@ -405,8 +349,5 @@ class Animation(MeshSequence):
             If one does not.
         """
         self._container.verify()
-        for index, segment in enumerate(self._segments):
-            try:
-                self._segment(index)
-            except CorruptFileError as error:
-                raise type(error)(error.message, path=self.path, frame=segment.first) from error
+        with self._naming_the_file():
+            self._decode_everything()

@@ -7,14 +7,13 @@ import os
 import time
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec import __version__
 from pdecodec.basis import TIME_FUNCTIONS
 from pdecodec.coefficients import decode_segment, dequantise_segment, encode_segment
 from pdecodec.connectivity import encode_connectivity
@@ -23,6 +22,7 @@ from pdecodec.corrections import NO_CORRECTIONS, add_corrections, correct_frame,
 from pdecodec.cost import decode_alone
 from pdecodec.curves import extract_curves, order_lonely_points
 from pdecodec.description import encode_attributes, encode_remarks, encode_sequence_description
+from pdecodec.encodereport import EncodeReport, counted, generator
 from pdecodec.entropy import pack_integers
 from pdecodec.errors import SettingsError
 from pdecodec.fit import fit_levels
@@ -46,54 +46,6 @@ three bits a vertex once."""
 
 REST_STEP_OF_ONE_FRAME = 1.1
 """The same where there is one frame: the largest that keeps the bound (2 / sqrt 3 = 1.15) but for float32."""
-
-
-@dataclass(frozen=True)
-class EncodeReport:
-    """What an encode did.
-
-    Attributes
-    ----------
-    path : Path or None
-    frames, vertices : int
-    raw_bytes, file_bytes : int
-        Float32 positions alone; the whole file.
-    sections : dict of str to int
-        Bytes of each section; the sum is the file.
-    max_error, rms_error : float [scene units]
-        Largest Euclidean vertex distance at the input's frames, and the root of the mean square distance, of
-        the float32 positions that the written bytes decode to.
-    bound : float or None [scene units]
-    scale : float [scene units]
-        What tolerances are relative to.
-    corrections : int
-        Vertices of single frames that were corrected.
-    segments, elements, columns : int
-        How large the model is.
-    seconds : float
-    summary : str
-        In a sentence, what model was taken and why.
-    data : bytes or None
-        The file itself where it was encoded without a path.
-    """
-
-    path: Path | None
-    frames: int
-    vertices: int
-    raw_bytes: int
-    file_bytes: int
-    sections: dict[str, int]
-    max_error: float
-    rms_error: float
-    bound: float | None
-    scale: float
-    corrections: int
-    segments: int
-    elements: int
-    columns: int
-    seconds: float
-    summary: str
-    data: bytes | None = None
 
 
 def encode(
@@ -139,6 +91,10 @@ def encode(
     target = None if path is None else Path(path)
     if target is not None:
         check_writable(target, overwrite=overwrite)
+    if chosen.profile == "auto":
+        from pdecodec.groupencoder import GroupEncoder
+
+        return GroupEncoder(sequence, chosen, progress).run(target, overwrite=overwrite)
     return _Encoder(sequence, chosen, progress).run(target, overwrite=overwrite)
 
 
@@ -260,7 +216,7 @@ class _Encoder:
     def _sections(self, coefficients: Spool, corrections: Spool) -> list[Section]:
         sequence = self._sequence
         remarks = {
-            "generator": f"pdecodec {__version__}",
+            "generator": generator(),
             "settings": self._settings.to_json(),
             "metadata": dict(sequence.metadata),
             "summary": self._summary(),
@@ -292,9 +248,9 @@ class _Encoder:
     def _summary(self) -> str:
         elements, frames, segments = self._model.elements, self._sequence.frame_count, len(self._entries)
         return (
-            f"pde x curve: {_counted(self._curves.count, 'curve')} in {_counted(elements.count, 'piece')} of "
+            f"pde x curve: {counted(self._curves.count, 'curve')} in {counted(elements.count, 'piece')} of "
             f"{self._curves.order.size / elements.count:.0f} points, {elements.columns / elements.count:.1f} functions "
-            f"each ({self._plan.alignment} alignment), times 4 functions of time over {_counted(segments, 'segment')} "
+            f"each ({self._plan.alignment} alignment), times 4 functions of time over {counted(segments, 'segment')} "
             f"of {frames / segments:.0f} frames; {self._corrections} of {frames * self._curves.order.size} "
             f"positions corrected"
         )
@@ -320,7 +276,3 @@ class _Encoder:
             summary=self._summary(),
             data=data,
         )
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"

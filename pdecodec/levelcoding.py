@@ -18,7 +18,9 @@ FIRST_WEIGHT = 0.3
 """Of each opinion in a mix, before anything is learnt."""
 
 
-def _code(mode: int, data: NDArray[np.uint8], levels: Int64Array, basis: SpaceBasis, axes: int) -> tuple[Int64Array, bool]:
+def _code(
+    mode: int, data: NDArray[np.uint8], levels: Int64Array, basis: SpaceBasis, axes: int
+) -> tuple[Int64Array, bool]:
     from pdecodec.kernels import level_model as model
     from pdecodec.kernels.rangecoder import DECODE, EVEN, new_coder, new_decoder
 

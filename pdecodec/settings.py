@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 from pdecodec.basis import MAX_RATE
 from pdecodec.errors import SettingsError
 
-Profile = Literal["auto", "paper"]
+Profile = Literal["auto", "segments", "paper"]
 Alignment = Literal["auto", "none", "affine", "rotation"]
 
 DEFAULT_TOLERANCE = 1e-3
@@ -40,12 +40,14 @@ class EncodeSettings:
     ----------
     tolerance : float or None
         Largest Euclidean vertex distance at the input's frames, over the diagonal of frame 0's bounding box.
-        None: 1e-3 under profile "auto"; under "paper" no bound, the model alone without corrections.
+        None: 1e-3; under profile "paper" no bound, the model alone without corrections.
     max_error : float or None [scene units]
         The same bound in scene units; instead of `tolerance`.
-    profile : {"auto", "paper"}
-        "paper": the paper's 32 functions on whole curves over fixed segments (Fang et al. 2024, Eq. 18).
-        "auto": curve pieces and time segments as long as the bound allows.
+    profile : {"auto", "segments", "paper"}
+        "auto": modes or cosines over groups of frames, on patches or curves: what costs least.
+        "segments": the paper's functions in closed form (Fang et al. 2024, Eq. 18), on curve pieces and time
+        segments as long as the bound allows.
+        "paper": the same on whole curves over fixed segments: 32 functions.
     alignment : {"auto", "none", "affine", "rotation"}
         Transformation elimination (Eqs. 19 to 23): none, as four affine functions of the rest shape, or as
         a rotation and a translation of each curve piece. "auto" measures; under "paper" it means "rotation".
@@ -108,6 +110,12 @@ class EncodeSettings:
                 limits = f"at least {least}" if most is None else f"from {least} to {most:g}"
                 raise SettingsError(f"{name} must be {limits}, not {value}")
 
+        if self.profile == "auto":
+            for name in ("segment_frames", "piece_points", "alpha", "r"):
+                if getattr(self, name) is not None:
+                    raise SettingsError(f"{name} is a setting of the profiles segments and paper; take one of them")
+            if self.alignment != "auto":
+                raise SettingsError("alignment is a setting of the profiles segments and paper; take one of them")
         if self.profile == "paper" and self.alignment == "affine":
             raise SettingsError("the paper's profile has no affine functions; take alignment none or rotation")
 

@@ -34,6 +34,12 @@ Int32Array = NDArray[np.int32]
 
 SpaceKind = Literal["patch", "curve"]
 
+SPACE_KINDS: tuple[SpaceKind, ...] = ("patch", "curve")
+"""By their number in the file."""
+
+MOST_POINTS = 256
+"""Vertices of a patch at most."""
+
 NORMAL_DEGREE = 2
 """What a factor of the third principal coordinate counts in a polynomial's degree: across a surface there is less
 to describe than along it."""

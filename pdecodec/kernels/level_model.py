@@ -73,9 +73,9 @@ LARGEST_DIGITS = 41
 
 @njit(cache=True, forceinline=True, _nrt=False)
 def bit_length(value: int) -> int:
-    """Binary digits of a number that is not negative."""
+    """Binary digits of a number; none where it is not positive."""
     count = 0
-    while value:
+    while value > 0:
         value >>= 1
         count += 1
     return count
@@ -175,9 +175,7 @@ def code_level(
     ratio = ratio_class(total)
     ranked = rank_class(rank)
     chosen[0] = ZERO_AT[0] + zone * RANKS + ranked
-    chosen[1] = ZERO_AT[1] + (
-        (((min(r1, 3) * 3 + min(r2, 2)) * 4 + min(t1 + x1, 3)) * 3 + min(t2, 2)) * 4 + min(s1, 3)
-    )
+    chosen[1] = ZERO_AT[1] + ((((min(r1, 3) * 3 + min(r2, 2)) * 4 + min(t1 + x1, 3)) * 3 + min(t2, 2)) * 4 + min(s1, 3))
     chosen[2] = ZERO_AT[2] + ratio * ZONES + zone
     chosen[3] = ZERO_AT[3] + min(row, 127) * 6 + min(t1 + s1 + x1, 5)
     chosen[4] = ZERO_AT[4] + min(rank, 511) * 8 + min(r1 + s1 + p1, 7)
@@ -293,7 +291,17 @@ def code_levels(
                             near[5] += abs(levels[c, other])
                     near[6] = abs(levels[starts[above] + place, a]) if has_above else 0
                     levels[c, a] = code_level(
-                        coder, data, cells, weights, chosen, opinions, zone, place + affine, a // axes, near, levels[c, a]
+                        coder,
+                        data,
+                        cells,
+                        weights,
+                        chosen,
+                        opinions,
+                        zone,
+                        place + affine,
+                        a // axes,
+                        near,
+                        levels[c, a],
                     )
             row = stop
         if is_patch:

@@ -1,0 +1,66 @@
+"""What an encode says of itself when it is done."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pdecodec import __version__
+
+
+@dataclass(frozen=True)
+class EncodeReport:
+    """What an encode did.
+
+    Attributes
+    ----------
+    path : Path or None
+    frames, vertices : int
+    raw_bytes, file_bytes : int
+        Float32 positions alone; the whole file.
+    sections : dict of str to int
+        Bytes of each section; the sum is the file.
+    max_error, rms_error : float [scene units]
+        Largest Euclidean vertex distance at the input's frames, and the root of the mean square distance, of
+        the float32 positions that the written bytes decode to.
+    bound : float or None [scene units]
+    scale : float [scene units]
+        What tolerances are relative to.
+    corrections : int
+        Vertices of single frames that were corrected.
+    segments, elements, columns : int
+        How large the model is.
+    seconds : float
+    summary : str
+        In a sentence, what model was taken and why.
+    data : bytes or None
+        The file itself where it was encoded without a path.
+    """
+
+    path: Path | None
+    frames: int
+    vertices: int
+    raw_bytes: int
+    file_bytes: int
+    sections: dict[str, int]
+    max_error: float
+    rms_error: float
+    bound: float | None
+    scale: float
+    corrections: int
+    segments: int
+    elements: int
+    columns: int
+    seconds: float
+    summary: str
+    data: bytes | None = None
+
+
+def generator() -> str:
+    """What the file says it was made by."""
+    return f"pdecodec {__version__}"
+
+
+def counted(number: int, what: str, ending: str = "s", cut: int = 0) -> str:
+    """A number and its noun; in the plural the noun's last `cut` letters give way to `ending`."""
+    return f"{number} {what}" if number == 1 else f"{number} {what[: len(what) - cut]}{ending}"

@@ -1,0 +1,200 @@
+"""Decoding of format version 2: groups of frames in modes or cosines (profile "auto")."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.decodecache import DecodeCache
+from pdecodec.decoder import Animation
+from pdecodec.errors import CorruptFileError, SettingsError
+from pdecodec.group_corrections import GroupCorrections, add_frame, decode_group
+from pdecodec.groupmodel import GroupModelDescription
+from pdecodec.groups import GroupFunctions, GroupTable, evaluate_group, group_functions, read_group_table
+from pdecodec.levelcoding import decode_levels
+from pdecodec.modes import decode_modes
+from pdecodec.paperform import PaperForm
+from pdecodec.restcoding import decode_rest
+from pdecodec.spacebasis import SpaceBasis, build_space_basis
+from pdecodec.spline import FrameSpline
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+
+BYTES_PER_LEVEL = 40
+"""Peak memory of a group, per coefficient: level, value, row of the transform, and twice the value on a vertex."""
+
+BYTES_PER_FUNCTION = 16
+"""Peak memory of a space basis, per vertex and function of its patch: float64, and its turned copy."""
+
+BYTES_PER_MODE = 120
+"""Peak memory of modes, per frame and mode: three axes of levels and values, and their copies."""
+
+TIMES_AT_ONCE = 64
+"""Times evaluated together: their weights are small, and the compiled loop runs along them."""
+
+
+@dataclass(frozen=True, eq=False)
+class _DecodedGroup:
+    functions: GroupFunctions
+    corrections: GroupCorrections
+
+    @property
+    def nbytes(self) -> int:
+        return self.functions.nbytes + self.corrections.nbytes
+
+
+class GroupAnimation(Animation):
+    """An animation whose motion is modes or cosines over groups of frames."""
+
+    KNOWN_SECTIONS = frozenset({"META", "SEQN", "CONN", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR", "ATTR"})
+
+    def _open_table(self) -> int:
+        self._table: GroupTable = read_group_table(self._container.read("GRUP"))
+        return self._table.frames
+
+    def _open_motion(self, left: int) -> None:
+        self._table.check_sections(self._container)
+        self._description = GroupModelDescription.from_bytes(self._container.read("MODL"))
+        vertices = self.vertex_count
+        functions = min(self._description.functions, self._description.points)
+        self._left = left
+        self._take(BYTES_PER_FUNCTION * vertices * functions, f"{functions} functions on patches, {vertices} vertices")
+        widest = max((entry.width for entry in self._table.entries), default=0)
+        self._take(BYTES_PER_LEVEL * vertices * widest, f"{widest} functions of time on {vertices} vertices")
+        longest = max(entry.frames * entry.functions for entry in self._table.entries)
+        self._take(BYTES_PER_MODE * longest, f"{longest} numbers of modes")
+        self._shape = decode_rest(self._container.read("REST"), self.objects)
+        self._space: SpaceBasis = build_space_basis(
+            self._description.space,
+            self.objects,
+            self._shape.levels,
+            points=self._description.points,
+            functions=self._description.functions,
+        )
+        if self._space.columns != self._description.columns:
+            raise CorruptFileError(
+                f"its patches have {self._space.columns} functions where section MODL says {self._description.columns}"
+            )
+        self._order = self._space.order.astype(np.int64)
+        self._rest = np.ascontiguousarray(self._shape.points[self._space.order].T)
+        self._spline = FrameSpline(self.times)
+        self._cache: DecodeCache[_DecodedGroup] = DecodeCache()
+
+    def _take(self, needed: int, what: str) -> None:
+        self._check_memory(self._limits.max_memory - self._left + needed, what)
+        self._left -= needed
+
+    def _group(self, index: int) -> _DecodedGroup:
+        return self._cache.get(index, lambda: self._decode(index))
+
+    def _decode(self, index: int) -> _DecodedGroup:
+        entry = self._table.entries[index]
+        time, coefficients, corrected = self._table.read_chunks(self._container, index)
+        modes = np.zeros((entry.frames, 3, 0))
+        if entry.basis == "modal":
+            modes = decode_modes(time, entry.frames, entry.functions, entry.mode_step)
+        elif time:
+            raise CorruptFileError("section TIME has modes of a group that needs none")
+        levels = decode_levels(coefficients, self._space, entry.width, axes=entry.axes)
+        functions = group_functions(entry, modes, self._space.expand(levels * entry.step))
+        return _DecodedGroup(
+            functions, decode_group(corrected, entry.frames, self._space.starts, most_bytes=self._left)
+        )
+
+    def _evaluate(self, times: Float64Array) -> Float32Array:
+        out = np.empty((times.size, self.vertex_count, 3), np.float32)
+        left = np.searchsorted(self.times, times, side="right") - 1
+        is_frame = self.times[left] == times
+        group = np.searchsorted(self._table.firsts, left, side="right") - 1
+        start = 0
+        while start < times.size:
+            stop = start
+            while stop < times.size and is_frame[stop] and group[stop] == group[start] and stop - start < TIMES_AT_ONCE:
+                stop += 1
+            if stop > start:
+                found = self._group(int(group[start])).functions
+                rows = found.time[left[start:stop] - self._table.firsts[group[start]]]
+                out[start:stop] = evaluate_group(found, rows, self._rest, self._space.order)
+                start = stop
+            else:
+                moved = self._between(float(times[start]), 0) + self._rest
+                out[start, self._order] = moved.T
+                start += 1
+        return out
+
+    def _between(self, time: float, derivative: int) -> Float64Array:
+        """(3, vertices) float64 in patch order: displacement by the spline through all frames, or a derivative."""
+        from pdecodec.kernels.group_motion import add_group
+
+        if derivative not in (0, 1, 2):
+            raise ValueError(f"no derivative of order {derivative}")
+        (first,), (weights,) = self._spline.weights(np.array([time]), derivative)
+        moved = np.zeros((3, self.vertex_count))
+        last = min(int(first) + weights.size, self.frame_count) - 1
+        for index in range(self._table.group_of(int(first)), self._table.group_of(last) + 1):
+            begin, end = int(self._table.firsts[index]), int(self._table.firsts[index + 1])
+            low, high = max(begin, int(first)), min(end, last + 1)
+            share = weights[low - first : high - first]
+            if not share.any():
+                continue
+            found = self._group(index).functions
+            combined = np.zeros(found.time.shape[1:])
+            for weight, row in zip(share, found.time[low - begin : high - begin], strict=True):
+                combined += weight * row
+            add_group(combined, found.planes, moved)
+        return moved
+
+    def _add_frame_corrections(self, out: Float32Array, frame: int, weight: float) -> None:
+        index = self._table.group_of(frame)
+        corrections, inside = self._group(index).corrections, frame - int(self._table.firsts[index])
+        base = None
+        starts = corrections.literal_frame_starts
+        if weight < 1.0 and starts[inside] < starts[inside + 1]:
+            base = self._evaluate(self.times[frame : frame + 1])[0]
+        add_frame(
+            out, corrections, inside, self._order, step=self._description.correction_step, weight=weight, base=base
+        )
+
+    def _correction(self, frame: int) -> Float64Array:
+        index = self._table.group_of(frame)
+        found = self._group(index).corrections.of_frame(frame - int(self._table.firsts[index]), self._order)
+        added = np.zeros((self.vertex_count, 3))
+        added[found.vertices] = found.levels * self._description.correction_step
+        if found.literal_vertices.size:
+            base = self._evaluate(self.times[frame : frame + 1])[0]
+            added[found.literal_vertices] = found.literals.astype(np.float64) - base[found.literal_vertices]
+        return added
+
+    def _model_derivative(self, order: int, time: float) -> Float64Array:
+        out = np.empty((self.vertex_count, 3))
+        out[self._order] = self._between(time, order).T
+        return out
+
+    def coefficients(self, segment: int) -> PaperForm:
+        raise SettingsError(
+            "this file's functions of time are not the 32 of the paper; encode with profile segments or paper"
+        )
+
+    def model_info(self) -> dict[str, Any]:
+        entries = self._table.entries
+        return {
+            "time_bases": sorted({entry.basis for entry in entries}),
+            "space_basis": self._description.space,
+            "patches": self._space.patches,
+            "functions_of_space": self._space.columns,
+            "functions_of_time": max(entry.functions for entry in entries),
+            "groups": len(entries),
+            "group_frames": [min(entry.frames for entry in entries), max(entry.frames for entry in entries)],
+        }
+
+    def _decode_everything(self) -> None:
+        for index in range(len(self._table.entries)):
+            try:
+                self._group(index)
+            except CorruptFileError as error:
+                first = int(self._table.firsts[index])
+                raise type(error)(error.message, path=self.path, frame=first) from error

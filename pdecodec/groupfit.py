@@ -1,0 +1,222 @@
+"""Fitting one group of frames: functions of time, coefficients and corrections, at what they cost together."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.group_corrections import GroupCorrections, correct_group, encode_group
+from pdecodec.groups import (
+    GroupEntry,
+    GroupFunctions,
+    TimeBasis,
+    cosines,
+    evaluate_group,
+    group_functions,
+    normalised_modes,
+)
+from pdecodec.levelcoding import encode_levels, measure_levels
+from pdecodec.modes import encode_modes, measure_modes
+from pdecodec.spacebasis import SpaceBasis
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+Int64Array = NDArray[np.int64]
+
+ROUND_UP_AT = 0.6
+"""A coefficient this far (in steps) beyond a level goes to the next: zeros and small levels are cheaper."""
+
+TAIL = 0.06
+"""What trajectories that are left out may add to the error, as root mean square over the bound."""
+
+MOST_FUNCTIONS = 768
+"""Functions of time at most: decoding costs their number."""
+
+FARTHEST_STEPS = 2.0**26
+"""Displacements beyond so many bounds are no motion to be fitted: they are left to corrections."""
+
+
+NEIGHBOURS_TELL = 0.65
+"""Share of the bits of independent corrections that they really take, gathered as they are: 0.5 to 0.8 measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedGroup:
+    """One way to encode a group.
+
+    Attributes
+    ----------
+    entry : GroupEntry
+        Sizes and checksum still zero.
+    modes : (frames, 3, functions) float64
+        Before coding, scaled; empty under basis "pde".
+    levels : (columns, width) int64
+    functions : GroupFunctions
+        As the decoder gets them.
+    bits : float
+        Of all three chunks, the corrections' counted as they were estimated or measured.
+    """
+
+    entry: GroupEntry
+    modes: Float64Array
+    levels: Int64Array
+    functions: GroupFunctions
+    bits: float
+
+
+class GroupFitter:
+    """A group of frames, ready to be fitted with different steps and bases.
+
+    Parameters
+    ----------
+    points : (frames, vertices, 3) float32 [scene units]
+    rest : (vertices, 3) float64 [scene units]
+        Decoded.
+    bound : float [scene units]
+        Largest distance of a vertex.
+    unit : float [scene units]
+        What steps are multiples of: the bound, or more where float32 is coarser than the bound.
+    correction_step : float [scene units]
+    """
+
+    def __init__(
+        self, points: Float32Array, rest: Float64Array, *, bound: float, unit: float, correction_step: float
+    ) -> None:
+        self.points, self._rest = points, rest
+        self._bound, self._unit, self._correction_step = bound, unit, correction_step
+        frames, vertices, _ = points.shape
+        moved = points.astype(np.float64) - rest
+        moved[np.abs(moved) > FARTHEST_STEPS * unit] = 0.0
+        self._moved = np.ascontiguousarray(moved.transpose(1, 0, 2)).reshape(vertices, 3 * frames)
+
+    @property
+    def frames(self) -> int:
+        return len(self.points)
+
+    @cached_property
+    def _principal(self) -> tuple[Float64Array, Float64Array]:
+        """Principal trajectories: energies (n,), falling, and unit trajectories (3 frames, n)."""
+        moved = self._moved
+        if moved.shape[1] <= moved.shape[0]:
+            energies, axes = np.linalg.eigh(moved.T @ moved)
+            energies, axes = energies[::-1], axes[:, ::-1]
+        else:
+            energies, sides = np.linalg.eigh(moved @ moved.T)
+            energies, sides = energies[::-1], sides[:, ::-1]
+            axes = moved.T @ sides
+            axes /= np.maximum(np.sqrt((axes * axes).sum(axis=0)), 1e-300)
+        largest = axes[np.argmax(np.abs(axes), axis=0), np.arange(axes.shape[1])]
+        return np.maximum(energies, 0.0), axes * np.where(largest < 0.0, -1.0, 1.0)
+
+    @cached_property
+    def trajectories(self) -> int:
+        """How many trajectories are worth looking at."""
+        energies, _ = self._principal
+        left = np.append(np.cumsum(energies[::-1])[::-1], 0.0)
+        least = (TAIL * self._unit) ** 2 * self._moved.shape[0] * self.frames
+        return min(int(np.argmax(left <= least)), MOST_FUNCTIONS)
+
+    @cached_property
+    def _modal_coefficients(self) -> Float64Array:
+        return self._moved @ self._principal[1][:, : self.trajectories]
+
+    @cached_property
+    def _cosine_coefficients(self) -> Float64Array:
+        frames = self.frames
+        used = min(frames, MOST_FUNCTIONS)
+        split = self._moved.reshape(-1, frames, 3)
+        return np.einsum("vfx,fa->vax", split, cosines(frames, used), optimize=True).reshape(len(split), -1)
+
+    def explained(self, functions: int) -> float:
+        """Share of the motion's energy that the leading trajectories carry."""
+        energies, _ = self._principal
+        total = float(energies.sum())
+        return float(energies[:functions].sum()) / total if total > 0 else 1.0
+
+    def level_bits(self, basis: SpaceBasis, steps: float, time_basis: TimeBasis) -> float:
+        """Bits of the coefficients alone at a step of `steps` units: to compare space bases by."""
+        modal = time_basis == "modal"
+        values = self._modal_coefficients if modal else self._cosine_coefficients
+        levels = _quantise(basis.project(values), steps * self._unit)
+        return measure_levels(levels, basis, axes=1 if modal else 3)
+
+    def fit(self, basis: SpaceBasis, time_basis: TimeBasis, steps: float, mode_steps: float) -> FittedGroup:
+        """Fit with a step of `steps` units for coefficients, and `mode_steps` times that for modes."""
+        step = steps * self._unit
+        if time_basis == "modal":
+            entry, modes, decoded_modes, levels, bits = self._fit_modal(basis, step, step * mode_steps)
+        else:
+            modes = decoded_modes = np.zeros((self.frames, 3, 0))
+            levels = _quantise(basis.project(self._cosine_coefficients), step)
+            used = np.flatnonzero(levels.any(axis=0))
+            functions = int(used[-1]) // 3 + 1 if used.size else 0
+            levels = np.ascontiguousarray(levels[:, : 3 * functions])
+            entry = GroupEntry(self.frames, functions, "pde", step, step, (0, 0, 0), 0)
+            bits = 0.0
+        if entry.width:
+            bits += measure_levels(levels, basis, axes=entry.axes)
+        functions = group_functions(entry, decoded_modes, basis.expand(levels * step))
+        corrections = self.corrections(basis, functions)
+        return FittedGroup(entry, modes, levels, functions, bits + _estimated_bits(corrections, self.points))
+
+    def _fit_modal(
+        self, basis: SpaceBasis, step: float, mode_step: float
+    ) -> tuple[GroupEntry, Float64Array, Float64Array, Int64Array, float]:
+        energies, axes = self._principal
+        used = np.flatnonzero(_quantise(basis.project(self._modal_coefficients), step).any(axis=0))
+        scaled = (axes[:, used] * np.sqrt(energies[used])).reshape(self.frames, 3, used.size)
+        bits, decoded = measure_modes(scaled, mode_step) if used.size else (0.0, scaled)
+        unit = normalised_modes(decoded).reshape(3 * self.frames, used.size)
+        # Decoded trajectories are no longer quite orthogonal: least squares.
+        gram = unit.T @ unit + np.diag((unit == 0).all(axis=0).astype(np.float64))
+        values = np.linalg.solve(gram, (self._moved @ unit).T).T if used.size else np.zeros((len(self._moved), 0))
+        levels = _quantise(basis.project(values), step)
+        entry = GroupEntry(self.frames, int(used.size), "modal", step, mode_step, (0, 0, 0), 0)
+        return entry, scaled, decoded, levels, bits
+
+    def decoded(self, basis: SpaceBasis, functions: GroupFunctions) -> Float32Array:
+        """Positions at the frames, before corrections."""
+        rest = np.ascontiguousarray(self._rest[basis.order].T)
+        return evaluate_group(functions, functions.time, rest, basis.order)
+
+    def corrections(self, basis: SpaceBasis, functions: GroupFunctions) -> GroupCorrections:
+        """For the vertices that miss the bound."""
+        return correct_group(
+            self.points,
+            self.decoded(basis, functions),
+            basis.order.astype(np.int64),
+            bound=self._bound,
+            step=self._correction_step,
+        )
+
+
+def _quantise(values: Float64Array, step: float) -> Int64Array:
+    return np.copysign(np.floor(np.abs(values) / step + (1.0 - ROUND_UP_AT)), values).astype(np.int64)
+
+
+def _estimated_bits(corrections: GroupCorrections, points: Float32Array) -> float:
+    """Of the corrections: places at the entropy of a coin, sizes by their digits, less what neighbours tell."""
+    everywhere = points.shape[0] * points.shape[1]
+    count = corrections.places.size
+    share = min(count / everywhere, 1.0)
+    places = (
+        0.0
+        if share in (0.0, 1.0)
+        else -everywhere * (share * math.log2(share) + (1.0 - share) * math.log2(1.0 - share))
+    )
+    sizes = float(np.frexp(2.0 * np.abs(corrections.levels) + 0.5)[1].sum()) + 1.5 * count
+    return NEIGHBOURS_TELL * (places + sizes) + 96.0 * corrections.literal_places.size
+
+
+def encode_chunks(fitted: FittedGroup, corrections: GroupCorrections, basis: SpaceBasis) -> tuple[bytes, bytes, bytes]:
+    """A group's chunks of TIME, COEF and CORR."""
+    entry = fitted.entry
+    time = b""
+    if entry.basis == "modal" and entry.functions:
+        time, _ = encode_modes(fitted.modes, entry.mode_step)
+    coefficients = encode_levels(fitted.levels, basis, axes=entry.axes) if entry.width else b""
+    return time, coefficients, encode_group(corrections, basis.starts)
