@@ -7,7 +7,7 @@ predict across. The encoder takes what is smallest.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.curves import extract_curves
 from pdecodec.errors import CorruptFileError
+from pdecodec.polygons import Polygons, polygons_of
 from pdecodec.quantise import LARGEST_STEP
 from pdecodec.restshape import PREDICTORS, RestShape, decode_rest_along_curves, encode_rest_along_curves
 from pdecodec.sequence import MeshObject
@@ -32,8 +33,8 @@ ACROSS_FACES, ACROSS_WELDED_FACES = 3, 4
 HEADER_BYTES = 33
 """Step, origin, predictor."""
 
-FIRST_WEIGHT = 0.33
-"""Of each opinion in a mix, before anything is learnt."""
+FIRST_WEIGHT = 2**16 // 3
+"""Of each of three opinions in a mix, in 1/65536, before anything is learnt."""
 
 FIRST_ROOM = 12
 """Bytes a vertex that are set aside for the coded levels at first; what does not fit is coded again with room."""
@@ -48,16 +49,14 @@ def encode_rest(shape: RestShape, objects: Sequence[MeshObject]) -> bytes:
     objects : sequence of MeshObject
         Whose vertices `shape` has, one object after the other.
     """
-    mesh = _polygons(objects)
-    candidates = [encode_rest_along_curves(shape, extract_curves(objects))]
-    for predictor, point_of in (
-        (ACROSS_FACES, None),
-        (ACROSS_WELDED_FACES, _shared_points(shape.levels, mesh.vertex)),
-    ):
-        if predictor == ACROSS_FACES or point_of is not None:
-            writer = FieldWriter()
-            writer.numbers("ddddB", shape.step, *shape.origin.tolist(), predictor)
-            candidates.append(writer.to_bytes() + _encode_across(shape.levels, mesh, point_of))
+    mesh = polygons_of(objects)
+    point_of = _shared_points(shape.levels, mesh.vertex)
+    candidates = [
+        encode_rest_along_curves(shape, extract_curves(objects)),
+        _header(shape, ACROSS_FACES) + _encode_across(shape.levels, mesh, None),
+    ]
+    if point_of is not None:
+        candidates.append(_header(shape, ACROSS_WELDED_FACES) + _encode_across(shape.levels, mesh, point_of))
     return min(candidates, key=len)
 
 
@@ -78,57 +77,31 @@ def decode_rest(data: bytes, objects: Sequence[MeshObject]) -> RestShape:
         raise CorruptFileError(f"section REST names predictor {predictor}, this decoder knows 1 to 4")
     if not 0 < step <= LARGEST_STEP or max(map(abs, origin)) > LARGEST_STEP:
         raise CorruptFileError("section REST has a quantisation step or an origin out of range")
-    levels = _decode_across(data[HEADER_BYTES:], _polygons(objects), is_welded=predictor == ACROSS_WELDED_FACES)
+    levels = _decode_across(data[HEADER_BYTES:], polygons_of(objects), is_welded=predictor == ACROSS_WELDED_FACES)
     return RestShape(levels, np.array(origin), step)
 
 
-class Polygons(NamedTuple):
-    """Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered through.
-
-    Attributes
-    ----------
-    starts : (polygons + 1,) int64
-    vertex : (corners,) int32
-    faces, vertices : int
-        How many there are.
-    """
-
-    starts: Int64Array
-    vertex: Int32Array
-    faces: int
-    vertices: int
-
-
-def _polygons(objects: Sequence[MeshObject]) -> Polygons:
-    counts, corners, pieces = [], [], []
-    shift = 0
-    for item in objects:
-        connectivity = item.connectivity
-        counts.append(connectivity.face_counts)
-        corners.append(connectivity.face_indices + np.int32(shift))
-        lines = connectivity.line_indices + np.int32(shift)
-        goes_on = np.ones(max(lines.size - 1, 0), dtype=bool)
-        goes_on[np.cumsum(connectivity.line_counts, dtype=np.int64)[:-1] - 1] = False
-        pieces.append(np.stack([lines[:-1][goes_on], lines[1:][goes_on]], axis=1).ravel())
-        shift += item.vertex_count
-    faces = sum(count.size for count in counts)
-    in_pieces = np.concatenate(pieces)
-    sizes = np.concatenate([*counts, np.full(in_pieces.size // 2, 2, np.int32)])
-    starts = np.zeros(sizes.size + 1, np.int64)
-    np.cumsum(sizes, out=starts[1:])
-    return Polygons(starts, np.concatenate([*corners, in_pieces]), faces, shift)
+def _header(shape: RestShape, predictor: int) -> bytes:
+    writer = FieldWriter()
+    writer.numbers("ddddB", shape.step, *shape.origin.tolist(), predictor)
+    return writer.to_bytes()
 
 
 def _shared_points(levels: Int64Array, corner_vertex: Int32Array) -> Int32Array | None:
     """Point of each vertex, numbered as the corners and then the other vertices meet them; None if none is shared."""
-    _, place = np.unique(levels, axis=0, return_inverse=True)
-    met = place.ravel()[np.concatenate([corner_vertex, np.arange(len(levels), dtype=np.int32)])]
-    _, first_met, place_of = np.unique(met, return_index=True, return_inverse=True)
-    if first_met.size == len(levels):
+    order = np.lexsort(levels.T)
+    differs = np.append(True, np.diff(levels[order], axis=0).any(axis=1))
+    if differs.all():
         return None
+    place = np.empty(len(levels), np.int64)
+    place[order] = np.cumsum(differs) - 1
+    met = place[np.concatenate([corner_vertex, np.arange(len(levels), dtype=np.int32)])]
+    first_met = np.empty(int(place.max()) + 1, np.int64)
+    first_met[met[::-1]] = np.arange(met.size)[::-1]  # of equal indices the last one counts
     number = np.empty(first_met.size, np.int32)
     number[np.argsort(first_met)] = np.arange(first_met.size, dtype=np.int32)
-    return number[place_of[corner_vertex.size :]]
+    shared: Int32Array = number[place]
+    return shared
 
 
 def _encode_across(levels: Int64Array, mesh: Polygons, point_of: Int32Array | None) -> bytes:
@@ -216,10 +189,10 @@ def _code_points(
 ) -> bool:
     from pdecodec.kernels import pointmodel as model
     from pdecodec.kernels.facepredict import new_points
-    from pdecodec.kernels.rangecoder import EVEN, WEIGHT_BITS
+    from pdecodec.kernels.rangecoder import EVEN
 
     cells = np.full(model.CELLS, EVEN, np.int64)
-    mixers = np.full((model.MIXERS, model.OPINIONS), round(FIRST_WEIGHT * 2**WEIGHT_BITS), np.int64)
+    mixers = np.full((model.MIXERS, model.OPINIONS), FIRST_WEIGHT, np.int64)
     model.code_hint_weights(coder, data, cells, hint_weights)
     scratch = model.new_scratch()
     points = new_points(levels)

@@ -15,7 +15,14 @@ from pdecodec.curves import Curves
 from pdecodec.entropy import pack_integers
 from pdecodec.errors import CorruptFileError
 from pdecodec.quantise import LARGEST_STEP
-from pdecodec.restshape import LARGEST_BITS, PREDICTORS, RestShape, decode_rest, encode_rest, quantise_rest
+from pdecodec.restshape import (
+    LARGEST_BITS,
+    PREDICTORS,
+    RestShape,
+    decode_rest_along_curves,
+    encode_rest_along_curves,
+    quantise_rest,
+)
 
 FINITE = st.floats(width=32, allow_nan=False, allow_infinity=False)
 
@@ -64,9 +71,9 @@ def test_levels_come_back_to_the_last_bit(partition: Curves, data: st.DataObject
     level = st.integers(0, 2**LARGEST_BITS - 1) | st.integers(0, 50)
     levels = data.draw(arrays.arrays(np.int64, (partition.order.size, 3), elements=level))
     shape = RestShape(levels, np.array([0.1, -1e30, 3e-30]), 1e-7)
-    coded = encode_rest(shape, partition)
-    assert coded == encode_rest(shape, partition)
-    found = decode_rest(coded, partition)
+    coded = encode_rest_along_curves(shape, partition)
+    assert coded == encode_rest_along_curves(shape, partition)
+    found = decode_rest_along_curves(coded, partition)
     assert np.array_equal(found.levels, levels)
     assert found.origin.tolist() == shape.origin.tolist()
     assert found.step == shape.step
@@ -93,7 +100,7 @@ def test_the_two_predictors_restore_what_the_specification_says() -> None:
         2: [[5, 6, 9, 12, 11], [0] * 5, [1, 2, 4, 2, 3]],
     }
     for predictor in PREDICTORS:
-        found = decode_rest(section(predictor, streams), partition)
+        found = decode_rest_along_curves(section(predictor, streams), partition)
         assert found.levels[partition.order].T.tolist() == by_curve[predictor]
         np.testing.assert_array_equal(found.points, found.levels * 0.5)
 
@@ -103,33 +110,35 @@ def test_the_predictor_that_makes_it_smallest_is_taken(predictor: int) -> None:
     # A slope is a constant first difference; noise grows with every difference.
     random = np.random.default_rng(3)
     levels = random.integers(0, 1000, size=(400, 3)) if predictor == 1 else np.arange(400)[:, None] ** 2 + [0, 5, 9]
-    data = encode_rest(RestShape(levels, np.zeros(3), 1.0), Curves(np.arange(400, dtype=np.int32), np.array([0, 400])))
+    data = encode_rest_along_curves(
+        RestShape(levels, np.zeros(3), 1.0), Curves(np.arange(400, dtype=np.int32), np.array([0, 400]))
+    )
     assert data[32] == predictor
 
 
 def example() -> tuple[bytes, Curves]:
     partition = random_curves(9, 1, 4, 2)
     points = np.random.default_rng(4).normal(size=(16, 3)).astype(np.float32)
-    return encode_rest(quantise_rest(points, 1e-3), partition), partition
+    return encode_rest_along_curves(quantise_rest(points, 1e-3), partition), partition
 
 
 def test_a_rest_shape_that_is_cut_or_too_long_is_refused() -> None:
     data, partition = example()
-    assert_cuts_are_refused(data, lambda each: decode_rest(each, partition))
+    assert_cuts_are_refused(data, lambda each: decode_rest_along_curves(each, partition))
     with pytest.raises(CorruptFileError):
-        decode_rest(b"", partition)
+        decode_rest_along_curves(b"", partition)
 
 
 def test_damage_to_a_rest_shape_ends_in_our_own_error() -> None:
     data, partition = example()
-    assert assert_only_corrupt_file_errors(data, lambda each: decode_rest(each, partition)) > 100
+    assert assert_only_corrupt_file_errors(data, lambda each: decode_rest_along_curves(each, partition)) > 100
 
 
 def test_a_rest_shape_of_other_curves_is_refused() -> None:
     data, _ = example()
     for other in (random_curves(15), random_curves(17)):
         with pytest.raises(CorruptFileError):
-            decode_rest(data, other)
+            decode_rest_along_curves(data, other)
 
 
 ONE = Curves(np.zeros(1, np.int32), np.array([0, 1]))
@@ -153,7 +162,7 @@ ONE = Curves(np.zeros(1, np.int32), np.array([0, 1]))
 )
 def test_numbers_out_of_range_are_named(data: bytes, message: str) -> None:
     with pytest.raises(CorruptFileError, match=message):
-        decode_rest(data, ONE)
+        decode_rest_along_curves(data, ONE)
 
 
 @settings(max_examples=80, deadline=None)
@@ -164,7 +173,7 @@ def test_numbers_out_of_range_are_named(data: bytes, message: str) -> None:
 def test_any_numbers_give_a_shape_in_range_or_our_own_error(predictor: int, stream: list[int]) -> None:
     partition = random_curves(4, 2)
     try:
-        found = decode_rest(section(predictor, [stream] * 3), partition)
+        found = decode_rest_along_curves(section(predictor, [stream] * 3), partition)
     except CorruptFileError:
         return
     assert found.levels.min() >= 0

@@ -236,6 +236,7 @@ def look_around(
 
     if neighbours == 0:
         numbers[PARALLELOGRAMS], numbers[SPREAD], numbers[CLASS] = 0, 0, 0
+        findings[:] = 0
         if last >= 0:
             for k in range(3):
                 findings[BASE, k] = levels[last, k] << FRACTION_BITS

@@ -144,8 +144,8 @@ def stencils(corners: Corners) -> Int32Array:
     (corners, 6) int32
         In the order of the fans, vertices or -1: after and before the corner; opposite, in a quad its diagonal corner
         and in a triangle the far corner of the triangle beside; straight on, over the vertex after and over the one
-        before. Then flags: whether it is a triangle, and whether the vertex before is found from here alone (inside a
-        surface it is the vertex after of another corner).
+        before. Then flags: whether it is a triangle, and whether the vertex before counts as a neighbour here (inside a
+        surface it counts once already, as the vertex after of another corner).
     """
     size, mate, vertex = corners.size, corners.mate, corners.vertex
     following, preceding = corners.following, corners.preceding
@@ -160,7 +160,8 @@ def stencils(corners: Corners) -> Int32Array:
                 found[k, STRAIGHT_AFTER] = vertex[following[mate[after]]]
             continue
         found[k, BEFORE] = vertex[before]
-        if mate[before] < 0:
+        # Else the vertex before is the vertex after of the corner at the same vertex in the polygon beside.
+        if mate[before] < 0 or vertex[mate[before]] == vertex[before]:
             found[k, FLAGS] |= BEFORE_COUNTS
         if size[corner] == 3:
             found[k, FLAGS] |= IS_TRIANGLE
