@@ -44,22 +44,43 @@ CONSTANT_SECTIONS = ("CONN", "ATTR")
 @click.option("--max-error", type=float, metavar="X", help="The same in scene units, instead of --tolerance.")
 @click.option(
     "--profile",
-    type=click.Choice(["auto", "paper"]),
+    type=click.Choice(["auto", "segments", "paper"]),
     default="auto",
     show_default=True,
-    help="auto: what costs least at the asked accuracy. paper: 32 coefficients per curve, axis and segment.",
+    help="auto: what costs least at the asked accuracy. segments: the paper's functions in closed form over time "
+    "segments. paper: 32 coefficients per curve, axis and segment.",
 )
 @click.option(
     "--alignment",
     type=click.Choice(["auto", "none", "affine", "rotation"]),
     default="auto",
     show_default=True,
-    help="How rigid motion is taken out first (Eqs. 19 to 23).",
+    help="How rigid motion is taken out first (Eqs. 19 to 23); profiles segments and paper.",
 )
-@click.option("--segment-frames", type=int, metavar="N", help="Frames of a time segment; the motion decides.")
-@click.option("--piece-points", type=int, metavar="N", help="Points of a curve piece; the motion decides.")
-@click.option("--alpha", type=float, metavar="X", help="Rate of the time functions (Eq. 12); chosen by error.")
-@click.option("--r", type=float, metavar="X", help="Rate of the space functions (Eqs. 14, 16); chosen by error.")
+@click.option(
+    "--segment-frames",
+    type=int,
+    metavar="N",
+    help="Frames of a time segment; the motion decides. Profiles segments and paper.",
+)
+@click.option(
+    "--piece-points",
+    type=int,
+    metavar="N",
+    help="Points of a curve piece; the motion decides. Profiles segments and paper.",
+)
+@click.option(
+    "--alpha",
+    type=float,
+    metavar="X",
+    help="Rate of the time functions (Eq. 12); chosen by error. Profiles segments and paper.",
+)
+@click.option(
+    "--r",
+    type=float,
+    metavar="X",
+    help="Rate of the space functions (Eqs. 14, 16); chosen by error. Profiles segments and paper.",
+)
 @click.option("--effort", type=int, default=5, show_default=True, metavar="1-9", help="1 is quick, 9 is thorough.")
 @frames_option
 @objects_option
@@ -118,7 +139,7 @@ def _as_json(
 
     with open_animation(output) as animation, progress_bar() as progress:
         distortion = measure_distortion(sequence, animation, progress=progress).to_dict()
-        curves = animation.info()["curves"]
+        model = animation.model_info()
     constant = sum(report.sections.get(name, 0) for name in CONSTANT_SECTIONS)
     return {
         "output": output,
@@ -136,9 +157,7 @@ def _as_json(
         "kg_error": distortion["kg_error"],
         "seconds": report.seconds,
         "profile": profile,
-        "curves": curves,
-        "segments": report.segments,
-        "elements": report.elements,
+        "model": model,
         "corrections": report.corrections,
         "sections": report.sections,
         "summary": report.summary,

@@ -28,9 +28,12 @@ from pdecodec import (
     open_animation,
 )
 from pdecodec.framewindow import FARTHEST
-from pdecodec.settings import MAX_SEGMENT_FRAMES
+from pdecodec.settings import MAX_SEGMENT_FRAMES, Profile
 
 Float32Array = NDArray[np.float32]
+
+BOTH_VERSIONS = pytest.mark.parametrize("profile", ["auto", "segments"])
+"""Profiles that write the two major versions of the format."""
 
 
 def wave(frames: int = 12, rows: int = 5, columns: int = 7) -> Float32Array:
@@ -161,10 +164,11 @@ def assert_kept(sequence: MeshSequence, report: EncodeReport, animation: Animati
         assert mine.connectivity.same_as(other.connectivity)
 
 
+@BOTH_VERSIONS
 @pytest.mark.parametrize("name", CLIPS)
-def test_the_bound_holds_whatever_goes_in(name: str, tmp_path: Path) -> None:
+def test_the_bound_holds_whatever_goes_in(name: str, profile: str, tmp_path: Path) -> None:
     sequence = CLIPS[name]()
-    report, animation = round_trip(sequence, tmp_path / "a.pdeanim")
+    report, animation = round_trip(sequence, tmp_path / "a.pdeanim", profile=profile)
     with animation:
         assert_kept(sequence, report, animation)
         animation.verify()
@@ -174,23 +178,26 @@ def test_the_bound_holds_whatever_goes_in(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["smooth", "noise", "exploding in one frame", "polygons", "one vertex", "one frame"])
 def test_the_bound_holds_under_every_alignment(name: str, alignment: str, tmp_path: Path) -> None:
     sequence = CLIPS[name]()
-    report, animation = round_trip(sequence, tmp_path / "a.pdeanim", alignment=alignment, tolerance=1e-4)
+    report, animation = round_trip(
+        sequence, tmp_path / "a.pdeanim", profile="segments", alignment=alignment, tolerance=1e-4
+    )
     with animation:
         assert_kept(sequence, report, animation)
         assert animation.info()["alignment"] == alignment
 
 
+@BOTH_VERSIONS
 @pytest.mark.parametrize("name", ["smooth", "coordinates of 1e30", "coordinates of 1e-30", "trembling by one digit"])
 @pytest.mark.parametrize("bound", [1e-300, 1e-38, 1e-8, 1e10, 1e300])
-def test_any_bound_can_be_asked_for(name: str, bound: float, tmp_path: Path) -> None:
+def test_any_bound_can_be_asked_for(name: str, bound: float, profile: str, tmp_path: Path) -> None:
     sequence = CLIPS[name]()
-    report, animation = round_trip(sequence, tmp_path / "a.pdeanim", max_error=bound, effort=1)
+    report, animation = round_trip(sequence, tmp_path / "a.pdeanim", profile=profile, max_error=bound, effort=1)
     with animation:
         assert distances(sequence, animation).max() <= bound
         assert report.max_error <= bound
 
 
-@pytest.mark.parametrize("profile", ["auto", "paper"])
+@pytest.mark.parametrize("profile", ["auto", "segments", "paper"])
 @pytest.mark.parametrize("effort", [1, 9])
 def test_profiles_and_efforts_keep_a_bound_that_is_asked_for(profile: str, effort: int, tmp_path: Path) -> None:
     sequence = CLIPS["smooth"]()
@@ -214,7 +221,7 @@ def test_the_paper_profile_without_a_bound_stores_the_model_alone(tmp_path: Path
 @pytest.mark.parametrize("r", [0.0, 0.7, 12.0])
 def test_rates_that_are_asked_for_keep_the_bound(alpha: float, r: float, tmp_path: Path) -> None:
     sequence = CLIPS["smooth"]()
-    report, animation = round_trip(sequence, tmp_path / "a.pdeanim", alpha=alpha, r=r, effort=1)
+    report, animation = round_trip(sequence, tmp_path / "a.pdeanim", profile="segments", alpha=alpha, r=r, effort=1)
     with animation:
         assert_kept(sequence, report, animation)
         assert animation.info()["r"] == r
@@ -223,7 +230,9 @@ def test_rates_that_are_asked_for_keep_the_bound(alpha: float, r: float, tmp_pat
 @pytest.mark.parametrize("frames", [2, 3, 5, 11, 64])
 def test_segments_have_the_length_that_is_asked_for(frames: int, tmp_path: Path) -> None:
     sequence = ArraySequence(noise(22, 5))
-    report, animation = round_trip(sequence, tmp_path / "a.pdeanim", segment_frames=frames, effort=1)
+    report, animation = round_trip(
+        sequence, tmp_path / "a.pdeanim", profile="segments", segment_frames=frames, effort=1
+    )
     with animation:
         assert_kept(sequence, report, animation)
         shortest, longest = animation.info()["segment_frames"]
@@ -235,20 +244,27 @@ def test_segments_have_the_length_that_is_asked_for(frames: int, tmp_path: Path)
 @pytest.mark.parametrize("points", [2, 4, 7, 512, 100000])
 def test_pieces_have_the_length_that_is_asked_for_or_the_next(points: int, tmp_path: Path) -> None:
     sequence = ArraySequence(noise(4, 30), objects=[MeshObject("line", connectivity_of(30, lines=[list(range(30))]))])
-    report, animation = round_trip(sequence, tmp_path / "a.pdeanim", piece_points=points, effort=1)
+    report, animation = round_trip(sequence, tmp_path / "a.pdeanim", profile="segments", piece_points=points, effort=1)
     with animation:
         assert_kept(sequence, report, animation)
         assert report.elements == {2: 8, 4: 8, 7: 4}.get(points, 1)
 
 
-def test_a_static_clip_stores_no_motion(tmp_path: Path) -> None:
-    report, animation = round_trip(CLIPS["static"](), tmp_path / "a.pdeanim")
+@BOTH_VERSIONS
+def test_a_static_clip_stores_no_motion(profile: str, tmp_path: Path) -> None:
+    report, animation = round_trip(CLIPS["static"](), tmp_path / "a.pdeanim", profile=profile)
     animation.close()
     assert (report.sections["COEF"], report.sections["CORR"], report.corrections) == (0, 0, 0)
+    assert report.sections.get("TIME", 0) == 0
 
 
-def test_sections_sum_to_the_file_and_to_what_the_reader_says(tmp_path: Path) -> None:
-    report, animation = round_trip(CLIPS["several objects"](), tmp_path / "a.pdeanim")
+@pytest.mark.parametrize(
+    ("profile", "parts", "pieces"), [("auto", "groups", "patches"), ("segments", "segments", "elements")]
+)
+def test_sections_sum_to_the_file_and_to_what_the_reader_says(
+    profile: str, parts: str, pieces: str, tmp_path: Path
+) -> None:
+    report, animation = round_trip(CLIPS["several objects"](), tmp_path / "a.pdeanim", profile=profile)
     with animation:
         size = (tmp_path / "a.pdeanim").stat().st_size
         assert sum(report.sections.values()) == report.file_bytes == size
@@ -256,8 +272,8 @@ def test_sections_sum_to_the_file_and_to_what_the_reader_says(tmp_path: Path) ->
         assert animation.info()["file_bytes"] == size
         assert report.raw_bytes == 12 * 12 * 35
         assert (report.frames, report.vertices) == (12, 35)
-        assert report.segments == animation.info()["segments"]
-        assert report.elements == animation.info()["elements"]
+        assert report.segments == animation.info()[parts]
+        assert report.elements == animation.info()[pieces]
 
 
 @pytest.mark.parametrize(
@@ -276,23 +292,25 @@ def test_a_position_that_is_not_finite_or_too_far_is_named_and_leaves_no_file(
     assert list(tmp_path.iterdir()) == []
 
 
+@BOTH_VERSIONS
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(connectivities(), st.integers(1, 9), st.integers(0, 2**32 - 1), st.floats(-44, 36))
 def test_any_mesh_of_any_size_comes_back_within_the_bound(
-    tmp_path: Path, connectivity: object, frames: int, seed: int, magnitude: float
+    tmp_path: Path, profile: str, connectivity: object, frames: int, seed: int, magnitude: float
 ) -> None:
     item = MeshObject("any", connectivity)  # type: ignore[arg-type]
     points = noise(frames, item.vertex_count, seed).astype(np.float64) * 10**magnitude
     sequence = ArraySequence(points, objects=[item])
-    report, animation = round_trip(sequence, tmp_path / "a.pdeanim", effort=1)
+    report, animation = round_trip(sequence, tmp_path / "a.pdeanim", profile=profile, effort=1)
     with animation:
         assert_kept(sequence, report, animation)
 
 
-def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
+@BOTH_VERSIONS
+def test_the_same_input_gives_the_same_bytes(profile: Profile, tmp_path: Path) -> None:
     first, second = (tmp_path / name for name in ("1.pdeanim", "2.pdeanim"))
-    encode(CLIPS["several objects"](), first)
-    encode(CLIPS["several objects"](), second)
+    for path in (first, second):
+        encode(CLIPS["several objects"](), path, EncodeSettings(profile=profile))
     assert first.read_bytes() == second.read_bytes()
 
 
@@ -300,8 +318,9 @@ SCRIPT = """
 import hashlib, sys
 from test_round_trip import CLIPS
 from pdecodec import EncodeSettings, encode, open_animation
-for name in ("smooth", "polygons"):
-    encode(CLIPS[name](), sys.argv[1], EncodeSettings(alignment="rotation", effort=1), overwrite=True)
+for name, profile in (("smooth", "segments"), ("polygons", "segments"), ("smooth", "auto"), ("polygons", "auto")):
+    alignment = "rotation" if profile == "segments" else "auto"
+    encode(CLIPS[name](), sys.argv[1], EncodeSettings(profile=profile, alignment=alignment, effort=1), overwrite=True)
     with open_animation(sys.argv[1]) as animation:
         print(hashlib.sha256(open(sys.argv[1], "rb").read()).hexdigest())
         print(hashlib.sha256(animation.sample(animation.times * 0.9).tobytes()).hexdigest())
@@ -320,7 +339,7 @@ def test_the_number_of_threads_changes_no_bit(tmp_path: Path) -> None:
         command = [sys.executable, "-c", SCRIPT, str(tmp_path / f"{threads}.pdeanim")]
         printed.append(subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout)
     assert printed[0] == printed[1]
-    assert len(set(printed[0].split())) == 4
+    assert len(set(printed[0].split())) == 8
     assert hashlib.sha256((tmp_path / "1.pdeanim").read_bytes()).hexdigest() in printed[0]
 
 
@@ -339,7 +358,7 @@ class Instrumented(MeshSequence):
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         self.asked.append((start, stop))
-        # The plan looks at the last frames first; the clip itself breaks in its middle.
+        # A plan may look at the last frames first; the clip itself breaks in its middle.
         if start < self._readable < stop:
             raise InputError("cannot be read", frame=self._readable)
         swing = np.sin(np.arange(start, stop) / 5)[:, None, None]
@@ -348,7 +367,7 @@ class Instrumented(MeshSequence):
 
 def test_a_clip_is_read_a_few_frames_at_a_time(tmp_path: Path) -> None:
     sequence = Instrumented(frames=400, vertices=30)
-    report, animation = round_trip(sequence, tmp_path / "a.pdeanim", effort=1)
+    report, animation = round_trip(sequence, tmp_path / "a.pdeanim", profile="segments", effort=1)
     animation.close()
     assert report.frames == 400
     assert max(stop - start for start, stop in sequence.asked) <= 2 * MAX_SEGMENT_FRAMES
@@ -361,25 +380,46 @@ def test_a_clip_is_read_a_few_frames_at_a_time(tmp_path: Path) -> None:
     assert sequence.asked[-1][1] == 400
 
 
-def test_a_heavy_clip_is_read_fewer_frames_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_group_of_frames_is_read_once_and_is_no_longer_than_memory_allows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pdecodec.groupencoder.GROUP_BYTES", 24 * 30 * 50)
+    sequence = Instrumented(frames=400, vertices=30)
+    report, animation = round_trip(sequence, tmp_path / "a.pdeanim", effort=1)
+    with animation:
+        assert_kept(sequence, report, animation)
+        assert animation.info()["group_frames"] == [50, 50]
+    # Frame 0 alone gives the rest shape; then every frame is read once, from front to back.
+    assert sequence.asked[:9] == [(0, 1), *((start, start + 50) for start in range(0, 400, 50))]
+
+
+@BOTH_VERSIONS
+def test_a_heavy_clip_is_read_fewer_frames_at_a_time(
+    profile: Profile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("pdecodec.sequence.BLOCK_BYTES", 12 * 30 * 20)
     sequence = Instrumented(frames=200, vertices=30)
     assert sequence.frames_per_block == 20
-    encode(sequence, tmp_path / "a.pdeanim", EncodeSettings(effort=1))
+    encode(sequence, tmp_path / "a.pdeanim", EncodeSettings(profile=profile, effort=1))
     assert max(stop - start for start, stop in sequence.asked) <= 2 * 20
 
 
-def test_a_clip_that_breaks_while_it_is_encoded_leaves_nothing_behind(tmp_path: Path) -> None:
+@BOTH_VERSIONS
+def test_a_clip_that_breaks_while_it_is_encoded_leaves_nothing_behind(profile: Profile, tmp_path: Path) -> None:
     path = tmp_path / "a.pdeanim"
     path.write_bytes(b"old")
     with pytest.raises(InputError, match="cannot be read") as caught:
-        encode(Instrumented(400, 30, readable=270), path, EncodeSettings(effort=1), overwrite=True)
+        encode(Instrumented(400, 30, readable=270), path, EncodeSettings(profile=profile, effort=1), overwrite=True)
     assert caught.value.frame == 270
     assert [item.name for item in tmp_path.iterdir()] == ["a.pdeanim"]
     assert path.read_bytes() == b"old"
 
 
-def test_an_encode_that_is_interrupted_leaves_nothing_behind(tmp_path: Path) -> None:
+@BOTH_VERSIONS
+def test_an_encode_that_is_interrupted_leaves_nothing_behind(
+    profile: Profile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pdecodec.groupencoder.LONGEST_GROUP", 50)
     reported: list[int] = []
 
     def interrupt(done: int, frames: int, what: str) -> None:
@@ -388,7 +428,8 @@ def test_an_encode_that_is_interrupted_leaves_nothing_behind(tmp_path: Path) -> 
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        encode(Instrumented(400, 30), tmp_path / "a.pdeanim", EncodeSettings(effort=1), progress=interrupt)
+        chosen = EncodeSettings(profile=profile, effort=1)
+        encode(Instrumented(400, 30), tmp_path / "a.pdeanim", chosen, progress=interrupt)
     assert reported == sorted(reported)
     assert list(tmp_path.iterdir()) == []
 

@@ -61,7 +61,6 @@ def measure(source: Path, settings: EncodeSettings) -> Row:
         started = time.perf_counter()
         with open_animation(path) as animation:
             decoded = animation.to_array()
-            model = f"{animation.info()['alignment']}, {report.columns / report.elements:.0f} x 4 numbers"
         decode_seconds = time.perf_counter() - started
     if not decoded.connectivity.same_as(sequence.connectivity):
         raise AssertionError(f"{source.name}: connectivity came back otherwise")
@@ -78,7 +77,7 @@ def measure(source: Path, settings: EncodeSettings) -> Row:
         kg_error=found.kg_error,
         encode_rate=report.raw_bytes / 1e6 / report.seconds,
         decode_multiple=decode_seconds / _copy_seconds(decoded.points),
-        model=model,
+        model=report.summary,
     )
 
 
