@@ -58,6 +58,12 @@ START = STEPS.index(2.8)
 MODE_STEPS = (0.7, 1.0, 1.4)
 """Steps of the modes to choose from, over that of the coefficients."""
 
+FUNCTIONS = (1, 4, 16, 32, 48, 64, 96)
+"""Functions of a patch to choose from, besides a complete space; the least that does, does."""
+
+NARROW_MAY_COST = 1.02
+"""Bits that fewer functions may cost: building functions takes the square of their number, for every reader."""
+
 SPACES: tuple[tuple[SpaceKind, int], ...] = (
     ("patch", 128),
     ("patch", 64),
@@ -110,8 +116,11 @@ class GroupEncoder:
             for begin, end in self._group_ranges():
                 fitter = self._fitter(begin, end)
                 if basis is None:
-                    basis = self._choose_space(fitter, single=end == self._sequence.frame_count)
-                usual, fitted = self._choose(fitter, basis, usual)
+                    basis = self._choose_space(fitter)
+                    usual, fitted = self._choose(fitter, basis, usual)
+                    basis, fitted = self._narrowed(fitter, basis, usual, fitted)
+                else:
+                    usual, fitted = self._choose(fitter, basis, usual)
                 if begin == 0:
                     self._explained = fitter.explained(fitted.entry.functions)
                 self._write_group(fitter, basis, fitted, spools)
@@ -148,8 +157,8 @@ class GroupEncoder:
             correction_step=self._correction_step,
         )
 
-    def _choose_space(self, fitter: GroupFitter, *, single: bool) -> SpaceBasis:
-        """The space basis in which the first group's coefficients take fewest bits, no wider than they need."""
+    def _choose_space(self, fitter: GroupFitter) -> SpaceBasis:
+        """The space basis in which the first group's coefficients take fewest bits."""
         looked_at = SPACES[: 1 + self._settings.effort // 2] if fitter.trajectories else SPACES[:1]
         found: list[tuple[float, SpaceBasis, tuple[SpaceKind, int]]] = []
         for kind, points in looked_at:
@@ -159,6 +168,21 @@ class GroupEncoder:
         _, basis, chosen = min(found, key=lambda item: item[0])
         self._space = (*chosen, MOST_FUNCTIONS)
         return basis
+
+    def _narrowed(
+        self, fitter: GroupFitter, basis: SpaceBasis, choice: _Choice, fitted: FittedGroup
+    ) -> tuple[SpaceBasis, FittedGroup]:
+        """The basis with as few functions a patch as the first group's accuracy asks for."""
+        kind, points, _ = self._space
+        for functions in FUNCTIONS:
+            if functions >= points:
+                break
+            narrow = self._build(kind, points, functions)
+            rival = fitter.fit(narrow, choice.time, STEPS[choice.steps], MODE_STEPS[choice.mode_steps])
+            if rival.bits <= NARROW_MAY_COST * fitted.bits:
+                self._space = (kind, points, functions)
+                return narrow, rival
+        return basis, fitted
 
     def _build(self, kind: SpaceKind, points: int, functions: int) -> SpaceBasis:
         return build_space_basis(kind, self._sequence.objects, self._rest.levels, points=points, functions=functions)

@@ -1,7 +1,7 @@
 """Compiled orthonormal functions on patches: polynomials of the rest shape, completed by unit vectors.
 
 Every operation and its order are part of the format (``spec/pdeanim.md``): decoder and encoder build the
-same bits. Classical Gram-Schmidt, twice, is as orthogonal as the modified one (Giraud, Langou and Rozloznik
+same bits. Classical Gram-Schmidt, a second time where the first cancels, is as orthogonal as the modified one (Giraud, Langou and Rozloznik
 2005, "The loss of orthogonality in the Gram-Schmidt orthogonalization process") and runs along all functions
 at once.
 """
@@ -24,6 +24,10 @@ DEPENDENT = 2.0**-8
 
 COVERED = 2.0**-10
 """The same for unit vectors: less than 1 / sqrt(vertices), so that they always complete the space."""
+
+ONCE_IS_ENOUGH = 0.25
+"""Share of the squared norm that must be left after one pass for the second to be skipped: then at most one binary
+digit was lost."""
 
 SWEEPS = 6
 """Jacobi sweeps of a 3 x 3 matrix: three reach the last digits, the rest cost nothing."""
@@ -97,9 +101,7 @@ def local_coordinates(levels: Int64Array, order: Int32Array, begin: int, end: in
     largest = 0.0
     for i in range(size):
         for axis in range(3):
-            local[axis, i] = (
-                np.float64(levels[order[begin + i], axis] - levels[order[begin], axis]) - mean[axis]
-            )
+            local[axis, i] = np.float64(levels[order[begin + i], axis] - levels[order[begin], axis]) - mean[axis]
             largest = max(largest, abs(local[axis, i]))
     scale = 1.0 / largest if largest > 0.0 else 1.0
     for i in range(size):
@@ -139,6 +141,7 @@ def add_function(
     for i in range(size):
         before += column[i] * column[i]
     weights = np.empty(rank)
+    after = before
     for _ in range(2):
         weights[:] = 0.0
         for i in range(size):
@@ -151,9 +154,11 @@ def add_function(
             function = by_function[k]
             for i in range(size):
                 column[i] -= function[i] * weight
-    after = 0.0
-    for i in range(size):
-        after += column[i] * column[i]
+        after = 0.0
+        for i in range(size):
+            after += column[i] * column[i]
+        if after > ONCE_IS_ENOUGH * before:
+            break
     norm = np.sqrt(after)
     if not norm > threshold * np.sqrt(before):
         return False
