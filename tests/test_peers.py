@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import json
 import math
 import struct
@@ -285,6 +286,15 @@ def test_peers_have_names_and_versions_of_their_own() -> None:
     assert {peer.name for peer in all_peers() if not peer.published} == {
         f"{peer.name}, corrected" for peer in (CosineInTime(), PrincipalShapes(), Coddyac())
     }
+
+
+def test_a_version_follows_the_code_and_not_its_comments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    module, versions = tmp_path / "rounding.py", []
+    monkeypatch.setattr(inspect, "getfile", lambda _: module)
+    for text in ("a = 1", '"""Text."""\n\na = 1  # why', "a = 2"):
+        module.write_text(text)
+        versions.append(Rounding().version())
+    assert versions[0] == versions[1] != versions[2]
 
 
 integers = st.integers(-(2**40), 2**40) | st.integers(-3, 3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import importlib.metadata
 import importlib.util
@@ -34,7 +35,8 @@ class Peer(ABC):
     package : str or None
         Python package that it needs, of the extra `peers`; None: nothing beyond pdecodec's own.
     published : bool
-        Whether it is what its source describes; else something of ours is added.
+        Whether it is its source's scheme, coded as well as we can; False where a stage is added that the source
+        does not have.
     adjustable : bool
         Whether the length given to the encoder matters: if not, there is one size and one error.
     """
@@ -86,7 +88,7 @@ class Peer(ABC):
         """Changes when its results may: a digest of its name, its code, the code it shares, and its package."""
         digest = hashlib.sha256(self.name.encode())
         for path in sorted({Path(inspect.getfile(type(self))), *_shared_files()}):
-            digest.update(path.read_bytes())
+            digest.update(_code_of(path).encode())
         if self.package is not None:
             digest.update(importlib.metadata.version(self.package).encode())
         return digest.hexdigest()[:16]
@@ -95,5 +97,17 @@ class Peer(ABC):
 def _shared_files() -> list[Path]:
     """The modules that several peers are made of."""
     here = Path(__file__).parent
-    shared = ("grid", "peer", "planes", "prediction", "principal", "search", "shuffle", "symbols", "traversal")
+    shared = ("grid", "planes", "prediction", "principal", "search", "shuffle", "symbols", "traversal")
     return [*(here / f"{name}.py" for name in shared), here.parent / "kernels" / "rangecoder.py"]
+
+
+class _WithoutTexts(ast.NodeTransformer):
+    """Takes out docstrings and the texts under constants."""
+
+    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
+        return None if isinstance(node.value, ast.Constant) else node
+
+
+def _code_of(path: Path) -> str:
+    """What a module does, whatever its comments, docstrings and layout."""
+    return ast.dump(_WithoutTexts().visit(ast.parse(path.read_text(encoding="utf-8"))))
