@@ -159,7 +159,7 @@ def normalised_modes(modes: Float64Array) -> Float64Array:
 
     Squares are added up frame after frame, x y z within each.
     """
-    flat = modes.reshape(-1, modes.shape[2])
+    flat = modes.reshape(modes.shape[0] * modes.shape[1], modes.shape[2])
     squares = np.zeros(flat.shape[1])
     for row in flat:
         squares += row * row
