@@ -40,6 +40,9 @@ FARTHEST_STEPS = 2.0**26
 """Displacements beyond so many bounds are no motion to be fitted: they are left to corrections."""
 
 
+ALIKE = 1e-2
+"""Trajectories that differ by less than this share (of their squared length) count as one in the fit."""
+
 NEIGHBOURS_TELL = 0.65
 """Share of the bits of independent corrections that they really take, gathered as they are: 0.5 to 0.8 measured."""
 
@@ -171,9 +174,9 @@ class GroupFitter:
         scaled = (axes[:, used] * np.sqrt(energies[used])).reshape(self.frames, 3, used.size)
         bits, decoded = measure_modes(scaled, mode_step) if used.size else (0.0, scaled)
         unit = normalised_modes(decoded).reshape(3 * self.frames, used.size)
-        # Decoded trajectories are no longer quite orthogonal: least squares.
-        gram = unit.T @ unit + np.diag((unit == 0).all(axis=0).astype(np.float64))
-        values = np.linalg.solve(gram, (self._moved @ unit).T).T if used.size else np.zeros((len(self._moved), 0))
+        # Decoded trajectories are no longer quite orthogonal, and coarse ones may coincide: least squares.
+        inverse = np.linalg.pinv(unit.T @ unit, rcond=ALIKE, hermitian=True) if used.size else np.zeros((0, 0))
+        values = (self._moved @ unit) @ inverse
         levels = _quantise(basis.project(values), step)
         entry = GroupEntry(self.frames, int(used.size), "modal", step, mode_step, (0, 0, 0), 0)
         return entry, scaled, decoded, levels, bits
