@@ -87,7 +87,7 @@ def predict(
     inputs[2] = level_at(levels, around[3], axis) - before_near
     inputs[3] = before_near - level_at(levels, around[5], axis)
     inputs[4] = level_at(levels, around[6], axis) - level_at(levels, around[7], axis)
-    total = (near << FILTER_BITS) + (1 << (FILTER_BITS - 1))
+    total: int = (near << FILTER_BITS) + (1 << (FILTER_BITS - 1))
     for i in range(INPUTS):
         total += filters[row, i] * inputs[i]
     return clamp(total >> FILTER_BITS, LARGEST)

@@ -1,0 +1,337 @@
+"""Corrections of a group of frames: bounds hold, bits come back in both decoders, damage is harmless."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import zstandard
+from damage import assert_only_corrupt_file_errors
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from numpy.typing import NDArray
+
+from pdecodec.corrections import add_corrections, correct_frame, correction_step
+from pdecodec.errors import CorruptFileError, LimitError
+from pdecodec.group_corrections import (
+    BYTES_PER_CORRECTION,
+    BYTES_PER_LITERAL,
+    GroupCorrections,
+    add_frame,
+    correct_group,
+    decode_group,
+    encode_group,
+    measure_group,
+    no_corrections,
+)
+from pdecodec.kernels.corrections import add_levels, add_levels_reference, correct_misses_reference
+from pdecodec.kernels.motion import exceeding_reference
+from pdecodec.quantise import LARGEST
+from spec.decoder.corrections import read_corrections
+
+Float32Array = NDArray[np.float32]
+Int64Array = NDArray[np.int64]
+
+PLENTY = 2**30
+"""Memory [bytes] that no test here comes near."""
+
+FINITE = st.floats(width=32, allow_nan=False, allow_infinity=False)
+
+
+def of_frames(
+    frames: list[tuple[list[int], list[list[int]]]], literals: dict[int, dict[int, list[float]]]
+) -> GroupCorrections:
+    """From places and levels of each frame, and literals by frame and place."""
+    counts = [len(places) for places, _ in frames]
+    literal_counts = [len(literals.get(frame, {})) for frame in range(len(frames))]
+    literal_places = [place for frame in range(len(frames)) for place in sorted(literals.get(frame, {}))]
+    positions = [literals[frame][place] for frame in sorted(literals) for place in sorted(literals[frame])]
+    return GroupCorrections(
+        np.cumsum([0, *counts]),
+        np.array([place for places, _ in frames for place in places], np.int64),
+        np.array([level for _, levels in frames for level in levels], np.int64).reshape(-1, 3),
+        np.cumsum([0, *literal_counts]),
+        np.array(literal_places, np.int64),
+        np.array(positions, np.float32).reshape(-1, 3),
+    )
+
+
+def of_field(levels: Int64Array) -> GroupCorrections:
+    """(frames, places, 3) levels: corrections wherever they are not all zero."""
+    frames, places = np.nonzero(levels.any(axis=2))
+    starts = np.searchsorted(frames, np.arange(len(levels) + 1)).astype(np.int64)
+    return replace(
+        no_corrections(len(levels)), frame_starts=starts, places=places.astype(np.int64), levels=levels[frames, places]
+    )
+
+
+def starts_of(places: int, patch: int) -> Int64Array:
+    return np.append(np.arange(0, places, patch), places).astype(np.int64)
+
+
+def assert_equal(found: GroupCorrections, expected: GroupCorrections) -> None:
+    for name, array in vars(expected).items():
+        other = getattr(found, name)
+        assert other.dtype == array.dtype
+        assert other.shape == array.shape
+        assert other.tobytes() == np.ascontiguousarray(array).tobytes(), name
+
+
+def assert_comes_back(group: GroupCorrections, starts: Int64Array) -> bytes:
+    """Through bytes, the same both times, as long as measured; and through the specification's decoder."""
+    data = encode_group(group, starts)
+    assert encode_group(group, starts) == data
+    assert -8 <= 8 * len(data) - measure_group(group, starts) < 64 + 0.005 * 8 * len(data)
+    found = decode_group(data, group.frame_count, starts, most_bytes=PLENTY)
+    assert_equal(found, group)
+    for frame, plain in enumerate(read_corrections(data, group.frame_count, starts.tolist())):
+        some = slice(group.frame_starts[frame], group.frame_starts[frame + 1])
+        literal = slice(group.literal_frame_starts[frame], group.literal_frame_starts[frame + 1])
+        assert list(plain.levels) == group.places[some].tolist()
+        assert [list(levels) for levels in plain.levels.values()] == group.levels[some].tolist()
+        assert list(plain.literals) == group.literal_places[literal].tolist()
+        assert [list(position) for position in plain.literals.values()] == group.literals[literal].tolist()
+    return data
+
+
+@st.composite
+def groups(draw: st.DrawFn) -> tuple[GroupCorrections, Int64Array]:
+    frames, sizes = draw(st.integers(1, 6)), draw(st.lists(st.integers(1, 9), min_size=1, max_size=6))
+    starts = np.cumsum([0, *sizes])
+    density = draw(st.sampled_from([0.05, 0.5, 1.0]))
+    largest = draw(st.sampled_from([1, 3, 40, 2**20, LARGEST]))
+    random = np.random.default_rng(draw(st.integers(0, 2**32)))
+    levels = random.integers(-largest, largest, (frames, int(starts[-1]), 3), endpoint=True)
+    if draw(st.booleans()):
+        levels[1:] = levels[:1]
+    group = of_field(np.where(random.random((*levels.shape[:2], 1)) < density, levels, 0))
+    literal = random.random(levels.shape[:2]) < draw(st.sampled_from([0.0, 0.1]))
+    at, places = np.nonzero(literal)
+    positions = draw(arrays.arrays(np.float32, (places.size, 3), elements=FINITE))
+    literal_starts = np.searchsorted(at, np.arange(frames + 1)).astype(np.int64)
+    group = replace(
+        group, literal_frame_starts=literal_starts, literal_places=places.astype(np.int64), literals=positions
+    )
+    return group, starts
+
+
+@settings(max_examples=50, deadline=None)
+@given(groups())
+def test_corrections_come_back_to_the_last_bit(case: tuple[GroupCorrections, Int64Array]) -> None:
+    assert_comes_back(*case)
+
+
+def walk(seed: int, frames: int, places: int, spread: float, drift: float) -> Int64Array:
+    """Levels that go on as they went in time and are alike in neighbouring places."""
+    random = np.random.default_rng(seed)
+    along = np.cumsum(random.normal(size=(places, 4, 3)), axis=0) / np.sqrt(places)
+    time = np.sin(np.arange(frames)[:, None] * drift * np.array([1.0, 1.7, 2.3, 3.1]))
+    field = spread * np.einsum("fk,pkx->fpx", time, along)
+    levels: Int64Array = np.rint(field + random.normal(size=field.shape) * 0.3).astype(np.int64)
+    return levels
+
+
+@pytest.mark.parametrize("spread", [0.6, 3.0, 1e3, 1e6, 1e11])
+def test_corrections_of_every_vertex_come_back_and_take_less_than_differences_do(spread: float) -> None:
+    levels = walk(1, 16, 160, spread, 0.2)
+    data = assert_comes_back(of_field(levels), starts_of(160, 32))
+    narrow = np.diff(levels, axis=0, prepend=0).astype(np.int64 if spread > 1e9 else np.int32)
+    planes = np.frombuffer(narrow.tobytes(), np.uint8).reshape(-1, narrow.itemsize).T.tobytes()
+    assert len(data) < 0.95 * len(zstandard.compress(planes, 19))
+
+
+def test_a_cycle_costs_its_first_turn() -> None:
+    random = np.random.default_rng(2)
+    turn = np.rint(random.normal(size=(8, 60, 3)) * 30).astype(np.int64)
+    starts = starts_of(60, 20)
+    once, thrice = (assert_comes_back(of_field(np.tile(turn, (turns, 1, 1))), starts) for turns in (1, 3))
+    assert len(thrice) < 1.25 * len(once)
+
+
+def test_few_corrections_gathered_in_place_and_time_cost_less_than_scattered_ones() -> None:
+    random = np.random.default_rng(3)
+    starts = starts_of(2000, 40)
+    gathered, scattered = np.zeros((2, 40, 2000, 3), np.int64)
+    gathered[10:30, 500:520] = random.integers(0, 2, (20, 1, 3)) + np.array([1, 0, 0])
+    at = random.permutation(40 * 2000)[:400]
+    scattered.reshape(-1, 3)[at] = gathered[10:30, 500:520].reshape(-1, 3)
+    costs = [measure_group(of_field(field), starts) / 400 for field in (gathered, scattered)]
+    assert costs[0] < 4
+    assert costs[1] > 2.5 * costs[0]
+
+
+def test_no_corrections_are_no_bytes() -> None:
+    starts = starts_of(50, 16)
+    assert encode_group(no_corrections(7), starts) == b""
+    assert measure_group(no_corrections(7), starts) == 0.0
+    assert_equal(decode_group(b"", 7, starts, most_bytes=0), no_corrections(7))
+
+
+def test_literals_alone_come_back() -> None:
+    group = of_frames([([], [])] * 4, {1: {3: [1.5, -2.0, 3e38], 4: [0.0, -0.0, 1e-45]}, 3: {0: [7.0, 8.0, 9.0]}})
+    data = assert_comes_back(group, starts_of(5, 2))
+    assert len(data) < 12 * 3 + 12
+
+
+@pytest.mark.parametrize(
+    ("places", "levels"),
+    [
+        ([3, 3], [[1, 0, 0]] * 2),
+        ([4, 3], [[1, 0, 0]] * 2),
+        ([10], [[1, 0, 0]]),
+        ([-1], [[1, 0, 0]]),
+        ([3], [[0, 0, 0]]),
+    ],
+)
+def test_what_are_no_corrections_is_not_encoded(places: list[int], levels: list[list[int]]) -> None:
+    with pytest.raises(ValueError, match="correction"):
+        encode_group(of_frames([(places, levels)], {}), starts_of(10, 4))
+
+
+def example() -> tuple[GroupCorrections, Int64Array]:
+    levels = walk(4, 6, 60, 3.0, 0.4)
+    levels[:, 20:40] = 0
+    group = of_field(levels)
+    return replace(
+        group,
+        literal_frame_starts=np.array([0, 0, 2, 2, 2, 3, 3]),
+        literal_places=np.array([21, 30, 39]),
+        literals=np.arange(9, dtype=np.float32).reshape(3, 3),
+    ), starts_of(60, 15)
+
+
+def assert_sound(found: GroupCorrections, frames: int, vertices: int) -> None:
+    for starts, places in ((found.frame_starts, found.places), (found.literal_frame_starts, found.literal_places)):
+        assert starts[0] == 0
+        assert starts[-1] == places.size
+        assert starts.size == frames + 1
+        for frame in range(frames):
+            some = places[starts[frame] : starts[frame + 1]]
+            assert (np.diff(some) > 0).all()
+            assert ((some >= 0) & (some < vertices)).all()
+    assert np.abs(found.levels).max(initial=0) <= LARGEST
+    assert np.isfinite(found.literals).all()
+
+
+def decode_soundly(data: bytes, frames: int, starts: Int64Array) -> None:
+    assert_sound(decode_group(data, frames, starts, most_bytes=2**22), frames, int(starts[-1]))
+
+
+def test_damage_gives_sound_corrections_or_our_own_error() -> None:
+    group, starts = example()
+    data = encode_group(group, starts)
+    assert assert_only_corrupt_file_errors(data, lambda each: decode_soundly(each, 6, starts)) > 100
+
+
+def test_cut_bytes_give_sound_corrections_or_our_own_error() -> None:
+    group, starts = example()
+    data = encode_group(group, starts)
+    refused = 0
+    for size in range(1, len(data)):
+        try:
+            decode_soundly(data[:size], 6, starts)
+        except CorruptFileError:
+            refused += 1
+    assert refused > 0.5 * len(data)
+
+
+def test_bytes_after_the_corrections_are_refused() -> None:
+    group, starts = example()
+    with pytest.raises(CorruptFileError, match="after its corrections"):
+        decode_group(encode_group(group, starts) + b"\1" * 8, 6, starts, most_bytes=PLENTY)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(min_size=1, max_size=60), st.integers(1, 5), st.integers(1, 40), st.integers(1, 12))
+def test_any_bytes_give_sound_corrections_or_our_own_error(data: bytes, frames: int, vertices: int, patch: int) -> None:
+    try:
+        decode_soundly(data, frames, starts_of(vertices, patch))
+    except CorruptFileError:
+        return
+
+
+def test_corrections_of_other_frames_or_vertices_are_refused_or_sound() -> None:
+    group, starts = example()
+    data = encode_group(group, starts)
+    for frames, vertices in ((1, 60), (5, 60), (7, 60), (6, 2), (6, 59)):
+        try:
+            decode_soundly(data, frames, starts_of(vertices, 15))
+        except CorruptFileError:
+            continue
+
+
+def test_more_corrections_than_memory_has_room_for_are_refused_before_they_are_decoded() -> None:
+    group, starts = example()
+    data = encode_group(group, starts)
+    needed = group.places.size * BYTES_PER_CORRECTION + group.literal_places.size * BYTES_PER_LITERAL
+    assert_equal(decode_group(data, 6, starts, most_bytes=needed), group)
+    with pytest.raises(LimitError, match=f"{group.count} corrections"):
+        decode_group(data, 6, starts, most_bytes=needed - 1)
+
+
+def test_what_is_decoded_fits_in_the_memory_that_was_counted() -> None:
+    group, _ = example()
+    assert group.nbytes < group.places.size * BYTES_PER_CORRECTION + group.literal_places.size * BYTES_PER_LITERAL
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    arrays.arrays(np.float32, (2, 5, 3), elements=FINITE),
+    arrays.arrays(np.float32, (2, 5, 3), elements=st.floats(width=32, allow_nan=False)),
+    st.floats(-38, 38).map(lambda exponent: 10.0**exponent),
+    st.permutations(range(5)),
+)
+def test_the_bound_holds_for_any_positions_at_all(
+    points: Float32Array, base: Float32Array, bound: float, order: list[int]
+) -> None:
+    places = np.array(order)
+    step = correction_step(bound, float(np.abs(points).max()))
+    group = correct_group(points, base, places, bound=bound, step=step)
+    starts, at, levels, within = correct_misses_reference(points, base, places, bound, step)
+    assert np.array_equal(group.places, at[within])
+    assert np.array_equal(group.levels, levels[within])
+    assert np.array_equal(group.literal_places, at[~within])
+    assert np.array_equal(group.frame_starts + group.literal_frame_starts, starts)
+    assert (not group.places.size) or group.levels.any(axis=1).all()
+    for frame in range(2):
+        out = base[frame].copy()
+        add_frame(out, group, frame, places, step=step, weight=1.0)
+        miss = out.astype(np.float64) - points[frame]
+        assert (np.linalg.norm(miss, axis=1) <= bound * (1 + 1e-15)).all()
+
+
+def test_corrections_of_a_group_are_those_of_its_frames() -> None:
+    random = np.random.default_rng(5)
+    points = random.normal(size=(4, 200, 3)).astype(np.float32)
+    base = (points + random.normal(size=points.shape) * 0.002).astype(np.float32)
+    base[:, 7] = 1e12  # more than 2^40 steps away
+    order = random.permutation(200)
+    step = correction_step(0.003, 4.0)
+    group = correct_group(points, base, order, bound=0.003, step=step)
+    assert group.literal_places.size > 0
+    for frame in range(4):
+        _, _, beyond = exceeding_reference(points[frame], base[frame], 0.003)
+        expected = correct_frame(points[frame], base[frame], beyond, step, 0.003)
+        found = group.of_frame(frame, order)
+        sort = np.argsort(found.vertices)
+        assert np.array_equal(found.vertices[sort], expected.vertices)
+        assert np.array_equal(found.levels[sort], expected.levels)
+        assert np.array_equal(np.sort(found.literal_vertices), expected.literal_vertices)
+        for weight, there in ((1.0, None), (0.25, base[frame])):
+            mine, other = base[frame] + np.float32(0.5), base[frame] + np.float32(0.5)
+            add_frame(mine, group, frame, order, step=step, weight=weight, base=there)
+            add_corrections(other, expected, step, weight, there)
+            assert np.array_equal(mine, other)
+
+
+def test_compiled_and_plain_adding_give_the_same_bits() -> None:
+    random = np.random.default_rng(6)
+    mine = random.normal(size=(50, 3)).astype(np.float32)
+    other, order = mine.copy(), random.permutation(50)
+    places, levels = np.arange(3, 40), random.integers(-(2**40), 2**40, (37, 3))
+    for weight, step in ((1.0, 1e-3), (0.3, 1e-14), (0.7, 1e30)):
+        add_levels(mine, order, places, levels, step, weight)
+        add_levels_reference(other, order, places, levels, step, weight)
+        assert mine.tobytes() == other.tobytes()
