@@ -172,9 +172,14 @@ def accepted(folder: Path) -> Iterator[tuple[str, bytes]]:
     """Files that every decoder must read."""
     path = folder / "a.pdeanim"
     for name, (make, options) in SEQUENCES.items():
-        encode(make(), path, EncodeSettings(**options), overwrite=True)
+        encode(make(), path, EncodeSettings(**{"profile": "segments", **options}), overwrite=True)
         yield name, path.read_bytes()
-    encode(SEQUENCES["alignment_rotation"][0](), path, EncodeSettings(alignment="rotation"), overwrite=True)
+    encode(
+        SEQUENCES["alignment_rotation"][0](),
+        path,
+        EncodeSettings(profile="segments", alignment="rotation"),
+        overwrite=True,
+    )
     parts = take_apart(path.read_bytes())
     unknown = [Part("XYZW", b"anything", 0), *parts, Part("\xff\x00ab", b"", 0xFFFFFFFE)]
     yield "unknown_ignorable_sections", seal([replace(part, flags=part.flags | 0x100) for part in unknown], minor=7)

@@ -49,7 +49,7 @@ class Base:
         uv = Attribute("uv", "corner", np.eye(4, 2, dtype=np.float32), np.arange(8, dtype=np.int32) % 4)
         objects = [MeshObject("b", grid(2, 3), (group, uv)), MeshObject("p", connectivity(2))]
         path = folder / "base.pdeanim"
-        options = EncodeSettings(alignment="rotation", segment_frames=3, tolerance=0.02)
+        options = EncodeSettings(profile="segments", alignment="rotation", segment_frames=3, tolerance=0.02)
         encode(ArraySequence(points, objects=objects), path, options, overwrite=True)
         parts = [part for part in take_apart(path.read_bytes()) if part.kind != "META"]
         # Corrections of vertices 1 and 5 at frame 0 and 0 at frame 2, and vertex 4 literally at frame 2.

@@ -71,8 +71,20 @@ def test_encode_reports_in_json_what_scripts_need(
     assert report["kg_error"] > 0
     assert report["seconds"] > 0
     assert report["profile"] == "auto"
-    assert report["curves"] >= 1
-    assert report["segments"] >= 1
+    assert report["model"]["groups"] == 1
+    assert report["model"]["patches"] >= 1
+
+
+def test_encode_reports_the_model_of_every_profile(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for profile, part in (("auto", "groups"), ("segments", "segments"), ("paper", "segments")):
+        output = tmp_path / f"{profile}.pdeanim"
+        report = json_of(capsys, "encode", folder / "wave.npz", "-o", output, "--profile", profile, "--json")
+        found = json_of(capsys, "info", output, "--json")
+        assert report["profile"] == found["profile"] == profile
+        assert report["model"][part] == found[part] >= 1
+        assert {name: found[name] for name in report["model"]} == report["model"]
 
 
 def test_encode_ends_with_one_line_on_standard_error_and_nothing_on_standard_output(

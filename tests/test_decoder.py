@@ -12,7 +12,7 @@ import pytest
 import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from test_round_trip import CLIPS, noise, sheet, wave
+from test_round_trip import BOTH_VERSIONS, CLIPS, noise, sheet, wave
 
 from pdecodec import (
     Animation,
@@ -27,7 +27,7 @@ from pdecodec import (
 )
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import MeshSequence
-from spec.sealing import content, seal, take_apart, with_section
+from spec.sealing import HEADER, Part, content, seal, take_apart, with_section
 
 
 def animation_of(sequence: MeshSequence, path: Path, **options: object) -> Animation:
@@ -35,16 +35,42 @@ def animation_of(sequence: MeshSequence, path: Path, **options: object) -> Anima
     return open_animation(path)
 
 
-@pytest.fixture(scope="module", params=["affine", "rotation"])
-def animation(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Animation]:
-    """Several short segments, with corrections at many frames and literals at one."""
+MODELS: dict[str, dict[str, object]] = {
+    "none": {"profile": "segments", "segment_frames": 5, "alignment": "none"},
+    "affine": {"profile": "segments", "segment_frames": 5, "alignment": "affine"},
+    "rotation": {"profile": "segments", "segment_frames": 5, "alignment": "rotation"},
+    "groups": {"profile": "auto"},
+}
+"""Settings under which a clip of 20 frames has several segments or groups; groups are cut short by the fixture."""
+
+
+@pytest.fixture(scope="module")
+def short_groups() -> Iterator[None]:
+    """Groups of five frames at most."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pdecodec.groupencoder.LONGEST_GROUP", 5)
+        yield
+
+
+@pytest.fixture(scope="module", params=["affine", "rotation", "groups"])
+def animation(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, short_groups: None
+) -> Iterator[Animation]:
+    """Several short segments or groups, with corrections at many frames and literals at one."""
     points = wave(20) + 0.01 * noise(20, 35)
     points[6, 3] += np.float32(1e20)
     times = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, 20)) / 24 + 5
     sequence = ArraySequence(points, objects=sheet(wave()).objects, times=times)
     path = tmp_path_factory.mktemp("decoder") / "a.pdeanim"
-    with animation_of(sequence, path, segment_frames=5, alignment=request.param, effort=1) as decoded:
+    with animation_of(sequence, path, **MODELS[request.param], effort=1) as decoded:
+        assert decoded.sections["CORR"] > 0
         yield decoded
+
+
+def sections_of(animation: Animation) -> tuple[list[Part], int]:
+    """The sections of its file, and its major version."""
+    data = Path(animation.path).read_bytes()
+    return take_apart(data), HEADER.unpack_from(data)[1]
 
 
 def bits(points: np.ndarray) -> np.ndarray:
@@ -138,10 +164,10 @@ def test_accelerations_are_the_slope_of_the_velocities(alignment: str, tmp_path:
             np.testing.assert_allclose(decoded.accelerations(time), slope, rtol=0, atol=2e-3 * largest)
 
 
-@pytest.mark.parametrize("alignment", ["none", "affine"])
-def test_velocities_follow_what_corrections_add_between_frames(alignment: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("model", ["none", "affine", "groups"])
+def test_velocities_follow_what_corrections_add_between_frames(model: str, short_groups: None, tmp_path: Path) -> None:
     sequence = sheet(100 * (wave(20) + 0.004 * noise(20, 35)))
-    with animation_of(sequence, tmp_path / "a.pdeanim", alignment=alignment, segment_frames=5, effort=1) as decoded:
+    with animation_of(sequence, tmp_path / "a.pdeanim", **MODELS[model], effort=1) as decoded:
         assert decoded.sections["CORR"] > 0
         middles = (decoded.times[:-1] + decoded.times[1:]) / 2
         step = 1e-3
@@ -173,10 +199,12 @@ def test_positions_are_written_into_the_callers_array(animation: Animation) -> N
             animation.sample([0.2, 0.1], out=wrong)
 
 
-@pytest.mark.parametrize("alignment", ["none", "affine", "rotation"])
-def test_motion_is_continuous_where_segments_and_corrections_meet(alignment: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("model", ["none", "affine", "rotation", "groups"])
+def test_motion_is_continuous_where_segments_and_corrections_meet(
+    model: str, short_groups: None, tmp_path: Path
+) -> None:
     sequence = sheet(wave(20) + 0.01 * noise(20, 35))
-    with animation_of(sequence, tmp_path / "a.pdeanim", alignment=alignment, segment_frames=5, effort=1) as decoded:
+    with animation_of(sequence, tmp_path / "a.pdeanim", **MODELS[model], effort=1) as decoded:
         assert decoded.sections["CORR"] > 0
         for time in decoded.times[1:-1]:
             before, at, after = decoded.sample([np.nextafter(time, 0), time, np.nextafter(time, 9)])
@@ -184,11 +212,13 @@ def test_motion_is_continuous_where_segments_and_corrections_meet(alignment: str
             np.testing.assert_allclose(after, at, rtol=0, atol=1e-6)
 
 
-def test_a_correction_fades_towards_the_frames_beside_it(tmp_path: Path) -> None:
+@BOTH_VERSIONS
+def test_a_correction_fades_towards_the_frames_beside_it(profile: str, tmp_path: Path) -> None:
     points = np.zeros((9, 6, 3), np.float32)
     points[:, :, 0] = np.arange(6)
     points[4, 2, 1] = 0.5
-    with animation_of(ArraySequence(points, fps=1), tmp_path / "a.pdeanim", max_error=0.001) as decoded:
+    sequence = ArraySequence(points, fps=1)
+    with animation_of(sequence, tmp_path / "a.pdeanim", profile=profile, max_error=0.001) as decoded:
         height = decoded.sample(np.arange(3, 5.01, 0.25))[:, 2, 1]
         if decoded.sections["COEF"] == 0:  # the rest shape and one correction: a hat function
             np.testing.assert_allclose(height, [0, 0.125, 0.25, 0.375, 0.5, 0.375, 0.25, 0.125, 0], atol=0.002)
@@ -196,8 +226,9 @@ def test_a_correction_fades_towards_the_frames_beside_it(tmp_path: Path) -> None
         assert np.argmax(height) == 4
 
 
-def test_one_frame_is_given_at_every_time(tmp_path: Path) -> None:
-    with animation_of(CLIPS["one frame"](), tmp_path / "a.pdeanim") as decoded:
+@BOTH_VERSIONS
+def test_one_frame_is_given_at_every_time(profile: str, tmp_path: Path) -> None:
+    with animation_of(CLIPS["one frame"](), tmp_path / "a.pdeanim", profile=profile) as decoded:
         only = decoded.positions(0.0)
         assert np.array_equal(decoded.sample([-1.0, 0.0, 7.5]), np.stack([only] * 3))
         assert not decoded.velocities(0.0).any()
@@ -205,7 +236,7 @@ def test_one_frame_is_given_at_every_time(tmp_path: Path) -> None:
 
 def test_a_time_reads_no_more_segments_than_it_touches(tmp_path: Path) -> None:
     path = tmp_path / "a.pdeanim"
-    animation_of(ArraySequence(noise(20, 6), fps=1), path, segment_frames=5, effort=1).close()
+    animation_of(ArraySequence(noise(20, 6), fps=1), path, profile="segments", segment_frames=5, effort=1).close()
     parts = take_apart(path.read_bytes())
     corrections = content(parts, "CORR")
     # Ruin the last segment: everything up to it decodes, and what touches it names its first frame.
@@ -249,18 +280,18 @@ def test_a_memory_limit_is_kept_and_can_be_raised(animation: Animation) -> None:
 
 
 def test_unknown_ignorable_sections_change_nothing(animation: Animation, tmp_path: Path) -> None:
-    parts = take_apart(Path(animation.path).read_bytes())
+    parts, major = sections_of(animation)
     path = tmp_path / "a.pdeanim"
-    path.write_bytes(seal([type(parts[0])("XTRA", b"anything", 0), *parts], minor=3))
+    path.write_bytes(seal([Part("XTRA", b"anything", 0), *parts], major=major, minor=3))
     with open_animation(path) as decoded:
         assert np.array_equal(bits(decoded.sample(animation.times)), bits(animation.sample(animation.times)))
         assert decoded.sections["XTRA"] == 8
 
 
 def test_a_file_without_remarks_decodes(animation: Animation, tmp_path: Path) -> None:
-    parts = [part for part in take_apart(Path(animation.path).read_bytes()) if part.kind != "META"]
+    parts, major = sections_of(animation)
     path = tmp_path / "a.pdeanim"
-    path.write_bytes(seal(parts))
+    path.write_bytes(seal([part for part in parts if part.kind != "META"], major=major))
     with open_animation(path) as decoded:
         assert decoded.metadata == {}
         assert np.array_equal(bits(decoded.sample(animation.times)), bits(animation.sample(animation.times)))
@@ -268,10 +299,10 @@ def test_a_file_without_remarks_decodes(animation: Animation, tmp_path: Path) ->
 
 
 def test_metadata_of_any_kind_is_read_as_text(animation: Animation, tmp_path: Path) -> None:
-    parts = take_apart(Path(animation.path).read_bytes())
+    parts, major = sections_of(animation)
     path = tmp_path / "a.pdeanim"
     cases = [(b'{"metadata":{"up":1,"unit":null}}', {"up": "1", "unit": "None"}), (b'{"metadata":3}', {})]
     for text, metadata in cases:
-        path.write_bytes(seal(with_section(parts, "META", zstandard.ZstdCompressor().compress(text))))
+        path.write_bytes(seal(with_section(parts, "META", zstandard.ZstdCompressor().compress(text)), major=major))
         with open_animation(path) as decoded:
             assert decoded.metadata == metadata

@@ -102,7 +102,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> SoundFile:
     group = Attribute("group", "face", np.arange(4, dtype=np.int32) % 2, labels=("arm", "Bein ü"))
     objects = [MeshObject("body", body, (uv, group)), MeshObject("points", connectivity_of(3))]
     path = tmp_path_factory.mktemp("sound") / "a.pdeanim"
-    options = EncodeSettings(alignment="rotation", segment_frames=4, effort=1)
+    options = EncodeSettings(profile="segments", alignment="rotation", segment_frames=4, effort=1)
     encode(ArraySequence(points, objects=objects, metadata={"unit": "m"}), path, options)
     return SoundFile(path.read_bytes())
 

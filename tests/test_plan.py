@@ -49,7 +49,8 @@ def clip(displacement: Float64Array, fps: float = 24.0) -> ArraySequence:
 
 def encoded(sequence: ArraySequence, tmp_path: Path, **settings: object) -> tuple[EncodeReport, Animation]:
     path = tmp_path / "clip.pdeanim"
-    report = encode(sequence, path, EncodeSettings(**settings), overwrite=True)  # type: ignore[arg-type]
+    chosen = EncodeSettings(**{"profile": "segments", **settings})  # type: ignore[arg-type]
+    report = encode(sequence, path, chosen, overwrite=True)
     return report, open_animation(path)
 
 
@@ -113,7 +114,7 @@ def test_curves_whose_motion_is_finer_get_shorter_pieces() -> None:
     bound = 1e-3
     curves = extract_curves(sequence.objects)
     shape = quantise_rest(sequence.points[0], 0.5 * bound)
-    settings = EncodeSettings(max_error=bound)
+    settings = EncodeSettings(profile="segments", max_error=bound)
     plan = make_plan(sequence, curves, shape, settings, bound=bound)
     levels = choose_levels(sequence, curves, shape, plan, settings, bound=bound)
     is_rough = np.array([curves.order[a] >= (ROWS - 2) * 200 for a in curves.starts[:-1]])
@@ -124,7 +125,7 @@ def test_the_plan_keeps_to_what_the_settings_fix() -> None:
     sequence = clip(bending(np.arange(40) / 24.0, 5.0))
     curves = extract_curves(sequence.objects)
     shape = quantise_rest(sequence.points[0], 5e-4)
-    settings = EncodeSettings(alignment="rotation", segment_frames=7, piece_points=20, r=2.5)
+    settings = EncodeSettings(profile="segments", alignment="rotation", segment_frames=7, piece_points=20, r=2.5)
     plan = make_plan(sequence, curves, shape, settings, bound=1e-3)
     assert (plan.alignment, plan.frames, plan.r) == ("rotation", 7, 2.5)
     assert PIECE_POINTS[plan.level] == 24  # the next length the format knows

@@ -22,7 +22,7 @@ POSITIVE = st.floats(1e-300, 1e300)
     st.fixed_dictionaries(
         {},
         optional={
-            "profile": st.sampled_from(["auto", "paper"]),
+            "profile": st.sampled_from(["segments", "paper"]),
             "alignment": st.sampled_from(["auto", "none", "rotation"]),
             "segment_frames": st.integers(2, MAX_SEGMENT_FRAMES),
             "piece_points": st.integers(2, 10**6),
@@ -36,9 +36,17 @@ POSITIVE = st.floats(1e-300, 1e300)
     ),
 )
 def test_settings_come_back_equal_from_json(chosen: dict[str, Any], bound: dict[str, float]) -> None:
-    wanted = EncodeSettings(**chosen, **bound)
+    wanted = EncodeSettings(**{"profile": "segments", **chosen}, **bound)
     text = json.dumps(wanted.to_json())
     assert EncodeSettings.from_json(json.loads(text)) == wanted
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, MAX_EFFORT), POSITIVE)
+def test_settings_of_profile_auto_come_back_equal_from_json(effort: int, tolerance: float) -> None:
+    wanted = EncodeSettings(effort=effort, tolerance=tolerance)
+    assert wanted.profile == "auto"
+    assert EncodeSettings.from_json(json.loads(json.dumps(wanted.to_json()))) == wanted
 
 
 def test_names_of_later_versions_are_passed_over() -> None:
@@ -75,7 +83,7 @@ def test_the_bound_follows_from_tolerance_profile_and_scale(chosen: dict[str, An
         ({"tolerance": float("nan")}, "tolerance must be a positive number, not nan"),
         ({"max_error": float("inf")}, "max_error must be a positive number, not inf"),
         ({"max_error": 0}, "max_error must be a positive number"),
-        ({"profile": "best"}, "profile must be one of auto, paper, not 'best'"),
+        ({"profile": "best"}, "profile must be one of auto, segments, paper, not 'best'"),
         ({"alignment": "shear"}, "alignment must be one of auto, none, affine, rotation"),
         ({"segment_frames": 1}, "segment_frames must be from 2 to 64, not 1"),
         ({"segment_frames": 65}, "segment_frames must be from 2 to 64"),
@@ -87,6 +95,12 @@ def test_the_bound_follows_from_tolerance_profile_and_scale(chosen: dict[str, An
         ({"r": float("inf")}, "r must be from 0 to 12"),
         ({"effort": 0}, "effort must be from 1 to 9"),
         ({"effort": 10}, "effort must be from 1 to 9"),
+        ({"segment_frames": 5}, "segment_frames is a setting of the profiles segments and paper"),
+        ({"piece_points": 5}, "piece_points is a setting of the profiles segments and paper"),
+        ({"alpha": 0.0}, "alpha is a setting of the profiles segments and paper"),
+        ({"r": 0.0}, "r is a setting of the profiles segments and paper"),
+        ({"alignment": "none"}, "alignment is a setting of the profiles segments and paper"),
+        ({"profile": "paper", "alignment": "affine"}, "the paper's profile has no affine functions"),
     ],
 )
 def test_settings_out_of_range_are_named(chosen: dict[str, Any], message: str) -> None:
@@ -101,4 +115,5 @@ def test_the_ends_of_every_range_are_allowed() -> None:
         {"segment_frames": 2, "piece_points": 2, "alpha": 0.0, "r": 0.0, "effort": 1},
         {"segment_frames": MAX_SEGMENT_FRAMES, "alpha": MAX_RATE, "r": MAX_RATE, "effort": MAX_EFFORT},
     ):
-        assert {name: EncodeSettings(**chosen).to_json()[name] for name in chosen} == chosen
+        values = EncodeSettings(profile="segments", **chosen).to_json()
+        assert {name: values[name] for name in chosen} == chosen

@@ -46,7 +46,14 @@ def assert_same(other: independent.Animation, mine: Animation, times: list[float
 
 
 @pytest.mark.parametrize("name", CLIPS)
-@pytest.mark.parametrize("options", [{}, {"alignment": "rotation", "r": 2.5, "alpha": 1.7}, {"profile": "paper"}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"profile": "segments"},
+        {"profile": "segments", "alignment": "rotation", "r": 2.5, "alpha": 1.7},
+        {"profile": "paper"},
+    ],
+)
 def test_it_decodes_every_clip_to_the_same_bits(name: str, options: dict[str, object], tmp_path: Path) -> None:
     path = tmp_path / "a.pdeanim"
     encode(CLIPS[name](), path, EncodeSettings(effort=1, **options))  # type: ignore[arg-type]
@@ -58,7 +65,7 @@ def test_it_decodes_every_clip_to_the_same_bits(name: str, options: dict[str, ob
 
 def test_it_decodes_attributes_and_objects(tmp_path: Path) -> None:
     path = tmp_path / "a.pdeanim"
-    encode(rich_sequence(), path)
+    encode(rich_sequence(), path, EncodeSettings(profile="segments"))
     with open_animation(path) as mine:
         assert len(mine.objects[0].attributes) == 4
         assert_same(independent.decode_file(path), mine, mine.times.tolist())
@@ -87,7 +94,7 @@ def test_it_decodes_any_mesh_to_the_same_bits(
 ) -> None:
     points = np.random.default_rng(seed).normal(size=(frames, sum(item.vertex_count for item in objects), 3))
     path = tmp_path / "a.pdeanim"
-    encode(ArraySequence(points, objects=objects), path, EncodeSettings(effort=1), overwrite=True)
+    encode(ArraySequence(points, objects=objects), path, EncodeSettings(profile="segments", effort=1), overwrite=True)
     with open_animation(path) as mine:
         middle = (mine.times[0] + mine.times[-1]) * 0.37
         assert_same(independent.decode_file(path), mine, [*mine.times.tolist(), middle])
@@ -106,7 +113,7 @@ def test_it_shares_no_code_with_the_library() -> None:
 
 def test_its_command_line_prints_objects_and_positions(tmp_path: Path) -> None:
     path = tmp_path / "a.pdeanim"
-    encode(rich_sequence(), path)
+    encode(rich_sequence(), path, EncodeSettings(profile="segments"))
 
     def printed(*arguments: str) -> str:
         command = [sys.executable, "-m", "spec.decoder", str(path), *arguments]
