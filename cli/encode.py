@@ -17,6 +17,7 @@ from pdecodec.cli.options import (
     objects_option,
     output_option,
     overwrite_option,
+    parse_bytes,
     select_frames,
     select_objects,
     stored_bytes,
@@ -42,6 +43,19 @@ CONSTANT_SECTIONS = ("CONN", "ATTR")
     "Default 0.001; none under --profile paper.",
 )
 @click.option("--max-error", type=float, metavar="X", help="The same in scene units, instead of --tolerance.")
+@click.option(
+    "--rms",
+    type=float,
+    metavar="X",
+    help="Root mean square vertex distance allowed, as a fraction of the same diagonal, instead of --tolerance; "
+    "encodes several times.",
+)
+@click.option(
+    "--size",
+    callback=parse_bytes,
+    metavar="BYTES",
+    help="Largest file, such as 200kB or 1.5MiB, as accurate as fits, instead of --tolerance; encodes several times.",
+)
 @click.option(
     "--profile",
     type=click.Choice(["auto", "segments", "paper"]),
@@ -96,6 +110,8 @@ def encode(
     fps: float | None,
     overwrite: bool,
     as_json: bool,
+    rms: float | None,
+    size: int | None,
     **settings: Any,
 ) -> None:
     """Encode the mesh sequence IN into a .pdeanim file.
@@ -104,8 +120,11 @@ def encode(
     """
     from pdecodec.encoder import encode as encode_sequence
     from pdecodec.formats import open_sequence
+    from pdecodec.ratecontrol import encode_to_rms, encode_to_size
     from pdecodec.settings import EncodeSettings
 
+    if sum(value is not None for value in (settings["tolerance"], settings["max_error"], rms, size)) > 1:
+        raise SettingsError("give one of --tolerance, --max-error, --rms and --size, not several")
     checked = EncodeSettings(**settings)
     if not output.lower().endswith(".pdeanim"):
         raise SettingsError(f"{output}: encode writes .pdeanim files; for other formats use pdecodec convert")
@@ -116,11 +135,18 @@ def encode(
         sequence = select_objects(select_frames(whole, frames), objects)
         say_if_compiling()
         with progress_bar() as progress, naming_file(source):
-            report = encode_sequence(sequence, output, checked, overwrite=overwrite, progress=progress)
+            if size is not None:
+                report = encode_to_size(sequence, size, output, checked, overwrite=overwrite, progress=progress)
+            elif rms is not None:
+                report = encode_to_rms(sequence, rms, output, checked, overwrite=overwrite, progress=progress)
+            else:
+                report = encode_sequence(sequence, output, checked, overwrite=overwrite, progress=progress)
         source_bytes = stored_bytes(input_files(source))
         if as_json:
             print_json(_as_json(report, sequence, output, source_bytes, checked.profile))
     say(report.summary)
+    if report.bound is not None and (rms is not None or size is not None):
+        say(f"tolerance {report.bound / report.scale:.4g} taken, rms error {report.rms_error / report.scale:.3g}")
     bound = "no bound" if report.bound is None else f"bound {report.bound:.3g}"
     say(
         f"in {byte_size(source_bytes)} ({byte_size(report.raw_bytes)} of positions) -> "

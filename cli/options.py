@@ -18,11 +18,13 @@ if TYPE_CHECKING:
 FRAME_SLICE = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
 """``A:B:STEP``, each part optional, as Python writes a slice."""
 
-BYTE_UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
+BYTE_POWERS = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
 
 
 def parse_bytes(context: click.Context, parameter: click.Parameter, value: str | None) -> int | None:
-    """Click callback: a number of bytes, ``800000000``, ``800M``, ``1.5G`` (binary units).
+    """Click callback: a number of bytes, ``800000000``, ``200kB``, ``1.5GiB``.
+
+    Units as in coreutils: kB, MB, GB, TB are decimal; K, M, G, T and KiB, MiB, GiB, TiB binary.
 
     Raises
     ------
@@ -31,10 +33,11 @@ def parse_bytes(context: click.Context, parameter: click.Parameter, value: str |
     """
     if value is None:
         return None
-    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)i?B?", value.strip(), re.IGNORECASE)
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)(|B|iB)", value.strip(), re.IGNORECASE)
     if found is None:
         raise click.BadParameter(f"{value!r} is not a number of bytes such as 800M or 1.5G", context, parameter)
-    return int(float(found[1]) * BYTE_UNITS[found[2].upper()])
+    base = 1000 if found[3].upper() == "B" else 1024
+    return int(float(found[1]) * base ** BYTE_POWERS[found[2].upper()])
 
 
 output_option = click.option(

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from pdecodec.errors import SettingsError as SettingsError
     from pdecodec.formats import open_sequence as open_sequence
     from pdecodec.formats import write_sequence as write_sequence
+    from pdecodec.ratecontrol import encode_to_rms as encode_to_rms
+    from pdecodec.ratecontrol import encode_to_size as encode_to_size
     from pdecodec.selection import FrameSelection as FrameSelection
     from pdecodec.selection import ObjectSelection as ObjectSelection
     from pdecodec.sequence import ArraySequence as ArraySequence
@@ -62,6 +64,8 @@ _HOME = {
     "PdecodecError": "errors",
     "SettingsError": "errors",
     "encode": "encoder",
+    "encode_to_rms": "ratecontrol",
+    "encode_to_size": "ratecontrol",
     "open": "decoder",
     "open_animation": "decoder",
     "open_sequence": "formats",

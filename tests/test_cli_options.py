@@ -73,9 +73,20 @@ def test_frames_that_do_not_exist_are_a_usage_error(text: str, reason: str) -> N
 
 
 @pytest.mark.parametrize(
-    ("text", "count"), [("800", 800), ("2k", 2048), ("800M", 800 * 2**20), ("1.5GiB", 3 * 2**29), ("1 TB", 2**40)]
+    ("text", "count"),
+    [
+        ("800", 800),
+        ("7 B", 7),
+        ("2k", 2048),
+        ("800M", 800 * 2**20),
+        ("200kB", 200_000),
+        ("0.5 MB", 500_000),
+        ("3KiB", 3072),
+        ("1.5GiB", 3 * 2**29),
+        ("1 TB", 10**12),
+    ],
 )
-def test_byte_counts_have_binary_units(text: str, count: int) -> None:
+def test_byte_counts_are_decimal_in_kb_and_mb_and_binary_otherwise(text: str, count: int) -> None:
     assert parse_bytes(CONTEXT, OPTION, text) == count
 
 
