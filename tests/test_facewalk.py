@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pdecodec.kernels import facepredict
 from pdecodec.kernels.facepredict import BASE, CLASS, CREASE, NEIGHBOURS, STRAIGHT, bit_length, weigh
 from pdecodec.kernels.facewalk import Corners, link_corners, stencils, walk
-from pdecodec.kernels.pointmodel import half_octave
+from pdecodec.kernels.pointmodel import grade
 from pdecodec.kernels.robustfit import fit_robustly
 from pdecodec.polygons import polygons_of
 from pdecodec.sequence import Connectivity, MeshObject
@@ -166,8 +166,8 @@ def test_lengths_of_numbers_are_exact(value: int) -> None:
     assert bit_length(value) == value.bit_length()
 
 
-def test_half_octaves_grow_by_one_at_each_power_of_two_and_half_way_to_the_next() -> None:
-    steps = [half_octave(value) for value in range(64)]
+def test_grades_grow_by_one_at_each_power_of_two_and_half_way_to_the_next() -> None:
+    steps = [grade(value) for value in range(64)]
     assert [value for value in range(1, 64) if steps[value] > steps[value - 1]] == [
         1,
         2,
@@ -182,7 +182,7 @@ def test_half_octaves_grow_by_one_at_each_power_of_two_and_half_way_to_the_next(
         48,
     ]
     assert np.diff(steps).max() == 1
-    assert half_octave(2**62) == half_octave(2**61) == 47
+    assert grade(2**62) == grade(2**61) == 47
 
 
 @pytest.mark.parametrize("is_logarithmic", [False, True])

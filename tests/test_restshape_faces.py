@@ -63,7 +63,7 @@ def predictor_of(data: bytes) -> int:
     return data[HEADER_BYTES - 1]
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(mesh_objects(), st.sampled_from(SIZES), st.integers(0, 2**32 - 1))
 def test_levels_come_back_to_the_last_bit_from_any_mesh(objects: list[MeshObject], size: int, seed: int) -> None:
     count = sum(item.vertex_count for item in objects)
@@ -237,7 +237,7 @@ def test_damage_ends_in_our_own_error_or_in_levels_in_range(example: tuple[bytes
     assert assert_only_corrupt_file_errors(data, lambda each: decode_rest(each, objects)) > 100
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(mesh_objects(), st.binary(max_size=80), st.sampled_from([ACROSS_FACES, ACROSS_WELDED_FACES]))
 def test_any_bytes_give_levels_in_range_or_our_own_error(
     objects: list[MeshObject], content: bytes, predictor: int

@@ -9,8 +9,8 @@ Four things are looked at, each the mean of what the corners at the vertex find:
   vertex of six;
 * the *neighbours* themselves, and how far the prediction missed them.
 
-The first of parallelograms, straight on and neighbours that there is is the base; the others are *hints*, which
-weights in the stream bring in, with one set for the direction along the surface's normal and one for those across it.
+The first of parallelograms, straight on and neighbours that there is is the base. The others are *hints*: weights in the
+stream bring them in, one set in all directions and another along the surface's normal alone, where curvature acts.
 """
 
 from __future__ import annotations
@@ -277,7 +277,7 @@ def weigh(findings: Int64Array, weights: Int64Array, predicted: Int64Array) -> N
     ----------
     findings : (7, 3) int64
     weights : (2, 4) int64 [1/32]
-        Of each hint across the normal, and what is added to that along the normal.
+        Of each hint in all directions, and of its component along the normal, which is added.
     predicted : (3,) int64 [1/16], written
     """
     length = 0

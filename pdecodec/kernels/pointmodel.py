@@ -120,7 +120,7 @@ def new_scratch() -> Scratch:
 
 
 @njit(cache=True, forceinline=True, _nrt=False)
-def half_octave(value: int) -> int:
+def grade(value: int) -> int:
     """Size of a number that is not negative, two to an octave: 0, 1, 2, 3, 4 for 4 and 5, 5 for 6 and 7, ..."""
     digits: int = bit_length(value)
     if digits < 2:
@@ -181,9 +181,9 @@ def code_residual(
     fraction : int
         Of the prediction, 0 to 15.
     around : int
-        Half octave of the sizes of the neighbours' residuals in 1/16, of all axes together.
+        Grade of the sizes of the neighbours' residuals in 1/16, of all axes together.
     spread : int
-        Half octave of how far the parallelograms disagree.
+        Grade of how far the parallelograms disagree.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def code_residual(
     first = min(max(bit_length(expected >> FRACTION_BITS), 1), LEVEL_BITS)
     length = first
     at_0 = around * 3 + axis
-    at_1 = half_octave(expected) * CLASSES + numbers[CLASS]
+    at_1 = grade(expected) * CLASSES + numbers[CLASS]
     at_2 = spread * 4 + min(numbers[PARALLELOGRAMS], 3)
     nearness = min(abs(fraction - (1 << (FRACTION_BITS - 1))) >> 1, _NEARNESSES - 1)
     way, mixer = _FIRST, _FIRST_MIXER
@@ -283,8 +283,8 @@ def code_points(
             for axis in range(3):
                 findings[ERRORS, axis] = seed_errors[axis]
         weigh(findings, hint_weights[numbers[CLASS]], predicted)
-        around = half_octave(findings[ERRORS, 0] + findings[ERRORS, 1] + findings[ERRORS, 2])
-        spread = half_octave(numbers[SPREAD])
+        around = grade(findings[ERRORS, 0] + findings[ERRORS, 1] + findings[ERRORS, 2])
+        spread = grade(numbers[SPREAD])
         for axis in range(3):
             sixteenths = predicted[axis] + (1 << (FRACTION_BITS - 1))
             prediction = min(max(sixteenths >> FRACTION_BITS, 0), largest)
