@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from spec.decoder.rangecoder import EVEN, RangeDecoder
-
 from spec.decoder.curves import extract_curves
 from spec.decoder.fields import Fields, require
 from spec.decoder.mesh import Mesh
 from spec.decoder.polygons import NOTHING, Polygons, Stencil, polygons_of
+from spec.decoder.rangecoder import EVEN, RangeDecoder
 from spec.decoder.shape import LARGEST_STEP, RestShape, read_rest
 from spec.decoder.weld import WeldReader
 
