@@ -25,7 +25,7 @@ from pdecodec.cli.options import (
 from pdecodec.errors import SettingsError, naming_file
 
 if TYPE_CHECKING:
-    from pdecodec.encoder import EncodeReport
+    from pdecodec.encodereport import EncodeReport
     from pdecodec.sequence import MeshSequence
 
 CONSTANT_SECTIONS = ("CONN", "ATTR")

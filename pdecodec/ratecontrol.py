@@ -98,8 +98,7 @@ def encode_to_size(
     InputError
         As :func:`pdecodec.encode` raises it.
     """
-    if not isinstance(size, Integral) or size <= 0:
-        raise SettingsError(f"size must be a positive whole number of bytes, not {size!r}")
+    _check_positive("size", size, Integral, "whole number of bytes")
     limit = _Limit(
         value=float(size),
         measure=lambda report: float(report.file_bytes),
@@ -149,8 +148,7 @@ def encode_to_rms(
     InputError
         As :func:`pdecodec.encode` raises it.
     """
-    if not isinstance(rms, Real) or not (math.isfinite(rms) and rms > 0):
-        raise SettingsError(f"rms must be a positive number, not {rms!r}")
+    _check_positive("rms", rms, Real, "number")
     limit = _Limit(
         value=float(rms),
         measure=lambda report: report.rms_error / report.scale,
@@ -161,6 +159,11 @@ def encode_to_rms(
         ),
     )
     return _encode_within(limit, sequence, path, settings, options, overwrite=overwrite, progress=progress)
+
+
+def _check_positive(name: str, value: Any, kind: type, noun: str) -> None:
+    if not isinstance(value, kind) or not (math.isfinite(value) and value > 0):
+        raise SettingsError(f"{name} must be a positive {noun}, not {value!r}")
 
 
 def _encode_within(
