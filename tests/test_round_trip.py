@@ -427,8 +427,8 @@ def test_an_encode_that_is_interrupted_leaves_nothing_behind(
         if done > 100:
             raise KeyboardInterrupt
 
+    chosen = EncodeSettings(profile=profile, effort=1)
     with pytest.raises(KeyboardInterrupt):
-        chosen = EncodeSettings(profile=profile, effort=1)
         encode(Instrumented(400, 30), tmp_path / "a.pdeanim", chosen, progress=interrupt)
     assert reported == sorted(reported)
     assert list(tmp_path.iterdir()) == []
