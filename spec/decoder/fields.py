@@ -9,7 +9,10 @@ from dataclasses import dataclass
 import zstandard
 
 IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
-KNOWN = {"META", "SEQN", "CONN", "REST", "MODL", "SEGM", "COEF", "CORR", "ATTR"}
+IN_BOTH = {"META", "SEQN", "CONN", "REST", "MODL", "COEF", "CORR", "ATTR"}
+KNOWN = {1: IN_BOTH | {"SEGM"}, 2: IN_BOTH | {"GRUP", "TIME"}}
+"""Sections of each major version."""
+
 MOST_SECTIONS = 64
 
 
@@ -27,6 +30,7 @@ def require(condition: bool, complaint: str) -> None:
 class Container:
     """The sections of a file that this decoder knows, by type."""
 
+    major_version: int
     minor_version: int
     sections: dict[str, bytes]
 
@@ -41,7 +45,7 @@ def read_container(data: bytes) -> Container:
     require(len(data) >= 28, "ends inside the header")
     major, minor, count, table_checksum, header_checksum = struct.unpack_from("<HHIII", data, 12)
     require(zlib.crc32(data[:24]) == header_checksum, "the header is damaged")
-    require(major == 1, f"format version {major} is not 1")
+    require(major in KNOWN, f"format version {major} is neither 1 nor 2")
     require(count <= MOST_SECTIONS, f"{count} sections")
     table = data[28 : 28 + 32 * count]
     require(len(table) == 32 * count and zlib.crc32(table) == table_checksum, "the table is damaged")
@@ -57,12 +61,12 @@ def read_container(data: bytes) -> Container:
         content = data[offset:end]
         require(len(content) == length, "the file is truncated")
         require(zlib.crc32(content) == checksum, f"section {kind} is damaged")
-        if kind in KNOWN:
+        if kind in KNOWN[major]:
             sections[kind] = content
         else:
             require(not flags & 1, f"section {kind} is required and unknown")
     require(end == len(data), "bytes follow the last section")
-    return Container(minor, sections)
+    return Container(major, minor, sections)
 
 
 class Fields:
