@@ -280,7 +280,8 @@ class GroupEncoder:
             return f"static: the rest shape keeps the bound; {corrected}"
         most = max(entry.functions for entry in entries)
         if bases == ["modal"]:
-            carried = f"{counted(most, 'trajectory', 'ies', 1)} {'carries' if most == 1 else 'carry'} {100 * self._explained:.4g} % of the motion"
+            carry = "carries" if most == 1 else "carry"
+            carried = f"{counted(most, 'trajectory', 'ies', 1)} {carry} {100 * self._explained:.4g} % of the motion"
         else:
             carried = f"{most} functions of time"
         groups = "" if len(entries) == 1 else f" in {len(entries)} groups of frames"
