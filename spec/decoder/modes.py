@@ -1,4 +1,4 @@
-"""The modes of the `modal` time basis: levels by the range coder, then followed in time or summed from cosines."""
+"""Section 26 of the specification: the modes of a group, followed in time or summed from cosines."""
 
 from __future__ import annotations
 
