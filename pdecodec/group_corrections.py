@@ -35,10 +35,10 @@ BYTES_PER_LITERAL = 96
 """Memory of decoding, per literal: frame and place 16, bits 24, and the copies of a conversion."""
 
 LITERAL_BYTES = 12
-"""Bytes of a file that a literal takes, at the least."""
+"""Bytes that a literal takes in a stream, at the least; the last one's may be shortened."""
 
-FIRST_BYTES = 4096
-"""Room for a stream at first; where it is not enough, as much as is needed."""
+ROOM, ROOM_BYTES = 1.01, 64
+"""Room for a stream, over what was measured; where it is not enough, as much as is needed."""
 
 SAMPLED = 64
 """Places at which frames are compared: enough to tell a cycle from frames that are merely alike."""
@@ -192,8 +192,8 @@ def encode_group(corrections: GroupCorrections, starts: Int64Array) -> bytes:
     if not corrections.count:
         return b""
     _check(corrections, int(starts[-1]))
-    predicted, distances, _ = _cheapest(corrections, starts)
-    room = FIRST_BYTES
+    predicted, distances, bits = _cheapest(corrections, starts)
+    room = int(ROOM * bits / 8) + ROOM_BYTES
     while True:
         data = np.zeros(room, np.uint8)
         coding = _code(ENCODE, data, corrections, starts, predicted, distances)
@@ -238,7 +238,7 @@ def decode_group(data: bytes, frames: int, starts: Int64Array, *, most_bytes: in
     vertices = int(starts[-1])
     coding = _coding(DECODE, np.frombuffer(data, np.uint8), starts)
     count, literal_count, predicted = _code_head(coding, 0, 0, False)
-    if max(count, literal_count) > frames * vertices or LITERAL_BYTES * literal_count > len(data):
+    if max(count, literal_count) > frames * vertices or LITERAL_BYTES * (literal_count - 1) > len(data):
         raise CorruptFileError("section CORR declares more corrections than there can be; get the file again")
     if count * BYTES_PER_CORRECTION + literal_count * BYTES_PER_LITERAL > most_bytes:
         raise LimitError(

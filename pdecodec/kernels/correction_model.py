@@ -15,7 +15,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pdecodec.kernels.correction_prediction import clamp, learn, look_around, predict
@@ -28,6 +27,7 @@ from pdecodec.kernels.correction_residuals import (
     sign_of,
 )
 from pdecodec.kernels.rangecoder import DECODE, MODE, code_bit, code_mixed, code_with
+from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 from pdecodec.quantise import LARGEST
 
 Int32Array = NDArray[np.int32]
@@ -111,12 +111,12 @@ class Places(NamedTuple):
     last: Int64Array
     """(places,), -1 at first: latest record."""
     sizes: Int64Array
-    """(places,): mean size of residuals, in sixteenths."""
+    """(places,): mean size of residuals, of three axes together, in sixteenths."""
     counts: Int64Array
     """(patches + 3,), 0 at first: corrected vertices; two zeros before the first patch, one after the last."""
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def count_class(count: int) -> int:
     """Class of a number of corrected vertices."""
     if count < 3:
@@ -126,7 +126,7 @@ def count_class(count: int) -> int:
     return 4 if count < 16 else 5
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def code_reference(coding: Coding, records: Records, places: Places, frame: int, distance: int) -> int:
     """Code how far back a frame's reference is, and recall a far one; -1 where there is no such frame."""
     coder, data, cells = coding.coder, coding.data, coding.cells
@@ -146,7 +146,7 @@ def code_reference(coding: Coding, records: Records, places: Places, frame: int,
     return distance
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def code_records(coding: Coding, records: Records, places: Places, predicted: int) -> int:
     """Code all corrections of a group of frames; decoding fills `records`.
 
@@ -267,7 +267,7 @@ def code_records(coding: Coding, records: Records, places: Places, predicted: in
     return at
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def code_literals(
     coder: Int64Array,
     data: UInt8Array,

@@ -7,9 +7,9 @@ frames before, and as at the places just before. Weights follow by normalised le
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pdecodec.kernels.uncounted import uncounted_inline
 from pdecodec.quantise import LARGEST
 
 Int64Array = NDArray[np.int64]
@@ -36,7 +36,7 @@ LEARNING_SHIFT = 8
 """A prediction corrects 1/16 of its miss (2^-4 = 2^(20 - 8 - 16)) before it sees the same differences again."""
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def digits_of(value: int) -> int:
     """Binary digits of a number; none of one that is not positive."""
     found = 0
@@ -46,19 +46,19 @@ def digits_of(value: int) -> int:
     return found
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def clamp(value: int, largest: int) -> int:
     """The nearest number within -largest to largest."""
     return min(max(value, -largest), largest)
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def level_at(levels: Int64Array, record: int, axis: int) -> int:
     """A level of a record; 0 where there is none."""
     return levels[record, axis] if record >= 0 else 0
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def look_around(around: Int64Array, earlier: Int64Array, near: int, before: int, second: int) -> None:
     """Find the records that a prediction looks at, from that of the reference and those of the two places before."""
     around[0] = near
@@ -71,7 +71,7 @@ def look_around(around: Int64Array, earlier: Int64Array, near: int, before: int,
     around[7] = earlier[second] if second >= 0 and near >= 0 else -1
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def predict(
     levels: Int64Array, around: Int64Array, axis: int, filters: Int64Array, row: int, inputs: Int64Array
 ) -> int:
@@ -90,10 +90,11 @@ def predict(
     total: int = (near << FILTER_BITS) + (1 << (FILTER_BITS - 1))
     for i in range(INPUTS):
         total += filters[row, i] * inputs[i]
-    return clamp(total >> FILTER_BITS, LARGEST)
+    guess: int = clamp(total >> FILTER_BITS, LARGEST)
+    return guess
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def learn(filters: Int64Array, row: int, inputs: Int64Array, miss: int) -> None:
     """Move weights so that they would have missed by less (normalised least mean squares); spoils `inputs`."""
     largest = abs(miss)

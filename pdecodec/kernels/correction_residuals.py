@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pdecodec.kernels.correction_prediction import digits_of
 from pdecodec.kernels.rangecoder import code_bit, code_mixed, code_with
+from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 from pdecodec.quantise import LARGEST
 
 Int64Array = NDArray[np.int64]
@@ -26,8 +26,8 @@ COUNTED = 18
 """Sizes up to which one is counted up; the rest of larger ones is a number of :func:`code_number`."""
 
 SHIFT_FROM = 5
-"""Sums of neighbours' sizes (8 to 10 times the size expected) with more binary digits than this are coarse:
-as many digits as there are more are left out of what is counted up."""
+"""Binary digits of a sum of neighbours' sizes (8 to 10 times what is expected) up to which a residual is fine: its
+size is counted up one by one. For each digit more, one digit of the size is left out of the counting."""
 
 MODELLED = 2
 """Of the digits left out, the uppermost, whose probability is learnt; those below are as good as even."""
@@ -55,13 +55,13 @@ RESIDUAL_MIXERS = 2 * COUNTED + 2
 """Sets of weights: fine and coarse, for each size counted up, and for signs."""
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def sign_of(value: int) -> int:
     """-1, 0 or 1."""
     return (1 if value > 0 else 0) - (1 if value < 0 else 0)
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def code_number(coder: Int64Array, data: UInt8Array, cells: Int64Array, first: int, value: int) -> int:
     """Code a number from 1 to ``2^DIGITS - 1``: its count of binary digits with `cells` from `first` on, the digits."""
     wanted = digits_of(value)
@@ -74,7 +74,7 @@ def code_number(coder: Int64Array, data: UInt8Array, cells: Int64Array, first: i
     return found
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def code_residual(
     coder: Int64Array,
     data: UInt8Array,

@@ -1,0 +1,48 @@
+"""The decoder written from the specification reads corrections of groups as the compiled one does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from correction_cases import example, groups, of_field, starts_of, walk
+from hypothesis import given, settings
+from numpy.typing import NDArray
+
+from pdecodec.group_corrections import GroupCorrections, encode_group
+from spec.decoder.corrections import read_corrections
+from spec.decoder.fields import CorruptFileError
+
+Int64Array = NDArray[np.int64]
+
+
+def assert_read_alike(group: GroupCorrections, starts: Int64Array) -> None:
+    data = encode_group(group, starts)
+    for frame, plain in enumerate(read_corrections(data, group.frame_count, starts.tolist())):
+        some = slice(group.frame_starts[frame], group.frame_starts[frame + 1])
+        literal = slice(group.literal_frame_starts[frame], group.literal_frame_starts[frame + 1])
+        assert list(plain.levels) == group.places[some].tolist()
+        assert [list(levels) for levels in plain.levels.values()] == group.levels[some].tolist()
+        assert list(plain.literals) == group.literal_places[literal].tolist()
+        assert [list(position) for position in plain.literals.values()] == group.literals[literal].tolist()
+
+
+@settings(max_examples=40, deadline=None)
+@given(groups())
+def test_corrections_are_read_alike(case: tuple[GroupCorrections, Int64Array]) -> None:
+    assert_read_alike(*case)
+
+
+@pytest.mark.parametrize("spread", [0.6, 1e3, 1e11])
+def test_levels_that_are_predicted_are_read_alike(spread: float) -> None:
+    assert_read_alike(of_field(walk(1, 12, 90, spread, 0.2)), starts_of(90, 32))
+
+
+def test_levels_of_a_cycle_are_read_alike() -> None:
+    turn = np.rint(np.random.default_rng(2).normal(size=(6, 40, 3)) * 30).astype(np.int64)
+    assert_read_alike(of_field(np.tile(turn, (3, 1, 1))), starts_of(40, 20))
+
+
+def test_bytes_after_the_corrections_are_refused() -> None:
+    group, starts = example()
+    with pytest.raises(CorruptFileError, match="follow"):
+        read_corrections(encode_group(group, starts) + b"\1" * 8, 6, starts.tolist())
