@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pdecodec.decoder import DecodeLimits as DecodeLimits
     from pdecodec.decoder import open_animation as open  # noqa: F401 - __all__ is computed, ruff cannot see it there
     from pdecodec.decoder import open_animation as open_animation
-    from pdecodec.encoder import EncodeReport as EncodeReport
+    from pdecodec.encodereport import EncodeReport as EncodeReport
     from pdecodec.encoder import encode as encode
     from pdecodec.errors import CorruptFileError as CorruptFileError
     from pdecodec.errors import InputError as InputError
@@ -52,7 +52,7 @@ _HOME = {
     "Connectivity": "sequence",
     "CorruptFileError": "errors",
     "DecodeLimits": "decoder",
-    "EncodeReport": "encoder",
+    "EncodeReport": "encodereport",
     "EncodeSettings": "settings",
     "FrameSelection": "selection",
     "InputError": "errors",

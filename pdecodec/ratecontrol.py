@@ -161,7 +161,7 @@ def encode_to_rms(
     return _encode_within(limit, sequence, path, settings, options, overwrite=overwrite, progress=progress)
 
 
-def _check_positive(name: str, value: Any, kind: type, noun: str) -> None:
+def _check_positive(name: str, value: Any, kind: Any, noun: str) -> None:
     if not isinstance(value, kind) or not (math.isfinite(value) and value > 0):
         raise SettingsError(f"{name} must be a positive {noun}, not {value!r}")
 

@@ -135,6 +135,39 @@ def test_max_error_bounds_in_scene_units(folder: Path, tmp_path: Path, capsys: p
     assert report["max_error"] <= report["bound"]
 
 
+def test_a_size_in_kilobytes_is_kept_and_the_tolerance_found_is_said(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output, again = tmp_path / "small.pdeanim", tmp_path / "again.pdeanim"
+    assert run(["encode", str(folder / "wave.npz"), "-o", str(output), "--size", "1.2kB", "--effort", "1"]) == 0
+    assert output.stat().st_size <= 1200
+    said = re.search(r"^tolerance (\S+) taken, rms error \S+$", capsys.readouterr().err, re.MULTILINE)
+    assert said is not None
+    assert run(["encode", str(folder / "wave.npz"), "-o", str(again), "--tolerance", said[1], "--effort", "1"]) == 0
+    assert again.read_bytes() == output.read_bytes()
+
+
+def test_rms_limits_the_mean_error_over_the_diagonal(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "wave.pdeanim"
+    report = json_of(capsys, "encode", folder / "wave.npz", "-o", output, "--rms", "1e-3", "--effort", "1", "--json")
+    assert 0.8e-3 < report["rms_error"] / report["diagonal"] <= 1e-3 < report["bound"] / report["diagonal"]
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [("--tolerance", "--rms"), ("--tolerance", "--size"), ("--max-error", "--rms"), ("--rms", "--size")],
+)
+def test_two_limits_at_once_are_a_usage_error(
+    folder: Path, tmp_path: Path, first: str, second: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "wave.pdeanim"
+    assert run(["encode", str(folder / "wave.npz"), "-o", str(output), first, "1", second, "1"]) == 2
+    assert "give one of --tolerance, --max-error, --rms and --size" in capsys.readouterr().err
+    assert not output.exists()
+
+
 def test_the_papers_profile_has_32_coefficients_per_curve_and_axis(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
