@@ -5,7 +5,6 @@ from __future__ import annotations
 from spec.decoder.fields import require
 from spec.decoder.polygons import NOTHING, Corner, Polygons
 from spec.decoder.rangecoder import EVEN, RangeDecoder
-from spec.decoder.rangecoder import EVEN, RangeDecoder
 
 MOST_FOLLOWED = 16
 MOST_RECENT = 64
