@@ -1,0 +1,362 @@
+"""Profile "auto" from end to end: groups of frames, whatever moves, however it is asked for, however it is damaged."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import replace
+from datetime import timedelta
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mesh_cases import connectivity_of, grid, mesh_objects
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from test_round_trip import noise, sheet, wave
+
+from pdecodec import (
+    Animation,
+    ArraySequence,
+    CorruptFileError,
+    DecodeLimits,
+    EncodeReport,
+    EncodeSettings,
+    LimitError,
+    MeshObject,
+    MeshSequence,
+    encode,
+    open_animation,
+)
+from pdecodec.groups import GROUP_ENTRY
+from spec.sealing import ENTRY, HEADER, Part, content, seal, take_apart
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+
+CHUNKS = ("TIME", "COEF", "CORR")
+
+MEMORY = 2**26
+"""Limit that damaged files are opened with."""
+
+
+def round_trip(sequence: MeshSequence, **options: object) -> tuple[EncodeReport, Animation]:
+    report = encode(sequence, settings=EncodeSettings(effort=1, **options))  # type: ignore[arg-type]
+    assert report.data is not None
+    return report, open_animation(report.data)
+
+
+def distances(sequence: ArraySequence, animation: Animation) -> Float64Array:
+    decoded = animation.read_frames(0, sequence.frame_count).astype(np.float64)
+    found: Float64Array = np.linalg.norm(sequence.points - decoded, axis=2)
+    return found
+
+
+def bits(points: Float32Array) -> NDArray[np.uint32]:
+    return points.view(np.uint32)
+
+
+def turning(frames: int) -> ArraySequence:
+    """A sheet that turns about an axis and drifts, rigidly."""
+    rest = wave(1)[0].astype(np.float64)
+    angles = 0.05 * np.arange(frames)
+    x = rest[:, 0] * np.cos(angles)[:, None] - rest[:, 1] * np.sin(angles)[:, None]
+    y = rest[:, 0] * np.sin(angles)[:, None] + rest[:, 1] * np.cos(angles)[:, None]
+    z = np.broadcast_to(rest[:, 2], x.shape) + 0.3 * np.arange(frames)[:, None]
+    return sheet(np.stack([x, y, z], axis=-1).astype(np.float32))
+
+
+@st.composite
+def moving_meshes(draw: st.DrawFn) -> ArraySequence:
+    """Any faces and lines, coincident vertices, smooth, rough, still or teleporting motion, even or uneven times."""
+    objects = draw(mesh_objects())
+    vertices = sum(item.vertex_count for item in objects)
+    frames = draw(st.sampled_from([1, 2, 3, 4, 7, 20]))
+    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    rest = random.normal(size=(vertices, 3))
+    if draw(st.booleans()):
+        rest[random.integers(0, vertices, vertices // 2)] = rest[0]
+    kind = draw(st.sampled_from(["still", "smooth", "rough", "teleporting"]))
+    points = np.repeat(rest[None], frames, axis=0)
+    if kind != "still":
+        phase = np.arange(frames)[:, None, None] / 4
+        points += 0.5 * np.sin(phase + random.normal(size=(1, vertices, 3)))
+    if kind == "rough":
+        points += 0.2 * random.normal(size=points.shape)
+    if kind == "teleporting":
+        points[random.integers(frames), random.integers(vertices)] += 10.0 ** draw(st.integers(0, 20))
+    points += draw(st.sampled_from([0.0, 1e3, 1e6]))
+    times = np.cumsum(random.uniform(0.01, 1.0, frames)) if draw(st.booleans()) else None
+    return ArraySequence(points, objects=objects, times=times)
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(moving_meshes(), st.sampled_from([1e-2, 1e-3, 1e-6]))
+def test_whatever_moves_comes_back_within_the_bound_at_its_times(sequence: ArraySequence, tolerance: float) -> None:
+    report, animation = round_trip(sequence, tolerance=tolerance)
+    with animation:
+        found = distances(sequence, animation)
+        assert report.bound is not None
+        assert found.max() <= report.bound
+        assert report.max_error == pytest.approx(found.max(), rel=1e-12, abs=0)
+        assert np.array_equal(animation.times, sequence.times)
+        for mine, other in zip(animation.objects, sequence.objects, strict=True):
+            assert mine.name == other.name
+            assert mine.connectivity.same_as(other.connectivity)
+        # At a frame, whichever way it is asked for, and beside whatever else.
+        middles = (sequence.times[1:] + sequence.times[:-1]) / 2
+        mixed = np.concatenate([sequence.times[::-1], middles, sequence.times])
+        together = animation.sample(mixed)
+        assert np.isfinite(together).all()
+        for row in range(0, mixed.size, 1 + mixed.size // 6):
+            assert np.array_equal(bits(animation.positions(mixed[row])), bits(together[row]))
+    assert encode(sequence, settings=EncodeSettings(effort=1, tolerance=tolerance)).data == report.data
+
+
+def of_points(count: int, frames: int) -> ArraySequence:
+    return ArraySequence(noise(frames, count))
+
+
+LINE = MeshObject("line", connectivity_of(35, lines=[list(range(35))]))
+
+NASTY = {
+    "one vertex": lambda: ArraySequence(wave(12)[:, :1]),
+    "one vertex of one frame": lambda: ArraySequence(wave(1)[:, :1]),
+    "points alone": lambda: of_points(30, 9),
+    "a line alone": lambda: ArraySequence(wave(9), objects=[LINE]),
+    "coincident vertices": lambda: ArraySequence(np.repeat(wave(12)[:, :1], 20, axis=1)),
+    "far from the origin": lambda: sheet(wave(12) + np.float32(1e6)),
+    "uneven times": lambda: ArraySequence(wave(12), times=np.cumsum(np.arange(12) % 5 + 0.01)),
+    "more vertices than a patch has": lambda: ArraySequence(
+        wave(6, 20, 30), objects=[MeshObject("sheet", grid(20, 30))]
+    ),
+}
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-6])
+@pytest.mark.parametrize("name", NASTY)
+def test_nasty_clips_keep_loose_and_tight_bounds(name: str, tolerance: float) -> None:
+    sequence = NASTY[name]()
+    report, animation = round_trip(sequence, tolerance=tolerance)
+    with animation:
+        animation.verify()
+        assert report.bound is not None
+        assert distances(sequence, animation).max() <= report.bound
+
+
+def test_a_still_clip_has_no_motion_in_it_and_stands_still() -> None:
+    report, animation = round_trip(sheet(np.repeat(wave(1), 9, axis=0)))
+    with animation:
+        assert [report.sections[name] for name in ("TIME", "COEF", "CORR")] == [0, 0, 0]
+        decoded = animation.sample(np.linspace(animation.times[0], animation.times[-1], 30))
+        assert np.array_equal(decoded, np.repeat(decoded[:1], 30, axis=0))
+        assert not animation.velocities(animation.times).any()
+
+
+def test_rigid_motion_has_few_trajectories() -> None:
+    sequence = turning(40)
+    report, animation = round_trip(sequence)
+    with animation:
+        # A turn about one axis and a drift: sine, cosine and the way along, each with the rest shape.
+        assert animation.info()["functions_of_time"] <= 4
+        assert report.bound is not None
+        assert distances(sequence, animation).max() <= report.bound
+
+
+def with_chunks(parts: list[Part], kind: str, new: bytes, *, sizes: list[int] | None = None) -> list[Part]:
+    """The same sections, one of them with other bytes, the groups' own checksums made right.
+
+    `sizes` are what each group has of TIME, COEF or CORR, where that changes.
+    """
+    changed = {part.kind: part.content for part in parts} | {kind: new}
+    table, sealed, at = changed["GRUP"], b"", [0, 0, 0]
+    for row, offset in enumerate(range(0, len(table) - GROUP_ENTRY.size + 1, GROUP_ENTRY.size)):
+        lengths = list(struct.unpack_from("<III", table, offset + GROUP_ENTRY.size - 16))
+        if sizes is not None:
+            lengths[CHUNKS.index(kind)] = sizes[row]
+        checksum = 0
+        for index, name in enumerate(CHUNKS):
+            checksum = zlib.crc32(changed[name][at[index] : at[index] + lengths[index]], checksum)
+            at[index] += lengths[index]
+        # Packed as bytes: a step may be a NaN whose bits must stay.
+        sealed += table[offset : offset + GROUP_ENTRY.size - 16] + struct.pack("<IIII", *lengths, checksum)
+    changed["GRUP"] = sealed + table[len(sealed) :]
+    return [replace(part, content=changed[part.kind]) for part in parts]
+
+
+def without_corrections(data: bytes) -> Animation:
+    """The model alone."""
+    parts = take_apart(data)
+    groups = len(content(parts, "GRUP")) // GROUP_ENTRY.size
+    return open_animation(seal(with_chunks(parts, "CORR", b"", sizes=[0] * groups), major=2))
+
+
+def swinging(frames: int, *, even: bool) -> ArraySequence:
+    """Eight points that swing at their own phase, a few metres wide."""
+    steps = np.full(frames, 1.0) if even else np.random.default_rng(1).uniform(0.5, 1.5, frames)
+    times = np.cumsum(steps) / 24
+    phase = 2 * times[:, None] + 0.4 * np.arange(8)
+    points = np.stack([np.cos(phase) * np.arange(1, 9), np.sin(phase), np.cos(1.5 * phase)], axis=-1)
+    return ArraySequence(points, times=times)
+
+
+@pytest.mark.parametrize("frames", [2, 3, 4, 11, 90])
+@pytest.mark.parametrize("even", [True, False])
+def test_between_frames_that_nothing_corrects_motion_is_the_cubic_spline_through_them(
+    frames: int, even: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pdecodec.groupencoder.LONGEST_GROUP", 23)
+    sequence = swinging(frames, even=even)
+    report, animation = round_trip(sequence, tolerance=1e-3)
+    animation.close()
+    assert report.data is not None
+    with without_corrections(report.data) as model:
+        assert model.info()["groups"] == -(-frames // 23)
+        spline = CubicSpline(model.times, model.sample(model.times).astype(np.float64))
+        at = np.linspace(model.times[0], model.times[-1], 101)
+        np.testing.assert_allclose(model.sample(at), spline(at), rtol=0, atol=1e-5)
+        # The spline through float32 has float32's error over a step or its square as slope and bend.
+        np.testing.assert_allclose(model.velocities(at), spline(at, 1), rtol=0, atol=1e-3)
+        np.testing.assert_allclose(model.accelerations(at), spline(at, 2), rtol=0, atol=0.1)
+
+
+@pytest.mark.parametrize("even", [True, False])
+def test_velocities_are_the_slope_of_the_positions_and_accelerations_of_the_velocities(even: bool) -> None:
+    report, animation = round_trip(swinging(30, even=even), tolerance=1e-3)
+    step = 1e-3
+    with animation:
+        frames = animation.times
+        between = np.linspace(frames[0] + step, frames[-1] - step, 60)
+        at = between[np.abs(between[:, None] - frames).min(axis=1) > 1.5 * step]
+        assert at.size > 30
+        for found, source in (
+            (animation.velocities, animation.sample),
+            (animation.accelerations, animation.velocities),
+        ):
+            slope = (source(at + step).astype(np.float64) - source(at - step)) / (2 * step)
+            np.testing.assert_allclose(found(at), slope, rtol=0, atol=2e-3 * np.abs(slope).max())
+            assert np.abs(slope).max() > 1
+    assert report.corrections >= 0
+
+
+@pytest.fixture(scope="module")
+def sound() -> bytes:
+    """Two groups, every section that motion has, corrections of both kinds."""
+    points = wave(6, 3, 4) + 0.1 * noise(6, 12)
+    points[2, 3] += np.float32(1e20)
+    objects = [MeshObject("body", grid(3, 3)), MeshObject("points", connectivity_of(3))]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pdecodec.groupencoder.LONGEST_GROUP", 3)
+        data = encode(ArraySequence(points, objects=objects), settings=EncodeSettings(effort=1, tolerance=0.05)).data
+    assert data is not None
+    return data
+
+
+def outcome(data: bytes) -> str:
+    """Decode all there is in these bytes: "sound" or the name of the error; any error but ours fails the test."""
+    try:
+        with open_animation(data, limits=DecodeLimits(max_memory=MEMORY)) as animation:
+            animation.info()
+            animation.verify()
+            first, last = float(animation.times[0]), float(animation.times[-1])
+            animation.sample([first, first + 1e-3, (first + last) / 2, last])
+            animation.velocities((first + last) / 2)
+    except CorruptFileError as error:
+        return type(error).__name__ if "\n" not in str(error) else f"more than one line: {error}"
+    return "sound"
+
+
+def test_the_file_that_is_damaged_here_is_sound_and_has_every_section_of_motion(sound: bytes) -> None:
+    parts = take_apart(sound)
+    assert outcome(sound) == "sound"
+    assert [part.kind for part in parts] == ["META", "SEQN", "CONN", "REST", "MODL", "GRUP", *CHUNKS]
+    assert all(part.content for part in parts)
+    assert len(content(parts, "GRUP")) == 2 * GROUP_ENTRY.size
+    assert seal(with_chunks(parts, "CORR", content(parts, "CORR")), major=2) == sound
+
+
+def test_every_truncation_is_refused(sound: bytes) -> None:
+    for size in range(len(sound)):
+        assert outcome(sound[:size]) == "CorruptFileError", size
+
+
+def test_every_byte_is_guarded(sound: bytes) -> None:
+    table = HEADER.size + len(take_apart(sound)) * ENTRY.size
+    for at in range(len(sound)):
+        for mask in (0x01, 0x80, 0xFF) if at < table else (0x10,):
+            assert outcome(sound[:at] + bytes([sound[at] ^ mask]) + sound[at + 1 :]) == "CorruptFileError", at
+
+
+def test_behind_the_checksums_every_byte_changed_ends_in_our_own_error_or_decodes(sound: bytes) -> None:
+    parts = take_apart(sound)
+    found = set()
+    for part in parts:
+        data = part.content
+        for at in range(len(data)):
+            changed = data[:at] + bytes([data[at] ^ (0x81 >> at % 8)]) + data[at + 1 :]
+            found.add(outcome(seal(with_chunks(parts, part.kind, changed), major=2)))
+    assert {"sound", "CorruptFileError"} <= found <= {"sound", "CorruptFileError", "LimitError"}
+
+
+def test_sections_cut_short_or_too_long_are_refused(sound: bytes) -> None:
+    parts = take_apart(sound)
+    for part in parts:
+        if part.kind == "META":
+            continue
+        for size in range(0, len(part.content), 1 + len(part.content) // 12):
+            assert outcome(seal(with_chunks(parts, part.kind, part.content[:size]), major=2)) == "CorruptFileError"
+        assert outcome(seal(with_chunks(parts, part.kind, part.content + b"\0"), major=2)) == "CorruptFileError"
+        others = [other for other in parts if other != part]
+        assert outcome(seal(others, major=2)) == "CorruptFileError"
+
+
+REALS = (0.0, -0.0, -1.0, 5e-324, 1e-300, 1e30, 2.0**160, 2.0**161, 1e308, np.inf, -np.inf, np.nan)
+WHOLES = (0, 1, 2, 127, 128, 4096, 4097, 2**16, 2**31 - 1, 2**31, 2**32 - 1)
+
+
+@settings(
+    max_examples=300,
+    deadline=timedelta(seconds=20),
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["SEQN", "CONN", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR"]),
+            st.floats(0, 0.999),
+            st.binary(min_size=1, max_size=8)
+            | st.sampled_from(REALS).map(lambda value: struct.pack("<d", value))
+            | st.sampled_from(WHOLES).map(lambda value: struct.pack("<I", value)),
+        ),
+        min_size=1,
+        max_size=3,
+    )
+)
+def test_behind_the_checksums_any_damage_ends_in_our_own_error_or_decodes(
+    sound: bytes, damages: list[tuple[str, float, bytes]]
+) -> None:
+    parts = take_apart(sound)
+    for kind, place, new in damages:
+        data = content(parts, kind)
+        at = int(place * len(data))
+        parts = with_chunks(parts, kind, (data[:at] + new + data[at + len(new) :])[: len(data)])
+    assert outcome(seal(parts, major=2)) in ("sound", "CorruptFileError", "LimitError")
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("functions", 3 * 4096), ("frames", 4096), ("frames", 2**32 - 1), ("functions", 2**32 - 1)],
+)
+def test_groups_that_declare_too_much_are_refused(sound: bytes, field: str, value: int) -> None:
+    parts = take_apart(sound)
+    table = bytearray(content(parts, "GRUP"))
+    struct.pack_into("<I", table, {"frames": 0, "functions": 4}[field], value)
+    assert outcome(seal(with_chunks(parts, "GRUP", bytes(table)), major=2)) in ("CorruptFileError", "LimitError")
+
+
+def test_a_memory_limit_is_kept_and_can_be_raised(sound: bytes) -> None:
+    with pytest.raises(LimitError, match="12 vertices.*raise it if you trust the file"):
+        open_animation(sound, limits=DecodeLimits(max_memory=7_000))
+    with open_animation(sound, limits=DecodeLimits(max_memory=2**20)) as animation:
+        assert animation.vertex_count == 12
