@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from pdecodec.decoder import DecodeLimits as DecodeLimits
     from pdecodec.decoder import open_animation as open  # noqa: F401 - __all__ is computed, ruff cannot see it there
     from pdecodec.decoder import open_animation as open_animation
-    from pdecodec.encodereport import EncodeReport as EncodeReport
     from pdecodec.encoder import encode as encode
+    from pdecodec.encodereport import EncodeReport as EncodeReport
     from pdecodec.errors import CorruptFileError as CorruptFileError
     from pdecodec.errors import InputError as InputError
     from pdecodec.errors import LimitError as LimitError

@@ -1,7 +1,7 @@
 """Rate control: the tolerance is searched for, so that the file has a given size or a given mean error.
 
-Every step of the search is a whole encode, since nothing short of it tells the size of a file: four to six of
-them as a rule, :data:`MOST_ENCODES` at most.
+Every step of the search is a whole encode, since nothing short of it tells the size of a file;
+:data:`MOST_ENCODES` of them at most.
 """
 
 from __future__ import annotations
