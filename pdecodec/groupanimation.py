@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +100,7 @@ class GroupAnimation(Animation):
         elif time:
             raise CorruptFileError("section TIME has modes of a group that needs none")
         levels = decode_levels(coefficients, self._space, entry.width, axes=entry.axes)
-        functions = group_functions(entry, modes, self._space.expand(levels * entry.step))
+        functions = group_functions(entry, modes, self._space.expand(np.multiply(levels, entry.step, dtype=np.float64)))
         return _DecodedGroup(
             functions, decode_group(corrected, entry.frames, self._space.starts, most_bytes=self._left)
         )
@@ -126,12 +126,10 @@ class GroupAnimation(Animation):
                 start += 1
         return out
 
-    def _between(self, time: float, derivative: int) -> Float64Array:
+    def _between(self, time: float, derivative: Literal[0, 1, 2]) -> Float64Array:
         """(3, vertices) float64 in patch order: displacement by the spline through all frames, or a derivative."""
         from pdecodec.kernels.group_motion import add_group
 
-        if derivative not in (0, 1, 2):
-            raise ValueError(f"no derivative of order {derivative}")
         (first,), (weights,) = self._spline.weights(np.array([time]), derivative)
         moved = np.zeros((3, self.vertex_count))
         last = min(int(first) + weights.size, self.frame_count) - 1
@@ -171,7 +169,7 @@ class GroupAnimation(Animation):
 
     def _model_derivative(self, order: int, time: float) -> Float64Array:
         out = np.empty((self.vertex_count, 3))
-        out[self._order] = self._between(time, order).T
+        out[self._order] = self._between(time, 1 if order == 1 else 2).T
         return out
 
     def coefficients(self, segment: int) -> PaperForm:

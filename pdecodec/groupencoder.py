@@ -325,12 +325,14 @@ def _forgotten(fitted: FittedGroup) -> FittedGroup:
 
 
 def _walk(start: _Choice, name: str, length: int, cost: Callable[[_Choice], float]) -> _Choice:
-    """Walk along one of a choice's numbers, 0 to ``length - 1``, while the next costs less."""
-    here, index = start, getattr(start, name)
+    """Walk both ways along one of a choice's numbers, 0 to ``length - 1``, while the next costs less."""
+    best = start
     for direction in (1, -1):
+        here, index = start, getattr(start, name)
         while 0 <= index + direction < length:
             beyond = replace(here, **{name: index + direction})
             if not cost(beyond) < cost(here):
                 break
             here, index = beyond, index + direction
-    return here
+        best = min(best, here, key=cost)
+    return best

@@ -132,7 +132,8 @@ class GroupFitter:
         frames = self.frames
         used = min(frames, MOST_FUNCTIONS)
         split = self._moved.reshape(-1, frames, 3)
-        return np.einsum("vfx,fa->vax", split, cosines(frames, used), optimize=True).reshape(len(split), -1)
+        found: Float64Array = np.einsum("vfx,fa->vax", split, cosines(frames, used), optimize=True)
+        return found.reshape(len(split), -1)
 
     def explained(self, functions: int) -> float:
         """Share of the motion's energy that the leading trajectories carry."""
@@ -156,13 +157,13 @@ class GroupFitter:
             modes = decoded_modes = np.zeros((self.frames, 3, 0))
             levels = _quantise(basis.project(self._cosine_coefficients), step)
             used = np.flatnonzero(levels.any(axis=0))
-            functions = int(used[-1]) // 3 + 1 if used.size else 0
-            levels = np.ascontiguousarray(levels[:, : 3 * functions])
-            entry = GroupEntry(self.frames, functions, "pde", step, step, (0, 0, 0), 0)
+            count = int(used[-1]) // 3 + 1 if used.size else 0
+            levels = np.ascontiguousarray(levels[:, : 3 * count])
+            entry = GroupEntry(self.frames, count, "pde", step, step, (0, 0, 0), 0)
             bits = 0.0
         if entry.width:
             bits += measure_levels(levels, basis, axes=entry.axes)
-        functions = group_functions(entry, decoded_modes, basis.expand(levels * step))
+        functions = group_functions(entry, decoded_modes, basis.expand(np.multiply(levels, step, dtype=np.float64)))
         corrections = self.corrections(basis, functions)
         return FittedGroup(entry, modes, levels, functions, bits + _estimated_bits(corrections, self.points))
 

@@ -149,7 +149,7 @@ def cosines(frames: int, functions: int) -> Float64Array:
     """(frames, functions) float64: the first orthonormal cosines ``cos(j pi (f + 1/2) / frames)``, j = 0, 1, ..."""
     wave = cosine_wave(frames)
     index = np.outer(2 * np.arange(frames) + 1, np.arange(functions)) % (4 * frames)
-    values = wave[index] * np.sqrt(2.0 / frames)
+    values: Float64Array = wave[index] * np.sqrt(2.0 / frames)
     values[:, :1] *= np.sqrt(0.5)
     return values
 

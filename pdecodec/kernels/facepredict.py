@@ -9,8 +9,8 @@ Four things are looked at, each the mean of what the corners at the vertex find:
   vertex of six;
 * the *neighbours* themselves, and how far the prediction missed them.
 
-The first of parallelograms, straight on and neighbours that there is is the base. The others are *hints*: weights in the
-stream bring them in, one set in all directions and another along the surface's normal alone, where curvature acts.
+The first of parallelograms, straight on and neighbours that there is is the base. The others are *hints*: weights
+in the stream bring them in, one set in all directions and another along the surface's normal alone, where curvature acts.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pdecodec.kernels.facewalk import (
@@ -31,6 +30,7 @@ from pdecodec.kernels.facewalk import (
     STRAIGHT_AFTER,
     STRAIGHT_BEFORE,
 )
+from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 
 BoolArray = NDArray[np.bool_]
 Int32Array = NDArray[np.int32]
@@ -113,7 +113,7 @@ def new_points(levels: Int64Array) -> Points:
 _LENGTHS = np.array([int(n).bit_length() for n in range(1 << 12)], np.int64)
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def bit_length(value: int) -> int:
     """Binary digits of a number that is not negative."""
     digits = 0
@@ -124,7 +124,7 @@ def bit_length(value: int) -> int:
     return length
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def add_normal(levels: Int64Array, a: int, b: int, d: int, findings: Int64Array) -> None:
     """Add the normal of the triangle a, b, d, brought to NORMAL_BITS, to the findings' normal."""
     largest = 0
@@ -153,7 +153,7 @@ def add_normal(levels: Int64Array, a: int, b: int, d: int, findings: Int64Array)
         findings[NORMAL, 2] += z << -digits
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def look_around(
     vertex: int,
     last: int,
@@ -269,7 +269,7 @@ def look_around(
         numbers[CLASS] = 2 if straights else 1
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def weigh(findings: Int64Array, weights: Int64Array, predicted: Int64Array) -> None:
     """The base, and the hints by their weights.
 
@@ -297,7 +297,7 @@ def weigh(findings: Int64Array, weights: Int64Array, predicted: Int64Array) -> N
         predicted[k] = findings[BASE, k] + ((total + (1 << (WEIGHT_BITS - 1))) >> WEIGHT_BITS)
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def learn_miss(vertex: int, points: Points, findings: Int64Array) -> None:
     """Note how far the base missed a vertex whose levels are known."""
     for k in range(3):
@@ -305,7 +305,7 @@ def learn_miss(vertex: int, points: Points, findings: Int64Array) -> None:
         points.misses[vertex, k] = min(max(miss, -LARGEST_MISS), LARGEST_MISS)
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def look_around_all(
     order: Int32Array,
     points: Points,

@@ -12,10 +12,10 @@ in the run before, and the set above.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pdecodec.kernels.rangecoder import code_bit, code_mixed, code_with
+from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 
 UInt8Array = NDArray[np.uint8]
 Int64Array = NDArray[np.int64]
@@ -71,7 +71,7 @@ LARGEST_DIGITS = 41
 """Of a level: 2^40 has so many."""
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def bit_length(value: int) -> int:
     """Binary digits of a number; none where it is not positive."""
     count = 0
@@ -81,7 +81,7 @@ def bit_length(value: int) -> int:
     return count
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def ratio_class(total: int) -> int:
     """Class of a sum of neighbours' sizes: 0 to 7 as they are, then four to an octave."""
     if total < 8:
@@ -90,7 +90,7 @@ def ratio_class(total: int) -> int:
     return min(4 * octave + ((total >> octave) & 3) + 4, RATIO - 1)
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def rank_class(rank: int) -> int:
     """Class of a rank, two to an octave."""
     if rank < 2:
@@ -99,7 +99,7 @@ def rank_class(rank: int) -> int:
     return min(2 * digits - 2 + ((rank >> (digits - 2)) & 1), RANKS - 1)
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def code_count(
     coder: Int64Array,
     data: UInt8Array,
@@ -144,7 +144,7 @@ def code_count(
     return value if value <= most else -1
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def code_level(
     coder: Int64Array,
     data: UInt8Array,
@@ -210,7 +210,7 @@ def code_level(
     return -found if is_negative else found
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def code_levels(
     coder: Int64Array,
     data: UInt8Array,

@@ -9,10 +9,10 @@ goes on in the same way, so that it also knows where a row ends; and the place w
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pdecodec.kernels.rangecoder import EVEN, code_bit, code_mixed
+from pdecodec.kernels.uncounted import uncounted_inline
 
 Int64Array = NDArray[np.int64]
 UInt8Array = NDArray[np.uint8]
@@ -20,11 +20,11 @@ UInt8Array = NDArray[np.uint8]
 LONG_CONTEXT = 6
 SHORT_CONTEXT = 3
 
-TABLE_BITS = 14
+TABLE_BITS = 13
 """Of the tables of places: they stay within the processor's cache."""
 
-PAST_SIZE = 1 << 16
-"""Numbers that are remembered: several rows of a grid of a thousand columns."""
+PAST_SIZE = 1 << 14
+"""Numbers that are remembered: two rows of a grid of a thousand columns."""
 
 HASH_FACTOR = 0x9E3779B1
 """2^32 over the golden ratio (Knuth, The Art of Computer Programming, volume 3, section 6.4)."""
@@ -37,10 +37,10 @@ COUNT, LONG_PLACE, RUN, SHORT_PLACE, LONG_SLOT, SHORT_SLOT, LONG_HISTORY, SHORT_
 for how many numbers that one has been right; the place of the short one, or -1; where the two contexts are listed;
 which of the last long and short recollections were right, the latest in bit 0; a place for what is not listed. After them: scratch, weights and cells of the decisions, the two tables, the past."""
 
-EQUAL_WEIGHT = 65536 * 35 // 100
-"""Of each of four opinions at first: more than a quarter, for where all agree they know more than each."""
+EQUAL_WEIGHT = 65536 * 60 // 100
+"""Of each of two opinions at first: more than a half, for where all agree they know more than each."""
 
-_OPINIONS = 4
+_OPINIONS = 2
 """Cells that each mixed bit asks."""
 
 LONGEST_RUN = 63
@@ -52,15 +52,11 @@ _OPINION = _CHOSEN + _OPINIONS
 _LONG_WEIGHTS = _OPINION + _OPINIONS
 _SHORT_WEIGHTS = _LONG_WEIGHTS + _OPINIONS
 _LONG_RUN = _SHORT_WEIGHTS + _OPINIONS
-_LONG_RECENT = _LONG_RUN + (LONGEST_RUN + 1) * PHASES
-_LONG_AGREED = _LONG_RECENT + 256
-_LONG_BOTH = _LONG_AGREED + 16 * PHASES * 3
-_SHORT_RECENT = _LONG_BOTH + (LONGEST_RUN + 1) * 3
-_SHORT_LONG = _SHORT_RECENT + 16 * PHASES
-_SHORT_OFTEN = _SHORT_LONG + 16 * PHASES
-_SHORT_DISTANCE = _SHORT_OFTEN + 256
+_LONG_RECENT = _LONG_RUN + (LONGEST_RUN + 1) * PHASES * 3
+_SHORT_RECENT = _LONG_RECENT + 256 * 3
+_SHORT_DISTANCE = _SHORT_RECENT + 256 * PHASES
 
-_TABLES = _SHORT_DISTANCE + FARTHEST + 1
+_TABLES = _SHORT_DISTANCE + (FARTHEST + 1) * PHASES
 _PAST = _TABLES + 2 * (1 << TABLE_BITS)
 MEMORY_SIZE = _PAST + PAST_SIZE
 
@@ -74,7 +70,7 @@ def new_memory() -> Int64Array:
     return memory
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def _slot(memory: Int64Array, phase: int, length: int) -> int:
     mixed = phase
     count = memory[COUNT]
@@ -84,7 +80,7 @@ def _slot(memory: Int64Array, phase: int, length: int) -> int:
     return mixed >> (32 - TABLE_BITS)
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def _recollect(memory: Int64Array, phase: int) -> None:
     """Set LONG_PLACE and SHORT_PLACE to places like the present one."""
     count = memory[COUNT]
@@ -105,12 +101,12 @@ def _recollect(memory: Int64Array, phase: int) -> None:
         memory[SHORT_PLACE] = -1
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def _number_at(memory: Int64Array, place: int) -> int:
     return memory[_PAST + (place & (PAST_SIZE - 1))]
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def code_remembered(
     coder: Int64Array,
     data: UInt8Array,
@@ -148,13 +144,11 @@ def code_remembered(
             differ = _number_at(memory, short_place) != proposed
             agreement = 1 if differ else 2
         run = min(memory[RUN], LONGEST_RUN)
-        chosen[0] = _LONG_RUN + run * PHASES + phase
+        chosen[0] = _LONG_RUN + (run * PHASES + phase) * 3 + agreement
         if run == LONGEST_RUN:
             right = code_bit(coder, data, memory, chosen[0], number == proposed)
         else:
-            chosen[1] = _LONG_RECENT + (long_history & 255)
-            chosen[2] = _LONG_AGREED + ((long_history & 15) * PHASES + phase) * 3 + agreement
-            chosen[3] = _LONG_BOTH + run * 3 + agreement
+            chosen[1] = _LONG_RECENT + long_history * 3 + agreement
             right = code_mixed(
                 coder, data, memory, chosen, memory[_LONG_WEIGHTS:_SHORT_WEIGHTS], opinions, number == proposed
             )
@@ -164,26 +158,22 @@ def code_remembered(
         memory[LONG_PLACE] = -1
     if differ:
         proposed = _number_at(memory, short_place)
-        chosen[0] = _SHORT_RECENT + (short_history & 15) * PHASES + phase
-        chosen[1] = _SHORT_LONG + (memory[LONG_HISTORY] & 15) * PHASES + phase
-        chosen[2] = _SHORT_OFTEN + (short_history & 255)
-        chosen[3] = _SHORT_DISTANCE + min(memory[COUNT] - short_place, FARTHEST)
-        right = code_mixed(
-            coder, data, memory, chosen, memory[_SHORT_WEIGHTS:_LONG_RUN], opinions, number == proposed
-        )
+        chosen[0] = _SHORT_RECENT + short_history * PHASES + phase
+        chosen[1] = _SHORT_DISTANCE + min(memory[COUNT] - short_place, FARTHEST) * PHASES + phase
+        right = code_mixed(coder, data, memory, chosen, memory[_SHORT_WEIGHTS:_LONG_RUN], opinions, number == proposed)
         memory[SHORT_HISTORY] = 2 * (short_history & 127) + right
         if right:
             return True
     return False
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def recollection(memory: Int64Array) -> int:
     """The number that :func:`code_remembered` said yes to."""
     return _number_at(memory, memory[LONG_PLACE] if memory[LONG_PLACE] >= 0 else memory[SHORT_PLACE])
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def memorise(memory: Int64Array, number: int) -> None:
     """Add the number that came after :func:`code_remembered`.
 

@@ -8,10 +8,10 @@ same bits.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pdecodec.kernels.rangecoder import DECODE, EVEN, MODE, WEIGHT_BITS, code_mixed, code_with
+from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 
 Float64Array = NDArray[np.float64]
 Int64Array = NDArray[np.int64]
@@ -77,7 +77,7 @@ def new_model(places: int) -> tuple[Int64Array, ...]:
     )
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def bit_length(number: int) -> int:
     """Bits of a number of 0 or more."""
     length = 0
@@ -87,14 +87,14 @@ def bit_length(number: int) -> int:
     return length + BIT_LENGTHS[number]
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def grade(number: int) -> int:
     """A number of 0 or more on a scale of two grades an octave: 0, 1, 2, 3, 4, 4, 5, 5, 6, 6, 6, 6, 7, ..."""
     shift = max(bit_length(number) - 2, 0)
     return min(2 * shift + (number >> shift), GRADES - 1)
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def sign_class(level: int) -> int:
     """0, 1 or 2 for zero, negative, positive."""
     if level == 0:
@@ -102,7 +102,7 @@ def sign_class(level: int) -> int:
     return 2 if level > 0 else 1
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def code_node(
     coder: Int64Array,
     data: UInt8Array,
@@ -120,7 +120,7 @@ def code_node(
     return code_mixed(coder, data, cells, chosen, weights[node], scratch[1], 1 if bit else 0)
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def code_magnitude(
     coder: Int64Array,
     data: UInt8Array,
@@ -177,7 +177,7 @@ def code_magnitude(
     return found - 1
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def code_sign(
     coder: Int64Array,
     data: UInt8Array,
@@ -215,7 +215,7 @@ def code_sign(
     return code_mixed(coder, data, cells, chosen, weights, scratch[1], 1 if is_negative else 0)
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def code_levels(
     coder: Int64Array,
     data: UInt8Array,
@@ -283,7 +283,7 @@ def code_levels(
             own[f + 2] = here
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def start_learning(weights: Float64Array, covariance: Float64Array) -> None:
     """Predict what was last, and be ready to learn."""
     for i in range(ORDER):
@@ -292,7 +292,7 @@ def start_learning(weights: Float64Array, covariance: Float64Array) -> None:
             covariance[i, j] = 1.0 if i == j else 0.0
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def learn(
     weights: Float64Array,
     covariance: Float64Array,
@@ -320,7 +320,7 @@ def learn(
                 covariance[j, i] = covariance[i, j]
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def follow_modes(
     levels: Int64Array,
     values: Float64Array,
@@ -382,7 +382,7 @@ def follow_modes(
             spread += (energy / 3.0 - spread) / 8.0
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def sum_cosines(levels: Int64Array, wave: Float64Array, row: Float64Array, values: Float64Array) -> None:
     """Inverse cosine transform (DCT-II, orthonormal) of levels, frequency after frequency.
 

@@ -7,10 +7,10 @@ them depend on those before, the others are as good as noise and cost a bit each
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pdecodec.kernels.rangecoder import code_bit, code_with
+from pdecodec.kernels.uncounted import uncounted
 
 Int64Array = NDArray[np.int64]
 UInt8Array = NDArray[np.uint8]
@@ -30,7 +30,7 @@ SIGNED_CELLS = 2 + 2 * NUMBER_CELLS
 LARGEST_NUMBER = 2**MOST_DIGITS - 2
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def code_number(coder: Int64Array, data: UInt8Array, cells: Int64Array, first: int, value: int) -> int:
     """Code a number from 0 to LARGEST_NUMBER.
 
@@ -63,7 +63,7 @@ def code_number(coder: Int64Array, data: UInt8Array, cells: Int64Array, first: i
     return found - 1
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def code_signed(coder: Int64Array, data: UInt8Array, cells: Int64Array, first: int, value: int) -> int:
     """Code a number of either sign: whether it is 0, its sign, and its magnitude less 1.
 

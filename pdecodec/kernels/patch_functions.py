@@ -1,9 +1,9 @@
 """Compiled orthonormal functions on patches: polynomials of the rest shape, completed by unit vectors.
 
 Every operation and its order are part of the format (``spec/pdeanim.md``): decoder and encoder build the
-same bits. Classical Gram-Schmidt, a second time where the first cancels, is as orthogonal as the modified one (Giraud, Langou and Rozloznik
-2005, "The loss of orthogonality in the Gram-Schmidt orthogonalization process") and runs along all functions
-at once.
+same bits. Classical Gram-Schmidt, a second time where the first cancels, is as orthogonal as the modified one
+(Giraud, Langou and Rozloznik 2005, "The loss of orthogonality in the Gram-Schmidt orthogonalization process"),
+and runs along all functions at once.
 """
 
 from __future__ import annotations

@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pdecodec.kernels.facepredict import (
@@ -33,6 +32,7 @@ from pdecodec.kernels.facepredict import (
     weigh,
 )
 from pdecodec.kernels.rangecoder import code_bit, code_mixed, code_with
+from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 
 Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
@@ -119,7 +119,7 @@ def new_scratch() -> Scratch:
     return Scratch(*(np.zeros(shape, np.int64) for shape in shapes))
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def grade(value: int) -> int:
     """Size of a number that is not negative, two to an octave: 0, 1, 2, 3, 4 for 4 and 5, 5 for 6 and 7, ..."""
     digits: int = bit_length(value)
@@ -128,13 +128,13 @@ def grade(value: int) -> int:
     return min(2 * digits - 2 + ((value >> (digits - 2)) & 1), _SIZES - 1)
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def leaning(hint: int) -> int:
     """A hint in whole levels, -2 to 2, plus 2."""
     return min(max((hint + (1 << (FRACTION_BITS - 1))) >> FRACTION_BITS, -2), 2) + 2
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def code_hint_weights(coder: Int64Array, data: UInt8Array, cells: Int64Array, hint_weights: Int64Array) -> None:
     """Code the weights of hints: zero or not, size in seven digits, sign.
 
@@ -160,7 +160,7 @@ def code_hint_weights(coder: Int64Array, data: UInt8Array, cells: Int64Array, hi
                 hint_weights[kind, turned, hint] = size
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def code_residual(
     coder: Int64Array,
     data: UInt8Array,
@@ -243,7 +243,7 @@ def code_residual(
     return -value if is_negative else value
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def code_points(
     coder: Int64Array,
     data: UInt8Array,

@@ -9,12 +9,12 @@ the memory recollects (:mod:`pdecodec.kernels.memory`), the vertex after the hig
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pdecodec.kernels.memory import PHASES, code_remembered, memorise, recollection
 from pdecodec.kernels.numbers import NUMBER_CELLS, SIGNED_CELLS, code_number, code_signed
 from pdecodec.kernels.rangecoder import code_bit
+from pdecodec.kernels.uncounted import uncounted
 
 Int64Array = NDArray[np.int64]
 UInt8Array = NDArray[np.uint8]
@@ -37,7 +37,7 @@ BROKEN = -1
 """What the kernel returns where the numbers are not those of sound polygons."""
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def code_polygons(
     coder: Int64Array,
     data: UInt8Array,

@@ -13,8 +13,9 @@ compression").
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from pdecodec.kernels.uncounted import uncounted_inline
 
 Int64Array = NDArray[np.int64]
 UInt8Array = NDArray[np.uint8]
@@ -86,7 +87,7 @@ def new_decoder(data: UInt8Array) -> Int64Array:
     return coder
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def code_with(coder: Int64Array, data: UInt8Array, probability: int, bit: int) -> int:
     """Code one bit whose probability of being 1 is `probability` / 65536, LEAST to 65536 - LEAST.
 
@@ -146,7 +147,7 @@ def code_with(coder: Int64Array, data: UInt8Array, probability: int, bit: int) -
     return bit
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def adapted(cell: int, bit: int, slowest: int) -> int:
     """A cell after it has seen `bit`; `slowest` adaptations are the most it counts."""
     probability = cell >> COUNT_BITS
@@ -158,7 +159,7 @@ def adapted(cell: int, bit: int, slowest: int) -> int:
     return (probability << COUNT_BITS) | count
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def code_bit(coder: Int64Array, data: UInt8Array, cells: Int64Array, index: int, bit: int) -> int:
     """Code one bit with the probability of one cell, and adapt the cell.
 
@@ -176,7 +177,7 @@ def code_bit(coder: Int64Array, data: UInt8Array, cells: Int64Array, index: int,
     return bit
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def code_mixed(
     coder: Int64Array,
     data: UInt8Array,
@@ -216,7 +217,7 @@ def code_mixed(
     return bit
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def finish(coder: Int64Array, data: UInt8Array) -> int:
     """End encoding; returns how many bytes of `data` were written (more than its size: it was too short).
 

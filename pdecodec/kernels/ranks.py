@@ -7,8 +7,9 @@ a number of steps that grows with the logarithm of n.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from pdecodec.kernels.uncounted import uncounted
 
 Int32Array = NDArray[np.int32]
 
@@ -24,7 +25,7 @@ def empty_set(size: int) -> Int32Array:
     return np.zeros(size + 1, np.int32)
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def include(tree: Int32Array, number: int, change: int) -> None:
     """Add a number that is not in the set (`change` 1), or take out one that is (-1)."""
     place = number + 1
@@ -33,7 +34,7 @@ def include(tree: Int32Array, number: int, change: int) -> None:
         place += place & -place
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def rank_of(tree: Int32Array, number: int) -> int:
     """How many members are below `number`."""
     count = 0
@@ -44,7 +45,7 @@ def rank_of(tree: Int32Array, number: int) -> int:
     return count
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def member_at(tree: Int32Array, rank: int) -> int:
     """The member that has `rank` members below it, 0 to the number of members less 1."""
     place = 0

@@ -47,10 +47,8 @@ def project_patches(
             size = starts[p + 1] - starts[p]
             rank = affine[p] + coefficient_starts[p + 1] - coefficient_starts[p]
             for k in range(rank):
-                if k < affine[p]:
-                    row = scaling[set_of[p], k]
-                else:
-                    row = coefficients[coefficient_starts[p] + k - affine[p]]
+                other = coefficient_starts[p] + k - affine[p]
+                row = scaling[set_of[p], k] if k < affine[p] else coefficients[other]
                 row[:] = 0.0
                 for i in range(size):
                     weight = basis[basis_starts[p] + k * size + i]
@@ -81,10 +79,8 @@ def expand_patches(
             for i in range(size):
                 values[starts[p] + i, :] = 0.0
             for k in range(rank):
-                if k < affine[p]:
-                    row = scaling[set_of[p], k]
-                else:
-                    row = coefficients[coefficient_starts[p] + k - affine[p]]
+                other = coefficient_starts[p] + k - affine[p]
+                row = scaling[set_of[p], k] if k < affine[p] else coefficients[other]
                 # Functions of falling energy and modes of falling energy: most rows end in zeros.
                 used = width
                 while used > 0 and row[used - 1] == 0.0:

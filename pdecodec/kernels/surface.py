@@ -14,7 +14,6 @@ Vertices and faces come out in the order of their coding; :mod:`pdecodec.kernels
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pdecodec.kernels.border import (
@@ -34,23 +33,24 @@ from pdecodec.kernels.border import (
 )
 from pdecodec.kernels.numbers import NUMBER_CELLS, code_number
 from pdecodec.kernels.rangecoder import DECODE, MODE, code_bit, code_mixed
+from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 
 Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 UInt8Array = NDArray[np.uint8]
 
 VERTEX, FACE, GROUP, MEMBER = range(4)
-"""Rows of source corners, (4, corners) int32, of the mesh that is encoded: vertex; face; the group of corners whose
+"""Fields of source corners, (corners, 4) int32, of the mesh that is encoded: vertex; face; the group of corners whose
 sides run the other way, or -1; the corners of group 0, then of group 1, ..."""
 
 GROUP_NEXT, GROUP_END = range(2)
-"""Rows of groups, (2, groups) int32: the first member that may be on a face not coded yet; past the last member."""
+"""Fields of groups, (groups, 2) int32: the first member that may be on a face not coded yet; past the last member."""
 
 FIRST, SIZE, CODED = range(3)
-"""Rows of source faces, (3, faces) int32: first corner; number of corners; 1 once it is coded."""
+"""Fields of source faces, (faces, 3) int32: first corner; number of corners; 1 once it is coded."""
 
-OPINIONS = 6
-"""Cells that each mixed bit asks."""
+OPINIONS = 3
+"""Cells that each mixed bit asks. More contexts were tried: all together they save less than one byte in a hundred."""
 
 MOST_FACES = 11
 MOST_ANGLE = 23
@@ -64,6 +64,9 @@ FARTHEST = 200
 LAST_TOLD_SIZE = 10
 """Sizes up to this one are told by yes and no, larger ones by their number."""
 
+_TOLD_SIZES = 4
+"""Sizes 3, 4, 5 and those from 6 on have cells of their own."""
+
 _F = MOST_FACES + 1
 _A = MOST_ANGLE + 1
 _S = MOST_SIZE + 1
@@ -71,30 +74,19 @@ _S = MOST_SIZE + 1
 _BORDER = 0
 _BORDER_RECENT = _BORDER + _F * _F * 4
 _BORDER_BESIDE = _BORDER_RECENT + 256
-_BORDER_BEFORE = _BORDER_BESIDE + 32
-_BORDER_AFTER = _BORDER_BEFORE + _F * _F * 2
-_BORDER_OPPOSITE = _BORDER_AFTER + _F * _F * 2
-_SIZES = _BORDER_OPPOSITE + _F**3
+_SIZES = _BORDER_BESIDE + 32
 
-_SIZE_INNER = 0
-_SIZE_ANGLES = _SIZE_INNER + _S * _S
+_SIZE_ANGLES = 0
 _SIZE_RECENT = _SIZE_ANGLES + _A * _A
 _SIZE_FACES = _SIZE_RECENT + _S * _S
-_SIZE_NARROWER = _SIZE_FACES + _F * _F * _S
-_SIZE_ALL = _SIZE_NARROWER + _A * _S
-_SIZE_CELLS = _SIZE_ALL + _S**3
-_TOLD_SIZES = 4
-"""Sizes 3, 4, 5 and those from 6 on have cells of their own."""
+_SIZE_CELLS = _SIZE_FACES + _F * _F * _S
 
 _CLOSE = _SIZES + _TOLD_SIZES * _SIZE_CELLS
 
-_CLOSE_ENDS = 0
-_CLOSE_BEYOND = _CLOSE_ENDS + _F * _F * (MOST_STEPS + 1) * 2
+_CLOSE_BEYOND = 0
 _CLOSE_OPPOSITE = _CLOSE_BEYOND + _F * _F * 2
-_CLOSE_AROUND = _CLOSE_OPPOSITE + _F**3
-_CLOSE_RECENT = _CLOSE_AROUND + 9**4
-_CLOSE_ANGLES = _CLOSE_RECENT + _A * _S * 64
-_CLOSE_CELLS = _CLOSE_ANGLES + _A * _A * _S
+_CLOSE_RECENT = _CLOSE_OPPOSITE + _F**3
+_CLOSE_CELLS = _CLOSE_RECENT + _A * _S * 64
 
 _NEW = _CLOSE + 2 * _CLOSE_CELLS
 _DISTANCE = _NEW + 8
@@ -114,47 +106,48 @@ BROKEN = -1
 """What the kernel returns where the bits are not those of a sound surface."""
 
 BORDERS, CLOSINGS, LAST_SIZE, SIZE_BEFORE, BEGIN, END = range(6)
-"""Fields of a state, (6,) int64: the last 8 decisions *no face across*, the latest in bit 0; whether the last 3
+STATE_SIZE = 6
+"""Fields of a state, (STATE_SIZE,) int64: the last 8 decisions *no face across*, the latest in bit 0; whether the last 3
 faces closed on either side, 2 bits each; the sizes of the last two faces that were told; the range of corners of
 the present face that are not told by closing."""
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def _face_across(source_corners: Int32Array, source_faces: Int32Array, groups: Int32Array, corner: int) -> int:
     """The first corner on a face not coded yet whose side runs the other way, -1 if there is none."""
-    group = source_corners[GROUP, corner]
+    group = source_corners[corner, GROUP]
     if group < 0:
         return -1
-    while groups[GROUP_NEXT, group] < groups[GROUP_END, group]:
-        member = source_corners[MEMBER, groups[GROUP_NEXT, group]]
-        if not source_faces[CODED, source_corners[FACE, member]]:
+    while groups[group, GROUP_NEXT] < groups[group, GROUP_END]:
+        member = source_corners[groups[group, GROUP_NEXT], MEMBER]
+        if not source_faces[source_corners[member, FACE], CODED]:
             return member
-        groups[GROUP_NEXT, group] += 1
+        groups[group, GROUP_NEXT] += 1
     return -1
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def _faces(vertices: Int32Array, vertex: int) -> int:
-    return min(vertices[FACES, vertex], MOST_FACES)
+    return min(vertices[vertex, FACES], MOST_FACES)
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def _angle(vertices: Int32Array, vertex: int) -> int:
-    return min(vertices[ANGLE, vertex] // 2, MOST_ANGLE)
+    return min(vertices[vertex, ANGLE] // 2, MOST_ANGLE)
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def _inner_size(sides: Int32Array, gate: int) -> int:
     """Corners of the face that `gate` is a side of, counted up to MOST_SIZE."""
     size = 1
-    corner = sides[BEFORE, gate]
+    corner = sides[gate, BEFORE]
     while corner != gate and size < MOST_SIZE:
-        corner = sides[BEFORE, corner]
+        corner = sides[corner, BEFORE]
         size += 1
     return size
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def _code_border(
     coder: Int64Array,
     data: UInt8Array,
@@ -168,26 +161,20 @@ def _code_border(
     closed: bool,
 ) -> int:
     """Code whether there is no face across `gate`."""
-    before, after = sides[PRECEDING, gate], sides[FOLLOWING, gate]
-    beside = 2 * (sides[STATE, before] == CLOSED) + (sides[STATE, after] == CLOSED)
-    from_faces = _faces(vertices, sides[ORIGIN, gate])
-    to_faces = _faces(vertices, sides[ORIGIN, after])
+    before, after = sides[gate, PRECEDING], sides[gate, FOLLOWING]
+    beside = 2 * (sides[before, STATE] == CLOSED) + (sides[after, STATE] == CLOSED)
+    from_faces = _faces(vertices, sides[gate, ORIGIN])
+    to_faces = _faces(vertices, sides[after, ORIGIN])
     chosen = scratch[0]
     chosen[0] = _BORDER + (from_faces * _F + to_faces) * 4 + beside
     chosen[1] = _BORDER_RECENT + state[BORDERS]
     chosen[2] = _BORDER_BESIDE + beside * 8 + (state[BORDERS] & 7)
-    chosen[3] = _BORDER_BEFORE + (from_faces * _F + _faces(vertices, sides[ORIGIN, before])) * 2 + beside // 2
-    chosen[4] = (
-        _BORDER_AFTER + (to_faces * _F + _faces(vertices, sides[ORIGIN, sides[FOLLOWING, after]])) * 2 + beside % 2
-    )
-    opposite = _faces(vertices, sides[ORIGIN, sides[BEFORE, gate]])
-    chosen[5] = _BORDER_OPPOSITE + (from_faces * _F + to_faces) * _F + opposite
     bit = code_mixed(coder, data, cells, chosen, weights[_BORDER_WEIGHTS], scratch[1], closed)
     state[BORDERS] = (2 * state[BORDERS] + bit) & 255
     return bit
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def _code_size(
     coder: Int64Array,
     data: UInt8Array,
@@ -203,7 +190,7 @@ def _code_size(
     """Code how many corners the face across `gate` has, or one that begins anew where `gate` is -1."""
     inner = from_faces = to_faces = from_angle = to_angle = 0
     if gate >= 0:
-        start, stop = sides[ORIGIN, gate], sides[ORIGIN, sides[FOLLOWING, gate]]
+        start, stop = sides[gate, ORIGIN], sides[sides[gate, FOLLOWING], ORIGIN]
         inner = _inner_size(sides, gate)
         from_faces, to_faces = _faces(vertices, start), _faces(vertices, stop)
         from_angle, to_angle = _angle(vertices, start), _angle(vertices, stop)
@@ -213,12 +200,9 @@ def _code_size(
     while told <= LAST_TOLD_SIZE:
         kind = min(told - 3, _TOLD_SIZES - 1)
         first = _SIZES + kind * _SIZE_CELLS
-        chosen[0] = first + _SIZE_INNER + inner * _S + last
-        chosen[1] = first + _SIZE_ANGLES + from_angle * _A + to_angle
-        chosen[2] = first + _SIZE_RECENT + last * _S + before
-        chosen[3] = first + _SIZE_FACES + (from_faces * _F + to_faces) * _S + inner
-        chosen[4] = first + _SIZE_NARROWER + max(from_angle, to_angle) * _S + last
-        chosen[5] = first + _SIZE_ALL + (last * _S + before) * _S + inner
+        chosen[0] = first + _SIZE_ANGLES + from_angle * _A + to_angle
+        chosen[1] = first + _SIZE_RECENT + last * _S + before
+        chosen[2] = first + _SIZE_FACES + (from_faces * _F + to_faces) * _S + inner
         if code_mixed(coder, data, cells, chosen, weights[_SIZE_WEIGHTS + kind], scratch[1], size == told):
             break
         told += 1
@@ -228,7 +212,7 @@ def _code_size(
     return told
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def _code_closing(
     coder: Int64Array,
     data: UInt8Array,
@@ -250,55 +234,43 @@ def _code_closing(
     """
     decoding = coder[MODE] == DECODE
     chosen = scratch[0]
-    inner = _inner_size(sides, gate)
-    start, stop = sides[ORIGIN, gate], sides[ORIGIN, sides[FOLLOWING, gate]]
-    neighbour_before = sides[ORIGIN, sides[PRECEDING, gate]]
-    neighbour_after = sides[ORIGIN, sides[FOLLOWING, sides[FOLLOWING, gate]]]
-    opposite = _faces(vertices, sides[ORIGIN, sides[BEFORE, gate]])
+    start, stop = sides[gate, ORIGIN], sides[sides[gate, FOLLOWING], ORIGIN]
+    neighbour_after = sides[sides[sides[gate, FOLLOWING], FOLLOWING], ORIGIN]
+    opposite = _faces(vertices, sides[sides[gate, BEFORE], ORIGIN])
     begin, end = 2, size
     refused = -1
     closings = 0
     for way in range(2):
-        border = sides[FOLLOWING, gate] if way else sides[PRECEDING, gate]
+        border = sides[gate, FOLLOWING] if way else sides[gate, PRECEDING]
         # The closing corner is complete if the candidate is a corner of the face.
         closing, other = (stop, start) if way else (start, stop)
-        across = neighbour_before if way else neighbour_after
         steps = 0
-        while begin < end and border != gate and sides[STATE, border] == OPEN:
-            candidate = sides[ORIGIN, sides[FOLLOWING, border]] if way else sides[ORIGIN, border]
+        while begin < end and border != gate and sides[border, STATE] == OPEN:
+            candidate = sides[sides[border, FOLLOWING], ORIGIN] if way else sides[border, ORIGIN]
             if begin == end - 1 and candidate == refused:
                 break
             special = closings if way else candidate == neighbour_after
             place = first + (end - 1 if way else begin)
-            angle = _angle(vertices, closing)
-            faces, other_faces = _faces(vertices, closing), _faces(vertices, other)
-            beyond = _faces(vertices, candidate)
-            cells_of_way = _CLOSE + way * _CLOSE_CELLS
-            chosen[0] = (
-                cells_of_way + _CLOSE_ENDS + ((faces * _F + other_faces) * (MOST_STEPS + 1) + steps) * 2 + special
-            )
-            chosen[1] = cells_of_way + _CLOSE_BEYOND + (faces * _F + beyond) * 2 + special
-            chosen[2] = cells_of_way + _CLOSE_OPPOSITE + (faces * _F + opposite) * _F + other_faces
-            around = min(beyond, 8) * 9 + min(vertices[FACES, across], 8)
-            chosen[3] = cells_of_way + _CLOSE_AROUND + (min(faces, 8) * 9 + min(other_faces, 8)) * 81 + around
-            chosen[4] = cells_of_way + _CLOSE_RECENT + (angle * _S + min(size, MOST_SIZE)) * 64 + state[CLOSINGS]
-            chosen[5] = cells_of_way + _CLOSE_ANGLES + (angle * _A + _angle(vertices, other)) * _S + inner
+            faces = _faces(vertices, closing)
+            around = _angle(vertices, closing) * _S + min(size, MOST_SIZE)
+            base = _CLOSE + way * _CLOSE_CELLS
+            chosen[0] = base + _CLOSE_BEYOND + (faces * _F + _faces(vertices, candidate)) * 2 + special
+            chosen[1] = base + _CLOSE_OPPOSITE + (faces * _F + opposite) * _F + _faces(vertices, other)
+            chosen[2] = base + _CLOSE_RECENT + around * 64 + state[CLOSINGS]
             closes = False
             if not decoding:
-                closes = numbers[source_corners[VERTEX, sides[SOURCE, place]]] == candidate
+                closes = numbers[source_corners[sides[place, SOURCE], VERTEX]] == candidate
             weight_set = _CLOSE_WEIGHTS + way * (MOST_STEPS + 1) + steps
             if not code_mixed(coder, data, cells, chosen, weights[weight_set], scratch[1], closes):
                 refused = candidate
                 break
-            sides[ORIGIN, place] = candidate
+            sides[place, ORIGIN] = candidate
             if way:
                 end -= 1
-                border = sides[FOLLOWING, border]
-                across = stop
+                border = sides[border, FOLLOWING]
             else:
                 begin += 1
-                border = sides[PRECEDING, border]
-                across = start
+                border = sides[border, PRECEDING]
             closing, other = candidate, closing
             steps = min(steps + 1, MOST_STEPS)
         closings = 2 * closings + (steps > 0)
@@ -306,32 +278,32 @@ def _code_closing(
     state[CLOSINGS] = (4 * state[CLOSINGS] + closings) & 63
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def _distance_of(sides: Int32Array, gate: int, vertex: int) -> int:
     """Distance of a vertex from `gate` along its ring, 0 if it is not within FARTHEST steps.
 
     The vertices after the gate's own are at 1, 3, 5, ..., those before it at 2, 4, 6, ...
     """
-    ahead, behind = sides[FOLLOWING, gate], gate
+    ahead, behind = sides[gate, FOLLOWING], gate
     for step in range(1, FARTHEST + 1):
-        ahead, behind = sides[FOLLOWING, ahead], sides[PRECEDING, behind]
-        if sides[ORIGIN, ahead] == vertex:
+        ahead, behind = sides[ahead, FOLLOWING], sides[behind, PRECEDING]
+        if sides[ahead, ORIGIN] == vertex:
             return 2 * step - 1
-        if sides[ORIGIN, behind] == vertex:
+        if sides[behind, ORIGIN] == vertex:
             return 2 * step
     return 0
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def _vertex_at(sides: Int32Array, gate: int, distance: int) -> int:
     """The vertex at a distance that :func:`_distance_of` gives."""
-    ahead, behind = sides[FOLLOWING, gate], gate
+    ahead, behind = sides[gate, FOLLOWING], gate
     for _ in range((distance + 1) // 2):
-        ahead, behind = sides[FOLLOWING, ahead], sides[PRECEDING, behind]
-    return sides[ORIGIN, ahead] if distance % 2 else sides[ORIGIN, behind]
+        ahead, behind = sides[ahead, FOLLOWING], sides[behind, PRECEDING]
+    return sides[ahead, ORIGIN] if distance % 2 else sides[behind, ORIGIN]
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def _code_vertex(
     coder: Int64Array,
     data: UInt8Array,
@@ -362,7 +334,7 @@ def _code_vertex(
     return known - 1 - code_number(coder, data, cells, _NUMBER, known - 1 - vertex)
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def code_surface(
     coder: Int64Array,
     data: UInt8Array,
@@ -391,22 +363,22 @@ def code_surface(
     cells : (SURFACE_CELLS,) int64, changed
     weights : (SURFACE_DECISIONS, OPINIONS) int64, changed
     scratch : (2, OPINIONS) int64
-    state : (6,) int64, changed
+    state : (STATE_SIZE,) int64, changed
     common_size : int
         Corners of every face, or 0 where they differ.
     has_border : bool
         Whether any side may have no face across: if not, that need not be told.
     sizes : (faces,) int32
         Written: corners of each face.
-    sides : (10, corners) int32
+    sides : (corners, 10) int32
         Written; see :mod:`pdecodec.kernels.border`. Row ORIGIN is the vertex of each corner.
-    vertices : (3, most vertices) int32
+    vertices : (most vertices, 3) int32
         Written. FACES and ANGLE are zeros, BORDER is -1 at the beginning.
     queues : (PRIORITIES + 1,) int32
         Written. -1, and 0 in the end, at the beginning.
-    source_faces : (3, faces) int32
-    source_corners : (4, corners) int32
-    groups : (2, groups) int32
+    source_faces : (faces, 3) int32
+    source_corners : (corners, 4) int32
+    groups : (groups, 2) int32
         The mesh, when encoding, else of any size; CODED and GROUP_NEXT are changed.
     numbers : (vertices of the source,) int32
         Of each, the number that it has got, when encoding; -1 at the beginning.
@@ -428,36 +400,36 @@ def code_surface(
             if gate < 0:
                 break
             if not decoding:
-                source = _face_across(source_corners, source_faces, groups, sides[SOURCE, gate])
+                source = _face_across(source_corners, source_faces, groups, sides[gate, SOURCE])
             if has_border and _code_border(
                 coder, data, cells, weights, scratch, state, sides, vertices, gate, source < 0
             ):
-                sides[STATE, gate] = CLOSED
+                sides[gate, STATE] = CLOSED
             else:
                 break
         if not decoding:
             if gate < 0:
-                while source_faces[CODED, seed]:
+                while source_faces[seed, CODED]:
                     seed += 1
-                source = source_faces[FIRST, seed]
-            source_face = source_corners[FACE, source]
-            source_faces[CODED, source_face] = 1
+                source = source_faces[seed, FIRST]
+            source_face = source_corners[source, FACE]
+            source_faces[source_face, CODED] = 1
             face_order[face] = source_face
-            source_first = source_faces[FIRST, source_face]
-            sizes[face] = source_faces[SIZE, source_face]
+            source_first = source_faces[source_face, FIRST]
+            sizes[face] = source_faces[source_face, SIZE]
         size = common_size
         if size == 0:
             size = _code_size(coder, data, cells, weights, scratch, state, sides, vertices, gate, sizes[face])
         sizes[face] = size
-        if corners + size > sides.shape[1] - 3 * (sizes.size - 1 - face):
+        if corners + size > sides.shape[0] - 3 * (sizes.size - 1 - face):
             return BROKEN
         if not decoding:
             for place in range(size):
-                sides[SOURCE, corners + place] = source_first + (source - source_first + place) % size
+                sides[corners + place, SOURCE] = source_first + (source - source_first + place) % size
         state[BEGIN], state[END] = 0, size
         if gate >= 0:
-            sides[ORIGIN, corners] = sides[ORIGIN, sides[FOLLOWING, gate]]
-            sides[ORIGIN, corners + 1] = sides[ORIGIN, gate]
+            sides[corners, ORIGIN] = sides[sides[gate, FOLLOWING], ORIGIN]
+            sides[corners + 1, ORIGIN] = sides[gate, ORIGIN]
             _code_closing(
                 coder,
                 data,
@@ -476,19 +448,19 @@ def code_surface(
         for place in range(state[BEGIN], state[END]):
             vertex = source_vertex = -1
             if not decoding:
-                source_vertex = source_corners[VERTEX, sides[SOURCE, corners + place]]
+                source_vertex = source_corners[sides[corners + place, SOURCE], VERTEX]
                 vertex = numbers[source_vertex]
             vertex = _code_vertex(coder, data, cells, sides, gate, place, known, vertex)
-            if vertex < 0 or vertex >= vertices.shape[1]:
+            if vertex < 0 or vertex >= vertices.shape[0]:
                 return BROKEN
             if vertex == known:
                 known += 1
                 if not decoding:
                     numbers[source_vertex] = vertex
-            sides[ORIGIN, corners + place] = vertex
+            sides[corners + place, ORIGIN] = vertex
         if gate >= 0:
             attach(sides, vertices, queues, gate, corners, size, state[BEGIN], state[END])
         else:
             start_ring(sides, vertices, queues, corners, size)
         corners += size
-    return known if corners == sides.shape[1] else BROKEN
+    return known if corners == sides.shape[0] else BROKEN

@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pdecodec.kernels.facewalk import Corners
 from pdecodec.kernels.rangecoder import code_bit, code_with
+from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 
 BoolArray = NDArray[np.bool_]
 Int32Array = NDArray[np.int32]
@@ -73,7 +73,7 @@ class WeldScratch(NamedTuple):
     within: Int32Array
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@uncounted_inline
 def code_distance(coder: Int64Array, data: UInt8Array, cells: Int64Array, distance: int) -> int:
     """Code a number from 1 on: its count of digits, then the digits below the first."""
     wanted = 0
@@ -88,7 +88,7 @@ def code_distance(coder: Int64Array, data: UInt8Array, cells: Int64Array, distan
     return value
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def code_point(
     coder: Int64Array,
     data: UInt8Array,
@@ -146,7 +146,7 @@ def code_point(
     return max(points - distance, -1)
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def enter_polygon(corners: Corners, polygon: int, point_of: Int32Array, scratch: WeldScratch) -> None:
     """Note which edges of a polygon meet others, and let its corners be found at their points."""
     first, end = corners.starts[polygon], corners.starts[polygon + 1]
@@ -168,7 +168,7 @@ def enter_polygon(corners: Corners, polygon: int, point_of: Int32Array, scratch:
         scratch.latest[point] = corner
 
 
-@njit(cache=True, _nrt=False)
+@uncounted
 def code_welds(
     coder: Int64Array,
     data: UInt8Array,

@@ -1,0 +1,389 @@
+"""Compiled naming of faces, one after the other in the order of the source, each by how it lies to those before.
+
+A face is named, in this order,
+
+1. by a side that it shares with one of the last four faces; or
+2. by a vertex whose number is known: which of the face's corners has it, the number, and which of the faces left
+   there; or
+3. by its place on the surface, as a difference to that of the face before.
+
+Which corner is the first is told after the vertices have their numbers, unless the second case has told it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.kernels.memory import code_remembered, memorise, recollection
+from pdecodec.kernels.numbers import NUMBER_CELLS, SIGNED_CELLS, code_number, code_signed
+from pdecodec.kernels.order_records import (
+    ACROSS,
+    AFTER,
+    BEFORE,
+    CORNER_THERE,
+    FACE,
+    LEFT,
+    NEXT_THERE,
+    NUMBER,
+    VERTEX,
+    number_at,
+)
+from pdecodec.kernels.rangecoder import code_mixed
+from pdecodec.kernels.ranks import member_at, rank_of
+from pdecodec.kernels.uncounted import uncounted_inline
+
+Int32Array = NDArray[np.int32]
+Int64Array = NDArray[np.int64]
+UInt8Array = NDArray[np.uint8]
+
+RECENT_FACES = 4
+"""Faces whose neighbours are looked at first: two quads cut into triangles."""
+
+SIDES_TOLD = 4
+"""Sides of a recent face that have slots of their own; the later ones share the last."""
+
+MOST_CANDIDATES = 64
+"""Sides of recent faces that are looked at: more are left only where faces have dozens of corners."""
+
+MOST_LISTED = 32
+"""Corners at a vertex that can be named by it: what keeps time linear at vertices of many faces."""
+
+CORNERS_TOLD = 3
+"""Corners that the second case tells by yes and no; a later one is told by its number."""
+
+JUMP_CLASSES = 8
+"""Contexts of a difference of ranks: the magnitude of the one before, up to 3, and its sign."""
+
+BY_PLACE = RECENT_FACES * SIDES_TOLD
+BY_VERTEX = BY_PLACE + 1
+SLOTS = BY_VERTEX + 1
+"""How a face was named: by a side of a recent face, a slot for each; in the third case; in the second."""
+
+CANDIDATE, SLOT = range(2)
+"""Fields of candidates, (MOST_CANDIDATES, 2) int32: the corner across a side of a recent face; that side's slot."""
+
+(
+    FOUND_HISTORY, CORNER_HISTORY, LIST_HISTORY, FIRST_HISTORY, SLOT_NOW, SLOT_BEFORE, SLOT_LONG_BEFORE, LAST_JUMP, RECENT,
+) = range(9)  # fmt: skip
+FIRSTS = RECENT + RECENT_FACES
+EXPECTED = FIRSTS + SLOTS
+FACE_STATE_SIZE = EXPECTED + SLOTS**2
+"""Fields of a state, (FACE_STATE_SIZE,) int64. Histories, the latest lowest: whether the first case held; which
+corner the second case told; which listed corners it took; which corners were the first. How the last three faces
+were named. The last difference of ranks in the second case; the first corners of the
+recent faces, the latest first, or -1; for
+each slot, which corners were the first after it; and for each two slots, which one came after them last time."""
+
+_FOUND_WEIGHTS, _SIDE_WEIGHTS, _CORNER_WEIGHTS, _LIST_WEIGHTS, _FIRST_WEIGHTS = range(5)
+FACE_ORDER_DECISIONS = 5
+"""Sets of weights."""
+
+_FOUND = 0
+_FOUND_SLOTS = _FOUND + 256
+_SIDE = _FOUND_SLOTS + SLOTS**3
+_SIDE_SLOTS = _SIDE + BY_PLACE * SLOTS * 4
+_CORNER = _SIDE_SLOTS + BY_PLACE * SLOTS**2
+_CORNER_SLOT = 256
+_CORNER_CELLS = _CORNER_SLOT + 16 * SLOTS
+_CORNER_NUMBER = _CORNER + CORNERS_TOLD * _CORNER_CELLS
+_JUMP = _CORNER_NUMBER + NUMBER_CELLS
+_LIST = _JUMP + JUMP_CLASSES * SIGNED_CELLS
+_LIST_RECENT = _LIST + 81 * 8
+_PLACE = _LIST_RECENT + 9 * 64
+_FIRST = _PLACE + SIGNED_CELLS
+_FIRST_SLOT = 64 * 4
+_FIRST_CELLS = _FIRST_SLOT + 64 * SLOTS
+
+FACE_ORDER_CELLS = _FIRST + 4 * _FIRST_CELLS
+
+BROKEN = -1
+"""What is returned where the bits are not those of a sound order."""
+
+
+@uncounted_inline
+def find_candidates(state: Int64Array, corners: Int32Array, candidates: Int32Array) -> int:
+    """List the corners left across the sides of the recent faces; returns how many."""
+    count = 0
+    for age in range(RECENT_FACES):
+        first = corner = state[RECENT + age]
+        if first < 0:
+            break
+        slot = age * SIDES_TOLD
+        while True:
+            across = corners[corner, ACROSS]
+            if across >= 0 and corners[across, LEFT] and count < MOST_CANDIDATES:
+                candidates[count, CANDIDATE], candidates[count, SLOT] = across, slot
+                count += 1
+            slot = min(slot + 1, age * SIDES_TOLD + SIDES_TOLD - 1)
+            corner = corners[corner, AFTER]
+            if corner == first:
+                break
+    return count
+
+
+@uncounted_inline
+def code_side(
+    coder: Int64Array,
+    data: UInt8Array,
+    cells: Int64Array,
+    weights: Int64Array,
+    scratch: Int64Array,
+    state: Int64Array,
+    corners: Int32Array,
+    candidates: Int32Array,
+    count: int,
+    face: int,
+) -> int:
+    """First case: code which of the candidates is on `face`, if any; returns its place among them, or -1."""
+    chosen = scratch[0]
+    last, before, long_before = state[SLOT_NOW], state[SLOT_BEFORE], state[SLOT_LONG_BEFORE]
+    place = 0
+    while place < count and corners[candidates[place, CANDIDATE], FACE] != face:
+        place += 1
+    chosen[0] = _FOUND + state[FOUND_HISTORY]
+    chosen[1] = _FOUND_SLOTS + (last * SLOTS + before) * SLOTS + long_before
+    found = code_mixed(coder, data, cells, chosen, weights[_FOUND_WEIGHTS], scratch[1], place < count)
+    state[FOUND_HISTORY] = (2 * state[FOUND_HISTORY] + found) & 255
+    if not found:
+        return -1
+    # The slot that came last time is tried before the others: most orders repeat themselves.
+    expectation = EXPECTED + last * SLOTS + before
+    expected = 0
+    while expected < count and candidates[expected, SLOT] != state[expectation]:
+        expected += 1
+    if expected == count:
+        expected = 0
+    tried = expected
+    for turn in range(count - 1):
+        slot = candidates[tried, SLOT]
+        chosen[0] = _SIDE + (slot * SLOTS + last) * 4 + min(turn, 3)
+        chosen[1] = _SIDE_SLOTS + (slot * SLOTS + before) * SLOTS + long_before
+        if code_mixed(coder, data, cells, chosen, weights[_SIDE_WEIGHTS], scratch[1], tried == place):
+            break
+        tried = 0 if turn == 0 else tried + 1
+        if tried == expected:
+            tried += 1
+    state[expectation] = candidates[tried, SLOT]
+    return tried
+
+
+@uncounted_inline
+def first_known(corners: Int32Array, vertices: Int32Array, first: int) -> int:
+    """How many steps after `first` the first corner with a number is; -1 if none has, or it is too far in its list."""
+    corner = first
+    steps = 0
+    while number_at(corners, vertices, corner) < 0:
+        corner = corners[corner, AFTER]
+        steps += 1
+        if corner == first:
+            return -1
+    listed = vertices[corners[corner, VERTEX], CORNER_THERE]
+    for _ in range(MOST_LISTED - 1):
+        if listed == corner:
+            break
+        listed = corners[listed, NEXT_THERE]
+        if listed < 0:
+            return -1
+    return steps if listed == corner else -1
+
+
+@uncounted_inline
+def code_corner(
+    coder: Int64Array,
+    data: UInt8Array,
+    cells: Int64Array,
+    weights: Int64Array,
+    scratch: Int64Array,
+    state: Int64Array,
+    steps: int,
+) -> int:
+    """Second case: code how many steps after the first the corner is that names the face; -1 for none."""
+    chosen = scratch[0]
+    recent = state[CORNER_HISTORY]
+    told = 0
+    while told < CORNERS_TOLD:
+        base = _CORNER + told * _CORNER_CELLS
+        chosen[0] = base + recent
+        chosen[1] = base + _CORNER_SLOT + (recent & 15) * SLOTS + state[SLOT_NOW]
+        if code_mixed(coder, data, cells, chosen, weights[_CORNER_WEIGHTS], scratch[1], steps == told):
+            break
+        told += 1
+    state[CORNER_HISTORY] = (4 * recent + told) & 255
+    if told == CORNERS_TOLD:
+        further = 0 if steps < 0 else steps - told + 1
+        told += code_number(coder, data, cells, _CORNER_NUMBER, further) - 1
+        return told if told >= CORNERS_TOLD else -1
+    return told
+
+
+@uncounted_inline
+def code_vertex_there(
+    coder: Int64Array,
+    data: UInt8Array,
+    cells: Int64Array,
+    state: Int64Array,
+    memory: Int64Array,
+    corners: Int32Array,
+    vertices: Int32Array,
+    vertex_of: Int32Array,
+    live: Int32Array,
+    live_count: int,
+    vertex: int,
+) -> int:
+    """Second case: code a vertex that has a number and corners left; BROKEN if there is none such."""
+    reference = number_at(corners, vertices, state[RECENT])
+    number = 0 if vertex < 0 else vertices[vertex, NUMBER]
+    if code_remembered(coder, data, memory, 0, number - reference):
+        number = reference + recollection(memory)
+        if number < 0 or number >= vertex_of.size or vertex_of[number] < 0:
+            return BROKEN
+    else:
+        rank = rank_of(live, reference)
+        jump = 0 if vertex < 0 else rank_of(live, number) - rank
+        last = state[LAST_JUMP]
+        context = 2 * min(abs(last), JUMP_CLASSES // 2 - 1) + (last < 0)
+        jump = code_signed(coder, data, cells, _JUMP + context * SIGNED_CELLS, jump)
+        state[LAST_JUMP] = jump
+        if rank + jump < 0 or rank + jump >= live_count:
+            return BROKEN
+        number = member_at(live, rank + jump)
+    memorise(memory, number - reference)
+    vertex = vertex_of[number]
+    return vertex if vertices[vertex, CORNER_THERE] >= 0 else BROKEN
+
+
+@uncounted_inline
+def _corner_before(corners: Int32Array, corner: int, steps: int) -> int:
+    """The corner some steps before in the face; BROKEN where that goes all the way round."""
+    found = corner
+    for _ in range(steps):
+        found = corners[found, BEFORE]
+        if found == corner:
+            return BROKEN
+    return found
+
+
+@uncounted_inline
+def _resemblance(state: Int64Array, corners: Int32Array, vertices: Int32Array, first: int) -> int:
+    """How the numbers of a face that begins at `first` lie to each other, compared with the last two faces.
+
+    Four digits to base 3: of the last face and the one before, of the second corner and the third. 0 if its
+    difference to the first corner is another, 1 if it is not known, 2 if it is the same.
+    """
+    number = number_at(corners, vertices, first)
+    second = corners[first, AFTER]
+    second_number = number_at(corners, vertices, second)
+    third_number = number_at(corners, vertices, corners[second, AFTER])
+    alike = 0
+    for age in range(2):
+        other = state[RECENT + age]
+        other_number = other_second = other_third = 0
+        if other >= 0:
+            other_number = number_at(corners, vertices, other)
+            other_second = number_at(corners, vertices, corners[other, AFTER])
+            other_third = number_at(corners, vertices, corners[corners[other, AFTER], AFTER])
+        digit = 1
+        if number >= 0 and second_number >= 0:
+            digit = 2 * (second_number - number == other_second - other_number)
+        alike = 3 * alike + digit
+        digit = 1
+        if number >= 0 and third_number >= 0:
+            digit = 2 * (third_number - number == other_third - other_number)
+        alike = 3 * alike + digit
+    return alike
+
+
+@uncounted_inline
+def code_listed(
+    coder: Int64Array,
+    data: UInt8Array,
+    cells: Int64Array,
+    weights: Int64Array,
+    scratch: Int64Array,
+    state: Int64Array,
+    corners: Int32Array,
+    vertices: Int32Array,
+    vertex: int,
+    steps: int,
+    wanted: int,
+) -> int:
+    """Second case: code which of the corners left at `vertex` it is, `steps` after the first of its face.
+
+    Returns
+    -------
+    int
+        The first corner of that face; BROKEN if it has not so many corners.
+    """
+    chosen = scratch[0]
+    listed = vertices[vertex, CORNER_THERE]
+    place = 0
+    while True:
+        first = _corner_before(corners, listed, steps)
+        if corners[listed, NEXT_THERE] < 0 or place == MOST_LISTED - 1:
+            break
+        alike = _resemblance(state, corners, vertices, first) if first >= 0 else 0
+        chosen[0] = _LIST + alike * 8 + min(place, 7)
+        chosen[1] = _LIST_RECENT + (alike // 9) * 64 + state[LIST_HISTORY]
+        taken = code_mixed(coder, data, cells, chosen, weights[_LIST_WEIGHTS], scratch[1], listed == wanted)
+        state[LIST_HISTORY] = (2 * state[LIST_HISTORY] + taken) & 63
+        if taken:
+            break
+        listed = corners[listed, NEXT_THERE]
+        place += 1
+    return first
+
+
+@uncounted_inline
+def code_place(
+    coder: Int64Array, data: UInt8Array, cells: Int64Array, left: Int32Array, left_count: int, last: int, face: int
+) -> int:
+    """Third case: code a face by its rank among those left, compared with that of the last face; or BROKEN."""
+    rank = rank_of(left, last)
+    distance = rank_of(left, face) - rank if face >= 0 else 0
+    distance = code_signed(coder, data, cells, _PLACE, distance)
+    if rank + distance < 0 or rank + distance >= left_count:
+        return BROKEN
+    return member_at(left, rank + distance)
+
+
+@uncounted_inline
+def code_first(
+    coder: Int64Array,
+    data: UInt8Array,
+    cells: Int64Array,
+    weights: Int64Array,
+    scratch: Int64Array,
+    state: Int64Array,
+    corners: Int32Array,
+    vertices: Int32Array,
+    entry: int,
+    first: int,
+) -> int:
+    """Code which corner of a face is its first, going round from the corner `entry`; returns it."""
+    chosen = scratch[0]
+    lowest = highest = entry
+    corner = corners[entry, AFTER]
+    while corner != entry:
+        number = number_at(corners, vertices, corner)
+        if number < number_at(corners, vertices, lowest):
+            lowest = corner
+        if number > number_at(corners, vertices, highest):
+            highest = corner
+        corner = corners[corner, AFTER]
+    slot = state[SLOT_NOW]
+    alike = state[FIRSTS + slot]
+    recent = state[FIRST_HISTORY]
+    step = 0
+    while corners[corner, AFTER] != entry:
+        extreme = 2 * (corner == lowest) + (corner == highest)
+        base = _FIRST + min(step, 3) * _FIRST_CELLS
+        chosen[0] = base + recent * 4 + extreme
+        chosen[1] = base + _FIRST_SLOT + (alike * 4 + extreme) * SLOTS + slot
+        if code_mixed(coder, data, cells, chosen, weights[_FIRST_WEIGHTS], scratch[1], corner == first):
+            break
+        step += 1
+        corner = corners[corner, AFTER]
+    state[FIRSTS + slot] = (4 * alike + min(step, 3)) & 15
+    state[FIRST_HISTORY] = (4 * recent + (0 if corner == lowest else 2 - (corner == highest))) & 63
+    return corner

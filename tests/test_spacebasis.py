@@ -1,0 +1,127 @@
+"""Space bases: orthonormal, complete, and sparse where motion is simple."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pdecodec.kernels.group_motion import add_group, moved_reference
+from pdecodec.kernels.patch_functions import principal_axes
+from pdecodec.sequence import Connectivity, MeshObject
+from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis, mesh_graph, polynomial_exponents
+
+RNG_SEED = 20
+
+
+def grid(columns: int, rows: int, *, scale: int = 97) -> tuple[MeshObject, NDArray[np.int64]]:
+    """A sheet of quads that bends, in whole steps."""
+    u, v = np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij")
+    rest = np.stack([scale * u, scale * v, (scale * np.sin(u / 5.0) * 3).astype(np.int64)], axis=-1).reshape(-1, 3)
+    index = np.arange(columns * rows).reshape(columns, rows)
+    quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(-1)
+    faces = Connectivity(
+        vertex_count=columns * rows,
+        face_counts=np.full(quads.size // 4, 4, np.int32),
+        face_indices=quads.astype(np.int32),
+    )
+    return MeshObject("sheet", faces), rest.astype(np.int64)
+
+
+def points_only(rest: NDArray[np.int64]) -> MeshObject:
+    none = np.zeros(0, np.int32)
+    return MeshObject("points", Connectivity(vertex_count=len(rest), face_counts=none, face_indices=none))
+
+
+def back_in_mesh_order(basis: SpaceBasis, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    out = np.empty_like(values)
+    out[basis.order] = values
+    return out
+
+
+@pytest.mark.parametrize("kind", ["patch", "curve"])
+@pytest.mark.parametrize("points", [1, 7, 64])
+def test_a_complete_basis_gives_every_function_back_and_keeps_its_energy(kind: SpaceKind, points: int) -> None:
+    item, rest = grid(23, 17)
+    basis = build_space_basis(kind, [item], rest, points=points, functions=128)
+    values = np.random.default_rng(RNG_SEED).normal(size=(len(rest), 5))
+    found = basis.project(values)
+    assert basis.columns == len(rest)
+    np.testing.assert_allclose((found**2).sum(), (values**2).sum(), rtol=1e-12)
+    np.testing.assert_allclose(back_in_mesh_order(basis, basis.expand(found)), values, atol=1e-12)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    rest=st.lists(st.tuples(*[st.integers(-40, 40)] * 3), min_size=1, max_size=60),
+    points=st.integers(1, 40),
+    functions=st.integers(1, 40),
+)
+def test_any_points_get_an_orthonormal_basis(rest: list[tuple[int, int, int]], points: int, functions: int) -> None:
+    """Coincident and collinear ones included; with fewer functions the rest of a motion is left out, no more."""
+    levels = np.array(rest, np.int64)
+    basis = build_space_basis("patch", [points_only(levels)], levels, points=points, functions=functions)
+    assert sorted(basis.order.tolist()) == list(range(len(levels)))
+    assert np.diff(basis.starts).max() <= points
+    coefficients = np.random.default_rng(RNG_SEED).normal(size=(basis.columns, 3))
+    again = basis.project(back_in_mesh_order(basis, basis.expand(coefficients)))
+    np.testing.assert_allclose(again, coefficients, atol=1e-9)
+
+
+def test_an_affine_motion_needs_four_functions_however_many_patches_there_are() -> None:
+    item, rest = grid(40, 30)
+    basis = build_space_basis("patch", [item], rest, points=16, functions=16)
+    x, y, z = rest.T.astype(np.float64)
+    moved = np.stack([3.0 + 0.2 * x - 0.1 * z, x + y + z, np.full(len(x), 7.0)], axis=1)
+    found = basis.project(moved)
+    assert basis.patches > 60
+    assert (np.abs(found) > 1e-9 * np.abs(found).max()).any(axis=1).sum() <= 4
+
+
+def test_columns_are_coded_once_each_in_runs_that_cover_them() -> None:
+    item, rest = grid(21, 13)
+    basis = build_space_basis("patch", [item], rest, points=32, functions=24)
+    starts, kinds, parents = basis.units
+    assert starts[0] == 0
+    assert starts[-1] == basis.columns
+    assert (np.diff(starts) >= 0).all()
+    assert (kinds < 0).sum() == basis.patches
+    assert (parents[1:] < np.arange(1, parents.size)).all()
+
+
+def test_vertices_at_one_place_are_neighbours() -> None:
+    rest = np.array([[0, 0, 0], [5, 0, 0], [0, 0, 0], [9, 9, 9]], np.int64)
+    starts, neighbours = mesh_graph([points_only(rest)], rest)
+    assert [neighbours[a:b].tolist() for a, b in itertools.pairwise(starts)] == [[2], [], [0], []]
+
+
+def test_principal_axes_are_eigenvectors_by_falling_eigenvalue() -> None:
+    points = np.random.default_rng(RNG_SEED).normal(size=(50, 3)) * [1.0, 9.0, 3.0]
+    matrix = points.T @ points
+    axes = np.empty((3, 3))
+    principal_axes(matrix.copy(), axes)
+    values = np.linalg.eigvalsh(matrix)[::-1]
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(axes @ matrix @ axes.T, np.diag(values), atol=1e-9 * values[0])
+
+
+def test_polynomials_begin_with_the_affine_four_and_count_the_normal_twice() -> None:
+    exponents = polynomial_exponents()
+    assert exponents[:4].tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    degrees = exponents[4:] @ [1, 1, 2]
+    assert (np.diff(degrees) >= 0).all()
+    assert len(np.unique(exponents, axis=0)) == len(exponents)
+
+
+@pytest.mark.parametrize("axes", [1, 3])
+@pytest.mark.parametrize("functions", [0, 1, 4, 7])
+def test_the_compiled_sum_over_functions_of_time_is_the_plain_one(axes: int, functions: int) -> None:
+    rng = np.random.default_rng(RNG_SEED)
+    weights, planes = rng.normal(size=(3, functions)), rng.normal(size=(axes, functions, 700))
+    moved = np.zeros((3, 700))
+    add_group(weights, planes, moved)
+    np.testing.assert_allclose(moved, moved_reference(weights, planes), atol=1e-12)
