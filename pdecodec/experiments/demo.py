@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from pdecodec.decoder import open_animation
-from pdecodec.encoder import EncodeReport, encode
+from pdecodec.encoder import encode
+from pdecodec.encodereport import EncodeReport
 from pdecodec.metrics import Distortion, bits_per_vertex_frame, measure_distortion
 from pdecodec.resample import LinearInterpolation, SampledAnimation
 from pdecodec.selection import FrameSelection
