@@ -306,7 +306,9 @@ def test_sections_cut_short_or_too_long_are_refused(sound: bytes) -> None:
             continue
         for size in range(0, len(part.content), 1 + len(part.content) // 12):
             assert outcome(seal(with_chunks(parts, part.kind, part.content[:size]), major=2)) == "CorruptFileError"
-        assert outcome(seal(with_chunks(parts, part.kind, part.content + b"\0"), major=2)) == "CorruptFileError"
+        # A range decoder looks a few bytes ahead, and takes what is missing as zeros: more than those are too many.
+        longer = part.content + bytes(8)
+        assert outcome(seal(with_chunks(parts, part.kind, longer), major=2)) == "CorruptFileError", part.kind
         others = [other for other in parts if other != part]
         assert outcome(seal(others, major=2)) == "CorruptFileError"
 
@@ -356,7 +358,7 @@ def test_groups_that_declare_too_much_are_refused(sound: bytes, field: str, valu
 
 
 def test_a_memory_limit_is_kept_and_can_be_raised(sound: bytes) -> None:
-    with pytest.raises(LimitError, match="12 vertices.*raise it if you trust the file"):
+    with pytest.raises(LimitError, match=r"12 vertices.*raise it if you trust the file"):
         open_animation(sound, limits=DecodeLimits(max_memory=7_000))
     with open_animation(sound, limits=DecodeLimits(max_memory=2**20)) as animation:
         assert animation.vertex_count == 12

@@ -61,7 +61,7 @@ def test_conversion_loses_more_digits_the_smaller_alpha_and_r_are(tmp_path: Path
 @pytest.mark.parametrize(
     ("settings", "reason"),
     [
-        ({"profile": "auto", "alignment": "affine", "alpha": 3.0, "r": 3.0, "tolerance": 1e-2}, "affine"),
+        ({"profile": "segments", "alignment": "affine", "alpha": 3.0, "r": 3.0, "tolerance": 1e-2}, "affine"),
         ({"alignment": "none", "alpha": 0.0, "r": 3.0}, "alpha or r of 0"),
         ({"alignment": "none", "alpha": 3.0, "r": 0.0}, "alpha or r of 0"),
         ({"alignment": "none", "alpha": 3.0, "r": 3.0, "segment_frames": 3}, "4 frames"),
