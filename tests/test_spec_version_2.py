@@ -54,9 +54,8 @@ def bending_strips() -> ArraySequence:
     column, row = (axis.ravel() for axis in np.meshgrid(np.arange(5), np.arange(14), indexing="ij"))
     frame = np.arange(9.0)[:, None]
     strip = np.stack(np.broadcast_arrays(column + 0.0 * frame, row, np.sin(0.3 * row * column + 0.8 * frame)), axis=-1)
-    points = np.concatenate(
-        [strip, strip[:1].repeat(9, axis=0) + np.array([9.0, 0.0, 0.5]), np.ones((9, 1, 3))], axis=1
-    )
+    still = strip[:1].repeat(9, axis=0) + np.array([9.0, 0.0, 0.5])
+    points = np.concatenate([strip, still, np.ones((9, 1, 3))], axis=1)
     corner = (14 * np.arange(4)[:, None] + np.arange(13)).ravel()
     quads = np.stack([corner, corner + 1, corner + 15, corner + 14], axis=1)
     indices = np.concatenate([quads, quads + 70]).ravel()
