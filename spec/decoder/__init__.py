@@ -1,4 +1,4 @@
-"""An educational decoder of `.pdeanim` files: plain Python, written from ``spec/pdeanim.md`` alone.
+"""An educational decoder of `.pdeanim` files: plain Python, along ``spec/pdeanim.md``.
 
 It shares no code with `pdecodec` and exists to be read beside the specification and to check it: the tests
 compare what both decode to the last bit. It is slow, has no limits of its own, and holds everything in memory.
