@@ -226,8 +226,8 @@ def code_records(coding: Coding, records: Records, places: Places, predicted: in
                     for axis in range(3):
                         row = filter_set * 3 + axis
                         guess = predict(levels, around, axis, filters, row, inputs) if predicted else 0
-                        in_time = np.int64(residuals[near, axis]) if known else 0
-                        in_space = np.int64(residuals[record_1, axis]) if record_1 >= 0 else 0
+                        in_time: int = np.int64(residuals[near, axis]) if known else 0  # type: ignore[assignment]
+                        in_space: int = np.int64(residuals[record_1, axis]) if record_1 >= 0 else 0  # type: ignore
                         least = 1 if axis == 2 and not predicted and size_1 == 0 and size_2 == 0 else 0
                         value = code_residual(
                             coder,
