@@ -9,8 +9,11 @@ import importlib.util
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import ClassVar
+
+import numpy as np
 
 from pdecodec.errors import MissingExtraError
 from pdecodec.sequence import Connectivity, Float32Array
@@ -86,7 +89,7 @@ class Peer(ABC):
 
     def version(self) -> str:
         """Changes when its results may: a digest of its name, its code, the code it shares, and its package."""
-        digest = hashlib.sha256(self.name.encode())
+        digest = hashlib.sha256(self.name.encode() + _coded_probe())
         for path in sorted({Path(inspect.getfile(type(self))), *_shared_files()}):
             digest.update(_code_of(path).encode())
         if self.package is not None:
@@ -98,7 +101,15 @@ def _shared_files() -> list[Path]:
     """The modules that several peers are made of."""
     here = Path(__file__).parent
     shared = ("grid", "planes", "prediction", "principal", "search", "shuffle", "symbols", "traversal")
-    return [*(here / f"{name}.py" for name in shared), here.parent / "kernels" / "rangecoder.py"]
+    return [here / f"{name}.py" for name in shared]
+
+
+@cache
+def _coded_probe() -> bytes:
+    """What the range coder, which is the codec's and not the peers', makes of some integers."""
+    from pdecodec.peers.symbols import encode_bands
+
+    return encode_bands(np.arange(-999, 1000).reshape(1, -1))
 
 
 class _WithoutTexts(ast.NodeTransformer):
