@@ -35,6 +35,10 @@ PRIORITIES = 128
 """Queues: a vertex of five triangles, 5 * 4, beside another of as many is at 60; the last one holds all above."""
 
 
+MOST_ANGLE = 1 << 16
+"""Sums of angles stop here, far above all queues: they stay numbers of 32 bits in any file."""
+
+
 @uncounted_inline
 def corner_angle(size: int) -> int:
     """Angle of a regular polygon, in units of 15 degrees, rounded down: 4 of a triangle, 6 of a square."""
@@ -101,7 +105,7 @@ def _place_corner(sides: Int32Array, vertices: Int32Array, first: int, place: in
     sides[side, STATE] = OPEN
     sides[side, TWIN] = sides[side, PRIORITY] = -1
     vertices[vertex, FACES] += 1
-    vertices[vertex, ANGLE] += corner_angle(size)
+    vertices[vertex, ANGLE] = min(vertices[vertex, ANGLE] + corner_angle(size), MOST_ANGLE)
 
 
 @uncounted_inline

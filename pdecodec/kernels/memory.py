@@ -3,7 +3,8 @@
 Meshes that a program made repeat themselves: every row of a grid is numbered as the row before. A memory finds the
 place where the last six numbers stood before (the *long* recollection) and stays there as long as the sequence
 goes on in the same way, so that it also knows where a row ends; and the place where the last three stood (the
-*short* one), looked up anew for every number. It only proposes; the caller codes whether a proposal is right.
+*short* one), looked up anew for every number. Whether one of them is right is coded as a mixed bit; a number that
+neither knows is the caller's.
 """
 
 from __future__ import annotations
@@ -35,19 +36,20 @@ PHASES = 8
 COUNT, LONG_PLACE, RUN, SHORT_PLACE, LONG_SLOT, SHORT_SLOT, LONG_HISTORY, SHORT_HISTORY, UNLISTED = range(9)
 """Fields at the beginning of a memory: how many numbers it has seen; the place of the long recollection, or -1;
 for how many numbers that one has been right; the place of the short one, or -1; where the two contexts are listed;
-which of the last long and short recollections were right, the latest in bit 0; a place for what is not listed. After them: scratch, weights and cells of the decisions, the two tables, the past."""
-
-EQUAL_WEIGHT = 65536 * 60 // 100
-"""Of each of two opinions at first: more than a half, for where all agree they know more than each."""
+which of the last 8 long and short recollections were right, the latest in bit 0; a place for what is not listed.
+After them stand scratch, weights and cells of the decisions, the two tables of places, and the past."""
 
 _OPINIONS = 2
 """Cells that each mixed bit asks."""
+
+EQUAL_WEIGHT = 6 * 65536 // (5 * _OPINIONS)
+"""Of each opinion at first: together more than one, for where they agree they know more than each."""
 
 LONGEST_RUN = 63
 FARTHEST = 63
 """Runs and distances beyond these are alike."""
 
-_CHOSEN = 9
+_CHOSEN = UNLISTED + 1
 _OPINION = _CHOSEN + _OPINIONS
 _LONG_WEIGHTS = _OPINION + _OPINIONS
 _SHORT_WEIGHTS = _LONG_WEIGHTS + _OPINIONS

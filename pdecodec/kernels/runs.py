@@ -19,8 +19,14 @@ BROKEN = -1
 
 @uncounted
 def code_runs(
-    coder: Int64Array, data: UInt8Array, cells: Int64Array, members: int, below: int, starts: Int64Array, ends: Int64Array
-) -> int:  # fmt: skip
+    coder: Int64Array,
+    data: UInt8Array,
+    cells: Int64Array,
+    members: int,
+    below: int,
+    starts: Int64Array,
+    ends: Int64Array,
+) -> int:
     """Code which numbers are in a set.
 
     Parameters
