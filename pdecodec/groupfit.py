@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.group_corrections import GroupCorrections, correct_group, encode_group
+from pdecodec.group_corrections import GroupCorrections, correct_group, encode_group, measure_group
 from pdecodec.groups import (
     GroupEntry,
     GroupFunctions,
@@ -43,9 +42,6 @@ FARTHEST_STEPS = 2.0**26
 ALIKE = 1e-2
 """Trajectories that differ by less than this share (of their squared length) count as one in the fit."""
 
-NEIGHBOURS_TELL = 0.65
-"""Share of the bits of independent corrections that they really take, gathered as they are: 0.5 to 0.8 measured."""
-
 
 @dataclass(frozen=True, eq=False)
 class FittedGroup:
@@ -61,7 +57,7 @@ class FittedGroup:
     functions : GroupFunctions
         As the decoder gets them.
     bits : float
-        Of all three chunks, the corrections' counted as they were estimated or measured.
+        Of all three chunks, measured.
     """
 
     entry: GroupEntry
@@ -165,7 +161,7 @@ class GroupFitter:
             bits += measure_levels(levels, basis, axes=entry.axes)
         functions = group_functions(entry, decoded_modes, basis.expand(np.multiply(levels, step, dtype=np.float64)))
         corrections = self.corrections(basis, functions)
-        return FittedGroup(entry, modes, levels, functions, bits + _estimated_bits(corrections, self.points))
+        return FittedGroup(entry, modes, levels, functions, bits + measure_group(corrections, basis.starts))
 
     def _fit_modal(
         self, basis: SpaceBasis, step: float, mode_step: float
@@ -200,20 +196,6 @@ class GroupFitter:
 
 def _quantise(values: Float64Array, step: float) -> Int64Array:
     return np.copysign(np.floor(np.abs(values) / step + (1.0 - ROUND_UP_AT)), values).astype(np.int64)
-
-
-def _estimated_bits(corrections: GroupCorrections, points: Float32Array) -> float:
-    """Of the corrections: places at the entropy of a coin, sizes by their digits, less what neighbours tell."""
-    everywhere = points.shape[0] * points.shape[1]
-    count = corrections.places.size
-    share = min(count / everywhere, 1.0)
-    places = (
-        0.0
-        if share in (0.0, 1.0)
-        else -everywhere * (share * math.log2(share) + (1.0 - share) * math.log2(1.0 - share))
-    )
-    sizes = float(np.frexp(2.0 * np.abs(corrections.levels) + 0.5)[1].sum()) + 1.5 * count
-    return NEIGHBOURS_TELL * (places + sizes) + 96.0 * corrections.literal_places.size
 
 
 def encode_chunks(fitted: FittedGroup, corrections: GroupCorrections, basis: SpaceBasis) -> tuple[bytes, bytes, bytes]:
