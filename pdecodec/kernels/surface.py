@@ -55,8 +55,7 @@ OPINIONS = 3
 MOST_FACES = 11
 MOST_ANGLE = 23
 MOST_SIZE = 7
-MOST_STEPS = 2
-"""Counts of faces, angles (in units of 30 degrees), sizes and steps along a border are alike from these on."""
+"""Counts of faces, angles (in units of 30 degrees) and sizes are alike from these on."""
 
 FARTHEST = 200
 """Steps along the border, either way, within which a vertex met before is looked for: what keeps time linear."""
@@ -99,7 +98,7 @@ _BORDER_WEIGHTS = 0
 _SIZE_WEIGHTS = 1
 _CLOSE_WEIGHTS = _SIZE_WEIGHTS + _TOLD_SIZES
 
-SURFACE_DECISIONS = _CLOSE_WEIGHTS + 2 * (MOST_STEPS + 1)
+SURFACE_DECISIONS = _CLOSE_WEIGHTS + 2
 """Sets of weights."""
 
 BROKEN = -1
@@ -107,9 +106,9 @@ BROKEN = -1
 
 BORDERS, CLOSINGS, LAST_SIZE, SIZE_BEFORE, BEGIN, END = range(6)
 STATE_SIZE = 6
-"""Fields of a state, (STATE_SIZE,) int64: the last 8 decisions *no face across*, the latest in bit 0; whether the last 3
-faces closed on either side, 2 bits each; the sizes of the last two faces that were told; the range of corners of
-the present face that are not told by closing."""
+"""Fields of a state, (STATE_SIZE,) int64: the last 8 decisions *no face across*, the latest in bit 0; whether the last
+3 faces closed on either side, 2 bits each; the sizes of the last two faces that were told; the range of corners of the
+present face that are not told by closing."""
 
 
 @uncounted
@@ -244,7 +243,7 @@ def _code_closing(
         border = sides[gate, FOLLOWING] if way else sides[gate, PRECEDING]
         # The closing corner is complete if the candidate is a corner of the face.
         closing, other = (stop, start) if way else (start, stop)
-        steps = 0
+        closed = 0
         while begin < end and border != gate and sides[border, STATE] == OPEN:
             candidate = sides[sides[border, FOLLOWING], ORIGIN] if way else sides[border, ORIGIN]
             if begin == end - 1 and candidate == refused:
@@ -260,8 +259,7 @@ def _code_closing(
             closes = False
             if not decoding:
                 closes = numbers[source_corners[sides[place, SOURCE], VERTEX]] == candidate
-            weight_set = _CLOSE_WEIGHTS + way * (MOST_STEPS + 1) + steps
-            if not code_mixed(coder, data, cells, chosen, weights[weight_set], scratch[1], closes):
+            if not code_mixed(coder, data, cells, chosen, weights[_CLOSE_WEIGHTS + way], scratch[1], closes):
                 refused = candidate
                 break
             sides[place, ORIGIN] = candidate
@@ -272,8 +270,8 @@ def _code_closing(
                 begin += 1
                 border = sides[border, PRECEDING]
             closing, other = candidate, closing
-            steps = min(steps + 1, MOST_STEPS)
-        closings = 2 * closings + (steps > 0)
+            closed = 1
+        closings = 2 * closings + closed
     state[BEGIN], state[END] = begin, end
     state[CLOSINGS] = (4 * state[CLOSINGS] + closings) & 63
 

@@ -39,7 +39,7 @@ class RangeDecoder:
         self._data = data
         self._width = WIDEST
         self._code = int.from_bytes(data[:FIRST_BYTES].ljust(FIRST_BYTES, b"\0"), "big")
-        self._taken = FIRST_BYTES
+        self.taken = FIRST_BYTES
 
     def bit_with(self, probability: int) -> int:
         """Section 19.1: a bit whose probability of being 1 is `probability` / 65536."""
@@ -51,10 +51,10 @@ class RangeDecoder:
             self._code -= split
             self._width -= split
         while self._width < NARROWEST:
-            following = self._data[self._taken] if self._taken < len(self._data) else 0
+            following = self._data[self.taken] if self.taken < len(self._data) else 0
             self._code = self._code << 8 | following
             self._width <<= 8
-            self._taken += 1
+            self.taken += 1
         return bit
 
     def bit(self, cells: list[int], index: int) -> int:
@@ -78,4 +78,4 @@ class RangeDecoder:
 
     def is_finished(self) -> bool:
         """Whether every byte was looked at."""
-        return self._taken >= len(self._data)
+        return self.taken >= len(self._data)
