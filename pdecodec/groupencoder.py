@@ -20,8 +20,8 @@ from pdecodec.description import encode_attributes, encode_remarks, encode_seque
 from pdecodec.encodereport import EncodeReport, counted, generator
 from pdecodec.errors import SettingsError
 from pdecodec.framewindow import checked_frames
-from pdecodec.group_corrections import add_frame
-from pdecodec.groupfit import FittedGroup, GroupFitter, encode_chunks
+from pdecodec.group_corrections import add_frame, encode_group
+from pdecodec.groupfit import FittedGroup, GroupFitter, encode_motion
 from pdecodec.groupmodel import GroupModelDescription
 from pdecodec.groups import CHUNK_SECTIONS, TimeBasis
 from pdecodec.metrics import frame_scale
@@ -214,9 +214,11 @@ class GroupEncoder:
     def _write_group(
         self, fitter: GroupFitter, basis: SpaceBasis, fitted: FittedGroup, spools: Sequence[Spool]
     ) -> None:
-        corrections = fitter.corrections(basis, fitted.functions)
-        chunks = encode_chunks(fitted, corrections, basis)
-        decoded = fitter.decoded(basis, fitted.functions)
+        # From the bytes, as the decoder does it: what is measured is what the file gives.
+        time_chunk, coefficients, functions = encode_motion(fitted, basis)
+        corrections = fitter.corrections(basis, functions)
+        chunks = (time_chunk, coefficients, encode_group(corrections, basis.starts))
+        decoded = fitter.decoded(basis, functions)
         order = basis.order.astype(np.int64)
         for f in range(fitter.frames):
             add_frame(decoded[f], corrections, f, order, step=self._correction_step, weight=1.0)

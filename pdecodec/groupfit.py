@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.group_corrections import GroupCorrections, correct_group, encode_group, measure_group
+from pdecodec.group_corrections import GroupCorrections, correct_group, measure_group
 from pdecodec.groups import (
     GroupEntry,
     GroupFunctions,
@@ -198,11 +198,12 @@ def _quantise(values: Float64Array, step: float) -> Int64Array:
     return np.copysign(np.floor(np.abs(values) / step + (1.0 - ROUND_UP_AT)), values).astype(np.int64)
 
 
-def encode_chunks(fitted: FittedGroup, corrections: GroupCorrections, basis: SpaceBasis) -> tuple[bytes, bytes, bytes]:
-    """A group's chunks of TIME, COEF and CORR."""
+def encode_motion(fitted: FittedGroup, basis: SpaceBasis) -> tuple[bytes, bytes, GroupFunctions]:
+    """A group's chunks of TIME and COEF, and the functions that a decoder makes of these bytes."""
     entry = fitted.entry
-    time = b""
+    time, modes = b"", np.zeros((entry.frames, 3, 0))
     if entry.basis == "modal" and entry.functions:
-        time, _ = encode_modes(fitted.modes, entry.mode_step)
+        time, modes = encode_modes(fitted.modes, entry.mode_step)
     coefficients = encode_levels(fitted.levels, basis, axes=entry.axes) if entry.width else b""
-    return time, coefficients, encode_group(corrections, basis.starts)
+    values = basis.expand(np.multiply(fitted.levels, entry.step, dtype=np.float64))
+    return time, coefficients, group_functions(entry, modes, values)

@@ -20,7 +20,7 @@ FRAMES, ROWS, COLUMNS = 20, 10, 12
 TOLERANCE = 1e-3
 
 SUMMARY = re.compile(
-    r"in [\d.]+ kB \(28.8 kB of positions\) -> out [\d.]+ kB \([\d.]+:1\), max error .* \(bound .*\), [\d.]+ s$"
+    r"in [\d.]+ kB \(28.8 kB of positions\) -> out [\d.]+ (?:kB|bytes) \([\d.]+:1\), max error .* \(bound .*\), [\d.]+ s$"
 )
 
 
@@ -232,7 +232,7 @@ def test_decode_ends_with_what_it_wrote_and_how_large_that_is(
     assert run(["decode", str(source), "-o", str(output), "--velocities"]) == 0
     line = capsys.readouterr().err.splitlines()[-1]
     velocities = tmp_path / "out.velocities.npz"
-    sizes = [f"{count / 1000:.1f} kB" for count in (source.stat().st_size, 2 * output.stat().st_size)]
+    sizes = [byte_size(count) for count in (source.stat().st_size, 2 * output.stat().st_size)]
     assert output.stat().st_size == velocities.stat().st_size
     assert line.startswith(f"{output} and {velocities}: in {sizes[0]} -> out {sizes[1]} ")
     assert "(57.6 kB of positions and velocities), 20 frames of 120 vertices" in line

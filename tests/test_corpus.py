@@ -30,7 +30,7 @@ def test_a_row_keeps_the_tolerance_and_counts_the_whole_file(tmp_path: Path) -> 
     row = measure(tmp_path / "wave.npz", EncodeSettings(tolerance=2e-3))
     assert (row.name, row.frames, row.vertices) == ("wave", 16, 200)
     assert 0 < row.rms_error < row.max_error <= 2e-3
-    assert row.ratio == pytest.approx(96 / row.bpvf, rel=0.1)
+    assert 0.8 * 96 / row.bpvf < row.ratio < 96 / row.bpvf  # connectivity counts in the one and not in the other
 
 
 def test_the_table_has_a_row_a_sequence_and_their_mean(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

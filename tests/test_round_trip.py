@@ -339,7 +339,7 @@ def test_the_number_of_threads_changes_no_bit(tmp_path: Path) -> None:
         command = [sys.executable, "-c", SCRIPT, str(tmp_path / f"{threads}.pdeanim")]
         printed.append(subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout)
     assert printed[0] == printed[1]
-    assert len(set(printed[0].split())) == 8
+    assert len(set(printed[0].split()[::2])) == 4  # every file is another
     assert hashlib.sha256((tmp_path / "1.pdeanim").read_bytes()).hexdigest() in printed[0]
 
 
