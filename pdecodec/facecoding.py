@@ -199,7 +199,7 @@ def decode_connectivity(
     parts = []
     any_order = False
     for vertices in vertex_counts:
-        arrays = []
+        arrays: list[NDArray[np.int32]] = []
         for kind in (FACES, LINES):
             count, size, corners = _code_head(conn_coding, models, kind, 0, 0, 0)
             _check_head(kind, count, size, corners, most_corners)

@@ -20,7 +20,8 @@ FRAMES, ROWS, COLUMNS = 20, 10, 12
 TOLERANCE = 1e-3
 
 SUMMARY = re.compile(
-    r"in [\d.]+ kB \(28.8 kB of positions\) -> out [\d.]+ (?:kB|bytes) \([\d.]+:1\), max error .* \(bound .*\), [\d.]+ s$"
+    r"in [\d.]+ kB \(28.8 kB of positions\) -> out [\d.]+ (?:kB|bytes) \([\d.]+:1\), "
+    r"max error .* \(bound .*\), [\d.]+ s$"
 )
 
 

@@ -10,7 +10,8 @@ Four things are looked at, each the mean of what the corners at the vertex find:
 * the *neighbours* themselves, and how far the prediction missed them.
 
 The first of parallelograms, straight on and neighbours that there is is the base. The others are *hints*: weights
-in the stream bring them in, one set in all directions and another along the surface's normal alone, where curvature acts.
+in the stream bring them in, one set in all directions and another along the surface's normal alone, where curvature
+acts.
 """
 
 from __future__ import annotations
