@@ -74,10 +74,6 @@ class Coding(NamedTuple):
     """(CELLS + patches + places,)"""
     weights: Int64Array
     """(MIXERS, OPINIONS)"""
-    chosen: Int64Array
-    """(OPINIONS,)"""
-    opinions: Int64Array
-    """(OPINIONS,)"""
     filters: Int64Array
     """(FILTERS, INPUTS)"""
     inputs: Int64Array
@@ -164,7 +160,7 @@ def code_records(coding: Coding, records: Records, places: Places, predicted: in
     int
         Number of records coded; -1 where the bytes say what cannot be.
     """
-    coder, data, cells, weights, chosen, opinions, filters, inputs, around = coding
+    coder, data, cells, weights, filters, inputs, around = coding
     distances, frame_starts, record_places, levels, residuals, earlier = records
     starts, last, sizes, counts = places
     patches = starts.size - 1
@@ -190,12 +186,14 @@ def code_records(coding: Coding, records: Records, places: Places, predicted: in
             in_reference, ahead = count_class(counts[patch + 2]), count_class(counts[patch + 3])
             before, second = count_class(counts[patch + 1]), count_class(counts[patch])
             ahead_and_second = min(ahead, 2) + (3 if second else 0)
-            chosen[0] = PATCH_AT + (in_reference * COUNTS + before) * 6 + ahead_and_second
-            chosen[1] = CELLS + patch
-            chosen[2] = AROUND_AT + (second * COUNTS + ahead) * COUNTS + before
+            chosen = (
+                PATCH_AT + (in_reference * COUNTS + before) * 6 + ahead_and_second,
+                CELLS + patch,
+                AROUND_AT + (second * COUNTS + ahead) * COUNTS + before,
+            )
             bit = 1 if not decoding and at < frame_end and record_places[at] < end else 0
             found = 0
-            if code_mixed(coder, data, cells, chosen, weights[PATCH_MIXER], opinions, bit):
+            if code_mixed(coder, data, cells, chosen, weights[PATCH_MIXER], bit):
                 for place in range(begin, end):
                     near = last[place] if near_first <= last[place] < near_end else -1
                     known = 1 if near >= 0 else 0
@@ -209,11 +207,13 @@ def code_records(coding: Coding, records: Records, places: Places, predicted: in
                         neighbours += 1
                     part = (place - begin) * 4 // (end - begin)
                     if found > 0 or place < end - 1:  # the last one is certain where no other was
-                        chosen[0] = VERTEX_AT + size * 8 + neighbours
-                        chosen[1] = CELLS + patches + place
-                        chosen[2] = SHARE_AT + ((min(found, 7) * 4 + part) * COUNTS + in_reference) * 2 + known
+                        chosen = (
+                            VERTEX_AT + size * 8 + neighbours,
+                            CELLS + patches + place,
+                            SHARE_AT + ((min(found, 7) * 4 + part) * COUNTS + in_reference) * 2 + known,
+                        )
                         bit = 1 if not decoding and at < frame_end and record_places[at] == place else 0
-                        if not code_mixed(coder, data, cells, chosen, weights[VERTEX_MIXER + known], opinions, bit):
+                        if not code_mixed(coder, data, cells, chosen, weights[VERTEX_MIXER + known], bit):
                             continue
                     if at == record_places.size:
                         return -1
@@ -234,8 +234,6 @@ def code_records(coding: Coding, records: Records, places: Places, predicted: in
                             data,
                             cells,
                             weights,
-                            chosen,
-                            opinions,
                             axis,
                             least,
                             in_time,

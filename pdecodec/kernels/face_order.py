@@ -129,7 +129,6 @@ def code_side(
     data: UInt8Array,
     cells: Int64Array,
     weights: Int64Array,
-    scratch: Int64Array,
     state: Int64Array,
     corners: Int32Array,
     candidates: Int32Array,
@@ -137,14 +136,12 @@ def code_side(
     face: int,
 ) -> int:
     """First case: code which of the candidates is on `face`, if any; returns its place among them, or -1."""
-    chosen = scratch[0]
     last, before, long_before = state[SLOT_NOW], state[SLOT_BEFORE], state[SLOT_LONG_BEFORE]
     place = 0
     while place < count and corners[candidates[place, CANDIDATE], FACE] != face:
         place += 1
-    chosen[0] = _FOUND + state[FOUND_HISTORY]
-    chosen[1] = _FOUND_SLOTS + (last * SLOTS + before) * SLOTS + long_before
-    found = code_mixed(coder, data, cells, chosen, weights[_FOUND_WEIGHTS], scratch[1], place < count)
+    recent = _FOUND + state[FOUND_HISTORY], _FOUND_SLOTS + (last * SLOTS + before) * SLOTS + long_before
+    found = code_mixed(coder, data, cells, recent, weights[_FOUND_WEIGHTS], place < count)
     state[FOUND_HISTORY] = (2 * state[FOUND_HISTORY] + found) & 255
     if not found:
         return -1
@@ -158,9 +155,11 @@ def code_side(
     tried = expected
     for turn in range(count - 1):
         slot = candidates[tried, SLOT]
-        chosen[0] = _SIDE + (slot * SLOTS + last) * 4 + min(turn, 3)
-        chosen[1] = _SIDE_SLOTS + (slot * SLOTS + before) * SLOTS + long_before
-        if code_mixed(coder, data, cells, chosen, weights[_SIDE_WEIGHTS], scratch[1], tried == place):
+        chosen = (
+            _SIDE + (slot * SLOTS + last) * 4 + min(turn, 3),
+            _SIDE_SLOTS + (slot * SLOTS + before) * SLOTS + long_before,
+        )
+        if code_mixed(coder, data, cells, chosen, weights[_SIDE_WEIGHTS], tried == place):
             break
         tried = 0 if turn == 0 else tried + 1
         if tried == expected:
@@ -195,19 +194,16 @@ def code_corner(
     data: UInt8Array,
     cells: Int64Array,
     weights: Int64Array,
-    scratch: Int64Array,
     state: Int64Array,
     steps: int,
 ) -> int:
     """Second case: code how many steps after the first the corner is that names the face; -1 for none."""
-    chosen = scratch[0]
     recent = state[CORNER_HISTORY]
     told = 0
     while told < CORNERS_TOLD:
         base = _CORNER + told * _CORNER_CELLS
-        chosen[0] = base + recent
-        chosen[1] = base + _CORNER_SLOT + (recent & 15) * SLOTS + state[SLOT_NOW]
-        if code_mixed(coder, data, cells, chosen, weights[_CORNER_WEIGHTS], scratch[1], steps == told):
+        chosen = base + recent, base + _CORNER_SLOT + (recent & 15) * SLOTS + state[SLOT_NOW]
+        if code_mixed(coder, data, cells, chosen, weights[_CORNER_WEIGHTS], steps == told):
             break
         told += 1
     state[CORNER_HISTORY] = (4 * recent + told) & 255
@@ -301,7 +297,6 @@ def code_listed(
     data: UInt8Array,
     cells: Int64Array,
     weights: Int64Array,
-    scratch: Int64Array,
     state: Int64Array,
     corners: Int32Array,
     vertices: Int32Array,
@@ -316,7 +311,6 @@ def code_listed(
     int
         The first corner of that face; BROKEN if it has not so many corners.
     """
-    chosen = scratch[0]
     listed = vertices[vertex, CORNER_THERE]
     place = 0
     while True:
@@ -324,9 +318,8 @@ def code_listed(
         if corners[listed, NEXT_THERE] < 0 or place == MOST_LISTED - 1:
             break
         alike = _resemblance(state, corners, vertices, first) if first >= 0 else 0
-        chosen[0] = _LIST + alike * 8 + min(place, 7)
-        chosen[1] = _LIST_RECENT + (alike // 9) * 64 + state[LIST_HISTORY]
-        taken = code_mixed(coder, data, cells, chosen, weights[_LIST_WEIGHTS], scratch[1], listed == wanted)
+        chosen = _LIST + alike * 8 + min(place, 7), _LIST_RECENT + (alike // 9) * 64 + state[LIST_HISTORY]
+        taken = code_mixed(coder, data, cells, chosen, weights[_LIST_WEIGHTS], listed == wanted)
         state[LIST_HISTORY] = (2 * state[LIST_HISTORY] + taken) & 63
         if taken:
             break
@@ -354,7 +347,6 @@ def code_first(
     data: UInt8Array,
     cells: Int64Array,
     weights: Int64Array,
-    scratch: Int64Array,
     state: Int64Array,
     corners: Int32Array,
     vertices: Int32Array,
@@ -362,7 +354,6 @@ def code_first(
     first: int,
 ) -> int:
     """Code which corner of a face is its first, going round from the corner `entry`; returns it."""
-    chosen = scratch[0]
     lowest = highest = entry
     corner = corners[entry, AFTER]
     while corner != entry:
@@ -379,9 +370,8 @@ def code_first(
     while corners[corner, AFTER] != entry:
         extreme = 2 * (corner == lowest) + (corner == highest)
         base = _FIRST + min(step, 3) * _FIRST_CELLS
-        chosen[0] = base + recent * 4 + extreme
-        chosen[1] = base + _FIRST_SLOT + (alike * 4 + extreme) * SLOTS + slot
-        if code_mixed(coder, data, cells, chosen, weights[_FIRST_WEIGHTS], scratch[1], corner == first):
+        chosen = base + recent * 4 + extreme, base + _FIRST_SLOT + (alike * 4 + extreme) * SLOTS + slot
+        if code_mixed(coder, data, cells, chosen, weights[_FIRST_WEIGHTS], corner == first):
             break
         step += 1
         corner = corners[corner, AFTER]

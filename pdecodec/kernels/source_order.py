@@ -56,7 +56,6 @@ def code_order(
     vertex_weights: Int64Array,
     vertex_state: Int64Array,
     vertex_memory: Int64Array,
-    scratch: Int64Array,
     corners: Int32Array,
     vertices: Int32Array,
     vertex_of: Int32Array,
@@ -84,7 +83,6 @@ def code_order(
     vertex_state : (VERTEX_STATE_SIZE,) int64, changed
         LAST_NUMBER and HIGHEST are -1 at the beginning of each object.
     vertex_memory : (MEMORY_SIZE,) int64, changed
-    scratch : (2, OPINIONS) int64
     corners, vertices
         As :func:`pdecodec.kernels.order_records.list_corners` leaves them, changed: vertices get their numbers.
     vertex_of : (vertices,) int32
@@ -117,9 +115,7 @@ def code_order(
         slot = BY_PLACE
         count = find_candidates(face_state, corners, candidates)
         if count > 0:
-            place = code_side(
-                coder, data, face_cells, face_weights, scratch, face_state, corners, candidates, count, face
-            )
+            place = code_side(coder, data, face_cells, face_weights, face_state, corners, candidates, count, face)
             if place >= 0:
                 entry, slot = candidates[place, CANDIDATE], candidates[place, SLOT]
         if entry < 0 and live_count > 0:
@@ -131,7 +127,7 @@ def code_order(
                     for _ in range(steps):
                         wanted = corners[wanted, AFTER]
                     vertex = corners[wanted, VERTEX]
-            steps = code_corner(coder, data, face_cells, face_weights, scratch, face_state, steps)
+            steps = code_corner(coder, data, face_cells, face_weights, face_state, steps)
             if steps >= 0:
                 vertex = code_vertex_there(
                     coder, data, face_cells, face_state, face_memory, corners, vertices, vertex_of, live, live_count,
@@ -140,7 +136,7 @@ def code_order(
                 if vertex < 0:
                     return BROKEN
                 entry = code_listed(
-                    coder, data, face_cells, face_weights, scratch, face_state, corners, vertices, vertex, steps, wanted
+                    coder, data, face_cells, face_weights, face_state, corners, vertices, vertex, steps, wanted
                 )
                 if entry < 0:
                     return BROKEN
@@ -160,7 +156,7 @@ def code_order(
                 vertex = corners[corner, VERTEX]
                 number = 0 if decoding else numbers[vertex]
                 number = code_vertex_number(
-                    coder, data, vertex_cells, vertex_weights, scratch, vertex_state, vertex_memory, phase, slot,
+                    coder, data, vertex_cells, vertex_weights, vertex_state, vertex_memory, phase, slot,
                     corners, vertices, vertex_of, left_numbers, left_count, corner, number,
                 )  # fmt: skip
                 if number < 0:
@@ -179,9 +175,7 @@ def code_order(
         if slot == BY_VERTEX:
             first = entry
         else:
-            first = code_first(
-                coder, data, face_cells, face_weights, scratch, face_state, corners, vertices, entry, first
-            )
+            first = code_first(coder, data, face_cells, face_weights, face_state, corners, vertices, entry, first)
         firsts[position] = first
         for age in range(RECENT_FACES - 1, 0, -1):
             face_state[RECENT + age] = face_state[RECENT + age - 1]

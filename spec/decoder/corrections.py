@@ -6,9 +6,8 @@ import struct
 from collections import defaultdict
 from dataclasses import dataclass
 
-from spec.decoder.rangecoder import EVEN, RangeDecoder
-
 from spec.decoder.fields import require
+from spec.decoder.rangecoder import EVEN, RangeDecoder
 
 LARGEST = 2**40
 COUNTED = 18
