@@ -97,8 +97,8 @@ def programs_of(random: np.random.Generator, size: int) -> Int64Array:
     kinds = random.integers(0, 3, size)
     probabilities = random.integers(LEAST, 65536 - LEAST, size, endpoint=True)
     sets = random.integers(0, SETS, size)
-    chosen = np.stack([random.permutation(CELLS)[:OPINIONS] for _ in range(size)]) if size else np.zeros((0, 3))
-    return np.column_stack([kinds, probabilities, sets, chosen]).astype(np.int64)
+    cells = random.permuted(np.broadcast_to(np.arange(CELLS), (size, CELLS)), axis=1)
+    return np.column_stack([kinds, probabilities, sets, cells[:, :OPINIONS]]).astype(np.int64)
 
 
 def cell_program(cells: Int64Array) -> Int64Array:
