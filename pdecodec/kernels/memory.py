@@ -71,13 +71,8 @@ def new_memory() -> Int64Array:
 
 
 @uncounted_inline
-def _slot(memory: Int64Array, phase: int, length: int) -> int:
-    mixed = phase
-    count = memory[COUNT]
-    for back in range(1, length + 1):
-        number = memory[_PAST + ((count - back) & (PAST_SIZE - 1))]
-        mixed = (mixed * HASH_FACTOR + number) & 0xFFFFFFFF
-    return mixed >> (32 - TABLE_BITS)
+def _number_at(memory: Int64Array, place: int) -> int:
+    return memory[_PAST + (place & (PAST_SIZE - 1))]
 
 
 @uncounted_inline
@@ -89,8 +84,12 @@ def _recollect(memory: Int64Array, phase: int) -> None:
         memory[LONG_SLOT] = memory[SHORT_SLOT] = UNLISTED
         memory[SHORT_PLACE] = -1
         return
-    memory[LONG_SLOT] = _TABLES + _slot(memory, phase, LONG_CONTEXT)
-    memory[SHORT_SLOT] = _TABLES + (1 << TABLE_BITS) + _slot(memory, phase, SHORT_CONTEXT)
+    mixed = phase
+    for back in range(1, LONG_CONTEXT + 1):
+        mixed = (mixed * HASH_FACTOR + _number_at(memory, count - back)) & 0xFFFFFFFF
+        if back == SHORT_CONTEXT:
+            memory[SHORT_SLOT] = _TABLES + (1 << TABLE_BITS) + (mixed >> (32 - TABLE_BITS))
+    memory[LONG_SLOT] = _TABLES + (mixed >> (32 - TABLE_BITS))
     if memory[LONG_PLACE] < 0:
         memory[LONG_PLACE] = memory[memory[LONG_SLOT]] - 1
         memory[RUN] = 0
@@ -99,11 +98,6 @@ def _recollect(memory: Int64Array, phase: int) -> None:
         memory[LONG_PLACE] = -1
     if count - memory[SHORT_PLACE] > PAST_SIZE:
         memory[SHORT_PLACE] = -1
-
-
-@uncounted_inline
-def _number_at(memory: Int64Array, place: int) -> int:
-    return memory[_PAST + (place & (PAST_SIZE - 1))]
 
 
 @uncounted_inline
