@@ -41,7 +41,6 @@ from pdecodec.surfacecoding import (
     encode_order,
     encode_surface,
     even_cells,
-    in_source_order,
 )
 
 Int32Array = NDArray[np.int32]
@@ -210,8 +209,7 @@ def decode_connectivity(
                     coded = decode_surface(
                         conn_coding, models.surface, size, choice.has_border, count, corners, vertices
                     )
-                    order, used = decode_order(ordr_coding, models.order, coded, vertices)
-                    arrays += in_source_order(coded, order, used)
+                    arrays += decode_order(ordr_coding, models.order, coded, vertices)
                     any_order = True
                     continue
             arrays += _decode_polygons(conn_coding, models.polygons[kind], kind, vertices, count, size, corners)
