@@ -363,7 +363,7 @@ def _coding(mode: int, data: UInt8Array, starts: Int64Array) -> Coding:
     return Coding(
         new_decoder(data) if mode == DECODE else new_coder(mode),
         np.array(data) if mode == DECODE else data,
-        np.full(CELLS + starts.size - 1 + int(starts[-1]), EVEN, np.int64),
+        np.full(CELLS + starts.size - 1 + 2 * int(starts[-1]), EVEN, np.int64),
         np.full((MIXERS, OPINIONS), FIRST_WEIGHT, np.int64),
         np.zeros(OPINIONS, np.int64),
         np.zeros(OPINIONS, np.int64),

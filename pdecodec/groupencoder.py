@@ -44,6 +44,12 @@ REST_STEP_OF_ONE_FRAME = 1.1
 GROUP_BYTES = 2**28
 """Memory for the displacements of a group, float64."""
 
+BASIS_BYTES = 2**29
+"""Memory for the functions of all patches, float64: a mesh of millions of vertices gets fewer of them."""
+
+FEWEST_FUNCTIONS = 16
+"""Functions of a patch however large the mesh is."""
+
 LONGEST_GROUP = 512
 """Frames of a group at most: principal trajectories take the cube of their number."""
 
@@ -57,12 +63,6 @@ START = STEPS.index(2.8)
 
 MODE_STEPS = (0.7, 1.0, 1.4)
 """Steps of the modes to choose from, over that of the coefficients."""
-
-FUNCTIONS = (1, 4, 16, 32, 48, 64, 96)
-"""Functions of a patch to choose from, besides a complete space; the least that does, does."""
-
-NARROW_MAY_COST = 1.02
-"""Bits that fewer functions may cost: building functions takes the square of their number, for every reader."""
 
 SPACES: tuple[tuple[SpaceKind, int], ...] = (
     ("patch", 128),
@@ -101,7 +101,8 @@ class GroupEncoder:
         share = REST_STEP_OF_ONE_FRAME if sequence.frame_count == 1 else REST_STEP
         self._rest_bytes = encode_rest(quantise_rest(first, share * self._unit), sequence.objects)
         self._rest = decode_rest(self._rest_bytes, sequence.objects)
-        self._space: tuple[SpaceKind, int, int] = (*SPACES[0], MOST_FUNCTIONS)
+        self._functions = min(MOST_FUNCTIONS, max(FEWEST_FUNCTIONS, BASIS_BYTES // (8 * max(1, sequence.vertex_count))))
+        self._space = SPACES[0]
         self._largest_square, self._sum_of_squares, self._corrections = 0.0, 0.0, 0
         self._entries: list[bytes] = []
         self._chosen: list[FittedGroup] = []
@@ -117,10 +118,7 @@ class GroupEncoder:
                 fitter = self._fitter(begin, end)
                 if basis is None:
                     basis = self._choose_space(fitter)
-                    usual, fitted = self._choose(fitter, basis, usual)
-                    basis, fitted = self._narrowed(fitter, basis, usual, fitted)
-                else:
-                    usual, fitted = self._choose(fitter, basis, usual)
+                usual, fitted = self._choose(fitter, basis, usual)
                 if begin == 0:
                     self._explained = fitter.explained(fitted.entry.functions)
                 self._write_group(fitter, basis, fitted, spools)
@@ -162,30 +160,13 @@ class GroupEncoder:
         looked_at = SPACES[: 1 + self._settings.effort // 2] if fitter.trajectories else SPACES[:1]
         found: list[tuple[float, SpaceBasis, tuple[SpaceKind, int]]] = []
         for kind, points in looked_at:
-            basis = self._build(kind, points, MOST_FUNCTIONS)
+            objects, levels = self._sequence.objects, self._rest.levels
+            basis = build_space_basis(kind, objects, levels, points=points, functions=self._functions)
             bits = fitter.level_bits(basis, STEPS[START], "modal") if fitter.trajectories else 0.0
             found.append((bits, basis, (kind, points)))
         _, basis, chosen = min(found, key=lambda item: item[0])
-        self._space = (*chosen, MOST_FUNCTIONS)
+        self._space = chosen
         return basis
-
-    def _narrowed(
-        self, fitter: GroupFitter, basis: SpaceBasis, choice: _Choice, fitted: FittedGroup
-    ) -> tuple[SpaceBasis, FittedGroup]:
-        """The basis with as few functions a patch as the first group's accuracy asks for."""
-        kind, points, _ = self._space
-        for functions in FUNCTIONS:
-            if functions >= points:
-                break
-            narrow = self._build(kind, points, functions)
-            rival = fitter.fit(narrow, choice.time, STEPS[choice.steps], MODE_STEPS[choice.mode_steps])
-            if rival.bits <= NARROW_MAY_COST * fitted.bits:
-                self._space = (kind, points, functions)
-                return narrow, rival
-        return basis, fitted
-
-    def _build(self, kind: SpaceKind, points: int, functions: int) -> SpaceBasis:
-        return build_space_basis(kind, self._sequence.objects, self._rest.levels, points=points, functions=functions)
 
     def _choose(self, fitter: GroupFitter, basis: SpaceBasis, usual: _Choice) -> tuple[_Choice, FittedGroup]:
         """Time basis and steps that cost least, walking downhill from those of the group before."""
@@ -245,11 +226,11 @@ class GroupEncoder:
 
     def _sections(self, basis: SpaceBasis, spools: Sequence[Spool]) -> list[Section]:
         sequence = self._sequence
-        kind, points, functions = self._space
+        kind, points = self._space
         description = GroupModelDescription(
             space=kind,
             points=points,
-            functions=functions,
+            functions=self._functions,
             correction_step=self._correction_step,
             columns=basis.columns,
         )
@@ -322,7 +303,7 @@ def _forgotten(fitted: FittedGroup) -> FittedGroup:
         fitted,
         modes=np.zeros((0, 3, 0)),
         levels=np.zeros((0, 0), np.int64),
-        functions=replace(fitted.functions, time=np.zeros((0, 3, 0)), planes=np.zeros((1, 0, 0))),
+        functions=replace(fitted.functions, time=np.zeros((0, 3, 0)), planes=np.zeros((0, 1, 0))),
     )
 
 

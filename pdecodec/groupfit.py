@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pdecodec.group_corrections import GroupCorrections, correct_group, measure_group
 from pdecodec.groups import (
+    SINGLE_IS_ENOUGH,
     GroupEntry,
     GroupFunctions,
     TimeBasis,
@@ -90,6 +91,8 @@ class GroupFitter:
         frames, vertices, _ = points.shape
         moved = points.astype(np.float64) - rest
         moved[np.abs(moved) > FARTHEST_STEPS * unit] = 0.0
+        largest = float(np.abs(moved).max(initial=0.0))
+        self._single = unit >= SINGLE_IS_ENOUGH * largest
         self._moved = np.ascontiguousarray(moved.transpose(1, 0, 2)).reshape(vertices, 3 * frames)
 
     @property
@@ -155,13 +158,16 @@ class GroupFitter:
             used = np.flatnonzero(levels.any(axis=0))
             count = int(used[-1]) // 3 + 1 if used.size else 0
             levels = np.ascontiguousarray(levels[:, : 3 * count])
-            entry = GroupEntry(self.frames, count, "pde", step, step, (0, 0, 0), 0)
+            entry = self._entry(count, "pde", step, step)
             bits = 0.0
         if entry.width:
             bits += measure_levels(levels, basis, axes=entry.axes)
-        functions = group_functions(entry, decoded_modes, basis.expand(np.multiply(levels, step, dtype=np.float64)))
+        functions = group_functions(entry, decoded_modes, levels, basis)
         corrections = self.corrections(basis, functions)
         return FittedGroup(entry, modes, levels, functions, bits + measure_group(corrections, basis.starts))
+
+    def _entry(self, functions: int, basis: TimeBasis, step: float, mode_step: float) -> GroupEntry:
+        return GroupEntry(self.frames, functions, basis, self._single, step, mode_step, (0, 0, 0), 0)
 
     def _fit_modal(
         self, basis: SpaceBasis, step: float, mode_step: float
@@ -175,13 +181,15 @@ class GroupFitter:
         inverse = np.linalg.pinv(unit.T @ unit, rcond=ALIKE, hermitian=True) if used.size else np.zeros((0, 0))
         values = (self._moved @ unit) @ inverse
         levels = _quantise(basis.project(values), step)
-        entry = GroupEntry(self.frames, int(used.size), "modal", step, mode_step, (0, 0, 0), 0)
+        entry = self._entry(int(used.size), "modal", step, mode_step)
         return entry, scaled, decoded, levels, bits
 
     def decoded(self, basis: SpaceBasis, functions: GroupFunctions) -> Float32Array:
         """Positions at the frames, before corrections."""
         rest = np.ascontiguousarray(self._rest[basis.order].T)
-        return evaluate_group(functions, functions.time, rest, basis.order)
+        out = np.empty(self.points.shape, np.float32)
+        evaluate_group(functions, slice(None), rest, basis.order, out)
+        return out
 
     def corrections(self, basis: SpaceBasis, functions: GroupFunctions) -> GroupCorrections:
         """For the vertices that miss the bound."""
@@ -205,5 +213,4 @@ def encode_motion(fitted: FittedGroup, basis: SpaceBasis) -> tuple[bytes, bytes,
     if entry.basis == "modal" and entry.functions:
         time, modes = encode_modes(fitted.modes, entry.mode_step)
     coefficients = encode_levels(fitted.levels, basis, axes=entry.axes) if entry.width else b""
-    values = basis.expand(np.multiply(fitted.levels, entry.step, dtype=np.float64))
-    return time, coefficients, group_functions(entry, modes, values)
+    return time, coefficients, group_functions(entry, modes, fitted.levels, basis)

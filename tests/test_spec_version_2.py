@@ -111,8 +111,7 @@ def test_the_numbers_of_version_2_are_the_librarys() -> None:
         f"All weights of 25 are {round(FIRST_WEIGHT * 65536)} at first",
         f"n = min(n + 1, {rangecoder.SLOWEST})",
         f"half = {spline.HALF_WINDOW} where the largest h is at most {spline.EVEN} times",
-        f"{groupanimation.BYTES_PER_FUNCTION} for each vertex and function of a patch",
-        f"| {groupanimation.BYTES_PER_LEVEL} for each vertex and column of the widest group",
+        f"{groupanimation.BYTES_PER_LEVEL} for each vertex and column of the widest group",
         f"| {groupanimation.BYTES_PER_MODE} for each frame and function of time",
     ):
         assert said in text, said

@@ -59,16 +59,16 @@ LEARNING_SHIFT = 14
 COST_BITS = 16
 """Fraction bits of measured costs."""
 
-RATES = (2**17 // (2 * np.arange(COUNT_MASK + 1) + 3)).astype(np.int64)
+RATES = (2**17 // (2 * np.arange(COUNT_MASK + 1) + 3)).astype(np.int32)
 """Of a cell adapted n times: 1 / (n + 1.5), in 1/65536."""
 
-SQUASH = np.rint(65536.0 / (1.0 + np.exp(np.arange(-LOGISTIC_LIMIT, LOGISTIC_LIMIT + 1) / -256.0))).astype(np.int64)
+SQUASH = np.rint(65536.0 / (1.0 + np.exp(np.arange(-LOGISTIC_LIMIT, LOGISTIC_LIMIT + 1) / -256.0))).astype(np.int32)
 """Logistic domain to probability in 1/65536. No value before rounding is within 1e-5 of a tie."""
 
-STRETCH = np.rint(256.0 * np.log((np.arange(4096) + 0.5) / (4095.5 - np.arange(4096)))).astype(np.int64)
+STRETCH = np.rint(256.0 * np.log((np.arange(4096) + 0.5) / (4095.5 - np.arange(4096)))).astype(np.int16)
 """Probability in 1/4096 to the logistic domain; ties as above."""
 
-COSTS = np.rint(-(2.0**COST_BITS) * np.log2((np.arange(4096) + 0.5) / 4096.0)).astype(np.int64)
+COSTS = np.rint(-(2.0**COST_BITS) * np.log2((np.arange(4096) + 0.5) / 4096.0)).astype(np.int32)
 """Cost of a bit of a probability in 1/4096."""
 
 
