@@ -21,6 +21,7 @@ from pdecodec.groups import (
 )
 from pdecodec.levelcoding import encode_levels, measure_levels
 from pdecodec.modes import encode_modes, measure_modes
+from pdecodec.principal import principal_trajectories
 from pdecodec.spacebasis import SpaceBasis
 
 Float32Array = NDArray[np.float32]
@@ -101,30 +102,19 @@ class GroupFitter:
 
     @cached_property
     def _principal(self) -> tuple[Float64Array, Float64Array]:
-        """Principal trajectories: energies (n,), falling, and unit trajectories (3 frames, n)."""
-        moved = self._moved
-        if moved.shape[1] <= moved.shape[0]:
-            energies, axes = np.linalg.eigh(moved.T @ moved)
-            energies, axes = energies[::-1], axes[:, ::-1]
-        else:
-            energies, sides = np.linalg.eigh(moved @ moved.T)
-            energies, sides = energies[::-1], sides[:, ::-1]
-            axes = moved.T @ sides
-            axes /= np.maximum(np.sqrt((axes * axes).sum(axis=0)), 1e-300)
-        largest = axes[np.argmax(np.abs(axes), axis=0), np.arange(axes.shape[1])]
-        return np.maximum(energies, 0.0), axes * np.where(largest < 0.0, -1.0, 1.0)
+        """The principal trajectories that are worth looking at: energies (n,), falling, and trajectories."""
+        least = (TAIL * self._unit) ** 2 * self._moved.shape[0] * self.frames
+        energies, axes = principal_trajectories(self._moved, least)
+        return energies[:MOST_FUNCTIONS], axes[:, :MOST_FUNCTIONS]
 
-    @cached_property
+    @property
     def trajectories(self) -> int:
         """How many trajectories are worth looking at."""
-        energies, _ = self._principal
-        left = np.append(np.cumsum(energies[::-1])[::-1], 0.0)
-        least = (TAIL * self._unit) ** 2 * self._moved.shape[0] * self.frames
-        return min(int(np.argmax(left <= least)), MOST_FUNCTIONS)
+        return int(self._principal[0].size)
 
     @cached_property
     def _modal_coefficients(self) -> Float64Array:
-        return self._moved @ self._principal[1][:, : self.trajectories]
+        return self._moved @ self._principal[1]
 
     @cached_property
     def _cosine_coefficients(self) -> Float64Array:
@@ -136,9 +126,8 @@ class GroupFitter:
 
     def explained(self, functions: int) -> float:
         """Share of the motion's energy that the leading trajectories carry."""
-        energies, _ = self._principal
-        total = float(energies.sum())
-        return float(energies[:functions].sum()) / total if total > 0 else 1.0
+        total = float(np.vdot(self._moved, self._moved))
+        return float(self._principal[0][:functions].sum()) / total if total > 0 else 1.0
 
     def level_bits(self, basis: SpaceBasis, steps: float, time_basis: TimeBasis) -> float:
         """Bits of the coefficients alone at a step of `steps` units: to compare space bases by."""
@@ -174,15 +163,17 @@ class GroupFitter:
     ) -> tuple[GroupEntry, Float64Array, Float64Array, Int64Array, float]:
         energies, axes = self._principal
         used = np.flatnonzero(_quantise(basis.project(self._modal_coefficients), step).any(axis=0))
-        scaled = (axes[:, used] * np.sqrt(energies[used])).reshape(self.frames, 3, used.size)
-        bits, decoded = measure_modes(scaled, mode_step) if used.size else (0.0, scaled)
-        unit = normalised_modes(decoded).reshape(3 * self.frames, used.size)
-        # Decoded trajectories are no longer quite orthogonal, and coarse ones may coincide: least squares.
-        inverse = np.linalg.pinv(unit.T @ unit, rcond=ALIKE, hermitian=True) if used.size else np.zeros((0, 0))
-        values = (self._moved @ unit) @ inverse
-        levels = _quantise(basis.project(values), step)
-        entry = self._entry(int(used.size), "modal", step, mode_step)
-        return entry, scaled, decoded, levels, bits
+        while True:
+            scaled = (axes[:, used] * np.sqrt(energies[used])).reshape(self.frames, 3, used.size)
+            bits, decoded = measure_modes(scaled, mode_step) if used.size else (0.0, scaled)
+            unit = normalised_modes(decoded).reshape(3 * self.frames, used.size)
+            # Decoded trajectories are no longer quite orthogonal, and coarse ones may coincide: least squares.
+            inverse = np.linalg.pinv(unit.T @ unit, rcond=ALIKE, hermitian=True) if used.size else np.zeros((0, 0))
+            levels = _quantise(basis.project((self._moved @ unit) @ inverse), step)
+            needed = levels.any(axis=0)
+            if needed.all():
+                return self._entry(int(used.size), "modal", step, mode_step), scaled, decoded, levels, bits
+            used = used[needed]
 
     def decoded(self, basis: SpaceBasis, functions: GroupFunctions) -> Float32Array:
         """Positions at the frames, before corrections."""

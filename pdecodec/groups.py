@@ -221,7 +221,7 @@ def group_functions(entry: GroupEntry, modes: Float64Array, levels: Int64Array, 
     else:
         time = np.repeat(cosines(entry.frames, entry.functions)[:, None], 3, axis=1)
     by_function = planes.reshape(entry.functions, entry.axes, planes.shape[1])
-    return GroupFunctions(time.astype(planes.dtype), by_function)
+    return GroupFunctions(time.astype(np.float32) if entry.single else time, by_function)
 
 
 def evaluate_group(

@@ -183,6 +183,8 @@ class SpaceBasis:
 
         width = coefficients.shape[1]
         scaling = np.zeros((self.children.size, 4, width))
+        # An encoder has made all functions before it comes here; a decoder makes those that it needs.
+        basis, basis_starts = self.__dict__.get("_complete", (np.zeros(0), np.zeros(0, np.int64)))
         planes = np.empty((width, self.order.size), np.float32 if single else np.float64)
         part(self.children, self.counts, self.joints, self.detail_starts, coefficients, scaling)
         expand_patches(
@@ -193,6 +195,8 @@ class SpaceBasis:
             self.starts,
             polynomial_exponents(),
             self.given,
+            basis,
+            basis_starts,
             self.affine,
             self.coefficient_starts,
             self.set_of,

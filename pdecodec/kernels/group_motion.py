@@ -6,8 +6,6 @@ times are asked for nor on the number of threads.
 
 from __future__ import annotations
 
-from typing import TypeVar
-
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
@@ -15,7 +13,7 @@ from numpy.typing import NDArray
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 Int32Array = NDArray[np.int32]
-Real = TypeVar("Real", np.float32, np.float64)
+FloatArray = NDArray[np.float32] | NDArray[np.float64]
 
 BLOCK = 512
 """Vertices whose sums are kept at hand: three axes of them fill a fraction of a first-level cache."""
@@ -26,7 +24,7 @@ stay in a second-level cache while the blocks of a mesh fill them in."""
 
 
 @njit(cache=True, forceinline=True)
-def add_block(weights: NDArray[Real], planes: NDArray[Real], first: int, size: int, total: NDArray[Real]) -> None:
+def add_block(weights: FloatArray, planes: FloatArray, first: int, size: int, total: FloatArray) -> None:
     """Add one group's share to a run of vertices at one time.
 
     Parameters
@@ -62,7 +60,7 @@ def add_block(weights: NDArray[Real], planes: NDArray[Real], first: int, size: i
 
 
 @njit(cache=True)
-def add_group(weights: Float64Array, planes: NDArray[Real], moved: Float64Array) -> None:
+def add_group(weights: Float64Array, planes: FloatArray, moved: Float64Array) -> None:
     """Add one group's share at one time: ``moved[axis, v] += sum_a weights[axis, a] planes[a, axis or 0, v]``.
 
     Parameters
@@ -82,7 +80,7 @@ def add_group(weights: Float64Array, planes: NDArray[Real], moved: Float64Array)
 
 @njit(cache=True, parallel=True)
 def positions(
-    weights: NDArray[Real], planes: NDArray[Real], rest: Float64Array, order: Int32Array, out: Float32Array
+    weights: FloatArray, planes: FloatArray, rest: Float64Array, order: Int32Array, out: Float32Array
 ) -> None:
     """Positions at several times from one group: its sums begin at zero, and the rest shape comes last.
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
-
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
@@ -14,7 +12,7 @@ Float64Array = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
-Real = TypeVar("Real", np.float32, np.float64)
+FloatArray = NDArray[np.float32] | NDArray[np.float64]
 
 LANES = 16
 """Shares that patches are divided into for threads; no result depends on their number."""
@@ -72,14 +70,17 @@ def expand_patches(
     starts: Int64Array,
     exponents: Int64Array,
     given: Float64Array,
+    basis: Float64Array,
+    basis_starts: Int64Array,
     affine: Int64Array,
     coefficient_starts: Int64Array,
     set_of: Int64Array,
-    planes: NDArray[Real],
+    planes: FloatArray,
 ) -> None:
     """Undo :func:`project_patches`: values at the vertices, functions added up in order.
 
-    A patch's functions are made on the way, as far as there are coefficients for them: mostly a fraction.
+    A patch's functions are made on the way, as far as there are coefficients for them (mostly a fraction), unless they
+    are given complete.
 
     Parameters
     ----------
@@ -87,6 +88,8 @@ def expand_patches(
         As in :func:`project_patches`.
     levels, order, exponents, given
         As in :func:`pdecodec.kernels.patch_functions.affine_functions`.
+    basis, basis_starts
+        As in :func:`project_patches`; empty, functions are made.
     planes : (width, vertices) float32 or float64, written
         In patch order.
     """
@@ -104,13 +107,16 @@ def expand_patches(
             rank = affine[p] + coefficient_starts[p + 1] - coefficient_starts[p]
             while rank > affine[p] and not coefficients[coefficient_starts[p] + rank - affine[p] - 1].any():
                 rank -= 1
-            local_coordinates(levels, order, begin, starts[p + 1], local)
-            patch_functions(local, size, exponents, given, begin, rank, column, by_point, by_function)
+            if basis.size == 0:
+                local_coordinates(levels, order, begin, starts[p + 1], local)
+                patch_functions(local, size, exponents, given, begin, rank, column, by_point, by_function)
             sums[:] = 0.0
             for k in range(rank):
                 other = coefficient_starts[p] + k - affine[p]
                 row = scaling[set_of[p], k] if k < affine[p] else coefficients[other]
                 function = by_function[k, :size]
+                if basis.size:
+                    function = basis[basis_starts[p] + k * size : basis_starts[p] + (k + 1) * size]
                 for a in range(width):
                     weight = row[a]
                     if weight != 0.0:
