@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -86,16 +87,21 @@ class GroupAnimation(Animation):
     def _decode(self, index: int) -> _DecodedGroup:
         entry = self._table.entries[index]
         time, coefficients, corrected = self._table.read_chunks(self._container, index)
-        modes = np.zeros((entry.frames, 3, 0))
-        if entry.basis == "modal":
-            modes = decode_modes(time, entry.frames, entry.functions, entry.mode_step)
-        elif time:
+        if entry.basis != "modal" and time:
             raise CorruptFileError("section TIME has modes of a group that needs none")
-        levels = decode_levels(coefficients, self._space, entry.width, axes=entry.axes)
-        functions = group_functions(entry, modes, levels, self._space)
-        return _DecodedGroup(
-            functions, decode_group(corrected, entry.frames, self._space.starts, most_bytes=self._left)
-        )
+
+        def beside() -> tuple[Float64Array, GroupCorrections]:
+            modes = np.zeros((entry.frames, 3, 0))
+            if entry.basis == "modal":
+                modes = decode_modes(time, entry.frames, entry.functions, entry.mode_step)
+            return modes, decode_group(corrected, entry.frames, self._space.starts, most_bytes=self._left)
+
+        # The three chunks know nothing of each other, and the compiled loops let other threads run.
+        with ThreadPoolExecutor(1) as pool:
+            found = pool.submit(beside)
+            levels = decode_levels(coefficients, self._space, entry.width, axes=entry.axes)
+            modes, corrections = found.result()
+        return _DecodedGroup(group_functions(entry, modes, levels, self._space), corrections)
 
     def _evaluate(self, times: Float64Array) -> Float32Array:
         out = np.empty((times.size, self.vertex_count, 3), np.float32)

@@ -65,14 +65,21 @@ MODE_STEPS = (0.7, 1.0, 1.4)
 """Steps of the modes to choose from, over that of the coefficients."""
 
 SPACES: tuple[tuple[SpaceKind, int], ...] = (
-    ("patch", 128),
     ("patch", 64),
     ("patch", 32),
+    ("patch", 128),
     ("patch", 16),
     ("curve", 64),
     ("curve", 128),
 )
 """Space bases to choose from; the quick efforts look at the first ones only."""
+
+LARGER_MUST_SAVE = 0.08
+"""Of the coefficients' bits, where patches or pieces are larger than the first: making their functions takes the square
+of their number, for every reader. The highest efforts do not mind."""
+
+SMALLEST_AT_ANY_PRICE = 8
+"""Effort from which on size alone counts."""
 
 
 @dataclass(frozen=True)
@@ -163,6 +170,8 @@ class GroupEncoder:
             objects, levels = self._sequence.objects, self._rest.levels
             basis = build_space_basis(kind, objects, levels, points=points, functions=self._functions)
             bits = fitter.level_bits(basis, STEPS[START], "modal") if fitter.trajectories else 0.0
+            if points > SPACES[0][1] and self._settings.effort < SMALLEST_AT_ANY_PRICE:
+                bits /= 1.0 - LARGER_MUST_SAVE
             found.append((bits, basis, (kind, points)))
         _, basis, chosen = min(found, key=lambda item: item[0])
         self._space = chosen
