@@ -96,6 +96,16 @@ class GroupFitter:
         self._single = unit >= SINGLE_IS_ENOUGH * largest
         self._moved = np.ascontiguousarray(moved.transpose(1, 0, 2)).reshape(vertices, 3 * frames)
 
+    def part(self, frames: slice) -> GroupFitter:
+        """Some of its frames, as a group of their own."""
+        return GroupFitter(
+            self.points[frames],
+            self._rest,
+            bound=self._bound,
+            unit=self._unit,
+            correction_step=self._correction_step,
+        )
+
     @property
     def frames(self) -> int:
         return len(self.points)
