@@ -366,8 +366,6 @@ def _coding(mode: int, data: UInt8Array, starts: Int64Array) -> Coding:
         np.array(data) if mode == DECODE else data,
         np.full(CELLS + starts.size - 1 + 2 * int(starts[-1]), EVEN, np.int64),
         np.full((MIXERS, OPINIONS), FIRST_WEIGHT, np.int64),
-        np.zeros(OPINIONS, np.int64),
-        np.zeros(OPINIONS, np.int64),
         np.zeros((FILTERS, INPUTS), np.int64),
         np.zeros(INPUTS, np.int64),
         np.zeros(8, np.int64),

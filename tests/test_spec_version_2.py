@@ -17,6 +17,7 @@ from pdecodec import (
     MeshSequence,
     encode,
     groupanimation,
+    groupchoice,
     groupencoder,
     groupmodel,
     groups,
@@ -67,7 +68,7 @@ def bending_strips() -> ArraySequence:
 def test_many_patches_and_pieces_decode_to_the_same_bits(
     kind: SpaceKind, points: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(groupencoder, "SPACES", ((kind, points),))
+    monkeypatch.setattr(groupchoice, "SPACES", ((kind, points),))
     path = tmp_path / "a.pdeanim"
     assert_same_positions(bending_strips(), path)
     with open_animation(path) as animation:

@@ -80,10 +80,6 @@ class Coding(NamedTuple):
     """(CELLS + patches + 2 places,)"""
     weights: Int64Array
     """(MIXERS, OPINIONS)"""
-    chosen: Int64Array
-    """(OPINIONS,)"""
-    opinions: Int64Array
-    """(OPINIONS,)"""
     filters: Int64Array
     """(FILTERS, INPUTS)"""
     inputs: Int64Array
@@ -180,7 +176,7 @@ def code_records(coding: Coding, records: Records, places: Places, predicted: in
     int
         Number of records coded; -1 where the bytes say what cannot be.
     """
-    coder, data, cells, weights, chosen, opinions, filters, inputs, around = coding
+    coder, data, cells, weights, filters, inputs, around = coding
     distances, frame_starts, record_places, levels, residuals, earlier = records
     starts, last, sizes, counts = places
     patches = starts.size - 1
@@ -206,12 +202,14 @@ def code_records(coding: Coding, records: Records, places: Places, predicted: in
             in_reference, ahead = count_class(counts[patch + 2]), count_class(counts[patch + 3])
             before, second = count_class(counts[patch + 1]), count_class(counts[patch])
             ahead_and_second = min(ahead, 2) + (3 if second else 0)
-            chosen[0] = PATCH_AT + (in_reference * COUNTS + before) * 6 + ahead_and_second
-            chosen[1] = CELLS + patch
-            chosen[2] = AROUND_AT + (second * COUNTS + ahead) * COUNTS + before
+            chosen = (
+                PATCH_AT + (in_reference * COUNTS + before) * 6 + ahead_and_second,
+                CELLS + patch,
+                AROUND_AT + (second * COUNTS + ahead) * COUNTS + before,
+            )
             bit = 1 if not decoding and at < frame_end and record_places[at] < end else 0
             found = 0
-            if code_mixed(coder, data, cells, chosen, weights[PATCH_MIXER], opinions, bit):
+            if code_mixed(coder, data, cells, chosen, weights[PATCH_MIXER], bit):
                 found_before = 0
                 for run in range(begin, end, RUN):
                     run_end = min(run + RUN, end)
@@ -221,11 +219,13 @@ def code_records(coding: Coding, records: Records, places: Places, predicted: in
                         in_run = known_in_run(last, near_first, near_end, run, run_end)
                         after = known_in_run(last, near_first, near_end, run_end, run_end + RUN)
                         around_run = (min(in_run, 3) * 4 + min(found_before, 3)) * 2 + (1 if after else 0)
-                        chosen[0] = RUN_AT + 2 * around_run + (1 if found else 0)
-                        chosen[1] = CELLS + patches + last.size + run
-                        chosen[2] = RUN_SHARE_AT + (min(found, 7) * 4 + part) * COUNTS + in_reference
+                        chosen = (
+                            RUN_AT + 2 * around_run + (1 if found else 0),
+                            CELLS + patches + last.size + run,
+                            RUN_SHARE_AT + (min(found, 7) * 4 + part) * COUNTS + in_reference,
+                        )
                         bit = 1 if not decoding and at < frame_end and record_places[at] < run_end else 0
-                        if not code_mixed(coder, data, cells, chosen, weights[RUN_MIXER], opinions, bit):
+                        if not code_mixed(coder, data, cells, chosen, weights[RUN_MIXER], bit):
                             found_before = 0
                             continue
                     for place in range(run, run_end):
@@ -240,12 +240,14 @@ def code_records(coding: Coding, records: Records, places: Places, predicted: in
                             neighbours = (4 if record_1 >= 0 else 0) + (2 if record_2 >= 0 else 0)
                             if place + 1 < last.size and near_first <= last[place + 1] < near_end:
                                 neighbours += 1
-                            chosen[0] = VERTEX_AT + size * 8 + neighbours
-                            chosen[1] = CELLS + patches + place
                             in_run = min(at - run_first, 2) * RUN + run_end - 1 - place
-                            chosen[2] = SHARE_AT + (in_run * COUNTS + in_reference) * 2 + known
+                            chosen = (
+                                VERTEX_AT + size * 8 + neighbours,
+                                CELLS + patches + place,
+                                SHARE_AT + (in_run * COUNTS + in_reference) * 2 + known,
+                            )
                             bit = 1 if not decoding and at < frame_end and record_places[at] == place else 0
-                            if not code_mixed(coder, data, cells, chosen, weights[VERTEX_MIXER + known], opinions, bit):
+                            if not code_mixed(coder, data, cells, chosen, weights[VERTEX_MIXER + known], bit):
                                 continue
                         if at == record_places.size:
                             return -1
@@ -266,8 +268,6 @@ def code_records(coding: Coding, records: Records, places: Places, predicted: in
                                 data,
                                 cells,
                                 weights,
-                                chosen,
-                                opinions,
                                 axis,
                                 least,
                                 in_time,
