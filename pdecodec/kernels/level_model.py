@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pdecodec.kernels.bit_length import bit_length
 from pdecodec.kernels.rangecoder import code_bit, code_mixed, code_with
-from pdecodec.kernels.uncounted import uncounted, uncounted_inline
+from pdecodec.kernels.uncounted import uncounted
 
 UInt8Array = NDArray[np.uint8]
 Int64Array = NDArray[np.int64]
@@ -72,22 +72,25 @@ LARGEST_DIGITS = 41
 """Of a level: 2^40 has so many."""
 
 
-@uncounted_inline
-def ratio_class(total: int) -> int:
+def _ratio_class(total: int) -> int:
     """Class of a sum of neighbours' sizes: 0 to 7 as they are, then four to an octave."""
     if total < 8:
         return total
-    octave = bit_length(total) - 3
+    octave = total.bit_length() - 3
     return min(4 * octave + ((total >> octave) & 3) + 4, RATIO - 1)
 
 
-@uncounted_inline
-def rank_class(rank: int) -> int:
+def _rank_class(rank: int) -> int:
     """Class of a rank, two to an octave."""
     if rank < 2:
         return rank
-    digits = bit_length(rank)
+    digits = rank.bit_length()
     return min(2 * digits - 2 + ((rank >> (digits - 2)) & 1), RANKS - 1)
+
+
+RATIO_CLASSES = np.array([_ratio_class(total) for total in range(256)], np.int64)
+RANK_CLASSES = np.array([_rank_class(rank) for rank in range(1024)], np.int64)
+"""Tables as far as classes differ: what is larger falls into the last one."""
 
 
 @uncounted
@@ -159,8 +162,8 @@ def code_level(
     """
     r1, r2, t1, t2, s1, x1, p1 = near
     total = 2 * r1 + r2 + 2 * t1 + t2 + 2 * s1 + 2 * x1 + p1
-    ratio = ratio_class(total)
-    ranked = rank_class(rank)
+    ratio = RATIO_CLASSES[min(total, RATIO_CLASSES.size - 1)]
+    ranked = RANK_CLASSES[min(rank, RANK_CLASSES.size - 1)]
     near_zero = (
         ZERO_AT[0] + zone * RANKS + ranked,
         ZERO_AT[1] + ((((min(r1, 3) * 3 + min(r2, 2)) * 4 + min(t1 + x1, 3)) * 3 + min(t2, 2)) * 4 + min(s1, 3)),

@@ -71,7 +71,7 @@ SQUASH = np.rint(65536.0 / (1.0 + np.exp(np.arange(-LOGISTIC_LIMIT, LOGISTIC_LIM
 STRETCH = np.rint(256.0 * np.log((np.arange(4096) + 0.5) / (4095.5 - np.arange(4096)))).astype(np.int16)
 """Probability in 1/4096 to the logistic domain; ties as above."""
 
-COSTS = np.rint(-(2.0**COST_BITS) * np.log2((np.arange(4096) + 0.5) / 4096.0)).astype(np.int64)
+COSTS = np.rint(-(2.0**COST_BITS) * np.log2((np.arange(4096) + 0.5) / 4096.0)).astype(np.int32)
 """Cost of a bit of a probability in 1/4096."""
 
 
