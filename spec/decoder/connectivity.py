@@ -4,36 +4,36 @@ from __future__ import annotations
 
 from spec.decoder.contexts import Contexts, Memory
 from spec.decoder.fields import require
+from spec.decoder.mesh import Mesh
 from spec.decoder.order import OrderModel, OrderReader, read_runs
 from spec.decoder.surface import History, SurfaceReader
 
 Polygons = list[list[int]]
 
 
-def read_faces_and_lines(conn: bytes, ordr: bytes, vertex_counts: list[int]) -> list[tuple[Polygons, Polygons]]:
-    """The faces and the lines of every object."""
+def read_faces_and_lines(conn: bytes, ordr: bytes, meshes: list[Mesh]) -> None:
+    """Fill in the faces and lines of `meshes`."""
     contexts, orders = Contexts(conn), Contexts(ordr)
     history, model = History(), OrderModel(orders)
     memories = {kind: Memory(contexts, kind) for kind in ("faces", "lines")}
-    objects = []
     any_surface = False
-    for vertices in vertex_counts:
+    for mesh in meshes:
         kinds = []
         for kind, smallest in (("faces", 3), ("lines", 1)):
             count, size, corners = _read_head(contexts, kind, smallest)
             if count and kind == "faces" and contexts.bit("surface"):
                 any_surface = True
                 has_border = bool(contexts.bit("has border"))
-                surface = SurfaceReader(contexts, history, size, has_border).read(count, corners, vertices)
-                used = read_runs(orders, len(surface.borders), vertices)
+                surface = SurfaceReader(contexts, history, size, has_border).read(count, corners, mesh.vertices)
+                used = read_runs(orders, len(surface.borders), mesh.vertices)
                 faces = OrderReader(model, surface).read()
                 kinds.append([[used[number] for number in face] for face in faces])
             else:
-                kinds.append(_read_polygons(contexts, memories[kind], kind, smallest, count, size, corners, vertices))
-        objects.append((kinds[0], kinds[1]))
+                memory = memories[kind]
+                kinds.append(_read_polygons(contexts, memory, kind, smallest, count, size, corners, mesh.vertices))
+        mesh.faces, mesh.lines = kinds
     require(contexts.is_finished() and orders.is_finished(), "a section has bytes too many, or too few")
     require(any_surface or not ordr, "an order of nothing")
-    return objects
 
 
 def _read_head(contexts: Contexts, kind: str, smallest: int) -> tuple[int, int, int]:
