@@ -48,7 +48,7 @@ Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 
 MOST_CORNERS = 2**31 - 1
-"""Corners of an object: they are numbered by int32."""
+"""Face corners of an object, and points of its lines: they are numbered by int32."""
 
 BYTES_PER_CORNER = 128
 """Peak memory of decoding, per corner: 72 of two records, up to 30 of vertices and faces, the result twice."""
@@ -241,7 +241,7 @@ def _code_head(coding: Coding, models: _Models, kind: int, count: int, size: int
 
 
 def _check_head(kind: int, count: int, size: int, corners: int, most_corners: int, byte: int) -> None:
-    if (size and size < SMALLEST[kind]) or corners < count * SMALLEST[kind]:
+    if (size and size < SMALLEST[kind]) or not count * SMALLEST[kind] <= corners <= MOST_CORNERS:
         what = f"{count} {('faces', 'lines')[kind]} with {corners} corners"
         raise CorruptFileError(f"section CONN declares {what}, at its byte {byte}")
     if corners > most_corners:

@@ -44,7 +44,7 @@ def _read_head(contexts: Contexts, kind: str, smallest: int) -> tuple[int, int, 
     size = contexts.number(kind, "size")
     require(size == 0 or size >= smallest, "polygons of too few corners")
     corners = count * size if size else contexts.number(kind, "corners")
-    require(corners >= smallest * count, "polygons of too few corners")
+    require(smallest * count <= corners < 2**31, "polygons of too few corners, or too many")
     return count, size, corners
 
 
