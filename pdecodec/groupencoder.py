@@ -120,7 +120,7 @@ class GroupEncoder:
         finally:
             for spool in spools:
                 spool.close()
-        return self._report(path, data, section_sizes(sections), basis)
+        return self._report(path, data, section_sizes(sections, major=MAJOR_VERSION), basis)
 
     def _group_ranges(self) -> list[tuple[int, int]]:
         frames = self._sequence.frame_count
@@ -209,14 +209,14 @@ class GroupEncoder:
         )
         remarks = {
             "generator": generator(),
-            "settings": self._settings.to_json(),
+            "settings": self._settings.changed(),
             "metadata": dict(sequence.metadata),
             "summary": self._summary(basis),
         }
         connectivity, order = encode_connectivity([item.connectivity for item in sequence.objects])
         sections = [
             Section("META", encode_remarks(remarks), required=False),
-            Section("SEQN", encode_sequence_description(sequence)),
+            Section("SEQN", encode_sequence_description(sequence, major=MAJOR_VERSION)),
             Section("CONN", connectivity),
             *([Section("ORDR", order)] if order else []),
             Section("REST", self._rest_bytes),

@@ -25,4 +25,4 @@ def bit_length(number: int) -> int:
     while number >> TABLE_DIGITS > 0:
         number >>= TABLE_DIGITS
         length += TABLE_DIGITS
-    return length + np.int64(LENGTHS[max(number, 0)])
+    return length + int(LENGTHS[max(number, 0)])

@@ -37,7 +37,7 @@ class Animation:
 def decode(data: bytes) -> Animation:
     """Decode the bytes of a file; CorruptFileError says what is wrong with it."""
     container = read_container(data)
-    description = read_description(container["SEQN"])
+    description = read_description(container["SEQN"], container.major_version)
     if container.major_version == 1:
         read_connectivity(container["CONN"], description.meshes)
     else:
