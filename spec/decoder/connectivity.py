@@ -37,7 +37,7 @@ def read_faces_and_lines(conn: bytes, ordr: bytes, meshes: list[Mesh]) -> None:
 
 
 def _read_head(contexts: Contexts, kind: str, smallest: int) -> tuple[int, int, int]:
-    """Section 29.3: number of polygons, common size or 0, corners."""
+    """Section 29.2: number of polygons, common size or 0, corners."""
     count = contexts.number(kind, "count")
     if count == 0:
         return 0, 0, 0
@@ -51,7 +51,7 @@ def _read_head(contexts: Contexts, kind: str, smallest: int) -> tuple[int, int, 
 def _read_polygons(
     contexts: Contexts, memory: Memory, kind: str, smallest: int, count: int, common: int, corners: int, vertices: int
 ) -> Polygons:
-    """Section 29.6: polygons in their order."""
+    """Section 29.3: polygons in their order."""
     polygons: Polygons = []
     highest = -1
     first = 0
