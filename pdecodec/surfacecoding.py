@@ -179,11 +179,6 @@ class CodedSurface:
     vertex_count: int
 
     @property
-    def first_corners(self) -> Int32Array:
-        """(faces,) int32: the first corner of every face."""
-        return (np.cumsum(self.sizes) - self.sizes).astype(np.int32)
-
-    @property
     def has_border(self) -> bool:
         """Whether a side was told to have no face across."""
         return bool((self.sides[:, border.STATE] == border.CLOSED).any())
@@ -368,7 +363,7 @@ def _code_order(
     candidates = np.zeros((2, face_order.MOST_CANDIDATES, 2), np.int32)
     sizes, corner_numbers = np.empty_like(coded.sizes), np.empty(len(coded.sides), np.int32)
     failed = source_order.code_order(
-        model.face_coding(coding), model.vertex_coding(coding), records, coded.first_corners, candidates,
+        model.face_coding(coding), model.vertex_coding(coding), records, candidates,
         firsts, numbers, sizes, corner_numbers,
     )  # fmt: skip
     if failed:

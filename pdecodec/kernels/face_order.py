@@ -20,16 +20,17 @@ from pdecodec.kernels.memory import code_remembered, memorise, recollection
 from pdecodec.kernels.numbers import NUMBER_CELLS, SIGNED_CELLS, code_number, code_signed
 from pdecodec.kernels.order_records import (
     ACROSS,
-    AFTER,
-    BEFORE,
-    CORNER_THERE,
     FACE,
-    LEFT,
-    NEXT_THERE,
+    LEFT_THERE,
     NUMBER,
     VERTEX,
     OrderCoding,
     Records,
+    corner_after,
+    corner_before,
+    first_left,
+    is_left,
+    next_left,
     number_at,
 )
 from pdecodec.kernels.rangecoder import code_mixed
@@ -113,13 +114,13 @@ BROKEN = -1
 
 @uncounted_inline
 def next_candidates(
-    corners: Int32Array, first: int, candidates: Int32Array, count: int, next_candidates: Int32Array
+    records: Records, first: int, candidates: Int32Array, count: int, next_candidates: Int32Array
 ) -> int:
     """List the candidates after a face has been named: those across its sides, and those left of the ones before.
 
     Parameters
     ----------
-    corners : (corners, 8) int32
+    records : Records
     first : int
         First corner of the face.
     candidates, next_candidates : (MOST_CANDIDATES, 2) int32
@@ -135,19 +136,19 @@ def next_candidates(
     found = 0
     corner = first
     for step in range(MOST_SIDES):
-        across = corners[corner, ACROSS]
-        if across >= 0 and corners[across, LEFT]:
+        across = records.corners[corner, ACROSS]
+        if across >= 0 and is_left(records, across):
             next_candidates[found, CANDIDATE] = across
             next_candidates[found, SLOT] = min(step, SIDES_TOLD - 1)
             found += 1
-        corner = corners[corner, AFTER]
+        corner = corner_after(records, corner)
         if corner == first:
             break
     for place in range(count):
         candidate, slot = candidates[place, CANDIDATE], candidates[place, SLOT] + SIDES_TOLD
         if slot >= BY_PLACE:
             break
-        if corners[candidate, LEFT]:
+        if is_left(records, candidate):
             next_candidates[found, CANDIDATE], next_candidates[found, SLOT] = candidate, slot
             found += 1
     return found
@@ -192,19 +193,18 @@ def code_side(coding: OrderCoding, corners: Int32Array, candidates: Int32Array, 
 @uncounted_inline
 def first_known(records: Records, first: int) -> int:
     """How many steps after `first` the first corner with a number is; -1 if it is too far, or too far in its list."""
-    corners = records.corners
     corner = first
     steps = 0
     while number_at(records, corner) < 0:
-        corner = corners[corner, AFTER]
+        corner = corner_after(records, corner)
         steps += 1
         if corner == first or steps == MOST_SIDES:
             return -1
-    listed = records.vertices[corners[corner, VERTEX], CORNER_THERE]
+    listed = first_left(records, records.corners[corner, VERTEX])
     for _ in range(MOST_LISTED - 1):
         if listed == corner:
             break
-        listed = corners[listed, NEXT_THERE]
+        listed = next_left(records, listed)
         if listed < 0:
             return -1
     return steps if listed == corner else -1
@@ -257,15 +257,15 @@ def code_vertex_there(coding: OrderCoding, records: Records, live_count: int, ve
         number = member_at(live, rank + jump)
     memorise(memory, number - reference)
     vertex = vertex_of[number]
-    return vertex if records.vertices[vertex, CORNER_THERE] >= 0 else BROKEN
+    return vertex if records.vertices[vertex, LEFT_THERE] > 0 else BROKEN
 
 
 @uncounted_inline
-def _corner_before(corners: Int32Array, corner: int, steps: int) -> int:
+def _corner_back(records: Records, corner: int, steps: int) -> int:
     """The corner some steps before in the face; BROKEN where that goes all the way round."""
     found = corner
     for _ in range(steps):
-        found = corners[found, BEFORE]
+        found = corner_before(records, found)
         if found == corner:
             return BROKEN
     return found
@@ -278,9 +278,9 @@ def _resemblance(state: Int64Array, records: Records, first: int) -> int:
     Four digits to base 3: of the last face and the one before, of the second corner and the third. 0 if its
     difference to the first corner is another, 1 if it is not known, 2 if it is the same.
     """
-    second = records.corners[first, AFTER]
+    second = corner_after(records, first)
     number, second_number = number_at(records, first), number_at(records, second)
-    third_number = number_at(records, records.corners[second, AFTER])
+    third_number = number_at(records, corner_after(records, second))
     last_second = last_third = before_second = before_third = 1
     if number >= 0 and second_number >= 0:
         last_second = 2 * (second_number - number == state[DIFFERENCES])
@@ -300,12 +300,13 @@ def code_listed(coding: OrderCoding, records: Records, vertex: int, steps: int, 
     int
         The first corner of that face; BROKEN if it has not so many corners.
     """
-    corners, state = records.corners, coding.state
-    listed = records.vertices[vertex, CORNER_THERE]
+    state = coding.state
+    listed = first_left(records, vertex)
     place = 0
     while True:
-        first = _corner_before(corners, listed, steps)
-        if corners[listed, NEXT_THERE] < 0 or place == MOST_LISTED - 1:
+        first = _corner_back(records, listed, steps)
+        following = next_left(records, listed)
+        if following < 0 or place == MOST_LISTED - 1:
             break
         alike = _resemblance(state, records, first) if first >= 0 else 0
         chosen = _LIST + alike * 8 + min(place, 7), _LIST_RECENT + (alike // 9) * 64 + state[LIST_HISTORY]
@@ -314,7 +315,7 @@ def code_listed(coding: OrderCoding, records: Records, vertex: int, steps: int, 
         state[LIST_HISTORY] = (2 * state[LIST_HISTORY] + taken) & 63
         if taken:
             break
-        listed = corners[listed, NEXT_THERE]
+        listed = following
         place += 1
     return first
 
@@ -333,21 +334,24 @@ def code_place(coding: OrderCoding, left: Int32Array, left_count: int, last: int
 @uncounted_inline
 def code_first(coding: OrderCoding, records: Records, slot: int, entry: int, first: int) -> int:
     """Code which corner of a face, named in the way `slot`, is its first, going round from `entry`; returns it."""
-    corners, state = records.corners, coding.state
+    state = coding.state
     lowest = highest = entry
     lowest_number = highest_number = number_at(records, entry)
-    corner = corners[entry, AFTER]
+    corner = corner_after(records, entry)
     while corner != entry:
         number = number_at(records, corner)
         if number < lowest_number:
             lowest, lowest_number = corner, number
         if number > highest_number:
             highest, highest_number = corner, number
-        corner = corners[corner, AFTER]
+        corner = corner_after(records, corner)
     alike = state[FIRSTS + slot]
     recent = state[FIRST_HISTORY]
     step = 0
-    while corners[corner, AFTER] != entry:
+    while True:
+        following = corner_after(records, corner)
+        if following == entry:
+            break
         extreme = 2 * (corner == lowest) + (corner == highest)
         base = _FIRST + min(step, 3) * _FIRST_CELLS
         chosen = base + recent * 4 + extreme, base + _FIRST_SLOT + (alike * 4 + extreme) * SLOTS + slot
@@ -355,7 +359,7 @@ def code_first(coding: OrderCoding, records: Records, slot: int, entry: int, fir
         if code_mixed(coding.coder, coding.data, coding.cells, chosen, weights, corner == first):
             break
         step += 1
-        corner = corners[corner, AFTER]
+        corner = following
     state[FIRSTS + slot] = (4 * alike + min(step, 3)) & 15
     state[FIRST_HISTORY] = (4 * recent + (0 if corner == lowest else 2 - (corner == highest))) & 63
     return corner
@@ -366,11 +370,11 @@ def remember_face(state: Int64Array, records: Records, first: int, slot: int) ->
     """Make a face that has been named the last one, named in the way `slot`."""
     state[SLOT_LONG_BEFORE], state[SLOT_BEFORE], state[SLOT_NOW] = state[SLOT_BEFORE], state[SLOT_NOW], slot
     state[LAST_FIRST] = first
-    second = records.corners[first, AFTER]
+    second = corner_after(records, first)
     number = number_at(records, first)
     state[DIFFERENCES + 2], state[DIFFERENCES + 3] = state[DIFFERENCES], state[DIFFERENCES + 1]
     state[DIFFERENCES] = number_at(records, second) - number
-    state[DIFFERENCES + 1] = number_at(records, records.corners[second, AFTER]) - number
+    state[DIFFERENCES + 1] = number_at(records, corner_after(records, second)) - number
 
 
 def begin_object(state: Int64Array) -> None:

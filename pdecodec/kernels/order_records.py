@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.kernels.border import ORIGIN, TWIN
+from pdecodec.kernels.integers import wide
 from pdecodec.kernels.ranks import empty_set, full_set, include
 from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 
@@ -18,13 +19,13 @@ Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 UInt8Array = NDArray[np.uint8]
 
-VERTEX, ACROSS, BEFORE, AFTER, FACE, NEXT_THERE, LAST_THERE, LEFT = range(8)
-"""Fields of corners: the vertex; the corner whose side is the other side of its own, or -1; the corners before and
-after it in its face; the face; the next and the last corner at the same vertex among those that are left, or -1;
-whether it is left, that is, its face has not been named yet."""
+VERTEX, ACROSS, FACE, NEXT_THERE = range(4)
+"""Fields of corners: the vertex; the corner whose side is the other side of its own, or -1; the face; the next corner
+at the same vertex, or -1."""
 
-NUMBER, CORNER_THERE = range(2)
-"""Fields of vertices: number in the source's order, or -1; the first corner there that is left, or -1."""
+NUMBER, FIRST_THERE, LEFT_THERE = range(3)
+"""Fields of vertices: number in the source's order, or -1; the first corner there, or -1; how many corners there are
+left. A corner is *left* until its face has been named: then it is passed over, and taken out where that happens."""
 
 
 class OrderCoding(NamedTuple):
@@ -45,9 +46,13 @@ class Records(NamedTuple):
     """A surface, and how much of its order is known."""
 
     corners: Int32Array
-    """(corners, 8)"""
+    """(corners, 4)"""
+    starts: Int32Array
+    """(faces + 1,): the first corner of each face, and the number of corners."""
+    named: UInt8Array
+    """(faces,): 1 for faces that have been named."""
     vertices: Int32Array
-    """(vertices, 2)"""
+    """(vertices, 3)"""
     vertex_of: Int32Array
     """(vertices,): the vertex of each number, or -1."""
     left_faces: Int32Array
@@ -68,38 +73,76 @@ def new_records(sizes: Int32Array, sides: Int32Array, vertex_count: int) -> Reco
         As :mod:`pdecodec.kernels.surface` left it.
     vertex_count : int
     """
+    vertices = np.zeros((vertex_count, 3), np.int32)
+    vertices[:, :LEFT_THERE] = -1
     records = Records(
-        np.empty((len(sides), 8), np.int32),
-        np.full((vertex_count, 2), -1, np.int32),
+        np.empty((len(sides), 4), np.int32),
+        np.zeros(sizes.size + 1, np.int32),
+        np.zeros(sizes.size, np.uint8),
+        vertices,
         np.full(vertex_count, -1, np.int32),
         full_set(sizes.size),
         full_set(vertex_count),
         empty_set(vertex_count),
     )
-    _list_corners(sizes, sides, records.corners, records.vertices)
+    np.cumsum(sizes, out=records.starts[1:])
+    _list_corners(sides, records)
     return records
 
 
 @uncounted
-def _list_corners(sizes: Int32Array, sides: Int32Array, corners: Int32Array, vertices: Int32Array) -> None:
-    """Fill in all records of corners, and CORNER_THERE, -1 before. A vertex lists its corners in descending order."""
-    first = 0
-    for face in range(sizes.size):
-        size = sizes[face]
-        for corner in range(first, first + size):
+def _list_corners(sides: Int32Array, records: Records) -> None:
+    """Fill in the records of corners and vertices. A vertex lists its corners in descending order."""
+    corners, starts, vertices = records.corners, records.starts, records.vertices
+    for face in range(starts.size - 1):
+        for corner in range(starts[face], starts[face + 1]):
             vertex = sides[corner, ORIGIN]
-            following = vertices[vertex, CORNER_THERE]
             corners[corner, VERTEX] = vertex
             corners[corner, ACROSS] = sides[corner, TWIN]
-            corners[corner, BEFORE] = corner - 1 if corner > first else first + size - 1
-            corners[corner, AFTER] = corner + 1 if corner < first + size - 1 else first
             corners[corner, FACE] = face
-            corners[corner, NEXT_THERE], corners[corner, LAST_THERE] = following, -1
-            corners[corner, LEFT] = 1
-            if following >= 0:
-                corners[following, LAST_THERE] = corner
-            vertices[vertex, CORNER_THERE] = corner
-        first += size
+            corners[corner, NEXT_THERE] = vertices[vertex, FIRST_THERE]
+            vertices[vertex, FIRST_THERE] = corner
+            vertices[vertex, LEFT_THERE] += 1
+
+
+@uncounted_inline
+def corner_after(records: Records, corner: int) -> int:
+    """The next corner of the same face."""
+    face = records.corners[corner, FACE]
+    return records.starts[face] if corner + 1 == records.starts[face + 1] else wide(corner + 1)
+
+
+@uncounted_inline
+def corner_before(records: Records, corner: int) -> int:
+    """The corner before in the same face."""
+    face = records.corners[corner, FACE]
+    return records.starts[face + 1] - 1 if corner == records.starts[face] else wide(corner - 1)
+
+
+@uncounted_inline
+def is_left(records: Records, corner: int) -> bool:
+    """Whether the face of a corner has not been named."""
+    return not records.named[records.corners[corner, FACE]]
+
+
+@uncounted_inline
+def first_left(records: Records, vertex: int) -> int:
+    """The first corner left at a vertex, or -1."""
+    corner = records.vertices[vertex, FIRST_THERE]
+    while corner >= 0 and not is_left(records, corner):
+        corner = records.corners[corner, NEXT_THERE]
+    records.vertices[vertex, FIRST_THERE] = corner
+    return corner
+
+
+@uncounted_inline
+def next_left(records: Records, corner: int) -> int:
+    """The next corner left at the same vertex, or -1."""
+    following = records.corners[corner, NEXT_THERE]
+    while following >= 0 and not is_left(records, following):
+        following = records.corners[following, NEXT_THERE]
+    records.corners[corner, NEXT_THERE] = following
+    return following
 
 
 @uncounted_inline
@@ -118,32 +161,21 @@ def give_number(records: Records, vertex: int, number: int) -> None:
 
 
 @uncounted_inline
-def take_face(records: Records, first: int) -> int:
-    """Take the face with the corner `first` out of the lists at its vertices, all of which have numbers.
+def take_face(records: Records, face: int) -> int:
+    """Note that a face has been named; all its vertices have numbers.
 
     Returns
     -------
     int
         How many vertices have no corners left now.
     """
-    corners, vertices = records.corners, records.vertices
+    records.named[face] = 1
+    include(records.left_faces, face, -1)
     gone = 0
-    corner = first
-    while True:
-        vertex = corners[corner, VERTEX]
-        following, previous = corners[corner, NEXT_THERE], corners[corner, LAST_THERE]
-        corners[corner, LEFT] = 0
-        if following >= 0:
-            corners[following, LAST_THERE] = previous
-        if previous >= 0:
-            corners[previous, NEXT_THERE] = following
-        else:
-            vertices[vertex, CORNER_THERE] = following
-            if following < 0:
-                include(records.live, vertices[vertex, NUMBER], -1)
-                gone += 1
-        corner = corners[corner, AFTER]
-        if corner == first:
-            break
-    include(records.left_faces, corners[first, FACE], -1)
+    for corner in range(records.starts[face], records.starts[face + 1]):
+        vertex = records.corners[corner, VERTEX]
+        records.vertices[vertex, LEFT_THERE] -= 1
+        if records.vertices[vertex, LEFT_THERE] == 0:
+            include(records.live, records.vertices[vertex, NUMBER], -1)
+            gone += 1
     return gone

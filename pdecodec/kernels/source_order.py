@@ -30,11 +30,11 @@ from pdecodec.kernels.face_order import (
 )
 from pdecodec.kernels.integers import wide
 from pdecodec.kernels.order_records import (
-    AFTER,
     FACE,
     VERTEX,
     OrderCoding,
     Records,
+    corner_after,
     give_number,
     number_at,
     take_face,
@@ -56,15 +56,14 @@ NOT_BY_VERTEX = -2
 @uncounted_inline
 def _code_by_vertex(coding: OrderCoding, records: Records, live_count: int, first: int) -> int:
     """Second case: code the face with the corner `first`; returns that, NOT_BY_VERTEX, or BROKEN."""
-    corners = records.corners
     steps = wanted = vertex = wide(-1)
     if coding.coder[MODE] != DECODE:
         steps = first_known(records, first)
         if steps >= 0:
             wanted = first
             for _ in range(steps):
-                wanted = corners[wanted, AFTER]
-            vertex = corners[wanted, VERTEX]
+                wanted = corner_after(records, wanted)
+            vertex = records.corners[wanted, VERTEX]
     steps = code_corner(coding, steps)
     if steps < 0:
         return NOT_BY_VERTEX
@@ -81,7 +80,6 @@ def code_order(
     face_coding: OrderCoding,
     vertex_coding: OrderCoding,
     records: Records,
-    first_corners: Int32Array,
     candidates: Int32Array,
     firsts: Int32Array,
     numbers: Int32Array,
@@ -96,8 +94,6 @@ def code_order(
         With the same coder. Their states have begun an object.
     records : Records, changed
         New ones.
-    first_corners : (faces,) int32
-        The first corner of each face, in the order of the surface.
     candidates : (2, MOST_CANDIDATES, 2) int32
         Scratch.
     firsts : (faces,) int32
@@ -114,18 +110,18 @@ def code_order(
         0, or BROKEN.
     """
     decoding = face_coding.coder[MODE] == DECODE
-    corners, state = records.corners, face_coding.state
+    state = face_coding.state
     live_count = count = told = wide(0)
     left_count = wide(records.vertex_of.size)
     for position in range(sizes.size):
         first = face = entry = wide(-1)
         if not decoding:
             first = wide(firsts[position])
-            face = wide(corners[first, FACE])
+            face = wide(records.corners[first, FACE])
         slot = wide(BY_PLACE)
         around = candidates[position % 2]
         if count > 0:
-            place = code_side(face_coding, corners, around, count, face)
+            place = code_side(face_coding, records.corners, around, count, face)
             if place >= 0:
                 entry, slot = wide(around[place, CANDIDATE]), wide(around[place, SLOT])
         if entry < 0 and live_count > 0:
@@ -135,16 +131,16 @@ def code_order(
             if entry >= 0:
                 slot = wide(BY_VERTEX)
         if entry < 0:
-            last = corners[state[LAST_FIRST], FACE] if position > 0 else 0
+            last = records.corners[state[LAST_FIRST], FACE] if position > 0 else 0
             face = code_place(face_coding, records.left_faces, sizes.size - position, last, face)
             if face < 0:
                 return BROKEN
-            entry = wide(first_corners[face])
+            entry = wide(records.starts[face])
         phase = max(slot - BY_PLACE + 1, 0)
         corner = entry
         while True:
             if number_at(records, corner) < 0:
-                vertex = corners[corner, VERTEX]
+                vertex = records.corners[corner, VERTEX]
                 number = 0 if decoding else numbers[vertex]
                 number = code_vertex_number(vertex_coding, records, left_count, phase, slot, corner, number)
                 if number < 0:
@@ -152,19 +148,19 @@ def code_order(
                 give_number(records, vertex, number)
                 left_count -= 1
                 live_count += 1
-            corner = corners[corner, AFTER]
+            corner = corner_after(records, corner)
             if corner == entry:
                 break
         first = entry if slot == BY_VERTEX else code_first(face_coding, records, slot, entry, first)
         remember_face(state, records, first, slot)
-        live_count -= take_face(records, first)
-        count = next_candidates(corners, first, around, count, candidates[1 - position % 2])
+        live_count -= take_face(records, records.corners[first, FACE])
+        count = next_candidates(records, first, around, count, candidates[1 - position % 2])
         begin = told
         corner = first
         while True:
             corner_numbers[told] = number_at(records, corner)
             told += 1
-            corner = corners[corner, AFTER]
+            corner = corner_after(records, corner)
             if corner == first:
                 break
         sizes[position] = told - begin

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pdecodec.kernels.memory import code_remembered, memorise, recollection
 from pdecodec.kernels.numbers import SIGNED_CELLS, code_signed
-from pdecodec.kernels.order_records import ACROSS, AFTER, BEFORE, OrderCoding, Records, number_at
+from pdecodec.kernels.order_records import ACROSS, OrderCoding, Records, corner_after, corner_before, number_at
 from pdecodec.kernels.rangecoder import code_mixed
 from pdecodec.kernels.ranks import member_at, rank_of
 from pdecodec.kernels.uncounted import uncounted_inline
@@ -48,16 +48,16 @@ def _grid_number(records: Records, corner: int) -> int:
 
     In a triangle, by the parallelogram with the face across the opposite side; in a quad, by the other corners.
     """
-    corners = records.corners
-    after, before = corners[corner, AFTER], corners[corner, BEFORE]
-    one, other = number_at(records, after), number_at(records, before)
+    following, preceding = corner_after(records, corner), corner_before(records, corner)
+    one, other = number_at(records, following), number_at(records, preceding)
+    opposite = corner_after(records, following)
     beyond = -1
-    if corners[after, AFTER] == before:
-        across = corners[after, ACROSS]
+    if opposite == preceding:
+        across = records.corners[following, ACROSS]
         if across >= 0:
-            beyond = number_at(records, corners[across, BEFORE])
-    elif corners[after, AFTER] == corners[before, BEFORE]:
-        beyond = number_at(records, corners[after, AFTER])
+            beyond = number_at(records, corner_before(records, across))
+    elif opposite == corner_before(records, preceding):
+        beyond = number_at(records, opposite)
     return one + other - beyond if one >= 0 and other >= 0 and beyond >= 0 else -1
 
 
@@ -107,8 +107,8 @@ def _code_unremembered(
     coder, data, cells, state = coding.coder, coding.data, coding.cells, coding.state
     vertex_of, left = records.vertex_of, records.left_numbers
     last = state[LAST_NUMBER]
-    before = number_at(records, records.corners[corner, BEFORE])
-    after = number_at(records, records.corners[corner, AFTER])
+    before = number_at(records, corner_before(records, corner))
+    after = number_at(records, corner_after(records, corner))
     grid = _grid_number(records, corner)
     recent = state[PROPOSAL_HISTORY]
     around = 4 * (before >= 0) + 2 * (after >= 0) + (grid >= 0)
