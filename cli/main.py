@@ -21,6 +21,7 @@ from pdecodec.cli.demo import demo
 from pdecodec.cli.encode import encode
 from pdecodec.cli.formats import formats
 from pdecodec.cli.info import info
+from pdecodec.cli.reproduce import reproduce
 from pdecodec.cli.simulate import simulate
 from pdecodec.errors import InputError, PdecodecError, SettingsError
 
@@ -47,7 +48,7 @@ def pdecodec() -> None:
     """
 
 
-for command in (encode, decode, info, compare, convert, simulate, formats, demo):
+for command in (encode, decode, info, compare, convert, simulate, formats, demo, reproduce):
     pdecodec.add_command(command)
 
 
