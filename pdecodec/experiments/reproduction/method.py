@@ -174,8 +174,7 @@ def between_keyframes(values: Float64Array) -> Float64Array:
 
 
 def parameters(aligned: Float64Array, parameter: Parameter) -> Float64Array:
-    """The parameter u of every frame, point and axis, (frames, points, 3 or 1): one for all axes where the last is "
-    "1."""
+    """The parameter u of every frame, point and axis, (frames, points, 3 or 1): all axes share one where 1."""
     frames, points, _ = aligned.shape
     if parameter == "Eq. 24, every frame":
         return coordinate_parameter(aligned)
