@@ -75,13 +75,11 @@ def table_1(findings: Findings) -> Exhibit:
         name="table-1",
         title="Table 1, printed and found",
         lesson=(
-            f"Given u of Eq. 24, the PDE method {reached} within a factor {WITHIN:g} of the paper's errors on our "
-            "rope at "
-            f"alpha = {PRINTED.alpha:g}, r = {PRINTED.r:g}: mean E_A {found.mean:.4f} (paper {printed.PDE_MEAN}), "
-            "largest E_M "
-            f"{found.largest:.4f} (paper {printed.PDE_LARGEST}); over all curves {findings.printed_every.mean:.4f} and "
-            f"{findings.printed_every.largest:.4f}. B-splines evaluated at u of Eq. 24 leave"
-            f" {spline.first.mean:.4f} and {spline.first.largest:.4f} (paper {printed.SPLINE_MEAN} and "
+            f"Given u of Eq. 24, the PDE method {reached} within a factor {WITHIN:g} of the paper's errors on our rope "
+            f"at alpha = {PRINTED.alpha:g}, r = {PRINTED.r:g}: mean E_A {found.mean:.4f} (paper {printed.PDE_MEAN}), "
+            f"largest E_M {found.largest:.4f} (paper {printed.PDE_LARGEST}); over all curves "
+            f"{findings.printed_every.mean:.4f} and {findings.printed_every.largest:.4f}. B-splines evaluated at u of "
+            f"Eq. 24 leave {spline.first.mean:.4f} and {spline.first.largest:.4f} (paper {printed.SPLINE_MEAN} and "
             f"{printed.SPLINE_LARGEST}). First curve; last row: mean of E_A, largest E_M."
         ),
         table=Table(("frame", *columns), (*rows, ("mean / largest", *summary))),
@@ -131,7 +129,7 @@ def rate_map(findings: Findings) -> Exhibit:
         lesson=(
             f"{int(inside.sum())} of {inside.size} pairs of alpha and r bring mean E_A and largest E_M within a factor "
             f"{WITHIN:g} of Table 1 (dots; the star is what this report uses). Below about 1 the rates make no "
-            f"difference: the functions are polynomials there. The keyframes themselves would choose alpha = "
+            "difference: the functions are polynomials there. The keyframes themselves would choose alpha = "
             f"{chosen.alpha:g}, r = {chosen.r:g}. With a u that a decoder knows, the best mean E_A on the map is "
             f"{findings.honest_map[0].min():.4f}."
         ),
@@ -226,8 +224,8 @@ def spline_readings(findings: Findings) -> Exhibit:
             f"Cubic B-splines of 50 control points fitted by least squares leave a mean error of {fair.mean:.4f}; the "
             f"paper prints {printed.SPLINE_MEAN} for them. Errors of that size ({literal.mean:.4f}) come out when the "
             "spline is fitted along the curve but evaluated at u of Eq. 24, as the text below Eq. 27 has it: that is "
-            "a mistake of parametrisation, not a property of splines. With 32 constants a curve a spline surface "
-            f"does what the PDE does ({findings.spline(bspline.equal_numbers).first.mean:.4f} and {honest.mean:.4f})."
+            "a mistake of parametrisation, not a property of splines. With 32 constants a curve a spline surface does "
+            f"what the PDE does ({findings.spline(bspline.equal_numbers).first.mean:.4f} and {honest.mean:.4f})."
         ),
         table=Table(
             ("reading", "control points a curve", "mean E_A", "largest E_M", "mean E_A, all", "largest E_M, all"), rows

@@ -145,11 +145,9 @@ def times(findings: Findings) -> Exhibit:
         lesson=(
             f"Keyframes sampled from the simulation save nothing ({sampled.seconds / fine.seconds:.0%}): the solver "
             "passes through every frame. Keyframes simulated with a doubled step take "
-            f"{doubled.seconds / fine.seconds:.0%} "
-            f"with the fit, at a mean error of {doubled.errors.mean:.4f}. But the doubled step alone gives all eleven "
-            f"frames in {coarse.seconds / fine.seconds:.0%} of the time, at {coarse.errors.mean:.4f}: the saving is "
-            "the "
-            f"step's, not the method's. The paper's own seconds give "
+            f"{doubled.seconds / fine.seconds:.0%} with the fit, at a mean error of {doubled.errors.mean:.4f}. But the "
+            f"doubled step alone gives all eleven frames in {coarse.seconds / fine.seconds:.0%} of the time, at "
+            f"{coarse.errors.mean:.4f}: the saving is the step's, not the method's. The paper's own seconds give "
             f"{(printed.SECONDS_KEYFRAMES + printed.SECONDS_PDE) / printed.SECONDS_ALL_FRAMES:.2%}, not the "
             f"{printed.TIME_SHARE:.2%} of its text."
         ),
@@ -191,8 +189,7 @@ def equation(findings: Findings) -> Exhibit:
         title="Half of the 32 functions solve the equation",
         lesson=(
             f"{int(solves.sum())} products of Eq. 18 solve Eq. 10; the other {int((found.beam < ROUNDING).sum())} "
-            "solve "
-            f"it with the sign of the Euler-Bernoulli beam; all {int((found.squared < ROUNDING).sum())} solve "
+            f"solve it with the sign of the Euler-Bernoulli beam; all {int((found.squared < ROUNDING).sum())} solve "
             "w_tttt = (K/m)^2 w_uuuuuuuu. Residuals, over the size of the terms, are below 1e-15 or of order 1: there "
             "is nothing in between."
         ),

@@ -63,13 +63,13 @@ def leak(findings: Findings) -> Exhibit:
         name="leak",
         title="The leak of Eq. 24: the parameter is the answer",
         lesson=(
-            "u of Eq. 24 is the coordinate itself, scaled to [0, 1], axis by axis and frame by frame: the decoder must "
-            "know the curve to decode the curve. With two numbers a frame and axis, its lowest and highest coordinate, "
-            "u gives the rope back exactly and without any function of Eq. 18. With all of u the 32 functions leave a "
-            f"mean of {everything.scene.mean:.4f} in the scene; without any of it {nothing.scene.mean:.4f}, "
-            f"{nothing.scene.mean / everything.scene.mean:.1f} times as much. Measured as in the paper, after Eq. 23, "
-            f"the loss is hidden ({everything.aligned.mean:.4f} and {nothing.aligned.mean:.4f}): the matrices have "
-            "taken most of the shape away before anything is measured."
+            "u of Eq. 24 is the coordinate itself, scaled to [0, 1], axis by axis and frame by frame: the decoder "
+            "must know the curve to decode the curve. With two numbers a frame and axis, its lowest and highest "
+            "coordinate, u gives the rope back exactly and without any function of Eq. 18. With all of u the 32 "
+            f"functions leave a mean of {everything.scene.mean:.4f} in the scene; without any of it "
+            f"{nothing.scene.mean:.4f}, {nothing.scene.mean / everything.scene.mean:.1f} times as much. Measured as in "
+            f"the paper, after Eq. 23, the loss is hidden ({everything.aligned.mean:.4f} and "
+            f"{nothing.aligned.mean:.4f}): the matrices have taken most of the shape away before anything is measured."
         ),
         table=Table(
             (
@@ -159,9 +159,8 @@ def elimination(findings: Findings) -> Exhibit:
         lesson=(
             "Nothing in Eq. 23 keeps the matrix orthogonal. On our rope, straight at frame 0, its smallest singular "
             f"value falls to {found.singular_values[1:].min():.2g}: it flattens every later frame onto the straight "
-            "one, "
-            f"and takes {1 - found.motion_left[1:].mean():.0%} of the motion with it. Errors measured afterwards look "
-            "small; undoing the matrix multiplies them by one over that value."
+            f"one, and takes {1 - found.motion_left[1:].mean():.0%} of the motion with it. Errors measured afterwards "
+            "look small; undoing the matrix multiplies them by one over that value."
         ),
         table=Table(("frame", "largest", "middle", "smallest", "share of motion left"), rows),
         draw=draw,

@@ -31,15 +31,13 @@ def make_report(findings: Findings) -> Report:
             Chapter(
                 "What the decoder is given",
                 "The accuracy of Table 1 is reached with a parameter that holds the answer, and measured after a "
-                "matrix "
-                "that has taken much of the motion away.",
+                "matrix that has taken much of the motion away.",
                 (leaks.leak(findings), leaks.knot(findings), leaks.elimination(findings)),
             ),
             Chapter(
                 "Accuracy",
                 "Errors are E_A and E_M of Eqs. 26 and 27, over D, the distance of the two furthest points of the "
-                "first "
-                f"curve at frame 0: {findings.rope.diameter:.4g} m.",
+                f"first curve at frame 0: {findings.rope.diameter:.4g} m.",
                 (
                     accuracy.table_1(findings),
                     shapes.figure_6(findings),

@@ -45,8 +45,8 @@ def figure_6(findings: Findings) -> Exhibit:
             "PDE at u of Eq. 24": (ORANGE, reconstruct(curve, GIVEN).found),
         },
         "With u of Eq. 24 given at every frame, the PDE's curve lies on XPBD's, and the B-spline that is fitted "
-        "along the "
-        "curve and evaluated at u of Eq. 24 leaves it where coordinate and index part. That is the paper's Figure 6.",
+        "along the curve and evaluated at u of Eq. 24 leaves it where coordinate and index part. That is the paper's "
+        "Figure 6.",
     )
 
 
@@ -62,8 +62,7 @@ def figure_6_known(findings: Findings) -> Exhibit:
             "B-spline, fair": (GREEN, bspline.fair(curve)),
         },
         "The same curve with u by arc length at frame 0. Eight functions along 832 points cannot follow the twist of "
-        "the "
-        "rope; the B-spline, fitted and evaluated at one parameter, can.",
+        "the rope; the B-spline, fitted and evaluated at one parameter, can.",
     )
 
 
@@ -166,11 +165,9 @@ def meshes(findings: Findings) -> Exhibit:
         title=f"The meshes of frame {MESH_FRAME}, which no method was fitted to",
         lesson=(
             "Side by side, coloured by the distance from XPBD's frame. Where u is given the mesh is XPBD's again, "
-            "thinned "
-            "or thickened a little; with a u that a decoder knows its cross-section collapses where the rope twists, "
-            "for "
-            "eight functions along the curve do not follow three turns; B-splines keep it; B-splines at u of Eq. 24 "
-            "tear it apart."
+            "thinned or thickened a little; with a u that a decoder knows its cross-section collapses where the rope "
+            "twists, for eight functions along the curve do not follow three turns; B-splines keep it; B-splines at u "
+            "of Eq. 24 tear it apart."
         ),
         table=Table(("method", "mean error over D", "99 % within", "largest error over D"), rows),
         draw=draw,

@@ -46,8 +46,8 @@ def _solutions(findings: Findings) -> Verdict:
     return Verdict(
         "The 32 functions of Eq. 18 solve Eq. 10.",
         "32 of 32",
-        f"{printed_count} of 32 solve m w_tt = K w_uuuu; the other {beam} solve m w_tt = -K w_uuuu; "
-        f"all {both} solve w_tttt = (K/m)^2 w_uuuuuuuu",
+        f"{printed_count} of 32 solve m w_tt = K w_uuuu; the other {beam} solve m w_tt = -K w_uuuu; all {both} solve "
+        "w_tttt = (K/m)^2 w_uuuuuuuu",
         "reproduced" if printed_count == 32 else "reproduced with a condition",
         "Products of growing and fading time with the damped functions of u have the sign of the Euler-Bernoulli "
         "beam, which Eq. 9 does not have. The equation that all of them solve is Eq. 10 applied twice.",
@@ -59,8 +59,8 @@ def _accuracy(findings: Findings) -> Verdict:
     return Verdict(
         "PDE reconstruction is accurate to 0.0070 of D on average and 0.0195 at most (Table 1).",
         f"mean E_A {printed.PDE_MEAN}, largest E_M {printed.PDE_LARGEST}",
-        f"as printed, alpha = {PRINTED.alpha:g}, r = {PRINTED.r:g}: {found.mean:.4f} and {found.largest:.4f}; "
-        f"with a u that a decoder can know: {honest.mean:.4f} and {honest.largest:.4f}",
+        f"as printed, alpha = {PRINTED.alpha:g}, r = {PRINTED.r:g}: {found.mean:.4f} and {found.largest:.4f}; with a "
+        f"u that a decoder can know: {honest.mean:.4f} and {honest.largest:.4f}",
         "reproduced with a condition" if reaches_table_1(found) else "not reproduced",
         "The condition: the decoder is given the curve. u of Eq. 24 is each coordinate scaled to [0, 1], at every "
         "frame, those between the keyframes too; and errors are measured after Eq. 23, whose matrices are not undone.",
@@ -77,14 +77,13 @@ def _better_than_splines(findings: Findings) -> Verdict:
         "It outperforms B-splines with linear interpolation: 6.68 times by average, 13.91 times by maximum.",
         f"B-splines: mean E_A {printed.SPLINE_MEAN}, largest E_M {printed.SPLINE_LARGEST}",
         f"fitted by index and evaluated at u of Eq. 24: {literal.mean:.4f} and {literal.largest:.4f}; fitted and "
-        f"evaluated at one parameter: {fair.mean:.4f} and {fair.largest:.4f}; with 32 constants: {equal.mean:.4f} "
-        f"and {equal.largest:.4f}. PDE, u known: {honest.mean:.4f} and {honest.largest:.4f}",
+        f"evaluated at one parameter: {fair.mean:.4f} and {fair.largest:.4f}; with 32 constants: {equal.mean:.4f} and "
+        f"{equal.largest:.4f}. PDE, u known: {honest.mean:.4f} and {honest.largest:.4f}",
         "reproduced" if is_better else "not reproduced",
         "Errors like those printed appear when a spline is evaluated at another parameter than it was fitted by, as "
         "the text below Eq. 27 says. Fitted and evaluated at one parameter they spend "
-        f"{findings.spline(bspline.fair).control_points / printed.FUNCTIONS:.0f} times the constants of Eq. 17 on "
-        "the errors above; a spline surface of as many constants as "
-        "Eq. 17 has the errors of Eq. 17.",
+        f"{findings.spline(bspline.fair).control_points / printed.FUNCTIONS:.0f} times the constants of Eq. 17 on the "
+        "errors above; a spline surface of as many constants as Eq. 17 has the errors of Eq. 17.",
     )
 
 
@@ -138,7 +137,7 @@ def _continuous(findings: Findings) -> Verdict:
     return Verdict(
         "It creates continuous shapes at times that XPBD does not simulate.",
         "stated",
-        f"Eq. 17 can be evaluated at any t, but u of Eq. 24 is not known there. With u of frame 0, the errors in the "
+        "Eq. 17 can be evaluated at any t, but u of Eq. 24 is not known there. With u of frame 0, the errors in the "
         f"scene go from {everywhere.scene.mean:.4f} to {rest.scene.mean:.4f}; with arc length they are "
         f"{findings.honest_every.mean:.4f}",
         "reproduced with a condition",
@@ -154,8 +153,7 @@ def _physics(findings: Findings) -> Verdict:
         "The method is physics based: the PDE's functions carry the underlying deformation.",
         "stated",
         f"of alpha and r from 0 to {max(RATES):g} the keyframes choose {chosen.alpha:g} and {chosen.r:g}, where 0 "
-        "makes "
-        f"polynomials of degree 3 in t and 7 in u; the error is {1 / ratio:.3f} times that of polynomials",
+        f"makes polynomials of degree 3 in t and 7 in u; the error is {1 / ratio:.3f} times that of polynomials",
         "reproduced" if ratio > SAME_SHARE else "not reproduced",
         "On this rope the physical functions do what polynomials do. K/m enters through alpha = r^2 sqrt(K/m) alone, "
         "and the paper gives neither alpha, r nor K/m.",

@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pdecodec.alignment import affine_between, pose_matrices, rotation_between
-from pdecodec.experiments.charts import BLUE, FAILING, GREEN, GREY, ORANGE, label_ends, mark_failing_above, mark_failing_right
+from pdecodec.experiments.charts import (
+    BLUE,
+    FAILING,
+    GREEN,
+    GREY,
+    ORANGE,
+    label_ends,
+    mark_failing_above,
+    mark_failing_right,
+)
 from pdecodec.experiments.exhibit import Chapter, Exhibit, Table
 
 if TYPE_CHECKING:
@@ -89,7 +98,8 @@ def thinning(count: int) -> Exhibit:
     round_curve = shape("general") @ np.linalg.inv(Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix())
     found = {
         name: [
-            jitter(align, (round_curve * [1, value, value]) @ turn, round_curve * [1, value, value]) for value in thickness
+            jitter(align, (round_curve * [1, value, value]) @ turn, round_curve * [1, value, value])
+            for value in thickness
         ]
         for name, (align, _) in METHODS.items()
         if name != "Kabsch, no sign"
@@ -116,9 +126,10 @@ def thinning(count: int) -> Exhibit:
         lesson=(
             "Nothing tells how far a straight curve has turned about itself. Thinner than a part in "
             f"{1 / max(fails_at('Kabsch'), 1e-12):.0g} of its length, Kabsch's rotation spins by more than a degree "
-            f"between frames that differ by the rounding of float32, and by {found['Kabsch'][-1]:.0f} degrees in the end; "
-            f"so does the rotation in Eq. 23's matrix. With a billionth of the energy pulling towards no turn, the "
-            f"largest is {max(ours):.3g} degrees near where both weigh the same, and {ours[-1]:.1g} on a straight curve."
+            f"between frames that differ by the rounding of float32, and by {found['Kabsch'][-1]:.0f} degrees in the "
+            "end; so does the rotation in Eq. 23's matrix. With a billionth of the energy pulling towards no turn, "
+            f"the largest is {max(ours):.3g} degrees near where both weigh the same, and {ours[-1]:.1g} on a straight "
+            "curve."
         ),
         table=Table(("thickness", *(f"{name} [degrees]" for name in found)), rows),
         draw=draw,
@@ -142,7 +153,9 @@ def degenerate() -> Exhibit:
                 left = float(np.sqrt(((moved @ found - target) ** 2).sum() / (target**2).sum()))
                 values = np.linalg.svd(found, compute_uv=False)
                 orthogonal = float(np.abs(values - 1).max())
-                rows.append((kind, change, name, float(np.linalg.det(found)), orthogonal, left, jitter(align, moved, target)))
+                rows.append(
+                    (kind, change, name, float(np.linalg.det(found)), orthogonal, left, jitter(align, moved, target))
+                )
     cases_shown = [(kind, change) for kind in kinds for change in ("rotated", "mirrored")]
 
     def draw(figure: Figure) -> None:
@@ -154,11 +167,23 @@ def degenerate() -> Exhibit:
             is_rotation = abs(row[3] - 1) < 1e-6 and row[4] < 1e-6
             is_steady = row[6] < JITTERS
             fine = is_rotation and is_steady
-            text = "rotation" if is_rotation else "mirror" if row[3] < -0.5 else "collapses" if abs(row[3]) < 0.5 else "shears"
+            text = (
+                "rotation"
+                if is_rotation
+                else "mirror"
+                if row[3] < -0.5
+                else "collapses"
+                if abs(row[3]) < 0.5
+                else "shears"
+            )
             text += "" if is_steady else f"\nspins {row[6]:.0f}°"
             panel.add_patch(Rectangle((case, -method), 0.94, 0.9, color="#DCE9F5" if fine else FAILING))
             panel.annotate(
-                text, (case + 0.47, -method + 0.45), ha="center", va="center", fontsize=8,
+                text,
+                (case + 0.47, -method + 0.45),
+                ha="center",
+                va="center",
+                fontsize=8,
                 color="#123" if fine else "#8A3300",
             )
         panel.set(xlim=(0, len(cases_shown)), ylim=(-len(METHODS) + 1, 1))
@@ -219,7 +244,10 @@ def half_turns(count: int) -> Exhibit:
             panel.plot(degrees, values, color=colour)
         label_ends(
             panel,
-            [(355.0, values[-1], name, colour) for (name, values), colour in zip(found.items(), (ORANGE, BLUE), strict=True)],
+            [
+                (355.0, values[-1], name, colour)
+                for (name, values), colour in zip(found.items(), (ORANGE, BLUE), strict=True)
+            ],
         )
         mark_failing_right(panel, 180.0, "nobody can know:\nit may have turned the other way", height=0.25)
 
@@ -231,9 +259,10 @@ def half_turns(count: int) -> Exhibit:
         title="Large turns from frame to frame",
         lesson=(
             "Half-way between two keyframes, a mean of matrix entries shrinks the curve: by "
-            f"{value('entries of the matrix', 90):.0%} of its size at 90 degrees, and at 180 degrees it collapses onto the "
-            f"axis. Quaternions keep its size ({value('quaternions (pdecodec)', 170):.1g} at 170 degrees) and jump at 180, "
-            "where both ways round are equally far: beyond, the keyframes themselves no longer say what happened."
+            f"{value('entries of the matrix', 90):.0%} of its size at 90 degrees, and at 180 degrees it collapses onto "
+            f"the axis. Quaternions keep its size ({value('quaternions (pdecodec)', 170):.1g} at 170 degrees) and jump "
+            "at 180, where both ways round are equally far: beyond, the keyframes themselves no longer say what "
+            "happened."
         ),
         table=Table(("turn [degrees]", *found), rows),
         draw=draw,
@@ -259,7 +288,7 @@ def alignment_chapter(*, quick: bool) -> Chapter:
     """
     return Chapter(
         "The alignment",
-        "Eqs. 19 to 23 take the motion of a curve as a whole out before the fit. The paper calls its matrix a rotation; "
-        "Eq. 23 does not make it one.",
+        "Eqs. 19 to 23 take the motion of a curve as a whole out before the fit. The paper calls its matrix a "
+        "rotation; Eq. 23 does not make it one.",
         (thinning(13 if quick else 49), degenerate(), half_turns(29 if quick else 141)),
     )

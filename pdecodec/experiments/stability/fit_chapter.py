@@ -17,8 +17,8 @@ def fit_chapter(*, quick: bool) -> Chapter:
     """
     return Chapter(
         "The fit",
-        "Eq. 25 fits 32 functions by normal equations. The test motion is a bending wave over a drift, at 104 points and "
-        "11 frames of which every second is a keyframe; alpha and r are over t and u in [0, 1].",
+        "Eq. 25 fits 32 functions by normal equations. The test motion is a bending wave over a drift, at 104 points "
+        "and 11 frames of which every second is a keyframe; alpha and r are over t and u in [0, 1].",
         (
             condition(25 if quick else 97),
             error_lines(17 if quick else 73, 104),

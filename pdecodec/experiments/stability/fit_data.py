@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,7 @@ from pdecodec.experiments.charts import (
     mark_failing_above,
     mark_failing_left,
 )
-from pdecodec.experiments.exhibit import Exhibit, Table
+from pdecodec.experiments.exhibit import Cell, Exhibit, Table
 from pdecodec.experiments.stability.fit_rates import motion, relative_error
 from pdecodec.experiments.stability.solvers import normal_equations, svd
 
@@ -49,7 +50,7 @@ def spline_weights(keyframes: Float64Array, at: Float64Array) -> Float64Array:
 
 def noise_gain(weights: Float64Array) -> Float64Array:
     """Root mean square error at each time from noise of size 1 on every keyframe."""
-    return np.linalg.norm(weights, axis=1).astype(np.float64)
+    return np.asarray(np.linalg.norm(weights, axis=1), np.float64)
 
 
 def noise(most: int) -> Exhibit:
@@ -62,11 +63,12 @@ def noise(most: int) -> Exhibit:
     """
     counts = np.arange(3, most + 1)
     dense = np.linspace(0.0, 1.0, DENSE)
-    gains = {alpha: [float(noise_gain(time_weights(np.linspace(0, 1, n), dense, alpha)).max()) for n in counts] for alpha in ALPHAS}
+    gains = {
+        alpha: [float(noise_gain(time_weights(np.linspace(0, 1, n), dense, alpha)).max()) for n in counts]
+        for alpha in ALPHAS
+    }
     spline = [float(noise_gain(spline_weights(np.linspace(0, 1, n), dense)).max()) for n in counts]
-    rows = tuple(
-        (int(n), *(gains[alpha][index] for alpha in ALPHAS), spline[index]) for index, n in enumerate(counts)
-    )
+    rows = tuple((int(n), *(gains[alpha][index] for alpha in ALPHAS), spline[index]) for index, n in enumerate(counts))
     six = np.linspace(0, 1, 6)
 
     def draw(figure: Figure) -> None:
@@ -91,7 +93,10 @@ def noise(most: int) -> Exhibit:
         label_ends(
             right,
             [
-                *((float(counts[-1]), gains[alpha][-1], f"alpha = {alpha:g}", colour) for alpha, colour in ALPHAS.items()),
+                *(
+                    (float(counts[-1]), gains[alpha][-1], f"alpha = {alpha:g}", colour)
+                    for alpha, colour in ALPHAS.items()
+                ),
                 (float(counts[-1]), spline[-1], "cubic spline", GREY),
             ],
         )
@@ -106,10 +111,10 @@ def noise(most: int) -> Exhibit:
         title="Noise on the keyframes",
         lesson=(
             f"Four functions over six keyframes pass on {gains[0.0][3]:.2f} times the noise at worst (at the ends), "
-            f"{gains[8.0][3]:.2f} times at alpha = 8; a spline through the keyframes passes on {spline[3]:.2f}. With as "
-            f"many keyframes as functions all of it comes through, up to {gains[0.0][1]:.2f} times, and at alpha = 8 up to "
-            f"{gains[8.0][1]:.0f} times; with {most} only "
-            f"{gains[0.0][-1]:.2f}. A fit smooths noise, an interpolation keeps it."
+            f"{gains[8.0][3]:.2f} times at alpha = 8; a spline through the keyframes passes on {spline[3]:.2f}. With "
+            f"as many keyframes as functions all of it comes through, up to {gains[0.0][1]:.2f} times, and at alpha = "
+            f"8 up to {gains[8.0][1]:.0f} times; with {most} only {gains[0.0][-1]:.2f}. A fit smooths noise, an "
+            "interpolation keeps it."
         ),
         table=Table(("keyframes", *(f"gain at alpha = {alpha:g}" for alpha in ALPHAS), "gain of a cubic spline"), rows),
         draw=draw,
@@ -145,6 +150,7 @@ def few(points: int) -> Exhibit:
     frame_counts, point_counts = np.arange(1, 9), np.arange(2, 17)
     by_frames = [_three(printed, fewer, _spread(int(n)), u) for n in frame_counts]
     by_points = [_three(printed, fewer, np.linspace(0, 1, 6), _spread(int(n))) for n in point_counts]
+
     def worst(found: list[tuple[float, float, float]], index: int) -> float:
         return max(values[index] for values in found)
 
@@ -176,8 +182,8 @@ def few(points: int) -> Exhibit:
         name="fit-few",
         title="Fewer frames, or points, than functions",
         lesson=(
-            f"With 2 or 3 frames the printed normal equations leave up to {worst(by_frames[1:3], 0):.3g} times the motion "
-            f"as error, SVD {worst(by_frames[1:3], 1):.2g}, and as many functions of time as frames "
+            f"With 2 or 3 frames the printed normal equations leave up to {worst(by_frames[1:3], 0):.3g} times the "
+            f"motion as error, SVD {worst(by_frames[1:3], 1):.2g}, and as many functions of time as frames "
             f"{worst(by_frames[1:3], 2):.2g}; with 2 to 7 points {worst(by_points[:6], 0):.3g}, "
             f"{worst(by_points[:6], 1):.2g} and {worst(by_points[:6], 2):.2g}. The printed matrix is singular there: "
             "what comes out of it is chance."
@@ -185,11 +191,18 @@ def few(points: int) -> Exhibit:
         table=Table(("few of", "count", *names), rows),
         draw=draw,
         size=(10.0, 4.2),
-        consequence="a segment of fewer than 4 frames, or a piece of fewer than 8 points, uses as many functions as it has.",
+        consequence=(
+            "a segment of fewer than 4 frames, or a piece of fewer than 8 points, uses as many functions as it has."
+        ),
     )
 
 
-def _three(printed, fewer, frames: Float64Array, places: Float64Array) -> tuple[float, float, float]:  # type: ignore[no-untyped-def]
+def _three(
+    printed: Callable[[Float64Array, Float64Array, str], float],
+    fewer: Callable[[Float64Array, Float64Array], float],
+    frames: Float64Array,
+    places: Float64Array,
+) -> tuple[float, float, float]:
     return printed(frames, places, "normal"), printed(frames, places, "svd"), fewer(frames, places)
 
 
@@ -212,12 +225,14 @@ def gaps(count: int) -> Exhibit:
     layouts = {"gap in the middle": middle, "gap before the last frame": end}
     found = {
         place: {
-            **{f"alpha = {alpha:g}": [_gain(time_weights(layout(w), dense, alpha)) for w in widths] for alpha in ALPHAS},
+            **{
+                f"alpha = {alpha:g}": [_gain(time_weights(layout(w), dense, alpha)) for w in widths] for alpha in ALPHAS
+            },
             "cubic spline": [_gain(spline_weights(layout(w), dense)) for w in widths],
         }
         for place, layout in layouts.items()
     }
-    rows = tuple(
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
         (place, float(width), *(values[index] for values in lines.values()))
         for place, lines in found.items()
         for index, width in enumerate(widths)
@@ -227,13 +242,18 @@ def gaps(count: int) -> Exhibit:
     def draw(figure: Figure) -> None:
         panels = figure.subplots(1, 2, sharey=True)
         for panel, (place, lines) in zip(panels, found.items(), strict=True):
-            panel.set(yscale="log", xlabel="width of the gap, over the clip", title=place, ylim=(0.3, 1e3), xlim=(0.1, 1.18))
+            panel.set(
+                yscale="log", xlabel="width of the gap, over the clip", title=place, ylim=(0.3, 1e3), xlim=(0.1, 1.18)
+            )
             panel.set_xticks((0.1, 0.3, 0.5, 0.7, 0.9))
             for (name, values), colour in zip(lines.items(), colours, strict=True):
                 panel.plot(widths, values, color=colour, linestyle="--" if name == "cubic spline" else "-")
             label_ends(
                 panel,
-                [(0.9, values[-1], name, colour) for (name, values), colour in zip(lines.items(), colours, strict=True)],
+                [
+                    (0.9, values[-1], name, colour)
+                    for (name, values), colour in zip(lines.items(), colours, strict=True)
+                ],
             )
             mark_failing_above(panel, 3.0, "fails: an error of a keyframe grows threefold", at=0.05)
         panels[0].set_ylabel("largest gain of an error on the keyframes")
@@ -245,11 +265,11 @@ def gaps(count: int) -> Exhibit:
         name="fit-gaps",
         title="Missing and unevenly spaced frames",
         lesson=(
-            "Ten keyframes with a gap between them. Four functions fitted by least squares bridge a gap of half the clip "
-            f"with a gain of {value('gap in the middle', 'alpha = 0', 0.5):.2f}, where a spline through the keyframes "
-            f"has {value('gap in the middle', 'cubic spline', 0.5):.0f}: it takes its slopes from the crowded frames "
-            f"beside the gap. At 0.9 the fit has {value('gap in the middle', 'alpha = 0', 0.9):.2f}, and "
-            f"{value('gap in the middle', 'alpha = 8', 0.9):.0f} at alpha = 8."
+            "Ten keyframes with a gap between them. Four functions fitted by least squares bridge a gap of half the "
+            f"clip with a gain of {value('gap in the middle', 'alpha = 0', 0.5):.2f}, where a spline through the "
+            f"keyframes has {value('gap in the middle', 'cubic spline', 0.5):.0f}: it takes its slopes from the "
+            f"crowded frames beside the gap. At 0.9 the fit has {value('gap in the middle', 'alpha = 0', 0.9):.2f}, "
+            f"and {value('gap in the middle', 'alpha = 8', 0.9):.0f} at alpha = 8."
         ),
         table=Table(("gap", "width over the clip", *found["gap in the middle"]), rows),
         draw=draw,
@@ -302,13 +322,11 @@ def extrapolation(count: int) -> Exhibit:
         lesson=(
             "Growing exponentials and cubics leave the motion soon after the last frame: the error is as large as the "
             f"motion after {first_beyond('alpha = 0'):.2f} clip lengths at alpha = 0 and after "
-            f"{first_beyond('alpha = 8'):.2f} at alpha = 8; at one clip length it is {lines['alpha = 8'][-1]:.0f} times "
-            f"the motion. Holding the last frame stays at {max(lines['held still']):.1f} times."
+            f"{first_beyond('alpha = 8'):.2f} at alpha = 8; at one clip length it is {lines['alpha = 8'][-1]:.0f} "
+            f"times the motion. Holding the last frame stays at {max(lines['held still']):.1f} times."
         ),
         table=Table(("past the end", *lines), rows),
         draw=draw,
         size=(9.0, 4.2),
         consequence="times outside a clip are held at its ends, looped, or refused; never extrapolated.",
     )
-
-

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.basis import SPACE_FUNCTIONS, TIME_FUNCTIONS, paper_space_functions, paper_time_functions, series_functions
+from pdecodec.basis import (
+    SPACE_FUNCTIONS,
+    TIME_FUNCTIONS,
+    paper_space_functions,
+    paper_time_functions,
+    series_functions,
+)
 from pdecodec.experiments.charts import BLUE, GREEN, GREY, ORANGE, PURPLE, label_ends, mark_failing_above
 from pdecodec.experiments.exhibit import Exhibit, Table
 from pdecodec.experiments.stability.solvers import NAMES, WELL_CONDITIONED, TensorFit
@@ -91,7 +97,10 @@ def condition(count: int) -> Exhibit:
             panel.plot(rates, np.where(known, np.nan, values), color=colour, linestyle=":")
             ends.append((LARGEST, values[-1], name, colour))
         label_ends(panel, ends)
-        for limit, name in ((1 / np.finfo(np.float32).eps, "float32"), (1 / np.finfo(np.float64).eps, "float64")):
+        for limit, name in (
+            (float(1 / np.finfo(np.float32).eps), "float32"),
+            (float(1 / np.finfo(np.float64).eps), "float64"),
+        ):
             panel.axhline(limit, color="black", linewidth=0.9, linestyle="--")
             above = 3 if name == "float64" else -12
             text = f"no digit left in {name} above"
@@ -123,8 +132,9 @@ def condition(count: int) -> Exhibit:
         draw=draw,
         size=(9.5, 4.8),
         consequence=(
-            "it fits in the well-conditioned basis, orthonormalised with dependent functions dropped, and converts to the paper's constants on request, "
-            "with the condition number of the conversion beside them; at alpha or r of 0 it refuses to."
+            "it fits in the well-conditioned basis, orthonormalised with dependent functions dropped, and converts to "
+            "the paper's constants on request, with the condition number of the conversion beside them; at alpha or r "
+            "of 0 it refuses to."
         ),
     )  # fmt: skip
 
@@ -142,9 +152,7 @@ def error_lines(count: int, points: int) -> Exhibit:
         for precision, dtype in PRECISIONS.items()
         for name in NAMES
     }
-    rows = tuple(
-        (float(rate), *(values[index] for values in errors.values())) for index, rate in enumerate(rates)
-    )
+    rows = tuple((float(rate), *(values[index] for values in errors.values())) for index, rate in enumerate(rates))
     best = np.array(errors["float64", WELL_CONDITIONED])
 
     def draw(figure: Figure) -> None:
@@ -155,7 +163,9 @@ def error_lines(count: int, points: int) -> Exhibit:
             panel.set_xticks(10.0 ** np.arange(-6, 2, 2))
             for name in NAMES:
                 values = np.minimum(errors[precision, name], 1e5)
-                panel.plot(rates, values, color=SOLVER_COLOURS[name], linewidth=2.6 if name == WELL_CONDITIONED else 1.5)
+                panel.plot(
+                    rates, values, color=SOLVER_COLOURS[name], linewidth=2.6 if name == WELL_CONDITIONED else 1.5
+                )
             mark_failing_above(panel, FAILS * float(best[rates < 1].max()), "fails: twice the exact minimiser's error")
         for index, name in enumerate(NAMES):
             panels[1].annotate(name, (50.0, 100.0 / 5**index), color=SOLVER_COLOURS[name], fontsize=9)
@@ -171,11 +181,11 @@ def error_lines(count: int, points: int) -> Exhibit:
         lesson=(
             "Fitted to the keyframes of a smooth motion and measured at all frames. Below a rate of "
             f"{failing_below('float64', 'normal equations'):.2g} (float64) and "
-            f"{failing_below('float32', 'normal equations'):.2g} (float32) the printed normal equations leave more than "
-            f"twice the exact minimiser's error; QR below {failing_below('float64', 'QR'):.2g} and "
+            f"{failing_below('float32', 'normal equations'):.2g} (float32) the printed normal equations leave more "
+            f"than twice the exact minimiser's error; QR below {failing_below('float64', 'QR'):.2g} and "
             f"{failing_below('float32', 'QR'):.2g}. SVD and ridge survive by leaving functions out, and lose accuracy "
-            "by it. The well-conditioned basis is exact in both down to 0. Above about 5 all fail alike: the functions "
-            "themselves no longer fit."
+            "by it. The well-conditioned basis is exact in both down to 0. Above about 5 all fail alike: the "
+            "functions themselves no longer fit."
         ),
         table=Table(("rate", *(f"{name}, {precision}" for precision, name in errors)), rows),
         draw=draw,
@@ -210,7 +220,9 @@ def error_maps(count: int, points: int) -> Exhibit:
             row = panels[index]
             for panel, name in zip(row, NAMES, strict=True):
                 ratio = np.clip(found[precision, name], 1.0, 1e4).reshape(count, count)
-                image = panel.pcolormesh(rates, rates, np.log10(ratio), cmap="Oranges", vmin=0, vmax=4, shading="nearest")
+                image = panel.pcolormesh(
+                    rates, rates, np.log10(ratio), cmap="Oranges", vmin=0, vmax=4, shading="nearest"
+                )
                 panel.contour(rates, rates, np.log10(ratio), levels=[np.log10(FAILS)], colors="black", linewidths=1.2)
                 panel.set(xscale="log", yscale="log")
                 panel.grid(False)
@@ -231,8 +243,8 @@ def error_maps(count: int, points: int) -> Exhibit:
             "Left and below the black line a solver leaves more than twice the exact minimiser's error: the printed "
             f"normal equations on {shares['float64', 'normal equations']:.0%} of the map in float64 and "
             f"{shares['float32', 'normal equations']:.0%} in float32, QR on {shares['float64', 'QR']:.0%} and "
-            f"{shares['float32', 'QR']:.0%}, the well-conditioned basis on "
-            f"{shares['float64', WELL_CONDITIONED]:.0%} and {shares['float32', WELL_CONDITIONED]:.0%}."
+            f"{shares['float32', 'QR']:.0%}, the well-conditioned basis on {shares['float64', WELL_CONDITIONED]:.0%} "
+            f"and {shares['float32', WELL_CONDITIONED]:.0%}."
         ),
         table=Table(
             ("alpha", "r", "exact error", *(f"{name}, {precision}, over exact" for precision, name in found)), rows

@@ -82,10 +82,10 @@ class Chain:
         height = self.mass * STANDARD_GRAVITY * positions[1:, 1].sum()
         return float(kinetic + height + 0.5 * self.stiffness * (stretch**2).sum())
 
-    def largest_stretch(self, positions: Float64Array) -> float:
-        """Largest length of a link over its rest length, less 1; infinite where it has run off."""
-        found = float(np.abs(np.linalg.norm(np.diff(positions, axis=0), axis=1) / self.rest_length - 1).max())
-        return found if np.isfinite(found) else float("inf")
+    @property
+    def fall(self) -> float:
+        """Weight times length [J]: more than a fall from level to hanging can set free."""
+        return self.links * self.mass * STANDARD_GRAVITY * self.length
 
 
 Step = Callable[[Chain, Float64Array, Float64Array, float], tuple[Float64Array, Float64Array]]

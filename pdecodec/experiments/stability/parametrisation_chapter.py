@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,7 @@ def curves(points: int = POINTS) -> dict[str, Float64Array]:
 def displacement(points: int = POINTS) -> Float64Array:
     """A smooth displacement along any curve, by its arc length, (points, 3): what is to be carried."""
     s = np.linspace(0.0, 1.0, points)[:, None]
-    return np.sin(2.5 * s * np.array([1.0, 1.4, 0.7]) + np.array([0.0, 1.0, 2.0]))
+    return np.asarray(np.sin(2.5 * s * np.array([1.0, 1.4, 0.7]) + np.array([0.0, 1.0, 2.0])))
 
 
 def cases() -> Exhibit:
@@ -95,9 +95,9 @@ def cases() -> Exhibit:
         name="parameter-cases",
         title="Eq. 24 on curves that it was not made for",
         lesson=(
-            f"On {broken} of {len(names)} curves Eq. 24 breaks: a coordinate that is constant divides 0 by 0, and where "
-            "a coordinate turns back two places share one u, so that no function of u can move them apart. Arc length "
-            f"and index leave at most {errors[:, 1:].max():.2g} of the displacement on all of them."
+            f"On {broken} of {len(names)} curves Eq. 24 breaks: a coordinate that is constant divides 0 by 0, and "
+            "where a coordinate turns back two places share one u, so that no function of u can move them apart. Arc "
+            f"length and index leave at most {errors[:, 1:].max():.2g} of the displacement on all of them."
         ),
         table=Table(
             ("curve", "parameter", "share of axes undefined", "share of points that share u", "left over"), tuple(rows)
@@ -154,34 +154,39 @@ def nearly_planar(count: int) -> Exhibit:
         for name, dtype in (("float32", np.float32), ("float64", np.float64))
     }
     found["arc length, float32"] = [_sensitivity(s, float(v), np.float32, random, "arc length") for v in thickness]
-    rows = tuple(
-        (float(value), *(values[index] for values in found.values())) for index, value in enumerate(thickness)
-    )
+    rows = tuple((float(value), *(values[index] for values in found.values())) for index, value in enumerate(thickness))
     colours = (ORANGE, GREY, BLUE)
 
     def draw(figure: Figure) -> None:
         panel = figure.subplots()
         panel.set(xscale="log", yscale="log", xlim=(1.0, 1e-25), ylim=(1e-17, 10))
         panel.set_xticks(10.0 ** np.arange(0, -19, -3))
-        panel.set(xlabel="thickness of the curve across its plane, over its length", ylabel="change of u by one last bit")
+        panel.set(
+            xlabel="thickness of the curve across its plane, over its length", ylabel="change of u by one last bit"
+        )
         for values, colour in zip(found.values(), colours, strict=True):
             panel.plot(thickness, np.maximum(values, 1e-17), color=colour)
         label_ends(
             panel,
-            [(1e-18, max(values[-1], 1e-17), name, colour) for (name, values), colour in zip(found.items(), colours, strict=True)],
+            [
+                (1e-18, max(values[-1], 1e-17), name, colour)
+                for (name, values), colour in zip(found.items(), colours, strict=True)
+            ],
         )
         mark_failing_above(panel, 1.0 / POINTS, "fails: neighbours change places")
 
     def fails_at(name: str) -> float:
-        return max((float(t) for t, value in zip(thickness, found[name], strict=True) if not value < 1 / POINTS), default=0.0)
+        return max(
+            (float(t) for t, value in zip(thickness, found[name], strict=True) if not value < 1 / POINTS), default=0.0
+        )
 
     return Exhibit(
         name="parameter-planar",
         title="A curve that becomes planar",
         lesson=(
             "Eq. 24 divides by the range of the coordinate. On a curve that is planar but for a part in "
-            f"{1 / fails_at('Eq. 24, float32'):.1g} of its length, the last bit of a float32 coordinate moves u by more "
-            f"than a point; in float64 at a part in {1 / fails_at('Eq. 24, float64'):.1g}. u across the plane is "
+            f"{1 / fails_at('Eq. 24, float32'):.1g} of its length, the last bit of a float32 coordinate moves u by "
+            f"more than a point; in float64 at a part in {1 / fails_at('Eq. 24, float64'):.1g}. u across the plane is "
             "rounding then, stretched to [0, 1]. Arc length does not care."
         ),
         table=Table(("thickness", *found), rows),
@@ -192,9 +197,9 @@ def nearly_planar(count: int) -> Exhibit:
 
 
 def _sensitivity(
-    s: Float64Array, thickness: float, dtype: type, random: np.random.Generator, parameter: str
+    s: Float64Array, thickness: float, dtype: type[Any], random: np.random.Generator, parameter: str
 ) -> float:
-    curve = np.stack([s, 0.5 * s**2, 1.0 + thickness * np.sin(3 * s)], axis=-1).astype(dtype)
+    curve: NDArray[Any] = np.stack([s, 0.5 * s**2, 1.0 + thickness * np.sin(3 * s)], axis=-1).astype(dtype)
     moved = np.where(random.random(curve.shape) < 0.5, np.nextafter(curve, dtype(2)), np.nextafter(curve, dtype(-1)))
     with np.errstate(all="ignore"):
         if parameter == "Eq. 24":

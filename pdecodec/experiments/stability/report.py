@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pdecodec.errors import SettingsError
 from pdecodec.experiments.exhibit import Report
 from pdecodec.experiments.stability.alignment_chapter import alignment_chapter
+from pdecodec.experiments.stability.codec_chapter import codec_chapter
 from pdecodec.experiments.stability.fit_chapter import fit_chapter
 from pdecodec.experiments.stability.parametrisation_chapter import parametrisation_chapter
 from pdecodec.experiments.stability.simulation_chapter import simulation_chapter
@@ -17,13 +18,12 @@ CHAPTERS = {
     "parametrisation": parametrisation_chapter,
     "alignment": alignment_chapter,
     "simulation": simulation_chapter,
+    "codec": codec_chapter,
 }
 """By name, in the order of the page."""
 
 
-def make_atlas(
-    names: Sequence[str] = (), *, quick: bool = False, progress: Progress | None = None
-) -> Report:
+def make_atlas(names: Sequence[str] = (), *, quick: bool = False, progress: Progress | None = None) -> Report:
     """Measure chapters and put them together.
 
     Parameters
@@ -51,8 +51,8 @@ def make_atlas(
     return Report(
         title="Where methods lose stability",
         summary=(
-            "Every method beside its alternatives, over the range where it goes from fine to broken. The side on which "
-            "it fails is shaded. Under each chart: what pdecodec does about it."
+            "Every method beside its alternatives, over the range where it goes from fine to broken. The side on "
+            "which it fails is shaded. Under each chart: what pdecodec does about it."
         ),
         chapters=tuple(chapters),
         settings={"chapters": list(chosen), "coarse axes": quick},
