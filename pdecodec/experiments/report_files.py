@@ -1,4 +1,7 @@
-"""Writing a report: the page, a PNG and a CSV for each exhibit, and one JSON of everything."""
+"""Writing a report: the page, a PNG and a CSV for each exhibit, and one JSON of everything.
+
+Tables that the page shows are written as Markdown too, for documents that quote them.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,13 @@ import io
 import json
 import math
 import platform
+from collections.abc import Iterable
 from pathlib import Path
 
 from pdecodec import __version__
 from pdecodec.experiments.charts import png_of
 from pdecodec.experiments.exhibit import Cell, Report, Table
-from pdecodec.experiments.page import render_page
+from pdecodec.experiments.page import cell_text, render_page
 from pdecodec.whole_output import whole_file
 
 PAGE = "index.html"
@@ -39,6 +43,8 @@ def write_report(report: Report, directory: Path) -> list[Path]:
             pictures[exhibit.name] = png_of(exhibit.draw, exhibit.size)
             written.append(_write(directory / f"{exhibit.name}.png", pictures[exhibit.name]))
         written.append(_write(directory / f"{exhibit.name}.csv", as_csv(exhibit.table).encode()))
+        if exhibit.shows_table:
+            written.append(_write(directory / f"{exhibit.name}.md", as_markdown(exhibit.table).encode()))
     written.append(_write(directory / RECORD, as_json(report, made_with).encode()))
     return [_write(directory / PAGE, render_page(report, pictures, made_with).encode()), *written]
 
@@ -57,6 +63,15 @@ def as_csv(table: Table) -> str:
     writer.writerow(table.columns)
     writer.writerows([["" if cell is None else cell for cell in row] for row in table.rows])
     return text.getvalue()
+
+
+def as_markdown(table: Table) -> str:
+    """A table as Markdown, its figures as the page shows them."""
+
+    def line(cells: Iterable[Cell]) -> str:
+        return "| " + " | ".join(cell_text(cell).replace("|", "\\|") for cell in cells) + " |"
+
+    return "\n".join([line(table.columns), "|---" * len(table.columns) + "|", *map(line, table.rows)]) + "\n"
 
 
 def as_json(report: Report, made_with: dict[str, str]) -> str:

@@ -27,7 +27,7 @@ from pdecodec.sequence import Progress
 
 Float64Array = NDArray[np.float64]
 
-MAP_RATES = np.geomspace(0.05, 20.0, 14)
+MAP_RATES = np.geomspace(0.05, 20.0, 12)
 """Values of alpha and r of the map."""
 
 WITHIN = 2.0

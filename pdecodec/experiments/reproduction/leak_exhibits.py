@@ -13,6 +13,9 @@ from pdecodec.experiments.reproduction.findings import Findings
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+LISTED = 8
+"""Every so many points of the knot are in its table."""
+
 LEAST_SHOWN = 1e-4
 """Errors below, those of rounding, are drawn at the left edge."""
 
@@ -106,7 +109,7 @@ def knot(findings: Findings) -> Exhibit:
 
     points = tuple(
         (index, *(float(value) for array in (shape.fitted, shape.given, shape.drawn) for value in array[index]))
-        for index in range(len(shape.fitted))
+        for index in range(0, len(shape.fitted), LISTED)
     )
     axes = tuple(f"{name} {axis}" for name in ("fitted", "given", "drawn") for axis in "xyz")
     return Exhibit(

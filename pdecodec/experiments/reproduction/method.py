@@ -224,13 +224,27 @@ def least_squares(rows: Float64Array, wanted: Float64Array) -> Float64Array:
     return np.asarray(solution / size[:, None])
 
 
+def _systems(given: Float64Array, wanted: Float64Array) -> list[tuple[Float64Array, Float64Array]]:
+    """Parameter and right sides of each system of Eq. 25: one for all axes where they share u, one an axis else."""
+    rows = wanted.reshape(-1, 3)
+    if given.shape[-1] == 1:
+        return [(given[..., 0], rows)]
+    return [(given[..., axis], rows[:, axis : axis + 1]) for axis in range(3)]
+
+
 def choose_rates(curve: Float64Array, variant: Variant, rates: Iterable[float] = RATES) -> Variant:
     """The alpha and r of least summed squared error at the keyframes, which is all that an encoder may look at."""
-    thin = np.ascontiguousarray(curve[:, ::THINNED])
+    aligned = align(curve[:, ::THINNED], variant.removal).aligned
+    rest, given = aligned[0], parameters(aligned, variant.parameter)[KEYFRAMES]
+    keyframes = aligned[KEYFRAMES] - (rest if variant.target == "displacement" else 0.0)
+    time = np.linspace(0.0, 1.0, len(aligned))[KEYFRAMES]
 
     def error(pair: tuple[float, float]) -> float:
-        result = reconstruct(thin, replace(variant, alpha=pair[0], r=pair[1]))
-        return float(((result.found - result.wanted)[KEYFRAMES] ** 2).sum())
+        total, tried = 0.0, replace(variant, alpha=pair[0], r=pair[1])
+        for u, wanted in _systems(given, keyframes):
+            columns = design(u, time, rest, tried).reshape(u.size, -1)
+            total += float(((columns @ least_squares(columns, wanted) - wanted) ** 2).sum())
+        return total
 
     # At rate 0 the printed functions are dependent; only all 32 have another basis here.
     tried = [rate for rate in rates if rate > 0 or variant.functions == "all 32"]

@@ -76,14 +76,16 @@ def stress(side: int, frames: int) -> Exhibit:
                 panel.plot(values, heights, marker, color=colour, markersize=6.5)
             panel.grid(axis="y", alpha=0.4)
         # Named where the three are apart.
-        row, apart = len(found) - 1 - list(found).index("teleporting"), found["teleporting"]
+        row, apart = len(found) - 1 - list(found).index("topology soup"), found["topology soup"]
+        beside = {"auto": ((0, 10), "center"), "segments": ((8, 0), "left"), "paper": ((-8, 0), "right")}
         for profile, (_, colour) in PROFILES.items():
             left.annotate(
                 profile,
                 (apart[profile][0], row),
-                xytext=(0, 8),
+                xytext=beside[profile][0],
                 textcoords="offset points",
-                ha="center",
+                ha=beside[profile][1],
+                va="center",
                 color=colour,
                 fontsize=8.5,
             )
