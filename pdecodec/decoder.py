@@ -133,7 +133,9 @@ class Animation(MeshSequence):
 
     def _open(self) -> None:
         container, most = self._container, self._limits.max_memory
-        description = decode_sequence_description(container.read("SEQN"), self._open_table())
+        description = decode_sequence_description(
+            container.read("SEQN"), self._open_table(), major=container.major_version
+        )
         vertices = sum(description.vertex_counts)
         self._check_memory(BYTES_PER_VERTEX * vertices, f"{vertices} vertices")
         left = most - BYTES_PER_VERTEX * vertices

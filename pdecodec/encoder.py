@@ -223,7 +223,7 @@ class _Encoder:
         }
         sections = [
             Section("META", encode_remarks(remarks), required=False),
-            Section("SEQN", encode_sequence_description(sequence)),
+            Section("SEQN", encode_sequence_description(sequence, major=1)),
             Section("CONN", encode_connectivity([item.connectivity for item in sequence.objects])),
             Section("REST", self._rest_bytes),
             Section("MODL", self._model_section()),

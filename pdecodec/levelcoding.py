@@ -27,8 +27,8 @@ def _code(
     coder = new_decoder(data) if mode == DECODE else new_coder(mode)
     cells = np.full(model.CELLS, EVEN, np.int64)
     weights = np.full((model.MIXERS, model.MIXED), round(FIRST_WEIGHT * 65536), np.int64)
-    counts, scratch = np.zeros((2, model.ZONES), np.int64), np.zeros((3, 8), np.int64)
-    sound = model.code_levels(coder, data, levels, *basis.units, axes, cells, weights, counts, scratch)
+    counts = np.zeros((2, model.ZONES), np.int64)
+    sound = model.code_levels(coder, data, levels, *basis.units, axes, cells, weights, counts)
     return coder, sound
 
 

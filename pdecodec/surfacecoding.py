@@ -265,9 +265,8 @@ def _code_surface(
     vertices[:, border.BORDER] = -1
     queues = np.full(border.PRIORITIES + 1, -1, np.int32)
     queues[border.PRIORITIES] = 0
-    scratch = np.zeros((2, surface.OPINIONS), np.int64)
     vertex_count = surface.code_surface(
-        coding.coder, coding.data, model.cells, model.weights, scratch, model.state,
+        coding.coder, coding.data, model.cells, model.weights, model.state,
         size, has_border, sizes, sides, vertices, queues, *source,
     )  # fmt: skip
     if vertex_count < 0:
@@ -343,15 +342,16 @@ def _code_order(
     records = np.zeros((corners, 8), np.int32)
     vertices = np.full((count, 2), -1, np.int32)
     order_records.list_corners(coded.sizes, coded.sides, records, vertices)
-    model.face_state[face_order.RECENT : face_order.FIRSTS] = -1
+    model.face_state[face_order.LAST_FIRST] = -1
+    model.face_state[face_order.DIFFERENCES : face_order.FIRSTS] = 0
     model.vertex_state[[vertex_order.LAST_NUMBER, vertex_order.HIGHEST]] = -1
     failed = source_order.code_order(
         coding.coder, coding.data,
         model.face_cells, model.face_weights, model.face_state, model.face_memory,
         model.vertex_cells, model.vertex_weights, model.vertex_state, model.vertex_memory,
-        np.zeros((2, source_order.OPINIONS), np.int64), records, vertices, np.full(count, -1, np.int32),
+        records, vertices, np.full(count, -1, np.int32),
         coded.first_corners, full_set(faces), full_set(count), empty_set(count),
-        np.zeros((face_order.MOST_CANDIDATES, 2), np.int32), firsts, numbers,
+        np.zeros((2, face_order.MOST_CANDIDATES, 2), np.int32), firsts, numbers,
     )  # fmt: skip
     if failed:
         raise CorruptFileError("section ORDR holds an order that does not fit section CONN")

@@ -17,6 +17,7 @@ from pdecodec import (
     MeshSequence,
     encode,
     groupanimation,
+    groupchoice,
     groupencoder,
     groupmodel,
     groups,
@@ -67,7 +68,7 @@ def bending_strips() -> ArraySequence:
 def test_many_patches_and_pieces_decode_to_the_same_bits(
     kind: SpaceKind, points: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(groupencoder, "SPACES", ((kind, points),))
+    monkeypatch.setattr(groupchoice, "SPACES", ((kind, points),))
     path = tmp_path / "a.pdeanim"
     assert_same_positions(bending_strips(), path)
     with open_animation(path) as animation:
@@ -111,8 +112,7 @@ def test_the_numbers_of_version_2_are_the_librarys() -> None:
         f"All weights of 25 are {round(FIRST_WEIGHT * 65536)} at first",
         f"n = min(n + 1, {rangecoder.SLOWEST})",
         f"half = {spline.HALF_WINDOW} where the largest h is at most {spline.EVEN} times",
-        f"{groupanimation.BYTES_PER_FUNCTION} for each vertex and function of a patch",
-        f"| {groupanimation.BYTES_PER_LEVEL} for each vertex and column of the widest group",
+        f"{groupanimation.BYTES_PER_LEVEL} for each vertex and column of the widest group",
         f"| {groupanimation.BYTES_PER_MODE} for each frame and function of time",
     ):
         assert said in text, said

@@ -15,20 +15,18 @@ from pdecodec.kernels.face_order import (
     BY_PLACE,
     BY_VERTEX,
     CANDIDATE,
-    RECENT,
-    RECENT_FACES,
+    LAST_FIRST,
+    MOST_SIDES,
     SLOT,
-    SLOT_BEFORE,
-    SLOT_LONG_BEFORE,
-    SLOT_NOW,
     code_corner,
     code_first,
     code_listed,
     code_place,
     code_side,
     code_vertex_there,
-    find_candidates,
     first_known,
+    next_candidates,
+    remember_face,
 )
 from pdecodec.kernels.order_records import AFTER, FACE, NUMBER, VERTEX, number_at, take_face
 from pdecodec.kernels.rangecoder import DECODE, MODE
@@ -56,7 +54,6 @@ def code_order(
     vertex_weights: Int64Array,
     vertex_state: Int64Array,
     vertex_memory: Int64Array,
-    scratch: Int64Array,
     corners: Int32Array,
     vertices: Int32Array,
     vertex_of: Int32Array,
@@ -77,14 +74,13 @@ def code_order(
     face_cells : (FACE_ORDER_CELLS,) int64, changed
     face_weights : (FACE_ORDER_DECISIONS, OPINIONS) int64, changed
     face_state : (FACE_STATE_SIZE,) int64, changed
-        RECENT to FIRSTS are -1 at the beginning of each object.
+        LAST_FIRST to FIRSTS are -1, then 0, at the beginning of each object.
     face_memory : (MEMORY_SIZE,) int64, changed
     vertex_cells : (VERTEX_ORDER_CELLS,) int64, changed
     vertex_weights : (PROPOSALS, OPINIONS) int64, changed
     vertex_state : (VERTEX_STATE_SIZE,) int64, changed
         LAST_NUMBER and HIGHEST are -1 at the beginning of each object.
     vertex_memory : (MEMORY_SIZE,) int64, changed
-    scratch : (2, OPINIONS) int64
     corners, vertices
         As :func:`pdecodec.kernels.order_records.list_corners` leaves them, changed: vertices get their numbers.
     vertex_of : (vertices,) int32
@@ -93,7 +89,7 @@ def code_order(
         A corner of each face, in the order of the surface.
     left_faces, left_numbers, live : changed
         Full sets of faces and of numbers, and an empty one of numbers; see :mod:`pdecodec.kernels.ranks`.
-    candidates : (MOST_CANDIDATES, 2) int32
+    candidates : (2, MOST_CANDIDATES, 2) int32
         Scratch.
     firsts : (faces,) int32
         The first corner of every face, in the order of the source; written when decoding.
@@ -106,22 +102,19 @@ def code_order(
         0, or BROKEN.
     """
     decoding = coder[MODE] == DECODE
-    live_count = 0
+    live_count = count = 0
     left_count = vertex_of.size
     for position in range(firsts.size):
-        first = face = -1
+        first = face = entry = -1
         if not decoding:
             first = firsts[position]
             face = corners[first, FACE]
-        entry = -1
         slot = BY_PLACE
-        count = find_candidates(face_state, corners, candidates)
+        around = candidates[position % 2]
         if count > 0:
-            place = code_side(
-                coder, data, face_cells, face_weights, scratch, face_state, corners, candidates, count, face
-            )
+            place = code_side(coder, data, face_cells, face_weights, face_state, corners, around, count, face)
             if place >= 0:
-                entry, slot = candidates[place, CANDIDATE], candidates[place, SLOT]
+                entry, slot = around[place, CANDIDATE], around[place, SLOT]
         if entry < 0 and live_count > 0:
             steps = wanted = vertex = -1
             if not decoding:
@@ -131,7 +124,9 @@ def code_order(
                     for _ in range(steps):
                         wanted = corners[wanted, AFTER]
                     vertex = corners[wanted, VERTEX]
-            steps = code_corner(coder, data, face_cells, face_weights, scratch, face_state, steps)
+            steps = code_corner(coder, data, face_cells, face_weights, face_state, steps)
+            if steps >= MOST_SIDES:
+                return BROKEN
             if steps >= 0:
                 vertex = code_vertex_there(
                     coder, data, face_cells, face_state, face_memory, corners, vertices, vertex_of, live, live_count,
@@ -140,19 +135,17 @@ def code_order(
                 if vertex < 0:
                     return BROKEN
                 entry = code_listed(
-                    coder, data, face_cells, face_weights, scratch, face_state, corners, vertices, vertex, steps, wanted
+                    coder, data, face_cells, face_weights, face_state, corners, vertices, vertex, steps, wanted
                 )
                 if entry < 0:
                     return BROKEN
                 slot = BY_VERTEX
         if entry < 0:
-            last = 0 if position == 0 else corners[face_state[RECENT], FACE]
+            last = 0 if position == 0 else corners[face_state[LAST_FIRST], FACE]
             face = code_place(coder, data, face_cells, left_faces, firsts.size - position, last, face)
             if face < 0:
                 return BROKEN
             entry = face_corners[face]
-        face_state[SLOT_LONG_BEFORE], face_state[SLOT_BEFORE] = face_state[SLOT_BEFORE], face_state[SLOT_NOW]
-        face_state[SLOT_NOW] = slot
         phase = max(slot - BY_PLACE + 1, 0)
         corner = entry
         while True:
@@ -160,7 +153,7 @@ def code_order(
                 vertex = corners[corner, VERTEX]
                 number = 0 if decoding else numbers[vertex]
                 number = code_vertex_number(
-                    coder, data, vertex_cells, vertex_weights, scratch, vertex_state, vertex_memory, phase, slot,
+                    coder, data, vertex_cells, vertex_weights, vertex_state, vertex_memory, phase, slot,
                     corners, vertices, vertex_of, left_numbers, left_count, corner, number,
                 )  # fmt: skip
                 if number < 0:
@@ -179,13 +172,10 @@ def code_order(
         if slot == BY_VERTEX:
             first = entry
         else:
-            first = code_first(
-                coder, data, face_cells, face_weights, scratch, face_state, corners, vertices, entry, first
-            )
+            first = code_first(coder, data, face_cells, face_weights, face_state, corners, vertices, slot, entry, first)
         firsts[position] = first
-        for age in range(RECENT_FACES - 1, 0, -1):
-            face_state[RECENT + age] = face_state[RECENT + age - 1]
-        face_state[RECENT] = first
+        remember_face(face_state, corners, vertices, first, slot)
         include(left_faces, corners[first, FACE], -1)
         live_count -= take_face(corners, vertices, live, first)
+        count = next_candidates(corners, first, around, count, candidates[1 - position % 2])
     return 0

@@ -68,7 +68,6 @@ def code_vertex_number(
     data: UInt8Array,
     cells: Int64Array,
     weights: Int64Array,
-    scratch: Int64Array,
     state: Int64Array,
     memory: Int64Array,
     phase: int,
@@ -89,7 +88,6 @@ def code_vertex_number(
             return BROKEN
         memorise(memory, number - last)
         return number
-    chosen = scratch[0]
     before = number_at(corners, vertices, corners[corner, BEFORE])
     after = number_at(corners, vertices, corners[corner, AFTER])
     grid = _grid_number(corners, vertices, corner)
@@ -116,9 +114,11 @@ def code_vertex_number(
         if not new:
             continue
         base = kind * _PROPOSAL_CELLS
-        chosen[0] = base + recent * SLOTS + slot
-        chosen[1] = base + _AROUND + around * (FARTHEST + 1) + min(abs(last - before), FARTHEST)
-        if code_mixed(coder, data, cells, chosen, weights[kind], scratch[1], proposal == number):
+        chosen = (
+            base + recent * SLOTS + slot,
+            base + _AROUND + around * (FARTHEST + 1) + min(abs(last - before), FARTHEST),
+        )
+        if code_mixed(coder, data, cells, chosen, weights[kind], proposal == number):
             right = kind
             number = proposal
             break

@@ -36,7 +36,7 @@ class Animation:
 def decode(data: bytes) -> Animation:
     """Decode the bytes of a file; CorruptFileError says what is wrong with it."""
     container = read_container(data)
-    description = read_description(container["SEQN"])
+    description = read_description(container["SEQN"], container.major_version)
     read_connectivity(container["CONN"], description.meshes)
     read_attributes(container.sections.get("ATTR", b""), description.meshes)
     read_motion = _read_segment_motion if container.major_version == 1 else _read_group_motion
