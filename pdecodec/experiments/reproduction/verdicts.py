@@ -12,6 +12,9 @@ from pdecodec.experiments.reproduction.method import PRINTED, RATES
 
 Judgement = Literal["reproduced", "reproduced with a condition", "not reproduced"]
 
+QUICK = 0.1
+"""Share of the simulation's time under which a fit is called quick beside it."""
+
 SAME_SHARE = 1.1
 """Errors within ten per cent of each other are called equal."""
 
@@ -173,15 +176,17 @@ def _rigid(findings: Findings) -> Verdict:
     )
 
 
-def _splines_time(findings: Findings) -> Verdict:
-    fine = findings.routes[0]
+def _fit_time(findings: Findings) -> Verdict:
+    fine, quick = findings.routes[0].seconds, findings.routes[1].fit_seconds
+    share = findings.printed_fit_seconds / fine
     return Verdict(
         "The reconstruction itself is quick: 0.293 s for 24 curves.",
         f"{printed.SECONDS_PDE} s, {printed.SECONDS_PDE / printed.SECONDS_ALL_FRAMES:.1%} of XPBD's time",
-        f"{findings.printed_fit_seconds:.2f} s, {findings.printed_fit_seconds / fine.seconds:.1%} of XPBD's time; "
-        f"with one u for all axes and frames {findings.routes[1].fit_seconds:.2f} s",
-        "reproduced",
-        "Fit and evaluation are small beside the simulation.",
+        f"as printed {findings.printed_fit_seconds:.2f} s, {share:.1%} of XPBD's time; with one u for all axes and "
+        f"frames {quick:.2f} s, {quick / fine:.1%}",
+        "reproduced" if share < QUICK else "reproduced with a condition",
+        "Small beside the simulation where all axes and frames share one u; u of Eq. 24 asks for a matrix of its own "
+        "for each axis, three times as much.",
     )
 
 
@@ -193,7 +198,7 @@ CLAIMS: tuple[Callable[[Findings], Verdict], ...] = (
     _variables,
     _variables_against_splines,
     _time,
-    _splines_time,
+    _fit_time,
     _continuous,
     _physics,
 )
