@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-com
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test lint types bench bench-rd corpus docs vectors clean
+.PHONY: demo test lint types bench bench-rd corpus reproduce stability paper docs vectors clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
@@ -29,6 +29,16 @@ bench: $(INSTALLED)
 # make bench-rd SEQUENCES="a.npz b.npz" OPTIONS="--tolerance 1e-3 --no-peers"
 bench-rd: $(INSTALLED)
 	$(BIN)/python -m pdecodec.experiments.rate_distortion $(if $(SEQUENCES),--sequences $(SEQUENCES)) $(OPTIONS)
+
+# The paper reproduced and judged, and the atlas of stability; docs/paper keeps what the README quotes.
+reproduce: $(INSTALLED)
+	$(BIN)/pdecodec reproduce -o out/paper
+
+stability: $(INSTALLED)
+	$(BIN)/pdecodec stability -o out/stability
+
+paper: reproduce stability
+	$(BIN)/python docs/make_paper.py out/paper out/stability docs/paper
 
 docs: $(INSTALLED)
 	$(BIN)/python docs/make_cli.py docs/cli.md
