@@ -15,7 +15,9 @@ def register_built_in_formats() -> None:
             magic=(b"\x89PDEANIM\r\n\x1a\n",),
             reader="pdecodec.formats.pdeanim:open_pdeanim",
             write_with="pdecodec.encoder.encode (`pdecodec encode`)",
+            holds_transforms=True,
             keeps="whatever its source held",
+            loses="positions are within the error bound asked for",
         )
     )
     register_format(
@@ -26,7 +28,9 @@ def register_built_in_formats() -> None:
             reader="pdecodec.formats.obj:open_obj",
             writer="pdecodec.formats.obj_writer:write_obj",
             frame_per_file=True,
-            keeps="objects, faces, lines, UVs, vertex colours, groups, materials, smoothing groups",
+            keeps="objects, faces, lines, main UV set with seams, vertex colours, groups, materials, smoothing groups, "
+            "times (in a comment)",
+            loses="other attributes, up axis and unit",
         )
     )
     register_format(
@@ -37,6 +41,7 @@ def register_built_in_formats() -> None:
             magic=(b"PK\x03\x04",),
             reader="pdecodec.formats.npz:open_npz",
             writer="pdecodec.formats.npz:write_npz",
+            holds_transforms=True,
             keeps="everything",
         )
     )
@@ -48,6 +53,32 @@ def register_built_in_formats() -> None:
             magic=(b"\x89HDF\r\n\x1a\n",),
             reader="pdecodec.formats.hdf5:open_hdf5",
             writer="pdecodec.formats.hdf5:write_hdf5",
+            holds_transforms=True,
             keeps="everything",
+        )
+    )
+    register_format(
+        Format(
+            name="mdd",
+            title="MDD point cache",
+            extensions=(".mdd",),
+            reader="pdecodec.formats.mdd:open_mdd",
+            writer="pdecodec.formats.mdd:write_mdd",
+            options=("mesh",),
+            keeps="positions, times (float32)",
+            loses="faces, names and attributes; they come from --mesh",
+        )
+    )
+    register_format(
+        Format(
+            name="pc2",
+            title="PC2 point cache",
+            extensions=(".pc2",),
+            magic=(b"POINTCACHE2\0",),
+            reader="pdecodec.formats.pc2:open_pc2",
+            writer="pdecodec.formats.pc2:write_pc2",
+            options=("mesh",),
+            keeps="positions, start and step in frames",
+            loses="the frame rate, irregular times; faces, names and attributes come from --mesh",
         )
     )
