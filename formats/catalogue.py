@@ -82,3 +82,23 @@ def register_built_in_formats() -> None:
             loses="the frame rate, irregular times; faces, names and attributes come from --mesh",
         )
     )
+    register_format(
+        Format(
+            name="alembic",
+            title="Alembic",
+            extensions=(".abc",),
+            magic=(b"Ogawa",),
+            shared_magic=(b"\x89HDF\r\n\x1a\n",),
+            reader="pdecodec.formats.alembic:open_alembic",
+            writer="pdecodec.formats.alembic_writer:write_alembic",
+            extra="abc",
+            options=("transforms", "skip_unsupported"),
+            holds_transforms=True,
+            holds_velocities=True,
+            keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, "
+            "face sets, constant parameters, transforms (--transforms keep), instances as objects of their own, irregular "
+            "times, velocities (written)",
+            loses="normals, stored velocities, parameters that change, cameras and lights, NURBS, changing "
+            "connectivity, files of the HDF5 kind",
+        )
+    )

@@ -55,6 +55,8 @@ class Format:
         Lower case, with the dot.
     magic : tuple of bytes
         What files of this format begin with; empty where nothing tells them apart.
+    shared_magic : tuple of bytes
+        What some of them begin with that is another format's too: a zip archive, an HDF5 file.
     reader, writer : str or None
         ``"module:function"``, imported at first use (:class:`Reader`, :class:`Writer`).
     write_with : str
@@ -77,6 +79,7 @@ class Format:
     title: str
     extensions: tuple[str, ...]
     magic: tuple[bytes, ...] = ()
+    shared_magic: tuple[bytes, ...] = ()
     reader: str | None = None
     writer: str | None = None
     write_with: str = ""
@@ -259,7 +262,8 @@ def _format_to_read(path: Path) -> Format:
     entry = _by_extension(path)
     if path.exists():
         content = _by_magic(path)
-        if entry is not None and content is not None and content is not entry:
+        disputed = entry is not None and content is not None and not set(content.magic) <= set(entry.shared_magic)
+        if entry is not None and content is not None and content is not entry and disputed:
             raise InputError(
                 f"is a {content.title} file ({content.name}) in spite of its name; rename it to end in "
                 f"{content.extensions[0]}",
