@@ -103,7 +103,7 @@ def decode(
         chosen = _chosen(animation, at=at, times=times, fps=fps, frames=frames, outside=outside)
         positions = place(select_objects(chosen, objects), up_axis=up_axis, scale=scale)
         sequences = [positions]
-        speeds = None
+        speeds: MeshSequence | None = None
         if velocities:
             speeds = SampledAnimation(animation, chosen.times, quantity="velocities", outside=outside)
             speeds = place(select_objects(speeds, objects), up_axis=up_axis, scale=scale)

@@ -193,13 +193,12 @@ class _Shape:
 
 def _open_archive(path: Path) -> Any:
     try:
-        head = path.open("rb").read(len(HDF5_IDENTIFIER))
+        with path.open("rb") as file:
+            head = file.read(len(HDF5_IDENTIFIER))
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror}); check the file", path=path) from error
     if head == HDF5_IDENTIFIER:
-        raise InputError(
-            "is an Alembic file of the old HDF5 kind; convert it to Ogawa (abcconvert -toOgawa)", path=path
-        )
+        raise InputError("is an HDF5-backed Alembic file; convert it to Ogawa first (abcconvert -toOgawa)", path=path)
     try:
         archive = Abc.IArchive(str(path))
     except RuntimeError as error:

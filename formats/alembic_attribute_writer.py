@@ -184,7 +184,8 @@ class AttributeWriter:
         return True
 
     def _put(self, kind: str, name: str, scope: Any, values: NDArray[Any], indices: NDArray[Any] | None) -> None:
-        array = _ARRAYS.get(kind, vector_array)(values)
+        make: Callable[[Any], Any] = _ARRAYS.get(kind, vector_array)
+        array = make(values)
         sample_type = getattr(AbcGeom, f"O{kind}GeomParamSample")
         sample = sample_type(array, scope) if indices is None else sample_type(array, unsigned_array(indices), scope)
         metadata = AbcCoreAbstract.MetaData()

@@ -74,7 +74,7 @@ def read_extras(shape: Geometry, connectivity: Connectivity, order: NDArray[np.i
         _read_uvs(schema.getUVsParam(), connectivity, order, extras)
         if shape.kind == "mesh" and schema.getNormalsParam().valid():
             extras.left_out.append("normals")
-        _read_face_sets(schema, connectivity.face_count, extras)
+        _read_face_sets(shape, connectivity.face_count, extras)
     if schema.getVelocitiesProperty().valid():
         extras.left_out.append("velocities")
     parameters = schema.getArbGeomParams()
@@ -105,10 +105,14 @@ def as_corners(attribute: Attribute, connectivity: Connectivity) -> Attribute:
     return Attribute(attribute.name, "corner", attribute.values, rows[connectivity.face_indices], attribute.labels)
 
 
-def _read_face_sets(schema: Any, faces: int, extras: Extras) -> None:
+def _read_face_sets(shape: Geometry, faces: int, extras: Extras) -> None:
     sets: dict[str, list[tuple[str, NDArray[np.integer]]]] = {GROUP: [], MATERIAL: []}
-    for name in schema.getFaceSetNames():
-        face_set = schema.getFaceSet(name)
+    # By the tree: the schema's own list of names is sorted.
+    for index in range(shape.node.getNumChildren()):
+        if not AbcGeom.IFaceSet.matches(shape.node.getChildHeader(index)):
+            continue
+        name = shape.node.getChildHeader(index).getName()
+        face_set = AbcGeom.IFaceSet(shape.node, name)
         members = to_numpy(face_set.getSchema().getValue().getFaces())
         if members.size and not 0 <= members.min() <= members.max() < faces:
             extras.left_out.append(f"face set {name} (it names faces that are not there)")

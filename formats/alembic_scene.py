@@ -102,8 +102,8 @@ class Geometry:
     path : str
         Names from the top, without the leading slash.
     kind : {"mesh", "subdivision", "curves", "points"}
-    schema : object
-        Of the binding.
+    schema, node : object
+        Of the binding: what the shape is, and its place in the tree.
     chain : tuple of Transform
         From the one above the shape up to the top.
     """
@@ -111,6 +111,7 @@ class Geometry:
     path: str
     kind: str
     schema: Any
+    node: Any
     chain: tuple[Transform, ...]
 
     @property
@@ -173,7 +174,7 @@ def _visit(
         return
     for kind, shape in _GEOMETRY.items():
         if shape.matches(header):
-            scene.shapes.append(Geometry(path, kind, shape(child, wrap).getSchema(), chain))
+            scene.shapes.append(Geometry(path, kind, shape(child, wrap).getSchema(), child, chain))
             break
     else:
         if AbcGeom.INuPatch.matches(header):

@@ -22,6 +22,7 @@ colours.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,7 +121,7 @@ def face_sets(item: MeshObject, name: str) -> list[tuple[str, Int32Array]]:
     return found
 
 
-def expanded(attribute: Attribute) -> NDArray[np.generic]:
+def expanded(attribute: Attribute) -> NDArray[Any]:
     """Values with one row for each element of the domain; zeros where an element has none."""
     if attribute.indices is None:
         return attribute.values

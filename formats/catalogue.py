@@ -96,7 +96,7 @@ def register_built_in_formats() -> None:
             holds_transforms=True,
             holds_velocities=True,
             keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, "
-            "face sets, constant parameters, transforms (--transforms keep), instances as objects of their own, irregular "
+            "face sets, constant parameters, transforms (--transforms keep), instances as objects, irregular "
             "times, velocities (written)",
             loses="normals, stored velocities, parameters that change, cameras and lights, NURBS, changing "
             "connectivity, files of the HDF5 kind",

@@ -81,7 +81,10 @@ def write_pc2(
         If the place is taken or cannot be written to.
     """
     rate = sequence.fps if fps is None else fps
-    notices = (CACHE_NOTICE.format("PC2"), f"PC2 does not say its frame rate: read it with --fps {rate:.9g}")
+    notices: tuple[str, ...] = (
+        CACHE_NOTICE.format("PC2"),
+        f"PC2 does not say its frame rate: read it with --fps {rate:.9g}",
+    )
     rule = regular_times(sequence.times, rate)
     start = float(sequence.times[0]) * rate
     step = 1.0 if rule is None else rate / rule.rate

@@ -28,7 +28,8 @@ class RegularTimes:
 def merged_times(groups: Sequence[Float64Array]) -> Float64Array:
     """Every time of several lists, once, in order; times within :data:`SAME_TIME` are one."""
     every = np.sort(np.concatenate(groups))
-    return every[np.concatenate([[True], np.diff(every) > SAME_TIME])]
+    kept: Float64Array = every[np.concatenate([[True], np.diff(every) > SAME_TIME])]
+    return kept
 
 
 def round_rate(rate: float) -> float:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import SettingsError
 from pdecodec.formats.transforms import COLUMNS, TRANSFORM, transform_of
-from pdecodec.sequence import Attribute, Float32Array, Float64Array, MeshObject, MeshSequence
+from pdecodec.sequence import Attribute, Float32Array, MeshObject, MeshSequence
 
 UP_AXIS, UNIT = "up_axis", "unit"
 
@@ -94,7 +94,7 @@ class PlacedSequence(MeshSequence):
         if up_axis is not None and known is not None:
             turn = _TO_Y[known] @ _TO_Y[up_axis].T
         self._source = source
-        self._turn: Float64Array = turn * scale
+        self._turn = turn.astype(np.float64) * scale
         self._kept = [transform_of(item) is not None for item in source.objects]
         self.objects = tuple(self._placed(item) for item in source.objects)
         self.times, self.fps = source.times, source.fps
@@ -129,7 +129,7 @@ class PlacedSequence(MeshSequence):
         axes = np.abs(self._turn).argmax(axis=0)
         factors = self._turn[axes, np.arange(3)].astype(np.float32)
         with np.errstate(over="ignore"):
-            placed = points[..., axes] * factors
+            placed: Float32Array = points[..., axes] * factors
         first = 0
         for item, kept in zip(self.objects, self._kept, strict=True):
             if kept:

@@ -113,7 +113,7 @@ def test_a_cache_truncated_at_any_length_is_refused(tmp_path: Path, extension: s
     whole = (tmp_path / f"x.{extension}").read_bytes()
     for length in range(len(whole)):
         (tmp_path / f"y.{extension}").write_bytes(whole[:length])
-        with pytest.raises(InputError, match="truncated|ends inside its header|header says|no PC2"):
+        with pytest.raises(InputError, match=r"truncated|ends inside its header|header says|no PC2"):
             open_sequence(tmp_path / f"y.{extension}", fps=25)
 
 
