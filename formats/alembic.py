@@ -115,7 +115,9 @@ class AlembicSequence(MeshSequence):
         stored = _stored_rate(self._archive, samplings)
         rate, notices = rate_or_default(stored, fps)
         if not moving:
-            return self._shapes[0].times[:1], rate, notices if fps is not None else ()
+            # Nothing moves, but may have been sampled all the same.
+            still = max((sample_times(shape.positions) for shape in self._shapes), key=len)
+            return snapped_times(still, stored or rate), rate, notices if still.size > 1 else ()
         times = merged_times(moving)
         return snapped_times(times, stored or rate), rate, notices
 

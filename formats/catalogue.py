@@ -102,3 +102,23 @@ def register_built_in_formats() -> None:
             "connectivity, files of the HDF5 kind",
         )
     )
+    register_format(
+        Format(
+            name="usd",
+            title="USD",
+            extensions=(".usd", ".usda", ".usdc", ".usdz"),
+            magic=(b"PXR-USDC", b"#usda 1.0"),
+            shared_magic=(b"PK\x03\x04",),
+            reader="pdecodec.formats.usd:open_usd",
+            writer="pdecodec.formats.usd_writer:write_usd",
+            extra="usd",
+            options=("transforms", "skip_unsupported"),
+            holds_transforms=True,
+            holds_velocities=True,
+            keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, "
+            "other constant primvars, face subsets and material names, transforms (--transforms keep), irregular "
+            "times, up axis, unit, velocities (written); UsdSkel and blend shapes are applied",
+            loses="normals, stored velocities, primvars that change, creases, cameras and lights, materials but for "
+            "their names, implicit shapes, point instancers, changing connectivity",
+        )
+    )

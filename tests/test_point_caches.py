@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
 from pathlib import Path
 
@@ -125,11 +126,8 @@ def test_a_header_with_any_byte_flipped_gives_frames_or_our_error(tmp_path: Path
         damaged = bytearray(whole)
         damaged[place] ^= 0xFF
         (tmp_path / f"y.{extension}").write_bytes(damaged)
-        try:
-            with open_sequence(tmp_path / f"y.{extension}", fps=25) as read:
-                assert read.read_frames(0, read.frame_count).shape == (read.frame_count, read.vertex_count, 3)
-        except InputError as error:
-            assert error.path is not None
+        with contextlib.suppress(InputError), open_sequence(tmp_path / f"y.{extension}", fps=25) as read:
+            assert read.read_frames(0, read.frame_count).shape == (read.frame_count, read.vertex_count, 3)
 
 
 def test_bytes_after_the_last_frame_are_told(tmp_path: Path) -> None:
