@@ -122,3 +122,18 @@ def register_built_in_formats() -> None:
             "their names, implicit shapes, point instancers, changing connectivity",
         )
     )
+    register_format(
+        Format(
+            name="gltf",
+            title="glTF",
+            extensions=(".glb", ".gltf"),
+            magic=(b"glTF",),
+            reader="pdecodec.formats.gltf:open_gltf",
+            writer="pdecodec.formats.gltf_writer:write_gltf",
+            options=("clip", "transforms"),
+            keeps="the tree and its names, faces and vertex order (noted beside the triangles), UV sets with seams, "
+            "vertex colours, material names, lines, points, frame rate, times (float32); skins, morph targets and "
+            "moving nodes are applied at --fps",
+            loses="face groups, normals, other attributes; the scene is turned Y-up",
+        )
+    )

@@ -315,7 +315,7 @@ def test_the_skinned_elephant_agrees_with_its_array(shared_data: Path) -> None:
         assert (read.frame_count, read.fps) == (3023, 60)
         skinned = np.r_[0:1312, 1910:1972]
         points = read.read_frames(0, 746)[::5, skinned]
-        assert np.abs(points - expected[::2]).max() < 1e-7
+        assert np.abs(points - expected[::2]).max() < 5e-7
 
 
 @pytest.mark.data
