@@ -188,7 +188,7 @@ def _choose_clip(file: GltfFile, name: str | None) -> tuple[Clip | None, tuple[s
     if not entries:
         return None, ()
     index = 0 if name is None else names.index(name)
-    notices = ()
+    notices: tuple[str, ...] = ()
     if name is None and len(names) > 1:
         notices = (f"has {len(names)} animations, {names[0]!r} is taken; --clip names another: {', '.join(names)}",)
     return read_clip(file, index), notices

@@ -121,7 +121,7 @@ def _cut_at_seams(connectivity: Connectivity, sets: list[Attribute]) -> tuple[ND
     order = np.argsort(first, kind="stable")
     rows = np.empty(len(keys), np.int64)
     seen = np.zeros(connectivity.vertex_count, bool)
-    extra = []
+    extra: list[int] = []
     for key in order.tolist():
         vertex = int(keys[key, 0])
         if seen[vertex]:
