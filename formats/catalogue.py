@@ -137,3 +137,113 @@ def register_built_in_formats() -> None:
             loses="face groups, normals, other attributes; the scene is turned Y-up",
         )
     )
+    _register_scientific_formats()
+
+
+def _register_scientific_formats() -> None:
+    register_format(
+        Format(
+            name="xdmf",
+            title="XDMF and HDF5",
+            extensions=(".xdmf", ".xmf"),
+            reader="pdecodec.formats.xdmf:open_xdmf",
+            writer="pdecodec.formats.xdmf:write_xdmf",
+            keeps="faces, lines, times",
+            loses="names of objects, attributes, up axis and unit; changing connectivity",
+        )
+    )
+    register_format(
+        Format(
+            name="pvd",
+            title="ParaView collection of VTU files",
+            extensions=(".pvd",),
+            reader="pdecodec.formats.pvd:open_pvd",
+            writer="pdecodec.formats.vtu_writer:write_pvd",
+            keeps="faces, lines, times, vertex colours (written)",
+            loses="names of objects (numbers stay, as point data), other attributes, up axis and unit",
+        )
+    )
+    register_format(
+        Format(
+            name="vtu",
+            title="VTK unstructured grid, one file a frame",
+            extensions=(".vtu",),
+            reader="pdecodec.formats.meshio_files:open_vtu",
+            writer="pdecodec.formats.vtu_writer:write_vtu",
+            frame_per_file=True,
+            keeps="faces, lines, vertex colours (written)",
+            loses="names of objects (numbers stay, as point data), other attributes, times (frames are numbered)",
+        )
+    )
+    register_format(
+        Format(
+            name="vtp",
+            title="VTK polygonal data, one file a frame",
+            extensions=(".vtp",),
+            reader="pdecodec.formats.vtp:open_vtp",
+            frame_per_file=True,
+            write_with="a .vtu or .pvd file",
+            keeps="faces, lines, points",
+            loses="data of points and cells, triangle strips, times (frames are numbered)",
+        )
+    )
+    register_format(
+        Format(
+            name="vtk",
+            title="VTK legacy file, one a frame",
+            extensions=(".vtk",),
+            reader="pdecodec.formats.meshio_files:open_vtk",
+            frame_per_file=True,
+            write_with="a .vtu or .pvd file",
+            keeps="faces, lines",
+            loses="data of points and cells, times (frames are numbered)",
+        )
+    )
+    register_format(
+        Format(
+            name="exodus",
+            title="Exodus II",
+            extensions=(".e", ".exo", ".ex2"),
+            shared_magic=(b"\x89HDF\r\n\x1a\n",),
+            reader="pdecodec.formats.exodus:open_exodus",
+            write_with="a .xdmf file",
+            keeps="shells, surfaces and bars, times, displacements",
+            loses="other variables, names of blocks, volume elements",
+        )
+    )
+    register_format(
+        Format(
+            name="ply",
+            title="PLY, one file a frame",
+            extensions=(".ply",),
+            reader="pdecodec.formats.meshio_files:open_ply",
+            writer="pdecodec.formats.ply_writer:write_ply",
+            frame_per_file=True,
+            keeps="faces, vertex colours (8 bits)",
+            loses="names of objects, UVs, other attributes, times (frames are numbered); edges are written, not read",
+        )
+    )
+    register_format(
+        Format(
+            name="stl",
+            title="STL, one file a frame",
+            extensions=(".stl",),
+            reader="pdecodec.formats.soup_files:open_stl",
+            frame_per_file=True,
+            write_with="a .ply file",
+            keeps="triangles, three vertices each",
+            loses="normals, times (frames are numbered)",
+        )
+    )
+    register_format(
+        Format(
+            name="off",
+            title="OFF, one file a frame",
+            extensions=(".off",),
+            reader="pdecodec.formats.soup_files:open_off",
+            frame_per_file=True,
+            write_with="a .ply file",
+            keeps="faces, lines",
+            loses="colours and normals, times (frames are numbered)",
+        )
+    )
