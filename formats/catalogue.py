@@ -220,7 +220,7 @@ def _register_scientific_formats() -> None:
             writer="pdecodec.formats.ply_writer:write_ply",
             frame_per_file=True,
             keeps="faces, vertex colours (8 bits)",
-            loses="names of objects, UVs, other attributes, times (frames are numbered); edges are written, not read",
+            loses="names of objects, UVs, lines, other attributes, times (frames are numbered)",
         )
     )
     register_format(

@@ -1,4 +1,4 @@
-"""PLY files out, binary and little-endian, one a frame: vertices, faces of any size, edges, colours."""
+"""PLY files out, binary and little-endian, one a frame: vertices, faces of any size, colours."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def write_ply(
     notices = []
     if len(sequence.objects) > 1 or sequence.objects[0].name != "mesh":
         notices.append("PLY has no names: objects are one mesh")
-    if any((item.connectivity.line_counts > 2).any() for item in sequence.objects):
-        notices.append("PLY has edges of two points: longer lines are cut into them")
+    if sequence.connectivity.line_count:
+        notices.append("lines are left out: readers of PLY take its edges for damage")
     notices += left_out(sequence, "PLY", lambda item, one: _held_color(item) is one)
     return (*notices, "PLY has no times: frames are numbered")
 
@@ -62,17 +62,14 @@ class _PlyFile:
         names = ("red", "green", "blue", "alpha")[:channels]
         self._vertex = np.dtype([("position", "<f4", 3), ("color", "u1", channels)])
         faces = _polygons(connectivity.face_counts, connectivity.face_indices)
-        edges = _edges(connectivity.line_counts, connectivity.line_indices)
         head = ["ply", "format binary_little_endian 1.0", f"element vertex {sequence.vertex_count}"]
         head += [f"property float {axis}" for axis in "xyz"]
         head += [f"property uchar {name}" for name in names]
         if connectivity.face_count:
             size = "uchar" if connectivity.face_counts.max() < 256 else "int"
             head += [f"element face {connectivity.face_count}", f"property list {size} int vertex_indices"]
-        if len(edges):
-            head += [f"element edge {len(edges)}", "property int vertex1", "property int vertex2"]
         self._head = ("\n".join([*head, "end_header"]) + "\n").encode("ascii")
-        self._tail = faces + edges.astype("<i4").tobytes()
+        self._tail = faces
 
     def of_frame(self, points: Float32Array) -> bytes:
         rows = np.empty(len(points), self._vertex)
@@ -113,13 +110,3 @@ def _polygons(counts: NDArray[np.int32], indices: NDArray[np.int32]) -> bytes:
     places = np.repeat(starts + size, counts) + 4 * within
     data[places[:, None] + np.arange(4)] = indices.astype("<i4").view(np.uint8).reshape(-1, 4)
     return data.tobytes()
-
-
-def _edges(counts: NDArray[np.int32], indices: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(edges, 2): lines cut into pairs."""
-    if indices.size < 2:
-        return np.zeros((0, 2), np.int32)
-    ends = np.cumsum(counts) - 1
-    inside = np.ones(indices.size - 1, bool)
-    inside[ends[ends < indices.size - 1]] = False
-    return np.column_stack([indices[:-1][inside], indices[1:][inside]])

@@ -52,6 +52,7 @@ class Refusals:
         """
         if objects:
             return
-        left = f"{len(self.found)} that cannot be read" if self.found else ""
-        there = ", ".join(part for part in (kinds, left) if part) or "nothing at all"
-        raise InputError(f"holds no mesh, curve or point animation: there is {there}")
+        if self.found:
+            first = self.found[0]
+            raise InputError(f"nothing is left of it: object {first.name!r} has {first.feature}", frame=first.frame)
+        raise InputError(f"holds no mesh, curve or point animation: there is {kinds or 'nothing at all'}")
