@@ -25,8 +25,11 @@ MINOR_VERSION = 0
 HEADER = struct.Struct("<12sHHIII")
 """Identifier, major and minor version, number of sections, CRC-32 of the table, CRC-32 of all before."""
 
-ENTRY = struct.Struct("<4sIQQII")
-"""Type, flags, offset, length, CRC-32, reserved (0)."""
+ENTRY_1 = struct.Struct("<4sIQQII")
+"""Of version 1: type, flags, offset, length, CRC-32, reserved (0)."""
+
+ENTRY = struct.Struct("<4sBQI")
+"""Type, flags, length, CRC-32: a section begins where the one before it ends."""
 
 REQUIRED = 1
 """Section flag: a decoder that does not know this type must refuse the file."""
@@ -121,16 +124,19 @@ def write_container(
     with whole_file(path, overwrite=overwrite) as partial, partial.open("wb") as file:
         for piece in container_pieces(sections, major=major):
             file.write(piece)
-    return section_sizes(sections)
+    return section_sizes(sections, major=major)
 
 
 def container_pieces(sections: Sequence[Section], *, major: int = 1) -> Iterator[bytes]:
     """The bytes of a file, a piece at a time: header, table, sections."""
-    offset = HEADER.size + ENTRY.size * len(sections)
+    offset = HEADER.size + entry_size(major) * len(sections)
     table = b""
     for section in sections:
-        flags = REQUIRED if section.required else 0
-        table += ENTRY.pack(section.type.encode("ascii"), flags, offset, section.length, section.checksum, 0)
+        kind, flags = section.type.encode("ascii"), REQUIRED if section.required else 0
+        if major == 1:
+            table += ENTRY_1.pack(kind, flags, offset, section.length, section.checksum, 0)
+        else:
+            table += ENTRY.pack(kind, flags, section.length, section.checksum)
         offset += section.length
     unsealed = HEADER.pack(IDENTIFIER, major, MINOR_VERSION, len(sections), zlib.crc32(table), 0)[:-4]
     yield unsealed + struct.pack("<I", zlib.crc32(unsealed))
@@ -139,10 +145,15 @@ def container_pieces(sections: Sequence[Section], *, major: int = 1) -> Iterator
         yield from section.pieces()
 
 
-def section_sizes(sections: Sequence[Section]) -> dict[str, int]:
+def entry_size(major: int) -> int:
+    """Bytes of a row of the table of sections."""
+    return ENTRY_1.size if major == 1 else ENTRY.size
+
+
+def section_sizes(sections: Sequence[Section], *, major: int = 1) -> dict[str, int]:
     """Bytes of each section, and of header and table as ``"container"``."""
     return {
-        "container": HEADER.size + ENTRY.size * len(sections),
+        "container": HEADER.size + entry_size(major) * len(sections),
         **{section.type: section.length for section in sections},
     }
 
@@ -188,12 +199,13 @@ class ContainerReader:
         self.major_version, self.minor_version = major, minor
         if count > MAX_SECTIONS:
             raise CorruptFileError(f"declares {count} sections, at most {MAX_SECTIONS} can be", path=self.path)
-        table = self._file.read(ENTRY.size * count)
-        if len(table) < ENTRY.size * count or zlib.crc32(table) != table_checksum:
+        table = self._file.read(entry_size(major) * count)
+        if len(table) < entry_size(major) * count or zlib.crc32(table) != table_checksum:
             raise CorruptFileError("its table of sections is damaged", path=self.path, offset=HEADER.size)
         entries: dict[str, SectionEntry] = {}
         expected = HEADER.size + len(table)
-        for raw_type, flags, offset, length, checksum, _ in ENTRY.iter_unpack(table):
+        for row in (ENTRY_1 if major == 1 else ENTRY).iter_unpack(table):
+            raw_type, flags, offset, length, checksum = row[:5] if major == 1 else (*row[:2], expected, *row[2:])
             kind = raw_type.decode("ascii", "backslashreplace")
             if offset != expected:
                 raise CorruptFileError(f"section {kind} is not where the one before it ends", path=self.path)

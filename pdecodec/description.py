@@ -26,8 +26,12 @@ from pdecodec.sequence import (
 
 Float64Array = NDArray[np.float64]
 
-TIMES_STEPPED, TIMES_COUNTED, TIMES_LISTED = 0, 1, 2
-"""How times are stored: ``start + i / rate``, ``(start + i) / rate``, or one by one."""
+TIMES_STEPPED, TIMES_COUNTED, TIMES_LISTED, TIMES_BY_PERIOD = 0, 1, 2, 3
+"""How times are stored: ``start + i / rate``, ``(start + i) / rate``, one by one, or (from version 2 on)
+``start + i (1 / rate)``, which rounds otherwise."""
+
+TIME_RULES = {1: (TIMES_COUNTED, TIMES_STEPPED), 2: (TIMES_COUNTED, TIMES_STEPPED, TIMES_BY_PERIOD)}
+"""By major version of the format, in the order in which they are tried."""
 
 DOMAINS: tuple[AttributeDomain, ...] = ("vertex", "face", "corner", "object")
 
@@ -65,11 +69,11 @@ class SequenceDescription:
     vertex_counts: tuple[int, ...]
 
 
-def encode_sequence_description(sequence: MeshSequence) -> bytes:
-    """Section SEQN: frames, times, objects."""
+def encode_sequence_description(sequence: MeshSequence, *, major: int) -> bytes:
+    """Section SEQN of a major version of the format: frames, times, objects."""
     writer = FieldWriter()
     writer.numbers("Qd", sequence.frame_count, sequence.fps)
-    kind, start, rate = _time_rule(sequence.times, sequence.fps)
+    kind, start, rate = _time_rule(sequence.times, sequence.fps, TIME_RULES[major])
     writer.numbers("Bdd", kind, start, rate)
     if kind == TIMES_LISTED:
         writer.sized(compress(sequence.times.astype("<f8").tobytes()))
@@ -80,7 +84,7 @@ def encode_sequence_description(sequence: MeshSequence) -> bytes:
     return writer.to_bytes()
 
 
-def decode_sequence_description(data: bytes, most_frames: int) -> SequenceDescription:
+def decode_sequence_description(data: bytes, most_frames: int, *, major: int) -> SequenceDescription:
     """Undo :func:`encode_sequence_description`.
 
     Parameters
@@ -88,6 +92,8 @@ def decode_sequence_description(data: bytes, most_frames: int) -> SequenceDescri
     data : bytes
     most_frames : int
         Frames that the segments of the file can hold.
+    major : int
+        Version of the format.
     """
     reader = FieldReader(data, "SEQN")
     (frames,), (fps,) = reader.integers("Q"), reader.reals("d")
@@ -101,7 +107,7 @@ def decode_sequence_description(data: bytes, most_frames: int) -> SequenceDescri
         if len(raw) != 8 * frames:
             raise CorruptFileError("section SEQN has too few times")
         times = np.frombuffer(raw, "<f8").astype(np.float64)
-    elif kind in (TIMES_STEPPED, TIMES_COUNTED) and rate > 0:
+    elif kind in TIME_RULES[major] and rate > 0:
         times = _ruled_times(kind, start, rate, frames)
     else:
         raise CorruptFileError(f"section SEQN stores its times in an unknown way ({kind}, rate {rate})")
@@ -120,11 +126,13 @@ def decode_sequence_description(data: bytes, most_frames: int) -> SequenceDescri
 
 def _ruled_times(kind: int, start: float, rate: float, frames: int) -> Float64Array:
     steps = np.arange(frames, dtype=np.float64)
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
+        if kind == TIMES_BY_PERIOD:
+            return start + steps * (1.0 / rate)
         return start + steps / rate if kind == TIMES_STEPPED else (start + steps) / rate
 
 
-def _time_rule(times: Float64Array, fps: float) -> tuple[int, float, float]:
+def _time_rule(times: Float64Array, fps: float, rules: Sequence[int]) -> tuple[int, float, float]:
     """The rule that gives `times` to the last bit, if one does."""
     frames = times.size
     start = float(times[0])
@@ -135,7 +143,8 @@ def _time_rule(times: Float64Array, fps: float) -> tuple[int, float, float]:
     for rate in rates:
         if not (math.isfinite(rate) and rate > 0):
             continue
-        for kind, first in ((TIMES_COUNTED, float(np.rint(start * rate))), (TIMES_STEPPED, start)):
+        for kind in rules:
+            first = float(np.rint(start * rate)) if kind == TIMES_COUNTED else start
             if np.array_equal(_ruled_times(kind, first, rate, frames), times):
                 return kind, first, rate
     return TIMES_LISTED, 0.0, 0.0

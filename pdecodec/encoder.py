@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pdecodec.basis import TIME_FUNCTIONS
 from pdecodec.coefficients import decode_segment, dequantise_segment, encode_segment
-from pdecodec.connectivity import encode_connectivity
+from pdecodec.connectivity_version_1 import encode_connectivity
 from pdecodec.container import Section, Spool, container_pieces, section_sizes, write_container
 from pdecodec.corrections import NO_CORRECTIONS, add_corrections, correct_frame, correction_step, encode_corrections
 from pdecodec.cost import decode_alone
@@ -223,7 +223,7 @@ class _Encoder:
         }
         sections = [
             Section("META", encode_remarks(remarks), required=False),
-            Section("SEQN", encode_sequence_description(sequence)),
+            Section("SEQN", encode_sequence_description(sequence, major=1)),
             Section("CONN", encode_connectivity([item.connectivity for item in sequence.objects])),
             Section("REST", self._rest_bytes),
             Section("MODL", self._model_section()),

@@ -118,11 +118,12 @@ def correct_group(
     """
     from pdecodec.kernels.corrections import correct_misses, find_misses
 
-    starts = np.zeros(len(points) + 1, np.int64)
-    find_misses(points, base, order, bound, starts)
+    missed, counts = np.empty(points.shape[:2], np.bool_), np.empty(len(points), np.int64)
+    find_misses(points, base, bound, missed, counts)
+    starts = np.append(0, np.cumsum(counts))
     count = int(starts[-1])
     places, levels, within = np.empty(count, np.int64), np.empty((count, 3), np.int64), np.empty(count, np.bool_)
-    correct_misses(points, base, order, bound, step, places, levels, within)
+    correct_misses(points, base, order, bound, step, missed, starts, places, levels, within)
     if within.all():
         none = no_corrections(len(points))
         return GroupCorrections(starts, places, levels, none.literal_frame_starts, none.literal_places, none.literals)
@@ -363,10 +364,8 @@ def _coding(mode: int, data: UInt8Array, starts: Int64Array) -> Coding:
     return Coding(
         new_decoder(data) if mode == DECODE else new_coder(mode),
         np.array(data) if mode == DECODE else data,
-        np.full(CELLS + starts.size - 1 + int(starts[-1]), EVEN, np.int64),
+        np.full(CELLS + starts.size - 1 + 2 * int(starts[-1]), EVEN, np.int64),
         np.full((MIXERS, OPINIONS), FIRST_WEIGHT, np.int64),
-        np.zeros(OPINIONS, np.int64),
-        np.zeros(OPINIONS, np.int64),
         np.zeros((FILTERS, INPUTS), np.int64),
         np.zeros(INPUTS, np.int64),
         np.zeros(8, np.int64),

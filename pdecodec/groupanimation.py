@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.connectivity_version_2 import BYTES_PER_CORNER, decode_connectivity
 from pdecodec.decodecache import DecodeCache
 from pdecodec.decoder import Animation
 from pdecodec.errors import CorruptFileError, SettingsError
 from pdecodec.group_corrections import GroupCorrections, add_frame, decode_group
 from pdecodec.groupmodel import GroupModelDescription
-from pdecodec.groups import GroupFunctions, GroupTable, evaluate_group, group_functions, read_group_table
+from pdecodec.groups import (
+    CHUNK_SECTIONS,
+    GroupFunctions,
+    GroupTable,
+    evaluate_group,
+    group_functions,
+    read_group_table,
+)
 from pdecodec.levelcoding import decode_levels
 from pdecodec.modes import decode_modes
 from pdecodec.paperform import PaperForm
 from pdecodec.restcoding import decode_rest
+from pdecodec.sequence import Connectivity
 from pdecodec.spacebasis import SpaceBasis, build_space_basis
 from pdecodec.spline import FrameSpline
 
@@ -25,16 +36,10 @@ Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 
 BYTES_PER_LEVEL = 40
-"""Peak memory of a group, per coefficient: level, value, row of the transform, and twice the value on a vertex."""
-
-BYTES_PER_FUNCTION = 16
-"""Peak memory of a space basis, per vertex and function of its patch: float64, and its turned copy."""
+"""Peak memory of a group, per coefficient: level, value, its share of the joints, and the value on a vertex."""
 
 BYTES_PER_MODE = 120
 """Peak memory of modes, per frame and mode: three axes of levels and values, and their copies."""
-
-TIMES_AT_ONCE = 64
-"""Times evaluated together: their weights are small, and the compiled loop runs along them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,19 +55,24 @@ class _DecodedGroup:
 class GroupAnimation(Animation):
     """An animation whose motion is modes or cosines over groups of frames."""
 
-    KNOWN_SECTIONS = frozenset({"META", "SEQN", "CONN", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR", "ATTR"})
+    KNOWN_SECTIONS = frozenset({"META", "SEQN", "CONN", "ORDR", "REST", "MODL", "GRUP", *CHUNK_SECTIONS, "ATTR"})
+
+    BYTES_PER_CORNER = BYTES_PER_CORNER
 
     def _open_table(self) -> int:
         self._table: GroupTable = read_group_table(self._container.read("GRUP"))
         return self._table.frames
 
+    def _decode_connectivity(self, vertex_counts: Sequence[int], most_corners: int) -> list[Connectivity]:
+        container = self._container
+        order = container.read("ORDR") if "ORDR" in container.entries else b""
+        return decode_connectivity(container.read("CONN"), order, vertex_counts, most_corners)
+
     def _open_motion(self, left: int) -> None:
         self._table.check_sections(self._container)
         self._description = GroupModelDescription.from_bytes(self._container.read("MODL"))
         vertices = self.vertex_count
-        functions = min(self._description.functions, self._description.points)
         self._left = left
-        self._take(BYTES_PER_FUNCTION * vertices * functions, f"{functions} functions on patches, {vertices} vertices")
         widest = max((entry.width for entry in self._table.entries), default=0)
         self._take(BYTES_PER_LEVEL * vertices * widest, f"{widest} functions of time on {vertices} vertices")
         longest = max(entry.frames * entry.functions for entry in self._table.entries)
@@ -94,16 +104,21 @@ class GroupAnimation(Animation):
     def _decode(self, index: int) -> _DecodedGroup:
         entry = self._table.entries[index]
         time, coefficients, corrected = self._table.read_chunks(self._container, index)
-        modes = np.zeros((entry.frames, 3, 0))
-        if entry.basis == "modal":
-            modes = decode_modes(time, entry.frames, entry.functions, entry.mode_step)
-        elif time:
+        if entry.basis != "modal" and time:
             raise CorruptFileError("section TIME has modes of a group that needs none")
-        levels = decode_levels(coefficients, self._space, entry.width, axes=entry.axes)
-        functions = group_functions(entry, modes, self._space.expand(np.multiply(levels, entry.step, dtype=np.float64)))
-        return _DecodedGroup(
-            functions, decode_group(corrected, entry.frames, self._space.starts, most_bytes=self._left)
-        )
+
+        def beside() -> tuple[Float64Array, GroupCorrections]:
+            modes = np.zeros((entry.frames, 3, 0))
+            if entry.basis == "modal":
+                modes = decode_modes(time, entry.frames, entry.functions, entry.mode_step)
+            return modes, decode_group(corrected, entry.frames, self._space.starts, most_bytes=self._left)
+
+        # The three chunks know nothing of each other, and the compiled loops let other threads run.
+        with ThreadPoolExecutor(1) as pool:
+            found = pool.submit(beside)
+            levels = decode_levels(coefficients, self._space, entry.width, axes=entry.axes)
+            modes, corrections = found.result()
+        return _DecodedGroup(group_functions(entry, modes, levels, self._space), corrections)
 
     def _evaluate(self, times: Float64Array) -> Float32Array:
         out = np.empty((times.size, self.vertex_count, 3), np.float32)
@@ -113,12 +128,23 @@ class GroupAnimation(Animation):
         start = 0
         while start < times.size:
             stop = start
-            while stop < times.size and is_frame[stop] and group[stop] == group[start] and stop - start < TIMES_AT_ONCE:
+            while (
+                stop < times.size
+                and is_frame[stop]
+                and left[stop] - left[start] == stop - start
+                and group[stop] == group[start]
+            ):
                 stop += 1
             if stop > start:
                 found = self._group(int(group[start])).functions
-                rows = found.time[left[start:stop] - self._table.firsts[group[start]]]
-                out[start:stop] = evaluate_group(found, rows, self._rest, self._space.order)
+                first = int(left[start] - self._table.firsts[group[start]])
+                evaluate_group(
+                    found,
+                    slice(first, first + stop - start),
+                    self._rest,
+                    self._space.order,
+                    out[start:stop],
+                )
                 start = stop
             else:
                 moved = self._between(float(times[start]), 0) + self._rest

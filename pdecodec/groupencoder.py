@@ -6,14 +6,14 @@ import itertools
 import math
 import time
 import zlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.connectivity import encode_connectivity
+from pdecodec.connectivity_version_2 import encode_connectivity
 from pdecodec.container import Section, Spool, container_pieces, section_sizes, write_container
 from pdecodec.corrections import LAST_BINADE, correction_step
 from pdecodec.description import encode_attributes, encode_remarks, encode_sequence_description
@@ -21,6 +21,15 @@ from pdecodec.encodereport import EncodeReport, counted, generator
 from pdecodec.errors import SettingsError
 from pdecodec.framewindow import checked_frames
 from pdecodec.group_corrections import add_frame, encode_group
+from pdecodec.groupchoice import (
+    FIRST_CHOICE,
+    SPACES,
+    ChosenGroup,
+    choose_group,
+    choose_space,
+    divided,
+    forgotten,
+)
 from pdecodec.groupfit import FittedGroup, GroupFitter, encode_motion
 from pdecodec.groupmodel import GroupModelDescription
 from pdecodec.groups import CHUNK_SECTIONS, TimeBasis
@@ -29,7 +38,7 @@ from pdecodec.restcoding import decode_rest, encode_rest
 from pdecodec.restshape import quantise_rest
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
-from pdecodec.spacebasis import MOST_FUNCTIONS, SpaceBasis, SpaceKind, build_space_basis
+from pdecodec.spacebasis import MOST_FUNCTIONS, SpaceBasis
 
 Float32Array = NDArray[np.float32]
 
@@ -44,42 +53,17 @@ REST_STEP_OF_ONE_FRAME = 1.1
 GROUP_BYTES = 2**28
 """Memory for the displacements of a group, float64."""
 
+BASIS_BYTES = 2**29
+"""Memory for the functions of all patches, float64: a mesh of millions of vertices gets fewer of them."""
+
+FEWEST_FUNCTIONS = 16
+"""Functions of a patch however large the mesh is."""
+
 LONGEST_GROUP = 512
 """Frames of a group at most: principal trajectories take the cube of their number."""
 
 SHORTEST_GROUP = 8
 """Frames of a group however large the mesh is."""
-
-STEPS = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 32.0, 64.0)
-"""Quantisation steps to choose from, in units."""
-
-START = STEPS.index(2.8)
-
-MODE_STEPS = (0.7, 1.0, 1.4)
-"""Steps of the modes to choose from, over that of the coefficients."""
-
-FUNCTIONS = (1, 4, 16, 32, 48, 64, 96)
-"""Functions of a patch to choose from, besides a complete space; the least that does, does."""
-
-NARROW_MAY_COST = 1.02
-"""Bits that fewer functions may cost: building functions takes the square of their number, for every reader."""
-
-SPACES: tuple[tuple[SpaceKind, int], ...] = (
-    ("patch", 128),
-    ("patch", 64),
-    ("patch", 32),
-    ("patch", 16),
-    ("curve", 64),
-    ("curve", 128),
-)
-"""Space bases to choose from; the quick efforts look at the first ones only."""
-
-
-@dataclass(frozen=True)
-class _Choice:
-    time: TimeBasis
-    steps: int
-    mode_steps: int
 
 
 class GroupEncoder:
@@ -101,7 +85,8 @@ class GroupEncoder:
         share = REST_STEP_OF_ONE_FRAME if sequence.frame_count == 1 else REST_STEP
         self._rest_bytes = encode_rest(quantise_rest(first, share * self._unit), sequence.objects)
         self._rest = decode_rest(self._rest_bytes, sequence.objects)
-        self._space: tuple[SpaceKind, int, int] = (*SPACES[0], MOST_FUNCTIONS)
+        self._functions = min(MOST_FUNCTIONS, max(FEWEST_FUNCTIONS, BASIS_BYTES // (8 * max(1, sequence.vertex_count))))
+        self._space = SPACES[0]
         self._largest_square, self._sum_of_squares, self._corrections = 0.0, 0.0, 0
         self._entries: list[bytes] = []
         self._chosen: list[FittedGroup] = []
@@ -112,18 +97,17 @@ class GroupEncoder:
         spools = [Spool(None if path is None else path.parent) for _ in CHUNK_SECTIONS]
         try:
             basis: SpaceBasis | None = None
-            usual = _Choice("modal", START, 1)
+            usual, effort = FIRST_CHOICE, self._settings.effort
             for begin, end in self._group_ranges():
                 fitter = self._fitter(begin, end)
                 if basis is None:
-                    basis = self._choose_space(fitter)
-                    usual, fitted = self._choose(fitter, basis, usual)
-                    basis, fitted = self._narrowed(fitter, basis, usual, fitted)
+                    basis, parts = self._first_groups(fitter)
                 else:
-                    usual, fitted = self._choose(fitter, basis, usual)
-                if begin == 0:
-                    self._explained = fitter.explained(fitted.entry.functions)
-                self._write_group(fitter, basis, fitted, spools)
+                    group = choose_group(fitter, basis, usual, effort=effort)
+                    parts = divided(group, basis, effort=effort)
+                usual = parts[-1].choice
+                for part in parts:
+                    self._write_group(part, basis, spools)
                 if self._progress:
                     self._progress(end, self._sequence.frame_count, "encoding")
             assert basis is not None  # a sequence has a frame
@@ -136,7 +120,7 @@ class GroupEncoder:
         finally:
             for spool in spools:
                 spool.close()
-        return self._report(path, data, section_sizes(sections), basis)
+        return self._report(path, data, section_sizes(sections, major=MAJOR_VERSION), basis)
 
     def _group_ranges(self) -> list[tuple[int, int]]:
         frames = self._sequence.frame_count
@@ -157,63 +141,33 @@ class GroupEncoder:
             correction_step=self._correction_step,
         )
 
-    def _choose_space(self, fitter: GroupFitter) -> SpaceBasis:
-        """The space basis in which the first group's coefficients take fewest bits."""
-        looked_at = SPACES[: 1 + self._settings.effort // 2] if fitter.trajectories else SPACES[:1]
-        found: list[tuple[float, SpaceBasis, tuple[SpaceKind, int]]] = []
-        for kind, points in looked_at:
-            basis = self._build(kind, points, MOST_FUNCTIONS)
-            bits = fitter.level_bits(basis, STEPS[START], "modal") if fitter.trajectories else 0.0
-            found.append((bits, basis, (kind, points)))
-        _, basis, chosen = min(found, key=lambda item: item[0])
-        self._space = (*chosen, MOST_FUNCTIONS)
+    def _first_groups(self, fitter: GroupFitter) -> tuple[SpaceBasis, list[ChosenGroup]]:
+        """The space basis, and the groups that the first frames are divided into."""
+        effort = self._settings.effort
+        basis = self._choose_space([(fitter, "modal")])
+        parts = divided(choose_group(fitter, basis, FIRST_CHOICE, effort=effort), basis, effort=effort)
+        if len(parts) > 1 or parts[0].choice.time != "modal":
+            # What is left to space is another thing now.
+            usual = self._space
+            basis = self._choose_space([(part.fitter, part.choice.time) for part in parts])
+            if self._space != usual:
+                parts = [choose_group(part.fitter, basis, part.choice, effort=effort) for part in parts]
+        return basis, parts
+
+    def _choose_space(self, groups: Sequence[tuple[GroupFitter, TimeBasis]]) -> SpaceBasis:
+        basis, self._space = choose_space(
+            groups,
+            self._sequence.objects,
+            self._rest.levels,
+            functions=self._functions,
+            effort=self._settings.effort,
+        )
         return basis
 
-    def _narrowed(
-        self, fitter: GroupFitter, basis: SpaceBasis, choice: _Choice, fitted: FittedGroup
-    ) -> tuple[SpaceBasis, FittedGroup]:
-        """The basis with as few functions a patch as the first group's accuracy asks for."""
-        kind, points, _ = self._space
-        for functions in FUNCTIONS:
-            if functions >= points:
-                break
-            narrow = self._build(kind, points, functions)
-            rival = fitter.fit(narrow, choice.time, STEPS[choice.steps], MODE_STEPS[choice.mode_steps])
-            if rival.bits <= NARROW_MAY_COST * fitted.bits:
-                self._space = (kind, points, functions)
-                return narrow, rival
-        return basis, fitted
-
-    def _build(self, kind: SpaceKind, points: int, functions: int) -> SpaceBasis:
-        return build_space_basis(kind, self._sequence.objects, self._rest.levels, points=points, functions=functions)
-
-    def _choose(self, fitter: GroupFitter, basis: SpaceBasis, usual: _Choice) -> tuple[_Choice, FittedGroup]:
-        """Time basis and steps that cost least, walking downhill from those of the group before."""
-        found: dict[_Choice, FittedGroup] = {}
-
-        def cost(choice: _Choice) -> float:
-            if choice not in found:
-                found[choice] = fitter.fit(basis, choice.time, STEPS[choice.steps], MODE_STEPS[choice.mode_steps])
-                best = min(found, key=lambda item: found[item].bits)
-                for other in list(found):  # only the best is kept whole
-                    if other != best and found[other].levels.size:
-                        found[other] = _forgotten(found[other])
-            return found[choice].bits
-
-        choice = _walk(usual, "steps", len(STEPS), cost)
-        if self._settings.effort > 1 and fitter.trajectories:
-            other: TimeBasis = "pde" if choice.time == "modal" else "modal"
-            if cost(replace(choice, time=other)) < OTHER_WORTH_A_LOOK * cost(choice):
-                rival = _walk(replace(choice, time=other), "steps", len(STEPS), cost)
-                choice = min(choice, rival, key=cost)
-            if choice.time == "modal":
-                choice = _walk(choice, "mode_steps", len(MODE_STEPS), cost)
-                choice = _walk(choice, "steps", len(STEPS), cost)
-        return choice, found[choice]
-
-    def _write_group(
-        self, fitter: GroupFitter, basis: SpaceBasis, fitted: FittedGroup, spools: Sequence[Spool]
-    ) -> None:
+    def _write_group(self, group: ChosenGroup, basis: SpaceBasis, spools: Sequence[Spool]) -> None:
+        fitter, fitted = group.fitter, group.fitted
+        if not self._chosen:
+            self._explained = fitter.explained(fitted.entry.functions)
         # From the bytes, as the decoder does it: what is measured is what the file gives.
         time_chunk, coefficients, functions = encode_motion(fitted, basis)
         corrections = fitter.corrections(basis, functions)
@@ -232,7 +186,7 @@ class GroupEncoder:
             checksum=zlib.crc32(b"".join(chunks)),
         )
         self._entries.append(entry.to_bytes())
-        self._chosen.append(_forgotten(fitted))
+        self._chosen.append(forgotten(fitted))
 
     def _measure(self, points: Float32Array, decoded: Float32Array) -> None:
         from pdecodec.kernels.motion import exceeding
@@ -245,24 +199,26 @@ class GroupEncoder:
 
     def _sections(self, basis: SpaceBasis, spools: Sequence[Spool]) -> list[Section]:
         sequence = self._sequence
-        kind, points, functions = self._space
+        kind, points = self._space
         description = GroupModelDescription(
             space=kind,
             points=points,
-            functions=functions,
+            functions=self._functions,
             correction_step=self._correction_step,
             columns=basis.columns,
         )
         remarks = {
             "generator": generator(),
-            "settings": self._settings.to_json(),
+            "settings": self._settings.changed(),
             "metadata": dict(sequence.metadata),
             "summary": self._summary(basis),
         }
+        connectivity, order = encode_connectivity([item.connectivity for item in sequence.objects])
         sections = [
             Section("META", encode_remarks(remarks), required=False),
-            Section("SEQN", encode_sequence_description(sequence)),
-            Section("CONN", encode_connectivity([item.connectivity for item in sequence.objects])),
+            Section("SEQN", encode_sequence_description(sequence, major=MAJOR_VERSION)),
+            Section("CONN", connectivity),
+            *([Section("ORDR", order)] if order else []),
             Section("REST", self._rest_bytes),
             Section("MODL", description.to_bytes()),
             Section("GRUP", b"".join(self._entries)),
@@ -310,31 +266,3 @@ class GroupEncoder:
             summary=self._summary(basis),
             data=data,
         )
-
-
-OTHER_WORTH_A_LOOK = 1.25
-"""Another time basis is tuned where untuned it costs less than this many times the best."""
-
-
-def _forgotten(fitted: FittedGroup) -> FittedGroup:
-    """Without its arrays: what is needed to compare and to report."""
-    return replace(
-        fitted,
-        modes=np.zeros((0, 3, 0)),
-        levels=np.zeros((0, 0), np.int64),
-        functions=replace(fitted.functions, time=np.zeros((0, 3, 0)), planes=np.zeros((1, 0, 0))),
-    )
-
-
-def _walk(start: _Choice, name: str, length: int, cost: Callable[[_Choice], float]) -> _Choice:
-    """Walk both ways along one of a choice's numbers, 0 to ``length - 1``, while the next costs less."""
-    best = start
-    for direction in (1, -1):
-        here, index = start, getattr(start, name)
-        while 0 <= index + direction < length:
-            beyond = replace(here, **{name: index + direction})
-            if not cost(beyond) < cost(here):
-                break
-            here, index = beyond, index + direction
-        best = min(best, here, key=cost)
-    return best

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pdecodec.group_corrections import GroupCorrections, correct_group, measure_group
 from pdecodec.groups import (
+    SINGLE_IS_ENOUGH,
     GroupEntry,
     GroupFunctions,
     TimeBasis,
@@ -20,6 +21,7 @@ from pdecodec.groups import (
 )
 from pdecodec.levelcoding import encode_levels, measure_levels
 from pdecodec.modes import encode_modes, measure_modes
+from pdecodec.principal import principal_trajectories
 from pdecodec.spacebasis import SpaceBasis
 
 Float32Array = NDArray[np.float32]
@@ -90,7 +92,19 @@ class GroupFitter:
         frames, vertices, _ = points.shape
         moved = points.astype(np.float64) - rest
         moved[np.abs(moved) > FARTHEST_STEPS * unit] = 0.0
+        largest = float(np.abs(moved).max(initial=0.0))
+        self._single = unit >= SINGLE_IS_ENOUGH * largest
         self._moved = np.ascontiguousarray(moved.transpose(1, 0, 2)).reshape(vertices, 3 * frames)
+
+    def part(self, frames: slice) -> GroupFitter:
+        """Some of its frames, as a group of their own."""
+        return GroupFitter(
+            self.points[frames],
+            self._rest,
+            bound=self._bound,
+            unit=self._unit,
+            correction_step=self._correction_step,
+        )
 
     @property
     def frames(self) -> int:
@@ -98,30 +112,19 @@ class GroupFitter:
 
     @cached_property
     def _principal(self) -> tuple[Float64Array, Float64Array]:
-        """Principal trajectories: energies (n,), falling, and unit trajectories (3 frames, n)."""
-        moved = self._moved
-        if moved.shape[1] <= moved.shape[0]:
-            energies, axes = np.linalg.eigh(moved.T @ moved)
-            energies, axes = energies[::-1], axes[:, ::-1]
-        else:
-            energies, sides = np.linalg.eigh(moved @ moved.T)
-            energies, sides = energies[::-1], sides[:, ::-1]
-            axes = moved.T @ sides
-            axes /= np.maximum(np.sqrt((axes * axes).sum(axis=0)), 1e-300)
-        largest = axes[np.argmax(np.abs(axes), axis=0), np.arange(axes.shape[1])]
-        return np.maximum(energies, 0.0), axes * np.where(largest < 0.0, -1.0, 1.0)
+        """The principal trajectories that are worth looking at: energies (n,), falling, and trajectories."""
+        least = (TAIL * self._unit) ** 2 * self._moved.shape[0] * self.frames
+        energies, axes = principal_trajectories(self._moved, least)
+        return energies[:MOST_FUNCTIONS], axes[:, :MOST_FUNCTIONS]
 
-    @cached_property
+    @property
     def trajectories(self) -> int:
         """How many trajectories are worth looking at."""
-        energies, _ = self._principal
-        left = np.append(np.cumsum(energies[::-1])[::-1], 0.0)
-        least = (TAIL * self._unit) ** 2 * self._moved.shape[0] * self.frames
-        return min(int(np.argmax(left <= least)), MOST_FUNCTIONS)
+        return int(self._principal[0].size)
 
     @cached_property
     def _modal_coefficients(self) -> Float64Array:
-        return self._moved @ self._principal[1][:, : self.trajectories]
+        return self._moved @ self._principal[1]
 
     @cached_property
     def _cosine_coefficients(self) -> Float64Array:
@@ -133,9 +136,8 @@ class GroupFitter:
 
     def explained(self, functions: int) -> float:
         """Share of the motion's energy that the leading trajectories carry."""
-        energies, _ = self._principal
-        total = float(energies.sum())
-        return float(energies[:functions].sum()) / total if total > 0 else 1.0
+        total = float(np.vdot(self._moved, self._moved))
+        return float(self._principal[0][:functions].sum()) / total if total > 0 else 1.0
 
     def level_bits(self, basis: SpaceBasis, steps: float, time_basis: TimeBasis) -> float:
         """Bits of the coefficients alone at a step of `steps` units: to compare space bases by."""
@@ -155,33 +157,40 @@ class GroupFitter:
             used = np.flatnonzero(levels.any(axis=0))
             count = int(used[-1]) // 3 + 1 if used.size else 0
             levels = np.ascontiguousarray(levels[:, : 3 * count])
-            entry = GroupEntry(self.frames, count, "pde", step, step, (0, 0, 0), 0)
+            entry = self._entry(count, "pde", step, step)
             bits = 0.0
         if entry.width:
             bits += measure_levels(levels, basis, axes=entry.axes)
-        functions = group_functions(entry, decoded_modes, basis.expand(np.multiply(levels, step, dtype=np.float64)))
+        functions = group_functions(entry, decoded_modes, levels, basis)
         corrections = self.corrections(basis, functions)
         return FittedGroup(entry, modes, levels, functions, bits + measure_group(corrections, basis.starts))
+
+    def _entry(self, functions: int, basis: TimeBasis, step: float, mode_step: float) -> GroupEntry:
+        return GroupEntry(self.frames, functions, basis, self._single, step, mode_step, (0, 0, 0), 0)
 
     def _fit_modal(
         self, basis: SpaceBasis, step: float, mode_step: float
     ) -> tuple[GroupEntry, Float64Array, Float64Array, Int64Array, float]:
         energies, axes = self._principal
         used = np.flatnonzero(_quantise(basis.project(self._modal_coefficients), step).any(axis=0))
-        scaled = (axes[:, used] * np.sqrt(energies[used])).reshape(self.frames, 3, used.size)
-        bits, decoded = measure_modes(scaled, mode_step) if used.size else (0.0, scaled)
-        unit = normalised_modes(decoded).reshape(3 * self.frames, used.size)
-        # Decoded trajectories are no longer quite orthogonal, and coarse ones may coincide: least squares.
-        inverse = np.linalg.pinv(unit.T @ unit, rcond=ALIKE, hermitian=True) if used.size else np.zeros((0, 0))
-        values = (self._moved @ unit) @ inverse
-        levels = _quantise(basis.project(values), step)
-        entry = GroupEntry(self.frames, int(used.size), "modal", step, mode_step, (0, 0, 0), 0)
-        return entry, scaled, decoded, levels, bits
+        while True:
+            scaled = (axes[:, used] * np.sqrt(energies[used])).reshape(self.frames, 3, used.size)
+            bits, decoded = measure_modes(scaled, mode_step) if used.size else (0.0, scaled)
+            unit = normalised_modes(decoded).reshape(3 * self.frames, used.size)
+            # Decoded trajectories are no longer quite orthogonal, and coarse ones may coincide: least squares.
+            inverse = np.linalg.pinv(unit.T @ unit, rcond=ALIKE, hermitian=True) if used.size else np.zeros((0, 0))
+            levels = _quantise(basis.project((self._moved @ unit) @ inverse), step)
+            needed = levels.any(axis=0)
+            if needed.all():
+                return self._entry(int(used.size), "modal", step, mode_step), scaled, decoded, levels, bits
+            used = used[needed]
 
     def decoded(self, basis: SpaceBasis, functions: GroupFunctions) -> Float32Array:
         """Positions at the frames, before corrections."""
         rest = np.ascontiguousarray(self._rest[basis.order].T)
-        return evaluate_group(functions, functions.time, rest, basis.order)
+        out = np.empty(self.points.shape, np.float32)
+        evaluate_group(functions, slice(None), rest, basis.order, out)
+        return out
 
     def corrections(self, basis: SpaceBasis, functions: GroupFunctions) -> GroupCorrections:
         """For the vertices that miss the bound."""
@@ -205,5 +214,4 @@ def encode_motion(fitted: FittedGroup, basis: SpaceBasis) -> tuple[bytes, bytes,
     if entry.basis == "modal" and entry.functions:
         time, modes = encode_modes(fitted.modes, entry.mode_step)
     coefficients = encode_levels(fitted.levels, basis, axes=entry.axes) if entry.width else b""
-    values = basis.expand(np.multiply(fitted.levels, entry.step, dtype=np.float64))
-    return time, coefficients, group_functions(entry, modes, values)
+    return time, coefficients, group_functions(entry, modes, fitted.levels, basis)

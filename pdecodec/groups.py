@@ -20,16 +20,27 @@ from pdecodec.container import ContainerReader
 from pdecodec.errors import CorruptFileError
 from pdecodec.modes import cosine_wave
 from pdecodec.quantise import LARGEST_STEP
+from pdecodec.spacebasis import SpaceBasis
 
+Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
+FloatArray = NDArray[np.float32] | NDArray[np.float64]
+Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 
 TimeBasis = Literal["pde", "modal"]
 TIME_BASES: tuple[TimeBasis, ...] = ("pde", "modal")
-"""By their number in the file."""
+"""By their number in the file: the lowest bit of a group's kind."""
+
+DOUBLE = 2
+"""The other bit of a group's kind: its positions are added up in float64, not in float32."""
+
+SINGLE_IS_ENOUGH = 2.0**-16
+"""Displacements are added up in float32 where the bound is at least this share of the largest: the sum of some
+hundred terms then rounds to a few hundredths of the bound."""
 
 GROUP_ENTRY = struct.Struct("<IIBddIIII")
-"""Section GRUP: frames, functions of time, time basis, step of the coefficients, step of the modes, bytes in TIME, in
+"""Section GRUP: frames, functions of time, kind, step of the coefficients, step of the modes, bytes in TIME, in
 COEF and in CORR, CRC-32 of the three."""
 
 MAX_GROUP_FRAMES = 4096
@@ -44,6 +55,8 @@ class GroupEntry:
     ----------
     frames, functions : int
     basis : {"pde", "modal"}
+    single : bool
+        Positions are added up in float32, not in float64.
     step, mode_step : float [scene units]
         Quantisation steps of coefficients and of modes.
     sizes : (int, int, int)
@@ -54,6 +67,7 @@ class GroupEntry:
     frames: int
     functions: int
     basis: TimeBasis
+    single: bool
     step: float
     mode_step: float
     sizes: tuple[int, int, int]
@@ -72,7 +86,7 @@ class GroupEntry:
         return GROUP_ENTRY.pack(
             self.frames,
             self.functions,
-            TIME_BASES.index(self.basis),
+            TIME_BASES.index(self.basis) + (0 if self.single else DOUBLE),
             self.step,
             self.mode_step,
             *self.sizes,
@@ -128,17 +142,18 @@ def read_group_table(data: bytes) -> GroupTable:
     if not data or len(data) % GROUP_ENTRY.size:
         raise CorruptFileError(f"section GRUP has {len(data)} bytes, not a number of rows of {GROUP_ENTRY.size}")
     entries = []
-    for frames, functions, basis, step, mode_step, *sizes, checksum in GROUP_ENTRY.iter_unpack(data):
+    for frames, functions, kind, step, mode_step, *sizes, checksum in GROUP_ENTRY.iter_unpack(data):
         if not 1 <= frames <= MAX_GROUP_FRAMES:
             raise CorruptFileError(f"section GRUP has a group of {frames} frames; 1 to {MAX_GROUP_FRAMES} can be")
-        if basis >= len(TIME_BASES):
-            raise CorruptFileError(f"section GRUP names time basis {basis}, which is unknown")
-        if functions > (3 * frames if TIME_BASES[basis] == "modal" else frames):
+        if kind >= 2 * DOUBLE:
+            raise CorruptFileError(f"section GRUP has a group of kind {kind}, which is unknown")
+        basis, single = TIME_BASES[kind % DOUBLE], kind < DOUBLE
+        if functions > (3 * frames if basis == "modal" else frames):
             raise CorruptFileError(f"section GRUP has {functions} functions of time for {frames} frames")
         if not (0 < step <= LARGEST_STEP and 0 < mode_step <= LARGEST_STEP):
             raise CorruptFileError("section GRUP has a quantisation step out of range")
         entries.append(
-            GroupEntry(frames, functions, TIME_BASES[basis], step, mode_step, (sizes[0], sizes[1], sizes[2]), checksum)
+            GroupEntry(frames, functions, basis, single, step, mode_step, (sizes[0], sizes[1], sizes[2]), checksum)
         )
     firsts = np.concatenate([[0], np.cumsum([entry.frames for entry in entries])]).astype(np.int64)
     offsets = np.concatenate([np.zeros((1, 3), np.int64), np.cumsum([entry.sizes for entry in entries], axis=0)])
@@ -174,21 +189,21 @@ class GroupFunctions:
 
     Attributes
     ----------
-    time : (frames, 3, functions) float64
+    time : (frames, 3, functions) float32 or float64
         Functions of time at the frames, for each axis.
-    planes : (1 or 3, functions, vertices) float64 [scene units]
+    planes : (functions, 1 or 3, vertices), as `time` [scene units]
         What each function is multiplied with at each vertex, in patch order; one plane an axis, or one for all.
     """
 
-    time: Float64Array
-    planes: Float64Array
+    time: FloatArray
+    planes: FloatArray
 
     @property
     def nbytes(self) -> int:
         return self.time.nbytes + self.planes.nbytes
 
 
-def group_functions(entry: GroupEntry, modes: Float64Array, values: Float64Array) -> GroupFunctions:
+def group_functions(entry: GroupEntry, modes: Float64Array, levels: Int64Array, basis: SpaceBasis) -> GroupFunctions:
     """Functions of time and what they are multiplied with.
 
     Parameters
@@ -196,32 +211,33 @@ def group_functions(entry: GroupEntry, modes: Float64Array, values: Float64Array
     entry : GroupEntry
     modes : (frames, 3, functions) float64
         Decoded; not looked at under basis "pde".
-    values : (vertices, width) float64
-        Coefficients taken back to the vertices, in patch order.
+    levels : (columns, width) int64
+        Coefficients, in steps.
+    basis : SpaceBasis
     """
+    planes = basis.expand(np.multiply(levels, entry.step, dtype=np.float64), single=entry.single)
     if entry.basis == "modal":
-        return GroupFunctions(normalised_modes(modes), np.ascontiguousarray(values.T)[None])
-    time = np.repeat(cosines(entry.frames, entry.functions)[:, None], 3, axis=1)
-    split = values.reshape(len(values), entry.functions, 3).transpose(2, 1, 0)
-    return GroupFunctions(time, np.ascontiguousarray(split))
+        time = normalised_modes(modes)
+    else:
+        time = np.repeat(cosines(entry.frames, entry.functions)[:, None], 3, axis=1)
+    by_function = planes.reshape(entry.functions, entry.axes, planes.shape[1])
+    return GroupFunctions(time.astype(np.float32) if entry.single else time, by_function)
 
 
 def evaluate_group(
-    group: GroupFunctions, weights: Float64Array, rest: Float64Array, order: NDArray[np.int32]
-) -> NDArray[np.float32]:
-    """Positions at several times from one group: (times, vertices, 3) float32.
+    group: GroupFunctions, frames: slice, rest: Float64Array, order: Int32Array, out: Float32Array
+) -> None:
+    """Positions at some of its frames, before corrections.
 
     Parameters
     ----------
     group : GroupFunctions
-    weights : (times, 3, functions) float64
-        Of its functions; ``group.time`` at the frames.
+    frames : slice
     rest : (3, vertices) float64 [scene units]
         In patch order.
     order : (vertices,) int32
+    out : (frames, vertices, 3) float32, written
     """
     from pdecodec.kernels.group_motion import positions
 
-    out = np.empty((len(weights), order.size, 3), np.float32)
-    positions(np.ascontiguousarray(weights), group.planes, rest, order, out)
-    return out
+    positions(group.time[frames], group.planes, rest, order, out)

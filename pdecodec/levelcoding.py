@@ -27,8 +27,8 @@ def _code(
     coder = new_decoder(data) if mode == DECODE else new_coder(mode)
     cells = np.full(model.CELLS, EVEN, np.int64)
     weights = np.full((model.MIXERS, model.MIXED), round(FIRST_WEIGHT * 65536), np.int64)
-    counts, scratch = np.zeros((2, model.ZONES), np.int64), np.zeros((3, 8), np.int64)
-    sound = model.code_levels(coder, data, levels, *basis.units, axes, cells, weights, counts, scratch)
+    counts = np.zeros((2, model.ZONES), np.int64)
+    sound = model.code_levels(coder, data, levels, *basis.units, axes, cells, weights, counts)
     return coder, sound
 
 
@@ -79,6 +79,6 @@ def decode_levels(data: bytes, basis: SpaceBasis, width: int, *, axes: int) -> I
         coder, sound = _code(DECODE, np.frombuffer(bytearray(data), np.uint8), levels, basis, axes)
         if not sound or coder[POSITION] < len(data):
             raise CorruptFileError("section COEF holds levels that cannot be; get the file again")
-        if max(int(levels.max()), -int(levels.min())) > LARGEST:
+        if max(int(levels.max(initial=0)), -int(levels.min(initial=0))) > LARGEST:
             raise CorruptFileError("section COEF has a coefficient out of range")
     return levels

@@ -141,6 +141,11 @@ class EncodeSettings:
         """As a JSON object; :meth:`from_json` brings it back equal."""
         return asdict(self)
 
+    def changed(self) -> dict[str, Any]:
+        """As :meth:`to_json`, without what is as it is by default."""
+        usual = EncodeSettings().to_json()
+        return {name: value for name, value in self.to_json().items() if value != usual[name]}
+
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> EncodeSettings:
         """Undo :meth:`to_json`; names of later versions are passed over."""

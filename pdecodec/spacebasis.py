@@ -80,9 +80,10 @@ class SpaceBasis:
         Vertices of the mesh in patch order.
     starts : (patches + 1,) int64
         Patch p holds ``order[starts[p]:starts[p + 1]]``.
-    basis : (sum of functions * size,) float64
-        Of each patch from ``basis_starts[p]``: function after function.
-    basis_starts : (patches + 1,) int64
+    levels : (vertices, 3) int64
+        Rest shape in quantisation steps, which the functions are made of.
+    given : (vertices, m) float64
+        Functions of curve pieces before they are made orthonormal, in patch order; m = 0 under "patch".
     affine : (patches,) int64
         How many of a patch's functions are affine: these come first.
     children : (sets,) int64
@@ -101,8 +102,8 @@ class SpaceBasis:
 
     order: Int32Array
     starts: Int64Array
-    basis: Float64Array
-    basis_starts: Int64Array
+    levels: Int64Array
+    given: Float64Array
     affine: Int64Array
     children: Int64Array
     counts: Int64Array
@@ -141,6 +142,18 @@ class SpaceBasis:
         parents = np.concatenate([[0], above[inner], above[self.set_of]])
         return starts.astype(np.int64), kinds.astype(np.int64), parents.astype(np.int64)
 
+    @cached_property
+    def _complete(self) -> tuple[Float64Array, Int64Array]:
+        """All functions of each patch: ``(basis, basis_starts)``, function after function."""
+        from pdecodec.kernels.patch_functions import build_patches
+
+        ranks = self.affine + np.diff(self.coefficient_starts)
+        basis_starts = np.concatenate([[0], np.cumsum(ranks * np.diff(self.starts))])
+        basis = np.empty(int(basis_starts[-1]))
+        exponents = polynomial_exponents()
+        build_patches(self.levels, self.order, self.starts, exponents, self.given, ranks, basis, basis_starts)
+        return basis, basis_starts
+
     def project(self, values: Float64Array) -> Float64Array:
         """Coefficients of functions on the vertices: (vertices, width), mesh order, to (columns, width) float64."""
         from pdecodec.kernels.space_transform import join, project_patches
@@ -151,8 +164,7 @@ class SpaceBasis:
         project_patches(
             np.ascontiguousarray(values[self.order], dtype=np.float64),
             self.starts,
-            self.basis,
-            self.basis_starts,
+            *self._complete,
             self.affine,
             self.coefficient_starts,
             scaling,
@@ -162,26 +174,35 @@ class SpaceBasis:
         join(self.children, self.counts, self.joints, self.detail_starts, scaling, coefficients)
         return coefficients
 
-    def expand(self, coefficients: Float64Array) -> Float64Array:
-        """Undo :meth:`project`: (columns, width) to (vertices, width) float64, in patch order."""
+    def expand(self, coefficients: Float64Array, *, single: bool) -> NDArray[np.float32] | Float64Array:
+        """Undo :meth:`project`: (columns, width) to (width, vertices), in patch order.
+
+        Rounded to float32 at the end where `single`, float64 otherwise.
+        """
         from pdecodec.kernels.space_transform import expand_patches, part
 
         width = coefficients.shape[1]
         scaling = np.zeros((self.children.size, 4, width))
-        values = np.empty((self.order.size, width))
+        # An encoder has made all functions before it comes here; a decoder makes those that it needs.
+        basis, basis_starts = self.__dict__.get("_complete", (np.zeros(0), np.zeros(0, np.int64)))
+        planes = np.empty((width, self.order.size), np.float32 if single else np.float64)
         part(self.children, self.counts, self.joints, self.detail_starts, coefficients, scaling)
         expand_patches(
             scaling,
             coefficients,
+            self.levels,
+            self.order,
             self.starts,
-            self.basis,
-            self.basis_starts,
+            polynomial_exponents(),
+            self.given,
+            basis,
+            basis_starts,
             self.affine,
             self.coefficient_starts,
             self.set_of,
-            values,
+            planes,
         )
-        return values
+        return planes
 
 
 def build_space_basis(
@@ -218,26 +239,13 @@ def _with_functions(
     rest: Int64Array,
     functions: int,
 ) -> SpaceBasis:
-    from pdecodec.kernels.patch_functions import AFFINE, build_joints, build_patches
+    from pdecodec.kernels.patch_functions import AFFINE, affine_functions, build_joints
 
     sizes = np.diff(starts)
-    ranks, affine = np.zeros(sizes.size, np.int64), np.zeros(sizes.size, np.int64)
-    basis_starts = np.concatenate([[0], np.cumsum(np.minimum(sizes, functions) * sizes)]).astype(np.int64)
-    basis = np.empty(int(basis_starts[-1]))
-    patch_coordinates = np.zeros((sizes.size, AFFINE, AFFINE))
-    build_patches(
-        rest,
-        order,
-        starts,
-        polynomial_exponents(),
-        given,
-        functions,
-        basis,
-        basis_starts,
-        ranks,
-        affine,
-        patch_coordinates,
-    )
+    affine, patch_coordinates = np.zeros(sizes.size, np.int64), np.zeros((sizes.size, AFFINE, AFFINE))
+    affine_functions(rest, order, starts, polynomial_exponents(), given, functions, affine, patch_coordinates)
+    # Unit vectors complete whatever polynomials leave open.
+    ranks = np.minimum(sizes, functions)
     counts = np.zeros(children.size, np.int64)
     coordinates = np.zeros((children.size, AFFINE, AFFINE))
     counts[set_of], coordinates[set_of] = affine, patch_coordinates
@@ -252,8 +260,8 @@ def _with_functions(
     return SpaceBasis(
         order=order,
         starts=starts,
-        basis=basis,
-        basis_starts=basis_starts,
+        levels=rest,
+        given=given,
         affine=affine,
         children=children,
         counts=counts,

@@ -13,7 +13,8 @@ import zstandard
 
 IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
 HEADER = struct.Struct("<12sHHIII")
-ENTRY = struct.Struct("<4sIQQII")
+ENTRY_1 = struct.Struct("<4sIQQII")
+ENTRY = struct.Struct("<4sBQI")
 SEGMENT = struct.Struct("<IfhHIII")
 
 REQUIRED = 1
@@ -31,22 +32,33 @@ class Part:
 
 def take_apart(data: bytes) -> list[Part]:
     """The sections of a sound file, in order."""
-    count = HEADER.unpack_from(data)[3]
+    _, major, _, count, _, _ = HEADER.unpack_from(data)
     parts = []
+    offset = table_end(count, major)
     for index in range(count):
-        kind, flags, offset, length, _, _ = ENTRY.unpack_from(data, HEADER.size + index * ENTRY.size)
+        row = (ENTRY_1 if major == 1 else ENTRY).unpack_from(data, table_end(index, major))
+        kind, flags, length = row[0], row[1], row[3 if major == 1 else 2]
         parts.append(Part(kind.decode("latin-1"), data[offset : offset + length], flags))
+        offset += length
     return parts
+
+
+def table_end(count: int, major: int) -> int:
+    """Where a table of so many sections ends."""
+    return HEADER.size + count * (ENTRY_1 if major == 1 else ENTRY).size
 
 
 def seal(parts: list[Part], *, major: int = 1, minor: int = 0) -> bytes:
     """A file of these sections, every checksum right."""
-    offset = HEADER.size + ENTRY.size * len(parts)
+    offset = table_end(len(parts), major)
     table = b""
     for part in parts:
-        entry = (part.kind.encode("latin-1"), part.flags, offset, len(part.content), zlib.crc32(part.content), 0)
-        table += ENTRY.pack(*entry)
-        offset += len(part.content)
+        kind, length, checksum = part.kind.encode("latin-1"), len(part.content), zlib.crc32(part.content)
+        if major == 1:
+            table += ENTRY_1.pack(kind, part.flags, offset, length, checksum, 0)
+        else:
+            table += ENTRY.pack(kind, part.flags, length, checksum)
+        offset += length
     header = HEADER.pack(IDENTIFIER, major, minor, len(parts), zlib.crc32(table), 0)[:-4]
     return header + struct.pack("<I", zlib.crc32(header)) + table + b"".join(part.content for part in parts)
 

@@ -20,7 +20,7 @@ from pdecodec.container import (
 )
 from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
 from pdecodec.whole_output import check_writable
-from spec.sealing import ENTRY, HEADER, Part, seal, take_apart
+from spec.sealing import ENTRY_1, HEADER, Part, seal, take_apart
 
 SECTIONS = [Section("ABCD", b"first"), Section("EFGH", b"", required=False), Section("IJKL", bytes(range(256)))]
 
@@ -47,7 +47,7 @@ def refusal(path: Path, data: bytes) -> str:
 def resealed(data: bytearray) -> bytes:
     """The checksums of header and table made right."""
     count = HEADER.unpack_from(data)[3]
-    table = bytes(data[HEADER.size : HEADER.size + count * ENTRY.size])
+    table = bytes(data[HEADER.size : HEADER.size + count * ENTRY_1.size])
     data[20:24] = struct.pack("<I", zlib.crc32(table))
     data[24:28] = struct.pack("<I", zlib.crc32(bytes(data[:24])))
     return bytes(data)
@@ -55,7 +55,7 @@ def resealed(data: bytearray) -> bytes:
 
 def test_what_is_written_is_read_back_and_sums_to_the_file(tmp_path: Path) -> None:
     sizes = write_container(tmp_path / "a", SECTIONS)
-    assert sizes == {"container": HEADER.size + 3 * ENTRY.size, "ABCD": 5, "EFGH": 0, "IJKL": 256}
+    assert sizes == {"container": HEADER.size + 3 * ENTRY_1.size, "ABCD": 5, "EFGH": 0, "IJKL": 256}
     assert sum(sizes.values()) == (tmp_path / "a").stat().st_size
     with (tmp_path / "a").open("rb") as file:
         reader = ContainerReader(file, "a")
@@ -139,7 +139,7 @@ def test_every_truncation_is_refused(tmp_path: Path) -> None:
 
 def test_every_flipped_bit_of_header_and_table_is_refused(tmp_path: Path) -> None:
     data = written(tmp_path / "a")
-    for at in range(HEADER.size + 3 * ENTRY.size):
+    for at in range(HEADER.size + 3 * ENTRY_1.size):
         for bit in range(8):
             refusal(tmp_path / "b", data[:at] + bytes([data[at] ^ 1 << bit]) + data[at + 1 :])
 
@@ -152,15 +152,15 @@ def test_a_damaged_section_is_refused_when_it_is_read_and_by_verify(tmp_path: Pa
         assert reader.read("ABCD") == b"first"
         with pytest.raises(CorruptFileError, match="section IJKL is damaged") as caught:
             reader.read("IJKL")
-        assert caught.value.offset == HEADER.size + 3 * ENTRY.size + 5
+        assert caught.value.offset == HEADER.size + 3 * ENTRY_1.size + 5
         with pytest.raises(CorruptFileError, match="section IJKL is damaged"):
             reader.verify()
 
 
 def test_sections_that_overlap_leave_gaps_or_stand_twice_are_refused(tmp_path: Path) -> None:
     data = written(tmp_path / "a", [Section("ABCD", b"1234"), Section("EFGH", b"5678")])
-    second = HEADER.size + ENTRY.size
-    for offset in (0, 93, HEADER.size + 2 * ENTRY.size, 2**63, 2**64 - 1):
+    second = HEADER.size + ENTRY_1.size
+    for offset in (0, 93, HEADER.size + 2 * ENTRY_1.size, 2**63, 2**64 - 1):
         moved = bytearray(data)
         moved[second + 8 : second + 16] = offset.to_bytes(8, "little")
         assert "is not where the one before it ends" in refusal(tmp_path / "b", resealed(moved))

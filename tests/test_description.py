@@ -22,6 +22,7 @@ from pdecodec.description import (
     BYTES_PER_JSON_BYTE,
     BYTES_PER_VALUE_BYTE,
     MAX_JSON_BYTES,
+    TIMES_BY_PERIOD,
     TIMES_COUNTED,
     TIMES_LISTED,
     TIMES_STEPPED,
@@ -59,8 +60,8 @@ def times_kind(data: bytes) -> int:
 
 
 def assert_times_come_back(sequence: ArraySequence) -> int:
-    data = encode_sequence_description(sequence)
-    found = decode_sequence_description(data, sequence.frame_count)
+    data = encode_sequence_description(sequence, major=2)
+    found = decode_sequence_description(data, sequence.frame_count, major=2)
     assert found.times.tobytes() == sequence.times.tobytes()
     assert found.fps == sequence.fps
     return times_kind(data)
@@ -83,6 +84,14 @@ def test_a_rate_other_than_the_nominal_one_is_found() -> None:
     assert assert_times_come_back(clip(np.arange(50) / 30.0, 24.0)) == TIMES_COUNTED
 
 
+def test_whole_periods_added_up_are_a_rule_of_version_2_only() -> None:
+    sequence = clip(1 / 24 + np.arange(200) * (1 / 24), 24.0)
+    assert assert_times_come_back(sequence) == TIMES_BY_PERIOD
+    assert times_kind(encode_sequence_description(sequence, major=1)) == TIMES_LISTED
+    with pytest.raises(CorruptFileError, match="unknown way"):
+        decode_sequence_description(encode_sequence_description(sequence, major=2), 200, major=1)
+
+
 def test_times_that_a_rule_would_give_but_for_one_bit_are_listed() -> None:
     times = np.arange(50) / 24.0
     times[17] = np.nextafter(times[17], 10)
@@ -103,26 +112,26 @@ def test_names_and_vertex_counts_come_back() -> None:
     names = ["", "body", "ünï 二\n", "body"]
     objects = [MeshObject(name, Connectivity(k)) for k, name in enumerate(names)]
     sequence = ArraySequence(np.zeros((2, 6, 3)), objects=objects)
-    found = decode_sequence_description(encode_sequence_description(sequence), 2)
+    found = decode_sequence_description(encode_sequence_description(sequence, major=2), 2, major=2)
     assert found.names == tuple(names)
     assert found.vertex_counts == (0, 1, 2, 3)
 
 
 def irregular() -> bytes:
-    return encode_sequence_description(rich_sequence(6))
+    return encode_sequence_description(rich_sequence(6), major=2)
 
 
 def test_a_description_that_is_cut_or_too_long_is_refused() -> None:
-    assert_cuts_are_refused(irregular(), lambda data: decode_sequence_description(data, 1000))
+    assert_cuts_are_refused(irregular(), lambda data: decode_sequence_description(data, 1000, major=2))
     with pytest.raises(CorruptFileError):
-        decode_sequence_description(b"", 1000)
+        decode_sequence_description(b"", 1000, major=2)
 
 
 def test_damage_to_a_description_ends_in_our_own_error() -> None:
     assert times_kind(irregular()) == TIMES_LISTED
-    regular = encode_sequence_description(clip(np.arange(9) / 24))
+    regular = encode_sequence_description(clip(np.arange(9) / 24), major=2)
     for data in (irregular(), regular):
-        assert assert_only_corrupt_file_errors(data, lambda each: decode_sequence_description(each, 1000)) > 50
+        assert assert_only_corrupt_file_errors(data, lambda each: decode_sequence_description(each, 1000, major=2)) > 50
 
 
 def described(
@@ -151,7 +160,7 @@ def described(
         (described(fps=-24.0), "frame rate"),
         (described(fps=float("nan")), "not finite"),
         (described(fps=float("inf")), "not finite"),
-        (described(kind=3), "unknown way"),
+        (described(kind=4), "unknown way"),
         (described(rate=0.0), "unknown way"),
         (described(rate=-1.0), "unknown way"),
         (described(start=float("inf")), "not finite"),
@@ -173,7 +182,7 @@ def described(
 )
 def test_numbers_out_of_range_are_named(data: bytes, message: str) -> None:
     with pytest.raises(CorruptFileError, match=message):
-        decode_sequence_description(data, 100)
+        decode_sequence_description(data, 100, major=2)
 
 
 def assert_attributes_come_back(objects: list[MeshObject]) -> bytes:
@@ -398,4 +407,4 @@ def test_damage_to_remarks_ends_in_our_own_error() -> None:
 def test_a_name_that_no_text_encoding_holds_is_refused_by_name() -> None:
     broken = MeshObject("part\ud800", Connectivity(1))
     with pytest.raises(InputError, match="rename"):
-        encode_sequence_description(ArraySequence(np.zeros((1, 1, 3)), objects=[broken]))
+        encode_sequence_description(ArraySequence(np.zeros((1, 1, 3)), objects=[broken]), major=2)

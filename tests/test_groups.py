@@ -30,7 +30,7 @@ from pdecodec import (
     open_animation,
 )
 from pdecodec.groups import GROUP_ENTRY
-from spec.sealing import ENTRY, HEADER, Part, content, seal, take_apart
+from spec.sealing import Part, content, seal, table_end, take_apart
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -282,7 +282,7 @@ def test_every_truncation_is_refused(sound: bytes) -> None:
 
 
 def test_every_byte_is_guarded(sound: bytes) -> None:
-    table = HEADER.size + len(take_apart(sound)) * ENTRY.size
+    table = table_end(len(take_apart(sound)), 2)
     for at in range(len(sound)):
         for mask in (0x01, 0x80, 0xFF) if at < table else (0x10,):
             assert outcome(sound[:at] + bytes([sound[at] ^ mask]) + sound[at + 1 :]) == "CorruptFileError", at

@@ -30,7 +30,7 @@ from pdecodec import (
 )
 from pdecodec.container import ContainerReader
 from spec.sealing import (
-    ENTRY,
+    ENTRY_1,
     HEADER,
     Part,
     compressed,
@@ -126,14 +126,14 @@ def test_every_truncation_is_refused(sound: SoundFile, decode: Decode) -> None:
 
 def test_every_byte_of_header_and_table_is_guarded(sound: SoundFile, decode: Decode) -> None:
     data = sound.data
-    for at in range(HEADER.size + 9 * ENTRY.size):
+    for at in range(HEADER.size + 9 * ENTRY_1.size):
         for mask in (0x01, 0x80, 0xFF):
             assert decode(data[:at] + bytes([data[at] ^ mask]) + data[at + 1 :]) == "CorruptFileError", at
 
 
 def test_every_byte_of_every_section_is_guarded(sound: SoundFile, decode: Decode) -> None:
     data = sound.data
-    for at in range(HEADER.size + 9 * ENTRY.size, len(data)):
+    for at in range(HEADER.size + 9 * ENTRY_1.size, len(data)):
         changed = data[:at] + bytes([data[at] ^ 0x10]) + data[at + 1 :]
         with pytest.raises(CorruptFileError, match="is damaged"):
             ContainerReader(BytesIO(changed), "a").verify()

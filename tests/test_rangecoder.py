@@ -50,8 +50,8 @@ EVENLY, CELL, MIXED = range(3)
 
 
 @uncounted
-def run(coder: Int64Array, data: UInt8Array, cells: Int64Array, weights: Int64Array, scratch: Int64Array,
-        program: Int64Array, bits: Int64Array) -> None:  # fmt: skip
+def run(coder: Int64Array, data: UInt8Array, cells: Int64Array, weights: Int64Array, program: Int64Array,
+        bits: Int64Array) -> None:  # fmt: skip
     """Code `bits` as `program` says, rows of kind, probability, set of weights, three cells; they are written back."""
     for i in range(bits.size):
         if program[i, 0] == EVENLY:
@@ -59,16 +59,13 @@ def run(coder: Int64Array, data: UInt8Array, cells: Int64Array, weights: Int64Ar
         elif program[i, 0] == CELL:
             bits[i] = code_bit(coder, data, cells, program[i, 3], bits[i])
         else:
-            bits[i] = code_mixed(coder, data, cells, program[i, 3:], weights[program[i, 2]], scratch, bits[i])
+            chosen = program[i, 3], program[i, 4], program[i, 5]
+            bits[i] = code_mixed(coder, data, cells, chosen, weights[program[i, 2]], bits[i])
 
 
-def fresh() -> tuple[Int64Array, Int64Array, Int64Array]:
-    """Cells, weights and scratch."""
-    return (
-        np.full(CELLS, EVEN, np.int64),
-        np.full((SETS, OPINIONS), 65536 // OPINIONS, np.int64),
-        np.zeros(OPINIONS, np.int64),
-    )
+def fresh() -> tuple[Int64Array, Int64Array]:
+    """Cells and weights."""
+    return np.full(CELLS, EVEN, np.int64), np.full((SETS, OPINIONS), 65536 // OPINIONS, np.int64)
 
 
 def encoded(program: Int64Array, bits: Int64Array, *, room: int | None = None) -> tuple[bytes, int]:
@@ -100,8 +97,8 @@ def programs_of(random: np.random.Generator, size: int) -> Int64Array:
     kinds = random.integers(0, 3, size)
     probabilities = random.integers(LEAST, 65536 - LEAST, size, endpoint=True)
     sets = random.integers(0, SETS, size)
-    chosen = np.stack([random.permutation(CELLS)[:OPINIONS] for _ in range(size)]) if size else np.zeros((0, 3))
-    return np.column_stack([kinds, probabilities, sets, chosen]).astype(np.int64)
+    cells = random.permuted(np.broadcast_to(np.arange(CELLS), (size, CELLS)), axis=1)
+    return np.column_stack([kinds, probabilities, sets, cells[:, :OPINIONS]]).astype(np.int64)
 
 
 def cell_program(cells: Int64Array) -> Int64Array:
@@ -137,7 +134,7 @@ def test_the_plain_decoder_reads_the_same_bits_from_any_bytes(
     program, bits = session
     for data in (encoded(program, bits)[0], noise):
         reader = RangeDecoder(data)
-        cells, weights, _ = (array.tolist() for array in fresh())
+        cells, weights = (array.tolist() for array in fresh())
         found = []
         for kind, probability, chosen_set, *chosen in program.tolist():
             if kind == EVENLY:

@@ -117,3 +117,10 @@ def test_the_ends_of_every_range_are_allowed() -> None:
     ):
         values = EncodeSettings(profile="segments", **chosen).to_json()
         assert {name: values[name] for name in chosen} == chosen
+
+
+def test_what_was_changed_brings_the_settings_back() -> None:
+    settings = EncodeSettings(tolerance=1e-4, effort=9)
+    assert settings.changed() == {"tolerance": 1e-4, "effort": 9}
+    assert EncodeSettings.from_json(settings.changed()) == settings
+    assert EncodeSettings().changed() == {}

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pdecodec.kernels.group_motion import add_group, moved_reference
+from pdecodec.kernels.group_motion import add_group, moved_reference, positions
 from pdecodec.kernels.patch_functions import principal_axes
 from pdecodec.sequence import Connectivity, MeshObject
 from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis, mesh_graph, polynomial_exponents
@@ -37,9 +37,11 @@ def points_only(rest: NDArray[np.int64]) -> MeshObject:
     return MeshObject("points", Connectivity(vertex_count=len(rest), face_counts=none, face_indices=none))
 
 
-def back_in_mesh_order(basis: SpaceBasis, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    out = np.empty_like(values)
-    out[basis.order] = values
+def expanded(basis: SpaceBasis, coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(vertices, width) in mesh order."""
+    planes = basis.expand(coefficients, single=False)
+    out = np.empty((basis.order.size, len(planes)))
+    out[basis.order] = planes.T
     return out
 
 
@@ -52,7 +54,7 @@ def test_a_complete_basis_gives_every_function_back_and_keeps_its_energy(kind: S
     found = basis.project(values)
     assert basis.columns == len(rest)
     np.testing.assert_allclose((found**2).sum(), (values**2).sum(), rtol=1e-12)
-    np.testing.assert_allclose(back_in_mesh_order(basis, basis.expand(found)), values, atol=1e-12)
+    np.testing.assert_allclose(expanded(basis, found), values, atol=1e-12)
 
 
 @settings(max_examples=25, deadline=None)
@@ -68,7 +70,7 @@ def test_any_points_get_an_orthonormal_basis(rest: list[tuple[int, int, int]], p
     assert sorted(basis.order.tolist()) == list(range(len(levels)))
     assert np.diff(basis.starts).max() <= points
     coefficients = np.random.default_rng(RNG_SEED).normal(size=(basis.columns, 3))
-    again = basis.project(back_in_mesh_order(basis, basis.expand(coefficients)))
+    again = basis.project(expanded(basis, coefficients))
     np.testing.assert_allclose(again, coefficients, atol=1e-9)
 
 
@@ -121,7 +123,40 @@ def test_polynomials_begin_with_the_affine_four_and_count_the_normal_twice() -> 
 @pytest.mark.parametrize("functions", [0, 1, 4, 7])
 def test_the_compiled_sum_over_functions_of_time_is_the_plain_one(axes: int, functions: int) -> None:
     rng = np.random.default_rng(RNG_SEED)
-    weights, planes = rng.normal(size=(3, functions)), rng.normal(size=(axes, functions, 700))
+    weights, planes = rng.normal(size=(3, functions)), rng.normal(size=(functions, axes, 700))
     moved = np.zeros((3, 700))
     add_group(weights, planes, moved)
     np.testing.assert_allclose(moved, moved_reference(weights, planes), atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["patch", "curve"])
+@pytest.mark.parametrize("functions", [3, 24, 128])
+def test_functions_made_as_far_as_needed_are_those_of_the_whole_basis(kind: SpaceKind, functions: int) -> None:
+    item, rest = grid(23, 17)
+    needed = build_space_basis(kind, [item], rest, points=64, functions=functions)
+    whole = build_space_basis(kind, [item], rest, points=64, functions=functions)
+    whole.project(np.zeros((len(rest), 1)))  # makes all of its functions
+    coefficients = np.random.default_rng(RNG_SEED).normal(size=(whole.columns, 2))
+    for begin, end in itertools.pairwise(whole.coefficient_starts):  # only the first third of each patch's
+        coefficients[begin + (end - begin) // 3 : end] = 0.0
+    for single in (False, True):
+        assert np.array_equal(needed.expand(coefficients, single=single), whole.expand(coefficients, single=single))
+    assert needed.expand(coefficients, single=True).dtype == np.float32
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("axes", [1, 3])
+@pytest.mark.parametrize("functions", [0, 1, 8, 19])
+def test_positions_of_many_frames_are_those_of_each_summed_up_in_order(dtype: type, axes: int, functions: int) -> None:
+    rng = np.random.default_rng(RNG_SEED)
+    frames, vertices = 11, 700
+    weights = rng.normal(size=(frames, 3, functions)).astype(dtype)
+    planes = rng.normal(size=(functions, axes, vertices)).astype(dtype)
+    rest, order = rng.normal(size=(3, vertices)), rng.permutation(vertices).astype(np.int32)
+    out = np.empty((frames, vertices, 3), np.float32)
+    positions(weights, planes, rest, order, out)
+    for t in range(frames):
+        moved = np.zeros((3, vertices), dtype)
+        for a in range(functions):
+            moved += weights[t, :, a, None] * planes[a]
+        assert np.array_equal(out[t, order], (rest + moved.astype(np.float64)).T.astype(np.float32))

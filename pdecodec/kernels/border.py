@@ -97,15 +97,18 @@ def next_side(sides: Int32Array, queues: Int32Array) -> int:
 
 
 @uncounted_inline
-def _place_corner(sides: Int32Array, vertices: Int32Array, first: int, place: int, size: int) -> None:
-    """Count a corner of a new face at its vertex; its side has no other side yet."""
-    side = first + place
-    vertex = sides[side, ORIGIN]
-    sides[side, BEFORE] = first + (place + size - 1) % size
-    sides[side, STATE] = OPEN
-    sides[side, TWIN] = sides[side, PRIORITY] = -1
-    vertices[vertex, FACES] += 1
-    vertices[vertex, ANGLE] = min(vertices[vertex, ANGLE] + corner_angle(size), MOST_ANGLE)
+def _place_corners(sides: Int32Array, vertices: Int32Array, first: int, size: int) -> None:
+    """Count the corners of a new face at their vertices; its sides have no other side yet."""
+    angle = corner_angle(size)
+    before = first + size - 1
+    for side in range(first, first + size):
+        vertex = sides[side, ORIGIN]
+        sides[side, BEFORE] = before
+        sides[side, STATE] = OPEN
+        sides[side, TWIN] = sides[side, PRIORITY] = -1
+        vertices[vertex, FACES] += 1
+        vertices[vertex, ANGLE] = min(vertices[vertex, ANGLE] + angle, MOST_ANGLE)
+        before = side
 
 
 @uncounted_inline
@@ -124,10 +127,9 @@ def start_ring(sides: Int32Array, vertices: Int32Array, queues: Int32Array, firs
         ORIGIN is set at the face's corners, `first` to ``first + size - 1``.
     first, size : int
     """
-    for place in range(size):
-        side = first + place
-        _place_corner(sides, vertices, first, place, size)
-        _link(sides, side, first + (place + 1) % size)
+    _place_corners(sides, vertices, first, size)
+    for side in range(first, first + size):
+        _link(sides, sides[side, BEFORE], side)
         vertices[sides[side, ORIGIN], BORDER] = side
     for side in range(first, first + size):
         enqueue(sides, vertices, queues, side)
@@ -189,8 +191,7 @@ def attach(
         such a vertex is in a ring already, the rings are cut and joined crosswise.
     """
     before, after = sides[gate, PRECEDING], sides[gate, FOLLOWING]
-    for place in range(size):
-        _place_corner(sides, vertices, first, place, size)
+    _place_corners(sides, vertices, first, size)
     sides[gate, STATE] = sides[first, STATE] = INNER
     sides[gate, TWIN], sides[first, TWIN] = first, gate
     last = first + 1  # it takes the place of the gate
@@ -218,6 +219,10 @@ def attach(
             _join(sides, vertices, queues, side, sides[side, FOLLOWING])
     for side in range(first + 1, first + size):
         if sides[side, STATE] == OPEN:
+            before, after = sides[side, PRECEDING], sides[side, FOLLOWING]
             enqueue(sides, vertices, queues, side)
-            _requeue(sides, vertices, queues, sides[side, PRECEDING])
-            _requeue(sides, vertices, queues, sides[side, FOLLOWING])
+            # Sides of this face have a turn of their own.
+            if before != side - 1:
+                _requeue(sides, vertices, queues, before)
+            if after != side + 1:
+                _requeue(sides, vertices, queues, after)

@@ -43,14 +43,19 @@ FIRST_WEIGHT = 28000
 COUNTS = 6
 """Classes of how many vertices of a patch are corrected: 0, 1, 2, from 3, from 6, from 16 on."""
 
+RUN = 8
+"""Places of a patch for which one flag is asked first: where few are corrected, most need none of their own."""
+
 LARGEST_RESIDUAL = 2**31 - 1
 """Residuals are remembered within 32 bits: they only say what size is expected."""
 
 _SPANS = (
     COUNTS * COUNTS * 6,  # patch: in the reference, before; ahead in the reference and two before
     COUNTS * COUNTS * COUNTS,  # patch: two before, ahead in the reference, before
+    4 * 4 * 2 * 2,  # run: known, found in the run before, known in the run after, whether any was found
+    8 * 4 * COUNTS,  # run: found so far, part of the patch, found in the reference
     4 * 8,  # vertex: size in the reference; its neighbours
-    8 * 4 * COUNTS * 2,  # vertex: found so far, part of the patch, found in the reference; whether it was there
+    3 * RUN * COUNTS * 2,  # vertex: found in its run, left of it, found in the reference; whether it was there
     DIGITS,  # distance of a reference
     1,  # whether it is that of the frame before
     2 * DIGITS + 1,  # number of corrections, number of literals; whether levels are predicted
@@ -58,11 +63,12 @@ _SPANS = (
 )
 _ENDS = [RESIDUAL_CELLS + int(end) for end in np.cumsum(_SPANS)]
 PATCH_AT = RESIDUAL_CELLS
-AROUND_AT, VERTEX_AT, SHARE_AT, DISTANCE_AT, SAME_DISTANCE_AT, HEAD_AT, LITERAL_AT, CELLS = _ENDS
-"""Where the cells of each kind begin. After all of them follow one for each patch, and one for each place."""
+AROUND_AT, RUN_AT, RUN_SHARE_AT, VERTEX_AT, SHARE_AT, DISTANCE_AT, SAME_DISTANCE_AT, HEAD_AT, LITERAL_AT, CELLS = _ENDS
+"""Where the cells of each kind begin. After all of them follow one for each patch, one for each place, and one
+for each run, by its first place."""
 
-PATCH_MIXER, VERTEX_MIXER = RESIDUAL_MIXERS, RESIDUAL_MIXERS + 1
-MIXERS = RESIDUAL_MIXERS + 3
+PATCH_MIXER, RUN_MIXER, VERTEX_MIXER = RESIDUAL_MIXERS, RESIDUAL_MIXERS + 1, RESIDUAL_MIXERS + 2
+MIXERS = RESIDUAL_MIXERS + 4
 
 
 class Coding(NamedTuple):
@@ -71,13 +77,9 @@ class Coding(NamedTuple):
     coder: Int64Array
     data: UInt8Array
     cells: Int64Array
-    """(CELLS + patches + places,)"""
+    """(CELLS + patches + 2 places,)"""
     weights: Int64Array
     """(MIXERS, OPINIONS)"""
-    chosen: Int64Array
-    """(OPINIONS,)"""
-    opinions: Int64Array
-    """(OPINIONS,)"""
     filters: Int64Array
     """(FILTERS, INPUTS)"""
     inputs: Int64Array
@@ -127,6 +129,16 @@ def count_class(count: int) -> int:
 
 
 @uncounted_inline
+def known_in_run(last: Int64Array, near_first: int, near_end: int, begin: int, end: int) -> int:
+    """How many of the places `begin` to `end` - 1 are corrected in the reference."""
+    known = 0
+    for place in range(begin, min(end, last.size)):
+        if near_first <= last[place] < near_end:
+            known += 1
+    return known
+
+
+@uncounted_inline
 def code_reference(coding: Coding, records: Records, places: Places, frame: int, distance: int) -> int:
     """Code how far back a frame's reference is, and recall a far one; -1 where there is no such frame."""
     coder, data, cells = coding.coder, coding.data, coding.cells
@@ -164,7 +176,7 @@ def code_records(coding: Coding, records: Records, places: Places, predicted: in
     int
         Number of records coded; -1 where the bytes say what cannot be.
     """
-    coder, data, cells, weights, chosen, opinions, filters, inputs, around = coding
+    coder, data, cells, weights, filters, inputs, around = coding
     distances, frame_starts, record_places, levels, residuals, earlier = records
     starts, last, sizes, counts = places
     patches = starts.size - 1
@@ -190,77 +202,98 @@ def code_records(coding: Coding, records: Records, places: Places, predicted: in
             in_reference, ahead = count_class(counts[patch + 2]), count_class(counts[patch + 3])
             before, second = count_class(counts[patch + 1]), count_class(counts[patch])
             ahead_and_second = min(ahead, 2) + (3 if second else 0)
-            chosen[0] = PATCH_AT + (in_reference * COUNTS + before) * 6 + ahead_and_second
-            chosen[1] = CELLS + patch
-            chosen[2] = AROUND_AT + (second * COUNTS + ahead) * COUNTS + before
+            chosen = (
+                PATCH_AT + (in_reference * COUNTS + before) * 6 + ahead_and_second,
+                CELLS + patch,
+                AROUND_AT + (second * COUNTS + ahead) * COUNTS + before,
+            )
             bit = 1 if not decoding and at < frame_end and record_places[at] < end else 0
             found = 0
-            if code_mixed(coder, data, cells, chosen, weights[PATCH_MIXER], opinions, bit):
-                for place in range(begin, end):
-                    near = last[place] if near_first <= last[place] < near_end else -1
-                    known = 1 if near >= 0 else 0
-                    record_1 = last[place - 1] if place > 0 and last[place - 1] >= frame_first else -1
-                    record_2 = last[place - 2] if place > 1 and last[place - 2] >= frame_first else -1
-                    size = 0
-                    if known:
-                        size = 1 + min(abs(levels[near, 0]) + abs(levels[near, 1]) + abs(levels[near, 2]), 2)
-                    neighbours = (4 if record_1 >= 0 else 0) + (2 if record_2 >= 0 else 0)
-                    if place + 1 < last.size and near_first <= last[place + 1] < near_end:
-                        neighbours += 1
-                    part = (place - begin) * 4 // (end - begin)
-                    if found > 0 or place < end - 1:  # the last one is certain where no other was
-                        chosen[0] = VERTEX_AT + size * 8 + neighbours
-                        chosen[1] = CELLS + patches + place
-                        chosen[2] = SHARE_AT + ((min(found, 7) * 4 + part) * COUNTS + in_reference) * 2 + known
-                        bit = 1 if not decoding and at < frame_end and record_places[at] == place else 0
-                        if not code_mixed(coder, data, cells, chosen, weights[VERTEX_MIXER + known], opinions, bit):
-                            continue
-                    if at == record_places.size:
-                        return -1
-                    record_places[at] = place
-                    look_around(around, earlier, near, record_1, record_2)
-                    both = known + (2 if record_1 >= 0 else 0)
-                    filter_set = both + (4 if distance > 1 else 0)
-                    mean = sizes[place] if known else 0
-                    agreed_in_time, agreed_in_space, size_1, size_2, total = 0, 0, 0, 0, 0
-                    for axis in range(3):
-                        row = filter_set * 3 + axis
-                        guess = predict(levels, around, axis, filters, row, inputs) if predicted else 0
-                        in_time: int = np.int64(residuals[near, axis]) if known else 0  # type: ignore[assignment]
-                        in_space: int = np.int64(residuals[record_1, axis]) if record_1 >= 0 else 0  # type: ignore
-                        least = 1 if axis == 2 and not predicted and size_1 == 0 and size_2 == 0 else 0
-                        value = code_residual(
-                            coder,
-                            data,
-                            cells,
-                            weights,
-                            chosen,
-                            opinions,
-                            axis,
-                            least,
-                            in_time,
-                            in_space,
-                            both,
-                            (size_1, size_2),
-                            mean,
-                            (agreed_in_time, agreed_in_space),
-                            levels[at, axis] - guess,
+            if code_mixed(coder, data, cells, chosen, weights[PATCH_MIXER], bit):
+                found_before = 0
+                for run in range(begin, end, RUN):
+                    run_end = min(run + RUN, end)
+                    part = (run - begin) * 4 // (end - begin)
+                    run_first = at
+                    if found > 0 or run_end < end:  # the last one is certain where no other was
+                        in_run = known_in_run(last, near_first, near_end, run, run_end)
+                        after = known_in_run(last, near_first, near_end, run_end, run_end + RUN)
+                        around_run = (min(in_run, 3) * 4 + min(found_before, 3)) * 2 + (1 if after else 0)
+                        chosen = (
+                            RUN_AT + 2 * around_run + (1 if found else 0),
+                            CELLS + patches + last.size + run,
+                            RUN_SHARE_AT + (min(found, 7) * 4 + part) * COUNTS + in_reference,
                         )
-                        if abs(value + guess) > LARGEST:
+                        bit = 1 if not decoding and at < frame_end and record_places[at] < run_end else 0
+                        if not code_mixed(coder, data, cells, chosen, weights[RUN_MIXER], bit):
+                            found_before = 0
+                            continue
+                    for place in range(run, run_end):
+                        near = last[place] if near_first <= last[place] < near_end else -1
+                        known = 1 if near >= 0 else 0
+                        record_1 = last[place - 1] if place > 0 and last[place - 1] >= frame_first else -1
+                        record_2 = last[place - 2] if place > 1 and last[place - 2] >= frame_first else -1
+                        if at > run_first or place < run_end - 1:  # again, the last one is certain
+                            size = 0
+                            if known:
+                                size = 1 + min(abs(levels[near, 0]) + abs(levels[near, 1]) + abs(levels[near, 2]), 2)
+                            neighbours = (4 if record_1 >= 0 else 0) + (2 if record_2 >= 0 else 0)
+                            if place + 1 < last.size and near_first <= last[place + 1] < near_end:
+                                neighbours += 1
+                            in_run = min(at - run_first, 2) * RUN + run_end - 1 - place
+                            chosen = (
+                                VERTEX_AT + size * 8 + neighbours,
+                                CELLS + patches + place,
+                                SHARE_AT + (in_run * COUNTS + in_reference) * 2 + known,
+                            )
+                            bit = 1 if not decoding and at < frame_end and record_places[at] == place else 0
+                            if not code_mixed(coder, data, cells, chosen, weights[VERTEX_MIXER + known], bit):
+                                continue
+                        if at == record_places.size:
                             return -1
-                        levels[at, axis] = value + guess
-                        if predicted:
-                            learn(filters, row, inputs, value)
-                        residuals[at, axis] = clamp(value, LARGEST_RESIDUAL)
-                        agreed_in_time += sign_of(in_time) * sign_of(value)
-                        agreed_in_space += sign_of(in_space) * sign_of(value)
-                        size_2, size_1 = size_1, abs(value)
-                        total += min(size_1, LARGEST_RESIDUAL)
-                    sizes[place] += (16 * total - sizes[place]) >> 2 if known else 16 * total - sizes[place]
-                    earlier[at] = near
-                    last[place] = at
-                    found += 1
-                    at += 1
+                        record_places[at] = place
+                        look_around(around, earlier, near, record_1, record_2)
+                        both = known + (2 if record_1 >= 0 else 0)
+                        filter_set = both + (4 if distance > 1 else 0)
+                        mean = sizes[place] if known else 0
+                        agreed_in_time, agreed_in_space, size_1, size_2, total = 0, 0, 0, 0, 0
+                        for axis in range(3):
+                            row = filter_set * 3 + axis
+                            guess = predict(levels, around, axis, filters, row, inputs) if predicted else 0
+                            in_time: int = np.int64(residuals[near, axis]) if known else 0  # type: ignore[assignment]
+                            in_space: int = np.int64(residuals[record_1, axis]) if record_1 >= 0 else 0  # type: ignore
+                            least = 1 if axis == 2 and not predicted and size_1 == 0 and size_2 == 0 else 0
+                            value = code_residual(
+                                coder,
+                                data,
+                                cells,
+                                weights,
+                                axis,
+                                least,
+                                in_time,
+                                in_space,
+                                both,
+                                (size_1, size_2),
+                                mean,
+                                (agreed_in_time, agreed_in_space),
+                                levels[at, axis] - guess,
+                            )
+                            if abs(value + guess) > LARGEST:
+                                return -1
+                            levels[at, axis] = value + guess
+                            if predicted:
+                                learn(filters, row, inputs, value)
+                            residuals[at, axis] = clamp(value, LARGEST_RESIDUAL)
+                            agreed_in_time += sign_of(in_time) * sign_of(value)
+                            agreed_in_space += sign_of(in_space) * sign_of(value)
+                            size_2, size_1 = size_1, abs(value)
+                            total += min(size_1, LARGEST_RESIDUAL)
+                        sizes[place] += (16 * total - sizes[place]) >> 2 if known else 16 * total - sizes[place]
+                        earlier[at] = near
+                        last[place] = at
+                        found += 1
+                        at += 1
+                    found_before = at - run_first
             counts[patch + 2] = found
     if decoding:
         frame_starts[distances.size] = at

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.kernels.bit_length import bit_length
 from pdecodec.kernels.uncounted import uncounted_inline
 from pdecodec.quantise import LARGEST
 
@@ -34,16 +35,6 @@ POWER_FLOOR = 16
 
 LEARNING_SHIFT = 8
 """A prediction corrects 1/16 of its miss (2^-4 = 2^(20 - 8 - 16)) before it sees the same differences again."""
-
-
-@uncounted_inline
-def digits_of(value: int) -> int:
-    """Binary digits of a number; none of one that is not positive."""
-    found = 0
-    while value > 0:
-        value >>= 1
-        found += 1
-    return found
 
 
 @uncounted_inline
@@ -100,7 +91,7 @@ def learn(filters: Int64Array, row: int, inputs: Int64Array, miss: int) -> None:
     largest = abs(miss)
     for i in range(INPUTS):
         largest = max(largest, abs(inputs[i]))
-    scale = max(0, digits_of(largest) - INPUT_DIGITS)
+    scale = max(0, bit_length(largest) - INPUT_DIGITS)
     power = POWER_FLOOR
     for i in range(INPUTS):
         inputs[i] >>= scale

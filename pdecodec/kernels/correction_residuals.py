@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.kernels.correction_prediction import digits_of
+from pdecodec.kernels.bit_length import bit_length
 from pdecodec.kernels.rangecoder import code_bit, code_mixed, code_with
 from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 from pdecodec.quantise import LARGEST
@@ -64,7 +64,7 @@ def sign_of(value: int) -> int:
 @uncounted
 def code_number(coder: Int64Array, data: UInt8Array, cells: Int64Array, first: int, value: int) -> int:
     """Code a number from 1 to ``2^DIGITS - 1``: its count of binary digits with `cells` from `first` on, the digits."""
-    wanted = digits_of(value)
+    wanted = bit_length(value)
     digits = 1
     while digits < DIGITS and code_bit(coder, data, cells, first + digits - 1, 1 if wanted > digits else 0):
         digits += 1
@@ -80,8 +80,6 @@ def code_residual(
     data: UInt8Array,
     cells: Int64Array,
     weights: Int64Array,
-    chosen: Int64Array,
-    opinions: Int64Array,
     axis: int,
     least: int,
     in_time: int,
@@ -96,7 +94,7 @@ def code_residual(
 
     Parameters
     ----------
-    coder, data, cells, weights, chosen, opinions
+    coder, data, cells, weights
         As in :class:`pdecodec.kernels.correction_model.Coding`.
     axis : int
     least : int
@@ -120,7 +118,7 @@ def code_residual(
     """
     size_in_time, size_in_space = abs(in_time), abs(in_space)
     expected = 3 * size_in_time + 2 * size_in_space + 2 * beside[0] + beside[1] + (mean >> 4)
-    digits = digits_of(expected)
+    digits = bit_length(expected)
     shift = max(0, digits - SHIFT_FROM)
     coarse = 1 if shift else 0
     if shift:
@@ -136,11 +134,12 @@ def code_residual(
     quotient = size >> shift
     count = 0 if coarse else least
     while count < COUNTED:
-        chosen[0] = EXPECTED_AT + (kind * 3 + axis) * COUNTED + count
-        chosen[1] = NEAR_AT + (near * 2 + coarse) * COUNTED + count
-        chosen[2] = BESIDE_AT + ((other * 3 + axis) * 2 + coarse) * COUNTED + count
-        mixer = weights[2 * count + coarse]
-        if not code_mixed(coder, data, cells, chosen, mixer, opinions, 1 if quotient > count else 0):
+        chosen = (
+            EXPECTED_AT + (kind * 3 + axis) * COUNTED + count,
+            NEAR_AT + (near * 2 + coarse) * COUNTED + count,
+            BESIDE_AT + ((other * 3 + axis) * 2 + coarse) * COUNTED + count,
+        )
+        if not code_mixed(coder, data, cells, chosen, weights[2 * count + coarse], 1 if quotient > count else 0):
             break
         count += 1
     if count == COUNTED:
@@ -148,10 +147,12 @@ def code_residual(
     if coarse or count:
         signs = sign_of(in_time) * 3 + sign_of(agreed[0]) + 4
         signs_in_space = sign_of(in_space) * 3 + sign_of(agreed[1]) + 4
-        chosen[0] = SIGN_AT + (sign_of(in_time) * 3 + sign_of(in_space) + 4) * 2 + coarse
-        chosen[1] = SIGN_IN_TIME_AT + (signs * 3 + min(size_in_time, 2)) * 2 + coarse
-        chosen[2] = SIGN_IN_SPACE_AT + (signs_in_space * 3 + axis) * 2 + coarse
-        negative = code_mixed(coder, data, cells, chosen, weights[SIGN_MIXER + coarse], opinions, negative)
+        chosen_signs = (
+            SIGN_AT + (sign_of(in_time) * 3 + sign_of(in_space) + 4) * 2 + coarse,
+            SIGN_IN_TIME_AT + (signs * 3 + min(size_in_time, 2)) * 2 + coarse,
+            SIGN_IN_SPACE_AT + (signs_in_space * 3 + axis) * 2 + coarse,
+        )
+        negative = code_mixed(coder, data, cells, chosen_signs, weights[SIGN_MIXER + coarse], negative)
     if count > (4 * LARGEST) >> shift:
         return 4 * LARGEST
     low = LOW_AT + (min(count, COUNTED) << MODELLED)

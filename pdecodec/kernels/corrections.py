@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 from numpy.typing import NDArray
 
 from pdecodec.quantise import LARGEST
@@ -23,35 +23,39 @@ def squared_distance(point: Float32Array, other: Float32Array) -> float:
     return (x * x + y * y) + z * z
 
 
-@njit(cache=True)
-def find_misses(points: Float32Array, base: Float32Array, order: Int64Array, bound: float, starts: Int64Array) -> None:
-    """Count the vertices that miss the bound.
+@njit(cache=True, parallel=True)
+def find_misses(points: Float32Array, base: Float32Array, bound: float, missed: BoolArray, counts: Int64Array) -> None:
+    """Find the vertices that miss the bound.
 
     Parameters
     ----------
     points, base : (frames, vertices, 3) float32
-    order : (vertices,) int64
     bound : float [scene units]
-    starts : (frames + 1,) int64, filled
-        Misses before each frame.
+    missed : (frames, vertices) bool, written
+    counts : (frames,) int64, written
+        Misses of each frame.
     """
-    found = 0
-    for frame in range(points.shape[0]):
-        starts[frame] = found
-        for place in range(order.size):
-            vertex = order[place]
-            if not squared_distance(points[frame, vertex], base[frame, vertex]) <= bound * bound:
-                found += 1
-    starts[points.shape[0]] = found
+    for frame in prange(points.shape[0]):
+        found = 0
+        for vertex in range(points.shape[1]):
+            x = np.float64(points[frame, vertex, 0]) - np.float64(base[frame, vertex, 0])
+            y = np.float64(points[frame, vertex, 1]) - np.float64(base[frame, vertex, 1])
+            z = np.float64(points[frame, vertex, 2]) - np.float64(base[frame, vertex, 2])
+            misses = not (x * x + y * y) + z * z <= bound * bound
+            missed[frame, vertex] = misses
+            found += 1 if misses else 0
+        counts[frame] = found
 
 
-@njit(cache=True)
+@njit(cache=True, parallel=True)
 def correct_misses(
     points: Float32Array,
     base: Float32Array,
     order: Int64Array,
     bound: float,
     step: float,
+    missed: BoolArray,
+    starts: Int64Array,
     places: Int64Array,
     levels: Int64Array,
     within: BoolArray,
@@ -60,22 +64,26 @@ def correct_misses(
 
     Parameters
     ----------
-    points, base, order, bound
+    points, base, bound, missed
         As in :func:`find_misses`.
+    order : (vertices,) int64
     step : float
+    starts : (frames + 1,) int64
+        Misses before each frame.
     places : (n,) int64, filled
     levels : (n, 3) int64, filled
         Rounded residuals in steps.
     within : (n,) bool, filled
         Whether these keep the bound, in the float32 that comes of them.
     """
-    corrected = np.empty(3, np.float32)
-    at = 0
-    for frame in range(points.shape[0]):
+    for frame in prange(points.shape[0]):
+        corrected = np.empty(3, np.float32)
+        at = starts[frame]
         for place in range(order.size):
-            point, before = points[frame, order[place]], base[frame, order[place]]
-            if squared_distance(point, before) <= bound * bound:
+            vertex = order[place]
+            if not missed[frame, vertex]:
                 continue
+            point, before = points[frame, vertex], base[frame, vertex]
             places[at] = place
             kept = True
             for axis in range(3):

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.kernels.bit_length import bit_length
 from pdecodec.kernels.facewalk import (
     AFTER,
     BEFORE,
@@ -109,20 +110,6 @@ class Points(NamedTuple):
 def new_points(levels: Int64Array) -> Points:
     """Points of these levels, of which none is known."""
     return Points(levels, np.zeros(len(levels), np.bool_), np.zeros_like(levels), np.zeros_like(levels))
-
-
-_LENGTHS = np.array([int(n).bit_length() for n in range(1 << 12)], np.int64)
-
-
-@uncounted_inline
-def bit_length(value: int) -> int:
-    """Binary digits of a number that is not negative."""
-    digits = 0
-    while value >= 1 << 12:
-        value >>= 12
-        digits += 12
-    length: int = digits + _LENGTHS[value]
-    return length
 
 
 @uncounted_inline

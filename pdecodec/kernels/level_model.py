@@ -14,8 +14,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.kernels.bit_length import bit_length
 from pdecodec.kernels.rangecoder import code_bit, code_mixed, code_with
-from pdecodec.kernels.uncounted import uncounted, uncounted_inline
+from pdecodec.kernels.uncounted import uncounted
 
 UInt8Array = NDArray[np.uint8]
 Int64Array = NDArray[np.int64]
@@ -71,32 +72,25 @@ LARGEST_DIGITS = 41
 """Of a level: 2^40 has so many."""
 
 
-@uncounted_inline
-def bit_length(value: int) -> int:
-    """Binary digits of a number; none where it is not positive."""
-    count = 0
-    while value > 0:
-        value >>= 1
-        count += 1
-    return count
-
-
-@uncounted_inline
-def ratio_class(total: int) -> int:
+def _ratio_class(total: int) -> int:
     """Class of a sum of neighbours' sizes: 0 to 7 as they are, then four to an octave."""
     if total < 8:
         return total
-    octave = bit_length(total) - 3
+    octave = total.bit_length() - 3
     return min(4 * octave + ((total >> octave) & 3) + 4, RATIO - 1)
 
 
-@uncounted_inline
-def rank_class(rank: int) -> int:
+def _rank_class(rank: int) -> int:
     """Class of a rank, two to an octave."""
     if rank < 2:
         return rank
-    digits = bit_length(rank)
+    digits = rank.bit_length()
     return min(2 * digits - 2 + ((rank >> (digits - 2)) & 1), RANKS - 1)
+
+
+RATIO_CLASSES = np.array([_ratio_class(total) for total in range(256)], np.int64)
+RANK_CLASSES = np.array([_rank_class(rank) for rank in range(1024)], np.int64)
+"""Tables as far as classes differ: what is larger falls into the last one."""
 
 
 @uncounted
@@ -105,8 +99,6 @@ def code_count(
     data: UInt8Array,
     cells: Int64Array,
     weights: Int64Array,
-    chosen: Int64Array,
-    opinions: Int64Array,
     zone: int,
     before: int,
     beside: int,
@@ -127,12 +119,12 @@ def code_count(
     largest = bit_length(most)
     found = 0
     while found < largest:
-        chosen[0] = COUNT_AT[0] + zone * DIGITS + found
-        chosen[1] = COUNT_AT[1] + (found * DIGITS + lb) * DIGITS + ls
-        chosen[2] = COUNT_AT[2] + found * DIGITS + ls
-        mixer = weights[ZONES + UNARY + found]
-        more = code_mixed(coder, data, cells, chosen[:3], mixer[:3], opinions[:3], 1 if digits > found else 0)
-        if not more:
+        chosen = (
+            COUNT_AT[0] + zone * DIGITS + found,
+            COUNT_AT[1] + (found * DIGITS + lb) * DIGITS + ls,
+            COUNT_AT[2] + found * DIGITS + ls,
+        )
+        if not code_mixed(coder, data, cells, chosen, weights[ZONES + UNARY + found], 1 if digits > found else 0):
             break
         found += 1
     if found < 2:
@@ -150,12 +142,10 @@ def code_level(
     data: UInt8Array,
     cells: Int64Array,
     weights: Int64Array,
-    chosen: Int64Array,
-    opinions: Int64Array,
     zone: int,
     row: int,
     rank: int,
-    near: Int64Array,
+    near: tuple[int, int, int, int, int, int, int],
     level: int,
 ) -> int:
     """Code one level.
@@ -166,35 +156,37 @@ def code_level(
         In its run.
     rank : int
         Of its function of time.
-    near : (7,) int64
+    near : (int, ...)
         Sizes of neighbours: one and two rows before, one and two functions of time before, the same place in the
         run before, the other axes at the same function of time, the set above.
     """
-    r1, r2, t1, t2, s1, x1, p1 = near[0], near[1], near[2], near[3], near[4], near[5], near[6]
+    r1, r2, t1, t2, s1, x1, p1 = near
     total = 2 * r1 + r2 + 2 * t1 + t2 + 2 * s1 + 2 * x1 + p1
-    ratio = ratio_class(total)
-    ranked = rank_class(rank)
-    chosen[0] = ZERO_AT[0] + zone * RANKS + ranked
-    chosen[1] = ZERO_AT[1] + ((((min(r1, 3) * 3 + min(r2, 2)) * 4 + min(t1 + x1, 3)) * 3 + min(t2, 2)) * 4 + min(s1, 3))
-    chosen[2] = ZERO_AT[2] + ratio * ZONES + zone
-    chosen[3] = ZERO_AT[3] + min(row, 127) * 6 + min(t1 + s1 + x1, 5)
-    chosen[4] = ZERO_AT[4] + min(rank, 511) * 8 + min(r1 + s1 + p1, 7)
-    chosen[5] = ZERO_AT[5] + ratio * RANKS + ranked
+    ratio = RATIO_CLASSES[min(total, RATIO_CLASSES.size - 1)]
+    ranked = RANK_CLASSES[min(rank, RANK_CLASSES.size - 1)]
+    near_zero = (
+        ZERO_AT[0] + zone * RANKS + ranked,
+        ZERO_AT[1] + ((((min(r1, 3) * 3 + min(r2, 2)) * 4 + min(t1 + x1, 3)) * 3 + min(t2, 2)) * 4 + min(s1, 3)),
+        ZERO_AT[2] + ratio * ZONES + zone,
+        ZERO_AT[3] + min(row, 127) * 6 + min(t1 + s1 + x1, 5),
+        ZERO_AT[4] + min(rank, 511) * 8 + min(r1 + s1 + p1, 7),
+        ZERO_AT[5] + ratio * RANKS + ranked,
+    )
     size = abs(level)
-    if not code_mixed(coder, data, cells, chosen, weights[zone], opinions, 1 if size else 0):
+    if not code_mixed(coder, data, cells, near_zero, weights[zone], 1 if size else 0):
         return 0
     is_negative = code_with(coder, data, 1 << 15, 1 if level < 0 else 0)
     largest = min(max(max(r1, t1), max(s1, x1)), 7)
     found = 1
     while found <= UNARY:
         at = found - 1
-        chosen[0] = SIZE_AT[0] + at * RATIO + ratio
-        chosen[1] = SIZE_AT[1] + (at * ZONES + zone) * RANKS + ranked
-        chosen[2] = SIZE_AT[2] + (at * 8 + largest) * 8 + min(r1 + p1, 7)
-        chosen[3] = SIZE_AT[3] + (at * RATIO + ratio) * RANKS + ranked
-        mixer = weights[ZONES + at]
-        more = code_mixed(coder, data, cells, chosen[:4], mixer[:4], opinions[:4], 1 if size > found else 0)
-        if not more:
+        chosen = (
+            SIZE_AT[0] + at * RATIO + ratio,
+            SIZE_AT[1] + (at * ZONES + zone) * RANKS + ranked,
+            SIZE_AT[2] + (at * 8 + largest) * 8 + min(r1 + p1, 7),
+            SIZE_AT[3] + (at * RATIO + ratio) * RANKS + ranked,
+        )
+        if not code_mixed(coder, data, cells, chosen, weights[ZONES + at], 1 if size > found else 0):
             break
         found += 1
     if found > UNARY:
@@ -222,7 +214,6 @@ def code_levels(
     cells: Int64Array,
     weights: Int64Array,
     counts: Int64Array,
-    scratch: Int64Array,
 ) -> bool:
     """Code a matrix of levels; False where the bytes hold a count that cannot be.
 
@@ -240,10 +231,7 @@ def code_levels(
     weights : (MIXERS, MIXED) int64
     counts : (2, ZONES) int64
         Scratch, zero at first.
-    scratch : (3, 8) int64
-        Scratch.
     """
-    chosen, opinions, near = scratch[0, :MIXED], scratch[1, :MIXED], scratch[2]
     width = levels.shape[1]
     sets_before, patch_before = -1, -1
     for run in range(kinds.size):
@@ -268,9 +256,7 @@ def code_levels(
                 while a > needed and levels[c, a - 1] == 0:
                     a -= 1
                 needed = max(needed, a)
-            needed = code_count(
-                coder, data, cells, weights, chosen, opinions, zone, before, counts[1, zone], width, needed
-            )
+            needed = code_count(coder, data, cells, weights, zone, before, counts[1, zone], width, needed)
             if needed < 0:
                 return False
             counts[1, zone] = needed
@@ -280,23 +266,24 @@ def code_levels(
                 has_beside = beside >= 0 and place < starts[beside + 1] - starts[beside]
                 has_above = run > 0 and place < starts[above + 1] - starts[above]
                 for a in range(needed):
-                    near[0] = abs(levels[c - 1, a]) if place > 0 else 0
-                    near[1] = abs(levels[c - 2, a]) if place > 1 else 0
-                    near[2] = abs(levels[c, a - axes]) if a >= axes else 0
-                    near[3] = abs(levels[c, a - 2 * axes]) if a >= 2 * axes else 0
-                    near[4] = abs(levels[starts[beside] + place, a]) if has_beside else 0
-                    near[5] = 0
+                    other_axes = 0
                     if axes == 3:
                         for other in range(a - a % 3, a):
-                            near[5] += abs(levels[c, other])
-                    near[6] = abs(levels[starts[above] + place, a]) if has_above else 0
+                            other_axes += abs(levels[c, other])
+                    near = (
+                        abs(levels[c - 1, a]) if place > 0 else 0,
+                        abs(levels[c - 2, a]) if place > 1 else 0,
+                        abs(levels[c, a - axes]) if a >= axes else 0,
+                        abs(levels[c, a - 2 * axes]) if a >= 2 * axes else 0,
+                        abs(levels[starts[beside] + place, a]) if has_beside else 0,
+                        other_axes,
+                        abs(levels[starts[above] + place, a]) if has_above else 0,
+                    )
                     levels[c, a] = code_level(
                         coder,
                         data,
                         cells,
                         weights,
-                        chosen,
-                        opinions,
                         zone,
                         place + affine,
                         a // axes,

@@ -37,7 +37,7 @@ COUNT, LONG_PLACE, RUN, SHORT_PLACE, LONG_SLOT, SHORT_SLOT, LONG_HISTORY, SHORT_
 """Fields at the beginning of a memory: how many numbers it has seen; the place of the long recollection, or -1;
 for how many numbers that one has been right; the place of the short one, or -1; where the two contexts are listed;
 which of the last 8 long and short recollections were right, the latest in bit 0; a place for what is not listed.
-After them stand scratch, weights and cells of the decisions, the two tables of places, and the past."""
+After them stand weights and cells of the decisions, the two tables of places, and the past."""
 
 _OPINIONS = 2
 """Cells that each mixed bit asks."""
@@ -49,9 +49,7 @@ LONGEST_RUN = 63
 FARTHEST = 63
 """Runs and distances beyond these are alike."""
 
-_CHOSEN = UNLISTED + 1
-_OPINION = _CHOSEN + _OPINIONS
-_LONG_WEIGHTS = _OPINION + _OPINIONS
+_LONG_WEIGHTS = UNLISTED + 1
 _SHORT_WEIGHTS = _LONG_WEIGHTS + _OPINIONS
 _LONG_RUN = _SHORT_WEIGHTS + _OPINIONS
 _LONG_RECENT = _LONG_RUN + (LONGEST_RUN + 1) * PHASES * 3
@@ -73,13 +71,8 @@ def new_memory() -> Int64Array:
 
 
 @uncounted_inline
-def _slot(memory: Int64Array, phase: int, length: int) -> int:
-    mixed = phase
-    count = memory[COUNT]
-    for back in range(1, length + 1):
-        number = memory[_PAST + ((count - back) & (PAST_SIZE - 1))]
-        mixed = (mixed * HASH_FACTOR + number) & 0xFFFFFFFF
-    return mixed >> (32 - TABLE_BITS)
+def _number_at(memory: Int64Array, place: int) -> int:
+    return memory[_PAST + (place & (PAST_SIZE - 1))]
 
 
 @uncounted_inline
@@ -91,8 +84,12 @@ def _recollect(memory: Int64Array, phase: int) -> None:
         memory[LONG_SLOT] = memory[SHORT_SLOT] = UNLISTED
         memory[SHORT_PLACE] = -1
         return
-    memory[LONG_SLOT] = _TABLES + _slot(memory, phase, LONG_CONTEXT)
-    memory[SHORT_SLOT] = _TABLES + (1 << TABLE_BITS) + _slot(memory, phase, SHORT_CONTEXT)
+    mixed = phase
+    for back in range(1, LONG_CONTEXT + 1):
+        mixed = (mixed * HASH_FACTOR + _number_at(memory, count - back)) & 0xFFFFFFFF
+        if back == SHORT_CONTEXT:
+            memory[SHORT_SLOT] = _TABLES + (1 << TABLE_BITS) + (mixed >> (32 - TABLE_BITS))
+    memory[LONG_SLOT] = _TABLES + (mixed >> (32 - TABLE_BITS))
     if memory[LONG_PLACE] < 0:
         memory[LONG_PLACE] = memory[memory[LONG_SLOT]] - 1
         memory[RUN] = 0
@@ -101,11 +98,6 @@ def _recollect(memory: Int64Array, phase: int) -> None:
         memory[LONG_PLACE] = -1
     if count - memory[SHORT_PLACE] > PAST_SIZE:
         memory[SHORT_PLACE] = -1
-
-
-@uncounted_inline
-def _number_at(memory: Int64Array, place: int) -> int:
-    return memory[_PAST + (place & (PAST_SIZE - 1))]
 
 
 @uncounted_inline
@@ -133,8 +125,6 @@ def code_remembered(
     bool
         If so, :func:`recollection` is the number. In any case :func:`memorise` comes next.
     """
-    chosen = memory[_CHOSEN:_OPINION]
-    opinions = memory[_OPINION:_LONG_WEIGHTS]
     _recollect(memory, phase)
     place, short_place = memory[LONG_PLACE], memory[SHORT_PLACE]
     long_history, short_history = memory[LONG_HISTORY], memory[SHORT_HISTORY]
@@ -146,23 +136,24 @@ def code_remembered(
             differ = _number_at(memory, short_place) != proposed
             agreement = 1 if differ else 2
         run = min(memory[RUN], LONGEST_RUN)
-        chosen[0] = _LONG_RUN + (run * PHASES + phase) * 3 + agreement
+        of_run = _LONG_RUN + (run * PHASES + phase) * 3 + agreement
         if run == LONGEST_RUN:
-            right = code_bit(coder, data, memory, chosen[0], number == proposed)
+            right = code_bit(coder, data, memory, of_run, number == proposed)
         else:
-            chosen[1] = _LONG_RECENT + long_history * 3 + agreement
-            right = code_mixed(
-                coder, data, memory, chosen, memory[_LONG_WEIGHTS:_SHORT_WEIGHTS], opinions, number == proposed
-            )
+            chosen = of_run, _LONG_RECENT + long_history * 3 + agreement
+            weights = memory[_LONG_WEIGHTS:_SHORT_WEIGHTS]
+            right = code_mixed(coder, data, memory, chosen, weights, number == proposed)
         memory[LONG_HISTORY] = 2 * (long_history & 127) + right
         if right:
             return True
         memory[LONG_PLACE] = -1
     if differ:
         proposed = _number_at(memory, short_place)
-        chosen[0] = _SHORT_RECENT + short_history * PHASES + phase
-        chosen[1] = _SHORT_DISTANCE + min(memory[COUNT] - short_place, FARTHEST) * PHASES + phase
-        right = code_mixed(coder, data, memory, chosen, memory[_SHORT_WEIGHTS:_LONG_RUN], opinions, number == proposed)
+        chosen = (
+            _SHORT_RECENT + short_history * PHASES + phase,
+            _SHORT_DISTANCE + min(memory[COUNT] - short_place, FARTHEST) * PHASES + phase,
+        )
+        right = code_mixed(coder, data, memory, chosen, memory[_SHORT_WEIGHTS:_LONG_RUN], number == proposed)
         memory[SHORT_HISTORY] = 2 * (short_history & 127) + right
         if right:
             return True

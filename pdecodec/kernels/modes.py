@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.kernels.bit_length import bit_length
 from pdecodec.kernels.rangecoder import DECODE, EVEN, MODE, WEIGHT_BITS, code_mixed, code_with
 from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 
@@ -59,9 +60,6 @@ FARTHEST = 2.0**39
 MOST_UNCERTAIN = 2.0**120
 """Predicted variance at which learning starts again: no sound file comes near it."""
 
-BIT_LENGTHS = np.array([number.bit_length() for number in range(4096)], np.int64)
-"""Of small numbers."""
-
 
 def new_model(places: int) -> tuple[Int64Array, ...]:
     """Fresh cells, weights and scratch of :func:`code_levels`, in the order in which it takes them."""
@@ -71,20 +69,7 @@ def new_model(places: int) -> tuple[Int64Array, ...]:
         np.full(SIGN_CELLS, EVEN, np.int64),
         np.full(SIGN_OPINIONS, (1 << WEIGHT_BITS) // SIGN_OPINIONS, np.int64),
         np.zeros((3, places + 2 * PADDING), np.int64),
-        np.zeros(LEVEL_OPINIONS, np.int64),
-        np.zeros((2, LEVEL_OPINIONS), np.int64),
-        np.zeros((2, SIGN_OPINIONS), np.int64),
     )
-
-
-@uncounted_inline
-def bit_length(number: int) -> int:
-    """Bits of a number of 0 or more."""
-    length = 0
-    while number >= BIT_LENGTHS.size:
-        number >>= 8
-        length += 8
-    return length + BIT_LENGTHS[number]
 
 
 @uncounted_inline
@@ -108,16 +93,18 @@ def code_node(
     data: UInt8Array,
     cells: Int64Array,
     weights: Int64Array,
-    contexts: Int64Array,
-    scratch: Int64Array,
+    contexts: tuple[int, int, int, int],
     node: int,
     bit: bool,
 ) -> int:
     """Code one decision of a magnitude, asking the cell of every context."""
-    chosen = scratch[0]
-    for i in range(LEVEL_OPINIONS):
-        chosen[i] = contexts[i] * NODES + node
-    return code_mixed(coder, data, cells, chosen, weights[node], scratch[1], 1 if bit else 0)
+    chosen = (
+        contexts[0] * NODES + node,
+        contexts[1] * NODES + node,
+        contexts[2] * NODES + node,
+        contexts[3] * NODES + node,
+    )
+    return code_mixed(coder, data, cells, chosen, weights[node], 1 if bit else 0)
 
 
 @uncounted_inline
@@ -126,8 +113,7 @@ def code_magnitude(
     data: UInt8Array,
     cells: Int64Array,
     weights: Int64Array,
-    contexts: Int64Array,
-    scratch: Int64Array,
+    contexts: tuple[int, int, int, int],
     expected: int,
     magnitude: int,
 ) -> int:
@@ -139,8 +125,10 @@ def code_magnitude(
     ----------
     coder, data
         As in :func:`pdecodec.kernels.rangecoder.code_with`.
-    cells, weights, contexts, scratch
+    cells, weights
         As in :func:`code_levels`.
+    contexts : (int, int, int, int)
+        Where the node of each context is to be found.
     expected : int
         Below MOST_EXPONENT.
     magnitude : int
@@ -154,24 +142,24 @@ def code_magnitude(
     exponent = bit_length(magnitude + 1) - 1
     e = expected
     node = RISE + min(e, NODE_EXPONENTS - 1)
-    if code_node(coder, data, cells, weights, contexts, scratch, node, exponent > e):
+    if code_node(coder, data, cells, weights, contexts, node, exponent > e):
         e += 1
         while e < MOST_EXPONENT:
             node = RISE + min(e, NODE_EXPONENTS - 1)
-            if not code_node(coder, data, cells, weights, contexts, scratch, node, exponent > e):
+            if not code_node(coder, data, cells, weights, contexts, node, exponent > e):
                 break
             e += 1
     else:
         while e > 0:
             node = FALL + min(e - 1, NODE_EXPONENTS - 1)
-            if code_node(coder, data, cells, weights, contexts, scratch, node, exponent > e - 1):
+            if code_node(coder, data, cells, weights, contexts, node, exponent > e - 1):
                 break
             e -= 1
     if e == 0:
         return 0
     node = TOP_BIT + min(e, NODE_EXPONENTS - 1)
     top_bit = ((magnitude + 1) >> (e - 1)) & 1
-    found = 2 | code_node(coder, data, cells, weights, contexts, scratch, node, top_bit == 1)
+    found = 2 | code_node(coder, data, cells, weights, contexts, node, top_bit == 1)
     for i in range(e - 2, -1, -1):
         found = found << 1 | code_with(coder, data, 32768, ((magnitude + 1) >> i) & 1)
     return found - 1
@@ -183,7 +171,6 @@ def code_sign(
     data: UInt8Array,
     cells: Int64Array,
     weights: Int64Array,
-    scratch: Int64Array,
     first: int,
     second: int,
     fourth: int,
@@ -196,8 +183,8 @@ def code_sign(
     ----------
     coder, data
         As in :func:`pdecodec.kernels.rangecoder.code_with`.
-    cells, weights, scratch
-        `sign_cells`, `sign_weights`, `sign_scratch` of :func:`code_levels`.
+    cells, weights
+        `sign_cells`, `sign_weights` of :func:`code_levels`.
     first, second, fourth : int
         Levels, 0 where there is none.
     magnitude : int
@@ -208,11 +195,12 @@ def code_sign(
     first_size, second_size = min(bit_length(abs(first)), 5), min(bit_length(abs(second)), 5)
     size = min(bit_length(magnitude + 1) - 1, 5)
     all_signs = (first_sign * 3 + second_sign) * 3 + fourth_sign
-    chosen = scratch[0]
-    chosen[0] = (all_signs * 3 + (second_size >> 1)) * 3 + (size >> 1)
-    chosen[1] = SIGNS_OF_THREE + ((second_sign * 6 + second_size) * 3 + fourth_sign) * 6 + size
-    chosen[2] = SIGNS_OF_THREE + SIGNS_OF_SECOND + ((first_sign * 6 + first_size) * 3 + second_sign) * 6 + size
-    return code_mixed(coder, data, cells, chosen, weights, scratch[1], 1 if is_negative else 0)
+    chosen = (
+        (all_signs * 3 + (second_size >> 1)) * 3 + (size >> 1),
+        SIGNS_OF_THREE + ((second_sign * 6 + second_size) * 3 + fourth_sign) * 6 + size,
+        SIGNS_OF_THREE + SIGNS_OF_SECOND + ((first_sign * 6 + first_size) * 3 + second_sign) * 6 + size,
+    )
+    return code_mixed(coder, data, cells, chosen, weights, 1 if is_negative else 0)
 
 
 @uncounted
@@ -225,9 +213,6 @@ def code_levels(
     sign_cells: Int64Array,
     sign_weights: Int64Array,
     sums: Int64Array,
-    contexts: Int64Array,
-    scratch: Int64Array,
-    sign_scratch: Int64Array,
 ) -> None:
     """Code all levels, mode after mode, place after place (a frame or a frequency), axis after axis.
 
@@ -237,7 +222,7 @@ def code_levels(
         As in :func:`pdecodec.kernels.rangecoder.code_with`.
     levels : (modes, places, 3) int64
         Read when encoding or measuring, magnitudes at most 2^40 - 2; written when decoding, always within that.
-    cells, weights, sign_cells, sign_weights, sums, contexts, scratch, sign_scratch
+    cells, weights, sign_cells, sign_weights, sums
         From :func:`new_model`.
     """
     modes, places, _ = levels.shape
@@ -265,16 +250,18 @@ def code_levels(
                 else:
                     size = (wide + 8 * here) >> 1
                 own_size = grade(abs(first)) * GRADES + grade((last + second_last) >> 1)
-                contexts[0] = grade(size // 24) * 3 + x
-                contexts[1] = place_context
-                contexts[2] = ALL_SIZES + PLACES + own_size * 3 + x
-                contexts[3] = ALL_SIZES + PLACES + OWN_SIZES + mode_size * GRADES + second_mode_size
+                contexts = (
+                    grade(size // 24) * 3 + x,
+                    place_context,
+                    ALL_SIZES + PLACES + own_size * 3 + x,
+                    ALL_SIZES + PLACES + OWN_SIZES + mode_size * GRADES + second_mode_size,
+                )
                 expected = min(bit_length(size // 136 + 1) - 1, MOST_EXPONENT - 1)
 
                 level = 0 if decoding else levels[k, f, x]
-                magnitude = code_magnitude(coder, data, cells, weights, contexts, scratch, expected, abs(level))
+                magnitude = code_magnitude(coder, data, cells, weights, contexts, expected, abs(level))
                 if magnitude > 0 and code_sign(
-                    coder, data, sign_cells, sign_weights, sign_scratch, first, second, fourth, magnitude, level < 0
+                    coder, data, sign_cells, sign_weights, first, second, fourth, magnitude, level < 0
                 ):
                     levels[k, f, x] = -magnitude
                 else:

@@ -170,18 +170,16 @@ def add_function(
 
 
 @njit(cache=True)
-def patch_functions(
+def fill_column(
     local: Float64Array,
     size: int,
     exponents: Int64Array,
     given: Float64Array,
     begin: int,
-    most: int,
+    j: int,
     column: Float64Array,
-    by_point: Float64Array,
-    by_function: Float64Array,
-) -> tuple[int, int]:
-    """The functions of one patch: given ones or polynomials of `local`, then unit vectors.
+) -> None:
+    """Values of one function before it is made orthonormal: a given one, or a polynomial of `local`.
 
     Parameters
     ----------
@@ -193,43 +191,110 @@ def patch_functions(
         Functions to take in the place of polynomials, the affine four first; m = 0 for none.
     begin : int
         Row of `given` that is the patch's first vertex.
+    j : int
+        Which one.
+    column : (size or more,) float64, written
+    """
+    if given.shape[1]:
+        for i in range(size):
+            column[i] = given[begin + i, j]
+        return
+    column[:size] = 1.0
+    for axis in range(3):
+        for _ in range(exponents[j, axis]):
+            for i in range(size):
+                column[i] *= local[axis, i]
+
+
+@njit(cache=True)
+def patch_functions(
+    local: Float64Array,
+    size: int,
+    exponents: Int64Array,
+    given: Float64Array,
+    begin: int,
+    most: int,
+    column: Float64Array,
+    by_point: Float64Array,
+    by_function: Float64Array,
+) -> None:
+    """The first `most` functions of one patch: given ones or polynomials, then unit vectors.
+
+    Parameters
+    ----------
+    local, size, exponents, given, begin, column
+        As in :func:`fill_column`.
     most : int
-        Functions at most; at most ``size``.
-    column : (size or more,) float64
-        Scratch.
+        At most ``size``: so many there always are.
     by_point, by_function
         As in :func:`add_function`.
-
-    Returns
-    -------
-    rank, affine : int
-        Functions, and how many of them are affine.
     """
-    rank, affine = 0, 0
+    rank = 0
     for j in range(given.shape[1] if given.shape[1] else len(exponents)):
         if rank == most:
-            break
-        for i in range(size):
-            value = 1.0
-            if given.shape[1]:
-                value = given[begin + i, j]
-            else:
-                for axis in range(3):
-                    for _ in range(exponents[j, axis]):
-                        value *= local[axis, i]
-            column[i] = value
+            return
+        fill_column(local, size, exponents, given, begin, j, column)
         if add_function(column, size, DEPENDENT, by_point, by_function, rank):
             rank += 1
-            if j < AFFINE:
-                affine += 1
     for j in range(size):
         if rank == most:
-            break
+            return
         column[:size] = 0.0
         column[j] = 1.0
         if add_function(column, size, COVERED, by_point, by_function, rank):
             rank += 1
-    return rank, affine
+
+
+@njit(cache=True)
+def affine_functions(
+    levels: Int64Array,
+    order: Int32Array,
+    starts: Int64Array,
+    exponents: Int64Array,
+    given: Float64Array,
+    most: int,
+    affine: Int64Array,
+    coordinates: Float64Array,
+) -> None:
+    """How many affine functions each patch has, and what 1, x, y, z are in them.
+
+    Parameters
+    ----------
+    levels : (vertices, 3) int64
+    order : (vertices,) int32
+    starts : (patches + 1,) int64
+    exponents, given
+        As in :func:`fill_column`.
+    most : int
+        Functions of a patch at most.
+    affine : (patches,) int64, written
+    coordinates : (patches, 4, 4) float64, written
+        Coordinates of 1, x, y, z (in steps, about the mesh's vertex 0) in the affine functions: row is the
+        function, column the monomial.
+    """
+    largest = 0
+    for p in range(starts.size - 1):
+        largest = max(largest, starts[p + 1] - starts[p])
+    local, column = np.empty((3, largest)), np.empty(largest)
+    by_point, by_function = np.empty((largest, AFFINE)), np.empty((AFFINE, largest))
+    for p in range(starts.size - 1):
+        begin, size = starts[p], starts[p + 1] - starts[p]
+        local_coordinates(levels, order, begin, starts[p + 1], local)
+        count = 0
+        for j in range(AFFINE):
+            if count == min(most, size):
+                break
+            fill_column(local, size, exponents, given, begin, j, column)
+            if add_function(column, size, DEPENDENT, by_point, by_function, count):
+                count += 1
+        affine[p] = count
+        for k in range(count):
+            for c in range(AFFINE):
+                total = 0.0
+                for i in range(size):
+                    value = 1.0 if c == 0 else np.float64(levels[order[begin + i], c - 1] - levels[0, c - 1])
+                    total += by_function[k, i] * value
+                coordinates[p, k, c] = total
 
 
 @njit(cache=True, parallel=True)
@@ -239,56 +304,36 @@ def build_patches(
     starts: Int64Array,
     exponents: Int64Array,
     given: Float64Array,
-    most: int,
+    ranks: Int64Array,
     basis: Float64Array,
     basis_starts: Int64Array,
-    ranks: Int64Array,
-    affine: Int64Array,
-    affine_coordinates: Float64Array,
 ) -> None:
-    """Functions of all patches.
+    """All functions of all patches.
 
     Parameters
     ----------
-    levels : (vertices, 3) int64
-    order : (vertices,) int32
-    starts : (patches + 1,) int64
-    exponents, given, most
-        As in :func:`patch_functions`.
-    basis : (sum of min(size, most) * size,) float64, written
+    levels, order, starts, exponents, given
+        As in :func:`affine_functions`.
+    ranks : (patches,) int64
+        Functions of each patch.
+    basis : (sum of ranks * size,) float64, written
         Function after function.
     basis_starts : (patches + 1,) int64
-    ranks, affine : (patches,) int64, written
-    affine_coordinates : (patches, 4, 4) float64, written
-        Coordinates of 1, x, y, z (in steps, about the mesh's vertex 0) in the affine functions: row is the
-        function, column the monomial.
     """
     patches = starts.size - 1
     for lane in prange(LANES):
         largest = 0
         for p in range(patches * lane // LANES, patches * (lane + 1) // LANES):
             largest = max(largest, starts[p + 1] - starts[p])
-        local = np.empty((3, largest))
-        column = np.empty(largest)
-        by_point = np.empty((largest, min(most, largest)))
-        by_function = np.empty((min(most, largest), largest))
+        local, column = np.empty((3, largest)), np.empty(largest)
+        by_point, by_function = np.empty((largest, largest)), np.empty((largest, largest))
         for p in range(patches * lane // LANES, patches * (lane + 1) // LANES):
             begin, size = starts[p], starts[p + 1] - starts[p]
             local_coordinates(levels, order, begin, starts[p + 1], local)
-            rank, count = patch_functions(
-                local, size, exponents, given, begin, min(most, size), column, by_point, by_function
-            )
-            ranks[p], affine[p] = rank, count
-            for k in range(rank):
+            patch_functions(local, size, exponents, given, begin, ranks[p], column, by_point, by_function)
+            for k in range(ranks[p]):
                 for i in range(size):
                     basis[basis_starts[p] + k * size + i] = by_function[k, i]
-            for k in range(count):
-                for c in range(AFFINE):
-                    total = 0.0
-                    for i in range(size):
-                        value = 1.0 if c == 0 else np.float64(levels[order[begin + i], c - 1] - levels[0, c - 1])
-                        total += by_function[k, i] * value
-                    affine_coordinates[p, k, c] = total
 
 
 @njit(cache=True)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.kernels.bit_length import bit_length
 from pdecodec.kernels.facepredict import (
     CLASS,
     CLASSES,
@@ -26,7 +27,6 @@ from pdecodec.kernels.facepredict import (
     SPREAD,
     STRAIGHT,
     Points,
-    bit_length,
     learn_miss,
     look_around,
     weigh,
@@ -102,20 +102,17 @@ class Scratch(NamedTuple):
     predicted : (3,) int64 [1/16]
     seed_errors : (3,) int64 [1/16]
         Sizes of residuals of vertices that nothing was known around; zero at first.
-    chosen, opinions : (OPINIONS,) int64
     """
 
     findings: Int64Array
     numbers: Int64Array
     predicted: Int64Array
     seed_errors: Int64Array
-    chosen: Int64Array
-    opinions: Int64Array
 
 
 def new_scratch() -> Scratch:
     """Scratch that is all zero."""
-    shapes = ((ROWS_OF_FINDINGS, 3), (3,), (3,), (3,), (OPINIONS,), (OPINIONS,))
+    shapes = ((ROWS_OF_FINDINGS, 3), (3,), (3,), (3,))
     return Scratch(*(np.zeros(shape, np.int64) for shape in shapes))
 
 
@@ -190,7 +187,7 @@ def code_residual(
     int
         Less than 2^40 in size.
     """
-    findings, numbers, chosen, opinions = scratch.findings, scratch.numbers, scratch.chosen, scratch.opinions
+    findings, numbers = scratch.findings, scratch.numbers
     size = abs(residual)
     wanted = bit_length(size)
     expected = findings[ERRORS, axis] + (1 << (FRACTION_BITS - 1))
@@ -203,10 +200,12 @@ def code_residual(
     way, mixer = _FIRST, _FIRST_MIXER
     while True:
         row = (nearness if length == 1 else min(_NEARNESSES + length - 2, _ROWS - 1)) * _SIZES
-        chosen[0] = _LENGTH_AT[0] + (row * 3 + at_0) * _WAYS + way
-        chosen[1] = _LENGTH_AT[1] + row * CLASSES + at_1
-        chosen[2] = _LENGTH_AT[2] + (row * 4 + at_2) * _WAYS + way
-        is_it = code_mixed(coder, data, cells, chosen, mixers[mixer], opinions, 1 if wanted >= length else 0)
+        chosen = (
+            _LENGTH_AT[0] + (row * 3 + at_0) * _WAYS + way,
+            _LENGTH_AT[1] + row * CLASSES + at_1,
+            _LENGTH_AT[2] + (row * 4 + at_2) * _WAYS + way,
+        )
+        is_it = code_mixed(coder, data, cells, chosen, mixers[mixer], 1 if wanted >= length else 0)
         if way == _FIRST:
             way = _UP if is_it else _DOWN
         if way == _UP:
@@ -234,12 +233,12 @@ def code_residual(
         else:
             value = 2 * value + code_with(coder, data, HALF, bit)
     kind = min(length, _SIGN_KINDS) - 1
-    chosen[0] = _SIGN_AT[0] + (kind * (1 << FRACTION_BITS) + fraction) * 3 + axis
-    chosen[1] = _SIGN_AT[1] + (kind * 5 + leaning(findings[CREASE, axis])) * 5 + leaning(findings[STRAIGHT, axis])
-    chosen[2] = _SIGN_AT[2] + (kind * 5 + leaning(findings[MISS, axis])) * 5 + leaning(findings[NEIGHBOURS, axis])
-    is_negative = code_mixed(
-        coder, data, cells, chosen, mixers[_SIGN_MIXERS + kind], opinions, 1 if residual < 0 else 0
+    signs = (
+        _SIGN_AT[0] + (kind * (1 << FRACTION_BITS) + fraction) * 3 + axis,
+        _SIGN_AT[1] + (kind * 5 + leaning(findings[CREASE, axis])) * 5 + leaning(findings[STRAIGHT, axis]),
+        _SIGN_AT[2] + (kind * 5 + leaning(findings[MISS, axis])) * 5 + leaning(findings[NEIGHBOURS, axis]),
     )
+    is_negative = code_mixed(coder, data, cells, signs, mixers[_SIGN_MIXERS + kind], 1 if residual < 0 else 0)
     return -value if is_negative else value
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.kernels.uncounted import uncounted_inline
+from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 
 Int64Array = NDArray[np.int64]
 UInt8Array = NDArray[np.uint8]
@@ -33,6 +33,9 @@ BOTTOM = 1 << (RANGE_BITS - 8)
 """An interval below this is widened by a byte."""
 
 FIRST_BYTES = RANGE_BITS // 8
+
+unsigned = np.uint64
+"""Around indices that are never negative: numba lets others count from the end, and looks each time."""
 
 CELL_BITS = 22
 COUNT_BITS = 10
@@ -59,16 +62,16 @@ LEARNING_SHIFT = 14
 COST_BITS = 16
 """Fraction bits of measured costs."""
 
-RATES = (2**17 // (2 * np.arange(COUNT_MASK + 1) + 3)).astype(np.int64)
+RATES = (2**17 // (2 * np.arange(COUNT_MASK + 1) + 3)).astype(np.uint16)
 """Of a cell adapted n times: 1 / (n + 1.5), in 1/65536."""
 
-SQUASH = np.rint(65536.0 / (1.0 + np.exp(np.arange(-LOGISTIC_LIMIT, LOGISTIC_LIMIT + 1) / -256.0))).astype(np.int64)
+SQUASH = np.rint(65536.0 / (1.0 + np.exp(np.arange(-LOGISTIC_LIMIT, LOGISTIC_LIMIT + 1) / -256.0))).astype(np.uint16)
 """Logistic domain to probability in 1/65536. No value before rounding is within 1e-5 of a tie."""
 
-STRETCH = np.rint(256.0 * np.log((np.arange(4096) + 0.5) / (4095.5 - np.arange(4096)))).astype(np.int64)
+STRETCH = np.rint(256.0 * np.log((np.arange(4096) + 0.5) / (4095.5 - np.arange(4096)))).astype(np.int16)
 """Probability in 1/4096 to the logistic domain; ties as above."""
 
-COSTS = np.rint(-(2.0**COST_BITS) * np.log2((np.arange(4096) + 0.5) / 4096.0)).astype(np.int64)
+COSTS = np.rint(-(2.0**COST_BITS) * np.log2((np.arange(4096) + 0.5) / 4096.0)).astype(np.int32)
 """Cost of a bit of a probability in 1/4096."""
 
 
@@ -85,6 +88,36 @@ def new_decoder(data: UInt8Array) -> Int64Array:
     head = bytes(data[:FIRST_BYTES]).ljust(FIRST_BYTES, b"\0")
     coder[CODE], coder[POSITION] = int.from_bytes(head, "big"), FIRST_BYTES
     return coder
+
+
+@uncounted
+def _carry(coder: Int64Array, data: UInt8Array) -> None:
+    """Add one to the number that the bytes written so far are."""
+    at = min(coder[POSITION], data.size) - 1
+    while at >= 0 and data[at] == 255:
+        data[at] = 0
+        at -= 1
+    if at >= 0:
+        data[at] += 1
+
+
+@uncounted
+def _encode(coder: Int64Array, data: UInt8Array, split: int, bit: int) -> None:
+    """Narrow the interval to its first `split`, or to the rest of it. Not inlined: decoding stays small."""
+    width = split
+    if not bit:
+        width = coder[RANGE] - split
+        coder[LOW] += split
+        if coder[LOW] >= TOP:
+            coder[LOW] -= TOP
+            _carry(coder, data)
+    while width < BOTTOM:
+        if coder[POSITION] < data.size:
+            data[coder[POSITION]] = coder[LOW] >> (RANGE_BITS - 8)
+        coder[POSITION] += 1
+        coder[LOW] = (coder[LOW] & (BOTTOM - 1)) << 8
+        width <<= 8
+    coder[RANGE] = width
 
 
 @uncounted_inline
@@ -104,45 +137,26 @@ def code_with(coder: Int64Array, data: UInt8Array, probability: int, bit: int) -
     int
         The bit.
     """
-    mode = coder[MODE]
-    if mode == MEASURE:
+    if coder[MODE] == MEASURE:
         coder[COST] += COSTS[(probability if bit else 65536 - probability) >> 4]
         return bit
     width = coder[RANGE]
     split = (width >> 16) * probability
-    if mode == ENCODE:
-        if bit:
-            width = split
-        else:
-            coder[LOW] += split
-            width -= split
-            if coder[LOW] >= TOP:
-                coder[LOW] -= TOP
-                at = min(coder[POSITION], data.size) - 1
-                while at >= 0 and data[at] == 255:
-                    data[at] = 0
-                    at -= 1
-                if at >= 0:
-                    data[at] += 1
-        while width < BOTTOM:
-            if coder[POSITION] < data.size:
-                data[coder[POSITION]] = coder[LOW] >> (RANGE_BITS - 8)
-            coder[POSITION] += 1
-            coder[LOW] = (coder[LOW] & (BOTTOM - 1)) << 8
-            width <<= 8
+    if coder[MODE] == ENCODE:
+        _encode(coder, data, split, bit)
+        return bit
+    if coder[CODE] < split:
+        bit = 1
+        width = split
     else:
-        if coder[CODE] < split:
-            bit = 1
-            width = split
-        else:
-            bit = 0
-            coder[CODE] -= split
-            width -= split
-        while width < BOTTOM:
-            following = data[coder[POSITION]] if coder[POSITION] < data.size else 0
-            coder[CODE] = (coder[CODE] << 8) | following
-            coder[POSITION] += 1
-            width <<= 8
+        bit = 0
+        coder[CODE] -= split
+        width -= split
+    while width < BOTTOM:
+        following = data[unsigned(coder[POSITION])] if coder[POSITION] < data.size else 0
+        coder[CODE] = (coder[CODE] << 8) | following
+        coder[POSITION] += 1
+        width <<= 8
     coder[RANGE] = width
     return bit
 
@@ -153,7 +167,7 @@ def adapted(cell: int, bit: int, slowest: int) -> int:
     probability = cell >> COUNT_BITS
     count = cell & COUNT_MASK
     target = (1 << CELL_BITS) - 1 if bit else 0
-    probability += ((target - probability) * RATES[count]) >> 16
+    probability += ((target - probability) * RATES[unsigned(count)]) >> 16
     if count < slowest:
         count += 1
     return (probability << COUNT_BITS) | count
@@ -170,22 +184,22 @@ def code_bit(coder: Int64Array, data: UInt8Array, cells: Int64Array, index: int,
     cells : (n,) int64, changed
     index, bit : int
     """
-    cell = cells[index]
+    cell = cells[unsigned(index)]
     probability = cell >> (COUNT_BITS + CELL_BITS - 16)
     bit = code_with(coder, data, min(max(probability, LEAST), 65536 - LEAST), bit)
-    cells[index] = adapted(cell, bit, SLOWEST)
+    cells[unsigned(index)] = adapted(cell, bit, SLOWEST)
     return bit
 
 
 @uncounted_inline
+def _opinion(cell: int) -> int:
+    """What a cell says of the next bit, in the logistic domain."""
+    return STRETCH[unsigned(cell >> (COUNT_BITS + CELL_BITS - 12))]
+
+
+@uncounted_inline
 def code_mixed(
-    coder: Int64Array,
-    data: UInt8Array,
-    cells: Int64Array,
-    chosen: Int64Array,
-    weights: Int64Array,
-    opinions: Int64Array,
-    bit: int,
+    coder: Int64Array, data: UInt8Array, cells: Int64Array, chosen: tuple[int, ...], weights: Int64Array, bit: int
 ) -> int:
     """Code one bit with the mixed opinion of several cells; cells and weights learn.
 
@@ -194,26 +208,24 @@ def code_mixed(
     coder, data
         As in :func:`code_with`.
     cells : (n,) int64, changed
-    chosen : (k,) int64
-        The cells that are asked.
-    weights : (k,) int64, changed
+    chosen : tuple of int
+        The cells that are asked, all of them different. Their number is part of the type: the loops are unrolled.
+    weights : (len(chosen) or more,) int64, changed
         In 1/65536.
-    opinions : (k,) int64
-        Scratch.
     bit : int
     """
     total = 0
-    for i in range(chosen.size):
-        opinions[i] = STRETCH[cells[chosen[i]] >> (COUNT_BITS + CELL_BITS - 12)]
-        total += weights[i] * opinions[i]
+    for i in range(len(chosen)):
+        total += weights[i] * _opinion(cells[unsigned(chosen[i])])
     total >>= WEIGHT_BITS
     total = min(max(total, -LOGISTIC_LIMIT), LOGISTIC_LIMIT)
-    probability = min(max(SQUASH[total + LOGISTIC_LIMIT], LEAST), 65536 - LEAST)
+    probability = min(max(SQUASH[unsigned(total + LOGISTIC_LIMIT)], LEAST), 65536 - LEAST)
     bit = code_with(coder, data, probability, bit)
     miss = (65536 if bit else 0) - probability
-    for i in range(chosen.size):
-        weights[i] += (opinions[i] * miss + (1 << (LEARNING_SHIFT - 1))) >> LEARNING_SHIFT
-        cells[chosen[i]] = adapted(cells[chosen[i]], bit, SLOWEST)
+    for i in range(len(chosen)):
+        cell = cells[unsigned(chosen[i])]
+        weights[i] += (_opinion(cell) * miss + (1 << (LEARNING_SHIFT - 1))) >> LEARNING_SHIFT
+        cells[unsigned(chosen[i])] = adapted(cell, bit, SLOWEST)
     return bit
 
 
@@ -230,12 +242,7 @@ def finish(coder: Int64Array, data: UInt8Array) -> int:
             break
     if value >= TOP:
         value -= TOP
-        at = min(coder[POSITION], data.size) - 1
-        while at >= 0 and data[at] == 255:
-            data[at] = 0
-            at -= 1
-        if at >= 0:
-            data[at] += 1
+        _carry(coder, data)
     for _ in range(kept):
         if coder[POSITION] < data.size:
             data[coder[POSITION]] = (value >> (RANGE_BITS - 8)) & 255

@@ -6,9 +6,13 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from pdecodec.kernels.patch_functions import local_coordinates, patch_functions
+
 Float64Array = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
+Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
+FloatArray = NDArray[np.float32] | NDArray[np.float64]
 
 LANES = 16
 """Shares that patches are divided into for threads; no result depends on their number."""
@@ -61,38 +65,67 @@ def project_patches(
 def expand_patches(
     scaling: Float64Array,
     coefficients: Float64Array,
+    levels: Int64Array,
+    order: Int32Array,
     starts: Int64Array,
+    exponents: Int64Array,
+    given: Float64Array,
     basis: Float64Array,
     basis_starts: Int64Array,
     affine: Int64Array,
     coefficient_starts: Int64Array,
     set_of: Int64Array,
-    values: Float64Array,
+    planes: FloatArray,
 ) -> None:
-    """Undo :func:`project_patches`: values at the vertices, functions added up in order."""
+    """Undo :func:`project_patches`: values at the vertices, functions added up in order.
+
+    A patch's functions are made on the way, as far as there are coefficients for them (mostly a fraction), unless they
+    are given complete.
+
+    Parameters
+    ----------
+    scaling, coefficients, starts, affine, coefficient_starts, set_of
+        As in :func:`project_patches`.
+    levels, order, exponents, given
+        As in :func:`pdecodec.kernels.patch_functions.affine_functions`.
+    basis, basis_starts
+        As in :func:`project_patches`; empty, functions are made.
+    planes : (width, vertices) float32 or float64, written
+        In patch order.
+    """
     patches = starts.size - 1
-    width = values.shape[1]
+    width = planes.shape[0]
     for lane in prange(LANES):
+        largest = 0
         for p in range(patches * lane // LANES, patches * (lane + 1) // LANES):
-            size = starts[p + 1] - starts[p]
+            largest = max(largest, starts[p + 1] - starts[p])
+        local, column = np.empty((3, largest)), np.empty(largest)
+        by_point, by_function = np.empty((largest, largest)), np.empty((largest, largest))
+        sums = np.empty((width, largest))
+        for p in range(patches * lane // LANES, patches * (lane + 1) // LANES):
+            begin, size = starts[p], starts[p + 1] - starts[p]
             rank = affine[p] + coefficient_starts[p + 1] - coefficient_starts[p]
-            for i in range(size):
-                values[starts[p] + i, :] = 0.0
+            while rank > affine[p] and not coefficients[coefficient_starts[p] + rank - affine[p] - 1].any():
+                rank -= 1
+            if basis.size == 0:
+                local_coordinates(levels, order, begin, starts[p + 1], local)
+                patch_functions(local, size, exponents, given, begin, rank, column, by_point, by_function)
+            sums[:] = 0.0
             for k in range(rank):
                 other = coefficient_starts[p] + k - affine[p]
                 row = scaling[set_of[p], k] if k < affine[p] else coefficients[other]
-                # Functions of falling energy and modes of falling energy: most rows end in zeros.
-                used = width
-                while used > 0 and row[used - 1] == 0.0:
-                    used -= 1
-                if used == 0:
-                    continue
-                row = row[:used]
+                function = by_function[k, :size]
+                if basis.size:
+                    function = basis[basis_starts[p] + k * size : basis_starts[p] + (k + 1) * size]
+                for a in range(width):
+                    weight = row[a]
+                    if weight != 0.0:
+                        total = sums[a, :size]
+                        for i in range(size):
+                            total[i] += function[i] * weight
+            for a in range(width):
                 for i in range(size):
-                    weight = basis[basis_starts[p] + k * size + i]
-                    value = values[starts[p] + i]
-                    for a in range(used):
-                        value[a] += weight * row[a]
+                    planes[a, begin + i] = sums[a, i]
 
 
 @njit(cache=True)

@@ -152,7 +152,6 @@ def _code_border(
     data: UInt8Array,
     cells: Int64Array,
     weights: Int64Array,
-    scratch: Int64Array,
     state: Int64Array,
     sides: Int32Array,
     vertices: Int32Array,
@@ -164,11 +163,12 @@ def _code_border(
     beside = 2 * (sides[before, STATE] == CLOSED) + (sides[after, STATE] == CLOSED)
     from_faces = _faces(vertices, sides[gate, ORIGIN])
     to_faces = _faces(vertices, sides[after, ORIGIN])
-    chosen = scratch[0]
-    chosen[0] = _BORDER + (from_faces * _F + to_faces) * 4 + beside
-    chosen[1] = _BORDER_RECENT + state[BORDERS]
-    chosen[2] = _BORDER_BESIDE + beside * 8 + (state[BORDERS] & 7)
-    bit = code_mixed(coder, data, cells, chosen, weights[_BORDER_WEIGHTS], scratch[1], closed)
+    chosen = (
+        _BORDER + (from_faces * _F + to_faces) * 4 + beside,
+        _BORDER_RECENT + state[BORDERS],
+        _BORDER_BESIDE + beside * 8 + (state[BORDERS] & 7),
+    )
+    bit = code_mixed(coder, data, cells, chosen, weights[_BORDER_WEIGHTS], closed)
     state[BORDERS] = (2 * state[BORDERS] + bit) & 255
     return bit
 
@@ -179,7 +179,6 @@ def _code_size(
     data: UInt8Array,
     cells: Int64Array,
     weights: Int64Array,
-    scratch: Int64Array,
     state: Int64Array,
     sides: Int32Array,
     vertices: Int32Array,
@@ -194,15 +193,16 @@ def _code_size(
         from_faces, to_faces = _faces(vertices, start), _faces(vertices, stop)
         from_angle, to_angle = _angle(vertices, start), _angle(vertices, stop)
     last, before = min(state[LAST_SIZE], MOST_SIZE), min(state[SIZE_BEFORE], MOST_SIZE)
-    chosen = scratch[0]
     told = 3
     while told <= LAST_TOLD_SIZE:
         kind = min(told - 3, _TOLD_SIZES - 1)
         first = _SIZES + kind * _SIZE_CELLS
-        chosen[0] = first + _SIZE_ANGLES + from_angle * _A + to_angle
-        chosen[1] = first + _SIZE_RECENT + last * _S + before
-        chosen[2] = first + _SIZE_FACES + (from_faces * _F + to_faces) * _S + inner
-        if code_mixed(coder, data, cells, chosen, weights[_SIZE_WEIGHTS + kind], scratch[1], size == told):
+        chosen = (
+            first + _SIZE_ANGLES + from_angle * _A + to_angle,
+            first + _SIZE_RECENT + last * _S + before,
+            first + _SIZE_FACES + (from_faces * _F + to_faces) * _S + inner,
+        )
+        if code_mixed(coder, data, cells, chosen, weights[_SIZE_WEIGHTS + kind], size == told):
             break
         told += 1
     if told > LAST_TOLD_SIZE:
@@ -217,7 +217,6 @@ def _code_closing(
     data: UInt8Array,
     cells: Int64Array,
     weights: Int64Array,
-    scratch: Int64Array,
     state: Int64Array,
     sides: Int32Array,
     vertices: Int32Array,
@@ -232,7 +231,6 @@ def _code_closing(
     Sets BEGIN and END to the range of corners that are not.
     """
     decoding = coder[MODE] == DECODE
-    chosen = scratch[0]
     start, stop = sides[gate, ORIGIN], sides[sides[gate, FOLLOWING], ORIGIN]
     neighbour_after = sides[sides[sides[gate, FOLLOWING], FOLLOWING], ORIGIN]
     opposite = _faces(vertices, sides[sides[gate, BEFORE], ORIGIN])
@@ -253,13 +251,15 @@ def _code_closing(
             faces = _faces(vertices, closing)
             around = _angle(vertices, closing) * _S + min(size, MOST_SIZE)
             base = _CLOSE + way * _CLOSE_CELLS
-            chosen[0] = base + _CLOSE_BEYOND + (faces * _F + _faces(vertices, candidate)) * 2 + special
-            chosen[1] = base + _CLOSE_OPPOSITE + (faces * _F + opposite) * _F + _faces(vertices, other)
-            chosen[2] = base + _CLOSE_RECENT + around * 64 + state[CLOSINGS]
+            chosen = (
+                base + _CLOSE_BEYOND + (faces * _F + _faces(vertices, candidate)) * 2 + special,
+                base + _CLOSE_OPPOSITE + (faces * _F + opposite) * _F + _faces(vertices, other),
+                base + _CLOSE_RECENT + around * 64 + state[CLOSINGS],
+            )
             closes = False
             if not decoding:
                 closes = numbers[source_corners[sides[place, SOURCE], VERTEX]] == candidate
-            if not code_mixed(coder, data, cells, chosen, weights[_CLOSE_WEIGHTS + way], scratch[1], closes):
+            if not code_mixed(coder, data, cells, chosen, weights[_CLOSE_WEIGHTS + way], closes):
                 refused = candidate
                 break
             sides[place, ORIGIN] = candidate
@@ -338,7 +338,6 @@ def code_surface(
     data: UInt8Array,
     cells: Int64Array,
     weights: Int64Array,
-    scratch: Int64Array,
     state: Int64Array,
     common_size: int,
     has_border: bool,
@@ -360,7 +359,6 @@ def code_surface(
         As in :func:`pdecodec.kernels.rangecoder.code_with`.
     cells : (SURFACE_CELLS,) int64, changed
     weights : (SURFACE_DECISIONS, OPINIONS) int64, changed
-    scratch : (2, OPINIONS) int64
     state : (STATE_SIZE,) int64, changed
     common_size : int
         Corners of every face, or 0 where they differ.
@@ -399,9 +397,7 @@ def code_surface(
                 break
             if not decoding:
                 source = _face_across(source_corners, source_faces, groups, sides[gate, SOURCE])
-            if has_border and _code_border(
-                coder, data, cells, weights, scratch, state, sides, vertices, gate, source < 0
-            ):
+            if has_border and _code_border(coder, data, cells, weights, state, sides, vertices, gate, source < 0):
                 sides[gate, STATE] = CLOSED
             else:
                 break
@@ -417,7 +413,7 @@ def code_surface(
             sizes[face] = source_faces[source_face, SIZE]
         size = common_size
         if size == 0:
-            size = _code_size(coder, data, cells, weights, scratch, state, sides, vertices, gate, sizes[face])
+            size = _code_size(coder, data, cells, weights, state, sides, vertices, gate, sizes[face])
         sizes[face] = size
         if corners + size > sides.shape[0] - 3 * (sizes.size - 1 - face):
             return BROKEN
@@ -433,7 +429,6 @@ def code_surface(
                 data,
                 cells,
                 weights,
-                scratch,
                 state,
                 sides,
                 vertices,

@@ -6,12 +6,12 @@ import struct
 from collections import defaultdict
 from dataclasses import dataclass
 
-from spec.decoder.rangecoder import EVEN, RangeDecoder
-
 from spec.decoder.fields import require
+from spec.decoder.rangecoder import EVEN, RangeDecoder
 
 LARGEST = 2**40
 COUNTED = 18
+RUN = 8
 DIGITS = 43
 FIRST_WEIGHT = 28000
 HALF = 1 << 15
@@ -160,19 +160,51 @@ class CorrectionReader:
         self, patch: int, in_reference: int, reference: dict[int, Record], records: dict[int, Record], is_far: bool
     ) -> None:
         places = self._places(patch)
+        found, found_before = 0, 0
+        for begin in places[::RUN]:
+            run = range(begin, min(begin + RUN, places.stop))
+            after = range(run.stop, run.stop + RUN)
+            part = 4 * (begin - places.start) // len(places)
+            in_run = sum(place in reference for place in run)
+            is_certain = found == 0 and run.stop == places.stop
+            if is_certain or self._mixed(
+                (10,),
+                (
+                    13,
+                    min(in_run, 3),
+                    min(found_before, 3),
+                    any(place in reference for place in after),
+                    min(found, 1),
+                ),
+                (14, begin),
+                (15, min(found, 7), part, in_reference),
+            ):
+                found_before = self._run(run, in_reference, reference, records, is_far)
+                found += found_before
+            else:
+                found_before = 0
+
+    def _run(
+        self,
+        run: range,
+        in_reference: int,
+        reference: dict[int, Record],
+        records: dict[int, Record],
+        is_far: bool,
+    ) -> int:
         found = 0
-        for place in places:
+        for place in run:
             near = reference.get(place)
             known = int(near is not None)
             size = 1 + min(sum(abs(level) for level in near.levels), 2) if near else 0
             around = (place - 1 in records, place - 2 in records, place + 1 in reference)
-            part = 4 * (place - places.start) // len(places)
-            is_certain = found == 0 and place == places.stop - 1
-            if is_certain or self._mixed(
-                (1, known), (10, size, *around), (11, place), (12, min(found, 7), part, in_reference, known)
-            ):
+            is_certain = found == 0 and place == run.stop - 1
+            left = run.stop - 1 - place
+            contexts = (10, size, *around), (11, place), (12, min(found, 2), left, in_reference, known)
+            if is_certain or self._mixed((1, known), *contexts):
                 records[place] = self._record(place, near, records.get(place - 1), records.get(place - 2), is_far)
                 found += 1
+        return found
 
     # ---- by how many steps
 

@@ -10,7 +10,7 @@ import zstandard
 
 IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
 IN_BOTH = {"META", "SEQN", "CONN", "REST", "MODL", "COEF", "CORR", "ATTR"}
-KNOWN = {1: IN_BOTH | {"SEGM"}, 2: IN_BOTH | {"GRUP", "TIME"}}
+KNOWN = {1: IN_BOTH | {"SEGM"}, 2: IN_BOTH | {"ORDR", "GRUP", "TIME"}}
 """Sections of each major version."""
 
 MOST_SECTIONS = 64
@@ -47,13 +47,15 @@ def read_container(data: bytes) -> Container:
     require(zlib.crc32(data[:24]) == header_checksum, "the header is damaged")
     require(major in KNOWN, f"format version {major} is neither 1 nor 2")
     require(count <= MOST_SECTIONS, f"{count} sections")
-    table = data[28 : 28 + 32 * count]
-    require(len(table) == 32 * count and zlib.crc32(table) == table_checksum, "the table is damaged")
+    row_bytes = 32 if major == 1 else 17
+    table = data[28 : 28 + row_bytes * count]
+    require(len(table) == row_bytes * count and zlib.crc32(table) == table_checksum, "the table is damaged")
     sections: dict[str, bytes] = {}
     types = set()
-    end = 28 + 32 * count
-    for kind_bytes, flags, offset, length, checksum, _reserved in struct.iter_unpack("<4sIQQII", table):
-        kind = kind_bytes.decode("latin-1")
+    end = 28 + len(table)
+    for row in struct.iter_unpack("<4sIQQII" if major == 1 else "<4sBQI", table):
+        kind, flags = row[0].decode("latin-1"), row[1]
+        offset, length, checksum = row[2:5] if major == 1 else (end, *row[2:])
         require(offset == end, f"section {kind} does not begin where the one before it ends")
         require(kind not in types, f"section {kind} stands twice")
         types.add(kind)

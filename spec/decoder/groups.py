@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spec.decoder.corrections import FrameCorrections, read_corrections
 from spec.decoder.fields import require
@@ -17,13 +18,16 @@ from spec.decoder.levels import read_levels
 from spec.decoder.modes import decode_modes
 from spec.decoder.motion import Float32Array
 from spec.decoder.shape import LARGEST_STEP, RestShape, Vector, dot, series_functions
-from spec.decoder.space import Matrix, Space
+from spec.decoder.space import Space
 from spec.decoder.spline import Spline
+
+FloatArray = NDArray[np.float32] | NDArray[np.float64]
 
 MODEL = struct.Struct("<BHHdQ")
 GROUP = struct.Struct("<IIBddIIII")
 MOST_POINTS, MOST_FUNCTIONS, MOST_FRAMES = 256, 128, 4096
 PDE, MODAL = 0, 1
+DOUBLE = 2
 
 
 @dataclass
@@ -56,6 +60,7 @@ class GroupFields:
     frames: int
     functions: int
     basis: int
+    is_single: bool
     step: float
     mode_step: float
     chunks: list[bytes]
@@ -65,9 +70,10 @@ def read_groups(table: bytes, sections: list[bytes]) -> list[GroupFields]:
     """Section 21.2; `sections` are TIME, COEF and CORR."""
     require(len(table) > 0 and len(table) % GROUP.size == 0, "not a whole number of groups")
     groups = []
-    for frames, functions, basis, step, mode_step, *sizes, checksum in GROUP.iter_unpack(table):
+    for frames, functions, kind, step, mode_step, *sizes, checksum in GROUP.iter_unpack(table):
         require(1 <= frames <= MOST_FRAMES, "a group of no frames, or too many")
-        require(basis in (PDE, MODAL), "an unknown time basis")
+        require(kind < 2 * DOUBLE, "an unknown kind of group")
+        basis, is_single = kind % DOUBLE, kind < DOUBLE
         require(functions <= (3 * frames if basis == MODAL else frames), "more functions of time than there can be")
         require(0 < step <= LARGEST_STEP and 0 < mode_step <= LARGEST_STEP, "a step out of range")
         chunks = [section[:size] for section, size in zip(sections, sizes, strict=True)]
@@ -75,17 +81,17 @@ def read_groups(table: bytes, sections: list[bytes]) -> list[GroupFields]:
         require([len(chunk) for chunk in chunks] == sizes, "a group is cut short")
         require(zlib.crc32(b"".join(chunks)) == checksum, "a group is damaged")
         require(basis == MODAL or not chunks[0], "modes of a group that has none")
-        groups.append(GroupFields(frames, functions, basis, step, mode_step, chunks))
+        groups.append(GroupFields(frames, functions, basis, is_single, step, mode_step, chunks))
     require(not any(sections), "TIME, COEF or CORR is longer than its groups")
     return groups
 
 
 @dataclass
 class Group:
-    """A decoded group: ``time[t][x][a]``, ``planes[x][a][place]``, and corrections by frame."""
+    """A decoded group: ``time[t, x, a]`` and ``planes[x][a, place]``, in the precision of its sums, and corrections."""
 
-    time: list[list[Vector]]
-    planes: list[Matrix]
+    time: FloatArray
+    planes: list[FloatArray]
     corrections: list[FrameCorrections]
 
 
@@ -131,7 +137,7 @@ class GroupMotion:
         self._times, self._groups, self._space = times, groups, space
         self._correction_step = model.correction_step
         self._order = space.patches.order
-        self._rest = [rest.points[vertex] for vertex in self._order]
+        self._rest = np.array([rest.points[vertex] for vertex in self._order]).reshape(-1, 3)
         self._firsts = [sum(group.frames for group in groups[:index]) for index in range(len(groups))]
         self._spline = Spline(times)
         self._group = cache(self._decode)
@@ -142,9 +148,11 @@ class GroupMotion:
         levels = read_levels(group.chunks[1], self._space.runs, axes * group.functions, axes)
         values = [self._space.expand([row[a] * group.step for row in levels]) for a in range(axes * group.functions)]
         time = cosine_functions(group.frames, group.functions) if axes == 3 else mode_functions(group)
-        planes = [values[x::3] for x in range(3)] if axes == 3 else [values] * 3
+        precision = np.float32 if group.is_single else np.float64
+        by_column = np.array(values, precision).reshape(axes * group.functions, len(self._order))
+        planes = [by_column[x::3] for x in range(3)] if axes == 3 else [by_column] * 3
         corrections = read_corrections(group.chunks[2], group.frames, self._space.patches.starts)
-        return Group(time, planes, corrections)
+        return Group(np.array(time, precision), planes, corrections)
 
     def positions(self, time: float) -> Float32Array:
         """Section 28: (vertices, 3) float32 at a time in seconds; outside the clip, its first or last frame."""
@@ -164,22 +172,23 @@ class GroupMotion:
         index = bisect_right(self._firsts, frame) - 1
         return index, frame - self._firsts[index]
 
-    def _rounded(self, by_place: Matrix) -> Float32Array:
-        points = np.empty((len(by_place), 3), np.float32)
-        points[self._order] = np.array(by_place)
+    def _rounded(self, moved: list[FloatArray]) -> Float32Array:
+        points = np.empty((len(self._order), 3), np.float32)
+        points[self._order] = self._rest + np.array(moved, np.float64).T
         return points
 
     def _at_frame(self, frame: int) -> Float32Array:
         """28.1."""
         index, inside = self._place(frame)
-        points = [list(point) for point in self._rest]
-        self._add(self._group(index), self._group(index).time[inside], points)
-        return self._rounded(points)
+        group = self._group(index)
+        moved = [np.zeros(len(self._order), group.time.dtype) for _ in range(3)]
+        add(group.planes, group.time[inside], moved)
+        return self._rounded(moved)
 
     def _between(self, time: float) -> Float32Array:
         """28.2."""
         first, weights = self._spline.weights(time)
-        moved = [[0.0] * 3 for _ in self._rest]
+        moved: list[FloatArray] = [np.zeros(len(self._order)) for _ in range(3)]
         for index, begin in enumerate(self._firsts):
             some = [
                 (frame - begin, weights[frame - first])
@@ -188,21 +197,11 @@ class GroupMotion:
             if not any(weight for _, weight in some):
                 continue
             group = self._group(index)
-            shares = [weight for _, weight in some]
-            combined = [
-                [dot(shares, [group.time[t][x][a] for t, _ in some]) for a in range(self._groups[index].functions)]
-                for x in range(3)
-            ]
-            self._add(group, combined, moved)
-        return self._rounded(
-            [[m + r for m, r in zip(*pair, strict=True)] for pair in zip(moved, self._rest, strict=True)]
-        )
-
-    def _add(self, group: Group, weights: list[Vector], points: Matrix) -> None:
-        for x, (own, planes) in enumerate(zip(weights, group.planes, strict=True)):
-            for weight, plane in zip(own, planes, strict=True):
-                for point, value in zip(points, plane, strict=True):
-                    point[x] += weight * value
+            combined = np.zeros(group.time.shape[1:])
+            for t, weight in some:
+                combined += weight * group.time[t].astype(np.float64)
+            add([plane.astype(np.float64) for plane in group.planes], combined, moved)
+        return self._rounded(moved)
 
     def _correct(self, points: Float32Array, frame: int, weight: float) -> None:
         """28.3."""
@@ -221,3 +220,10 @@ class GroupMotion:
                 else:
                     moved = float(points[vertex, axis]) + weight * (value - float(base[vertex, axis]))
                     points[vertex, axis] = moved
+
+
+def add(planes: list[FloatArray], weights: FloatArray, moved: list[FloatArray]) -> None:
+    """Add functions of time, weighted, one after the other; each product and each sum is rounded as its arrays are."""
+    for x in range(3):
+        for weight, plane in zip(weights[x], planes[x], strict=True):
+            moved[x] += weight * plane

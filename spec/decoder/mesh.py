@@ -49,7 +49,7 @@ class Description:
     meshes: list[Mesh]
 
 
-def read_description(data: bytes) -> Description:
+def read_description(data: bytes, major: int) -> Description:
     """Section 5: SEQN."""
     fields = Fields(data)
     frames, fps = fields.u64(), fields.f64()
@@ -60,8 +60,9 @@ def read_description(data: bytes) -> Description:
         require(len(content) == 8 * frames, "not as many times as frames")
         times = [float(time) for time in np.frombuffer(content, "<f8")]
     else:
-        require(rule in (0, 1) and rate > 0, "an unknown rule for times")
-        times = [start + i / rate if rule == 0 else (start + i) / rate for i in range(frames)]
+        require((rule in (0, 1) or (rule == 3 and major > 1)) and rate > 0, "an unknown rule for times")
+        rules = {0: lambda i: start + i / rate, 1: lambda i: (start + i) / rate, 3: lambda i: start + i * (1 / rate)}
+        times = [rules[rule](i) for i in range(frames)]
     require(all(abs(time) <= 2.0**53 for time in times), "a time is out of range")
     require(all(b - a >= 2.0**-53 for a, b in pairwise(times)), "times do not increase")
     meshes = []

@@ -1,0 +1,189 @@
+"""Choices of profile "auto": space basis, time basis, steps and length of a group, by what they cost in bits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.groupfit import FittedGroup, GroupFitter
+from pdecodec.groups import GROUP_ENTRY, TIME_BASES, TimeBasis
+from pdecodec.sequence import MeshObject
+from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis
+
+STEPS = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 32.0, 64.0)
+"""Quantisation steps to choose from, in units."""
+
+START = STEPS.index(2.8)
+
+MODE_STEPS = (0.7, 1.0, 1.4)
+"""Steps of the modes to choose from, over that of the coefficients."""
+
+SPACES: tuple[tuple[SpaceKind, int], ...] = (
+    ("patch", 64),
+    ("patch", 32),
+    ("patch", 128),
+    ("patch", 16),
+    ("curve", 64),
+    ("curve", 128),
+)
+"""Space bases to choose from; the quick efforts look at the first ones only."""
+
+LARGER_MUST_SAVE = 0.08
+"""Of the coefficients' bits, where patches or pieces are larger than the first: making their functions takes the square
+of their number, for every reader. The highest efforts do not mind."""
+
+SMALLEST_AT_ANY_PRICE = 8
+"""Effort from which on size alone counts."""
+
+
+OTHER_WORTH_A_LOOK = 1.25
+"""Another time basis is tuned where untuned it costs less than this many times the best."""
+
+
+BITS_OF_A_GROUP = 8 * GROUP_ENTRY.size
+"""What a group costs besides its chunks."""
+
+WORTH_DIVIDING = 1.5
+"""Bits for each vertex and frame from which on shorter groups are tried: below, what frames have in common rules."""
+
+LEAST_EFFORT_TO_DIVIDE = 3
+
+SHORTEST_PART = 8
+"""Frames of a part at least."""
+
+
+@dataclass(frozen=True)
+class GroupChoice:
+    """Time basis, and indices of STEPS and MODE_STEPS."""
+
+    time: TimeBasis
+    steps: int
+    mode_steps: int
+
+
+FIRST_CHOICE = GroupChoice("modal", START, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenGroup:
+    """A group, as it is to be encoded."""
+
+    fitter: GroupFitter
+    choice: GroupChoice
+    fitted: FittedGroup
+
+
+def choose_space(
+    groups: Sequence[tuple[GroupFitter, TimeBasis]],
+    objects: Sequence[MeshObject],
+    rest: NDArray[np.int64],
+    *,
+    functions: int,
+    effort: int,
+) -> tuple[SpaceBasis, tuple[SpaceKind, int]]:
+    """The space basis in which the groups' coefficients take fewest bits, and its kind and size.
+
+    Parameters
+    ----------
+    groups : sequence of (GroupFitter, TimeBasis)
+    objects : sequence of MeshObject
+    rest : (vertices, 3) int64
+        Rest shape in steps.
+    functions : int
+        Of a patch at most.
+    effort : int
+        1 to 9.
+    """
+    moving = [(fitter, time) for fitter, time in groups if fitter.trajectories]
+    looked_at = SPACES[: 1 + effort // 2] if moving else SPACES[:1]
+    found: list[tuple[float, SpaceBasis, tuple[SpaceKind, int]]] = []
+    for kind, points in looked_at:
+        basis = build_space_basis(kind, objects, rest, points=points, functions=functions)
+        bits = sum(fitter.level_bits(basis, STEPS[START], time) for fitter, time in moving)
+        if points > SPACES[0][1] and effort < SMALLEST_AT_ANY_PRICE:
+            bits /= 1.0 - LARGER_MUST_SAVE
+        found.append((bits, basis, (kind, points)))
+    _, basis, chosen = min(found, key=lambda item: item[0])
+    return basis, chosen
+
+
+def choose_group(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, *, effort: int) -> ChosenGroup:
+    """Time basis and steps that cost least, walking downhill from those of the group before."""
+    found: dict[GroupChoice, FittedGroup] = {}
+
+    def cost(choice: GroupChoice) -> float:
+        if choice not in found:
+            found[choice] = fitter.fit(basis, choice.time, STEPS[choice.steps], MODE_STEPS[choice.mode_steps])
+            best = min(found, key=lambda item: found[item].bits)
+            for other in list(found):  # only the best is kept whole
+                if other != best and found[other].levels.size:
+                    found[other] = forgotten(found[other])
+        return found[choice].bits
+
+    choice = _walk(usual, "steps", len(STEPS), cost)
+    if effort > 1 and fitter.trajectories:
+        other: TimeBasis = "pde" if choice.time == "modal" else "modal"
+        if cost(replace(choice, time=other)) < OTHER_WORTH_A_LOOK * cost(choice):
+            rival = _walk(replace(choice, time=other), "steps", len(STEPS), cost)
+            choice = min(choice, rival, key=cost)
+        if choice.time == "modal":
+            choice = _walk(choice, "mode_steps", len(MODE_STEPS), cost)
+            choice = _walk(choice, "steps", len(STEPS), cost)
+    return ChosenGroup(fitter, choice, found[choice])
+
+
+def divided(group: ChosenGroup, basis: SpaceBasis, *, effort: int) -> list[ChosenGroup]:
+    """The group, or parts of it that cost less together: halves, halves of halves, and so on."""
+    fitter, bits = group.fitter, group.fitted.bits
+    frames, vertices = fitter.points.shape[:2]
+    if effort < LEAST_EFFORT_TO_DIVIDE or bits < WORTH_DIVIDING * frames * vertices:
+        return [group]
+    _, lengths = _division(fitter, basis)
+    if len(lengths) == 1:
+        return [group]
+    parts: list[ChosenGroup] = []
+    begin = 0
+    for length in lengths:
+        part = fitter.part(slice(begin, begin + length))
+        parts.append(choose_group(part, basis, parts[-1].choice if parts else FIRST_CHOICE, effort=effort))
+        begin += length
+    together = sum(part.fitted.bits + BITS_OF_A_GROUP for part in parts)
+    return parts if together < bits + BITS_OF_A_GROUP else [group]
+
+
+def _division(fitter: GroupFitter, basis: SpaceBasis) -> tuple[float, list[int]]:
+    """The division that costs least with untuned steps: bits, and the lengths of the parts."""
+    fits = [fitter.fit(basis, time, STEPS[START], MODE_STEPS[1]).bits for time in TIME_BASES]
+    best = (min(fits) + BITS_OF_A_GROUP, [fitter.frames])
+    middle = fitter.frames // 2
+    if middle < SHORTEST_PART:
+        return best
+    halves = [_division(fitter.part(part), basis) for part in (slice(0, middle), slice(middle, fitter.frames))]
+    return min(best, (halves[0][0] + halves[1][0], halves[0][1] + halves[1][1]), key=lambda item: item[0])
+
+
+def forgotten(fitted: FittedGroup) -> FittedGroup:
+    """Without its arrays: what is needed to compare and to report."""
+    return replace(
+        fitted,
+        modes=np.zeros((0, 3, 0)),
+        levels=np.zeros((0, 0), np.int64),
+        functions=replace(fitted.functions, time=np.zeros((0, 3, 0)), planes=np.zeros((0, 1, 0))),
+    )
+
+
+def _walk(start: GroupChoice, name: str, length: int, cost: Callable[[GroupChoice], float]) -> GroupChoice:
+    """Walk both ways along one of a choice's numbers, 0 to ``length - 1``, while the next costs less."""
+    best = start
+    for direction in (1, -1):
+        here, index = start, getattr(start, name)
+        while 0 <= index + direction < length:
+            beyond = replace(here, **{name: index + direction})
+            if not cost(beyond) < cost(here):
+                break
+            here, index = beyond, index + direction
+        best = min(best, here, key=cost)
+    return best
