@@ -246,11 +246,11 @@ def _motion_of(frames: Float32Array, between: Float32Array | None) -> _Motion:
     functions: Float64Array | None = None
     if between is not None:
         every = np.concatenate([moved, between - rest])
-        found = find_functions(every, largest=largest, most=count - 1)
+        found = find_functions(every, largest=largest, most=count - 2)
         if found is not None:
             functions = np.concatenate([found.functions[:1], _woven(found.functions, count)])
     if found is None:
-        found = find_functions(moved, largest=largest, most=count - 1)
+        found = find_functions(moved, largest=largest, most=count - 2)
         functions = None if found is None else found.functions
     if found is None:
         return _Motion(rest, moved[1:], None)
