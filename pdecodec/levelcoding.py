@@ -79,6 +79,6 @@ def decode_levels(data: bytes, basis: SpaceBasis, width: int, *, axes: int) -> I
         coder, sound = _code(DECODE, np.frombuffer(bytearray(data), np.uint8), levels, basis, axes)
         if not sound or coder[POSITION] < len(data):
             raise CorruptFileError("section COEF holds levels that cannot be; get the file again")
-        if max(int(levels.max()), -int(levels.min())) > LARGEST:
+        if max(int(levels.max(initial=0)), -int(levels.min(initial=0))) > LARGEST:
             raise CorruptFileError("section COEF has a coefficient out of range")
     return levels

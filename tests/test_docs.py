@@ -74,11 +74,14 @@ def test_the_readme_lists_every_registered_extension() -> None:
             assert f"`{extension}`" in README
 
 
-def test_the_help_pages_in_docs_are_those_of_the_commands() -> None:
-    spec = importlib.util.spec_from_file_location("make_cli", ROOT / "docs" / "make_cli.py")
+@pytest.mark.parametrize(
+    ("maker", "page", "function"), [("make_cli", "cli", "help_pages"), ("make_formats", "formats", "formats_page")]
+)
+def test_the_pages_in_docs_are_those_of_the_code(maker: str, page: str, function: str) -> None:
+    spec = importlib.util.spec_from_file_location(maker, ROOT / "docs" / f"{maker}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    written = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
-    assert written == module.help_pages(), "help texts changed: run `make docs`"
+    written = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    assert written == getattr(module, function)(), "what the page tells of changed: run `make docs`"

@@ -68,6 +68,12 @@ def test_levels_take_far_less_than_with_zstandard(basis: SpaceBasis) -> None:
     assert len(encode_levels(levels, basis, axes=1)) < 0.8 * len(pack_integers(levels.T))
 
 
+def test_bytes_that_hold_levels_of_no_function_of_time_are_read(basis: SpaceBasis) -> None:
+    assert decode_levels(bytes(6), basis, 0, axes=1).shape == (basis.columns, 0)
+    with pytest.raises(CorruptFileError, match="levels that cannot be"):
+        decode_levels(bytes(99), basis, 0, axes=1)
+
+
 @settings(max_examples=60, deadline=None)
 @given(garbage=st.binary(min_size=1, max_size=300))
 def test_garbage_gives_levels_in_range_or_one_clear_error(basis: SpaceBasis, garbage: bytes) -> None:

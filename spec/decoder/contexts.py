@@ -1,4 +1,4 @@
-"""Sections 29.1 and 29.2 of the specification: cells and weights by name, numbers, and memories."""
+"""Section 29.1 of the specification: cells and weights by name, numbers, and memories."""
 
 from __future__ import annotations
 
