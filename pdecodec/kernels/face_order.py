@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.kernels.integers import wide
 from pdecodec.kernels.memory import code_remembered, memorise, recollection
 from pdecodec.kernels.numbers import NUMBER_CELLS, SIGNED_CELLS, code_number, code_signed
 from pdecodec.kernels.order_records import (
@@ -64,7 +65,7 @@ BY_VERTEX = BY_PLACE + 1
 SLOTS = BY_VERTEX + 1
 """How a face was named: by a side of a recent face, a slot for each; in the third case; in the second."""
 
-TO_FACE = np.int64(0)
+TO_FACE = wide(0)
 """Phase of the memory: from the last face to a vertex of the next."""
 
 CANDIDATE, SLOT = range(2)
@@ -88,9 +89,7 @@ _FOUND_WEIGHTS, _SIDE_WEIGHTS, _CORNER_WEIGHTS, _LIST_WEIGHTS, _FIRST_WEIGHTS = 
 FACE_ORDER_DECISIONS = 5
 """Sets of weights."""
 
-_FOUND = np.int64(0)
-"""Places of cells have a type: numba compiles functions anew for every plain number they are called with."""
-
+_FOUND = wide(0)
 _FOUND_SLOTS = _FOUND + 256
 _SIDE = _FOUND_SLOTS + SLOTS**3
 _SIDE_SLOTS = _SIDE + BY_PLACE * SLOTS * 4

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.kernels.integers import wide
 from pdecodec.kernels.memory import PHASES, code_remembered, memorise, recollection
 from pdecodec.kernels.numbers import NUMBER_CELLS, SIGNED_CELLS, code_number, code_signed
 from pdecodec.kernels.rangecoder import code_bit
@@ -22,12 +23,12 @@ UInt8Array = NDArray[np.uint8]
 LAST_CORNER_PHASE = 3
 """Corners from this on are alike; corners 0 to 2 have phases of their own."""
 
-SIZE_PHASE = 4
+SIZE_PHASE = wide(4)
 
 NEW_HISTORY_BITS = 5
 """How many of the last decisions *new or not* are the context of the next."""
 
-_NEW = 0
+_NEW = wide(0)
 _DIFFERENCES = _NEW + (PHASES << NEW_HISTORY_BITS)
 _SIZES = _DIFFERENCES + PHASES * SIGNED_CELLS
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.kernels.integers import unsigned
 from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 
 Int64Array = NDArray[np.int64]
@@ -33,9 +34,6 @@ BOTTOM = 1 << (RANGE_BITS - 8)
 """An interval below this is widened by a byte."""
 
 FIRST_BYTES = RANGE_BITS // 8
-
-unsigned = np.uint64
-"""Around indices that are never negative: numba lets others count from the end, and looks each time."""
 
 CELL_BITS = 22
 COUNT_BITS = 10

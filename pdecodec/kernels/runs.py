@@ -5,13 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.kernels.integers import wide
 from pdecodec.kernels.numbers import NUMBER_CELLS, code_number
 from pdecodec.kernels.uncounted import uncounted
 
 Int64Array = NDArray[np.int64]
 UInt8Array = NDArray[np.uint8]
 
-RUN_CELLS = 2 * NUMBER_CELLS
+_GAPS = wide(0)
+_RESTS = _GAPS + NUMBER_CELLS
+
+RUN_CELLS = _RESTS + NUMBER_CELLS
 
 BROKEN = -1
 """What is returned where the bits are not those of a set that fits."""
@@ -48,9 +52,9 @@ def code_runs(
     """
     runs = at = 0
     while members > 0:
-        start = at + code_number(coder, data, cells, 0, starts[runs] - at)
+        start = at + code_number(coder, data, cells, _GAPS, starts[runs] - at)
         # What a run leaves is told, not its length: most sets are one run.
-        rest = code_number(coder, data, cells, NUMBER_CELLS, members - (ends[runs] - starts[runs]))
+        rest = code_number(coder, data, cells, _RESTS, members - (ends[runs] - starts[runs]))
         if rest >= members or start + members - rest > below:
             return BROKEN
         at = start + members - rest

@@ -28,6 +28,7 @@ from pdecodec.kernels.face_order import (
     next_candidates,
     remember_face,
 )
+from pdecodec.kernels.integers import wide
 from pdecodec.kernels.order_records import (
     AFTER,
     FACE,
@@ -56,7 +57,7 @@ NOT_BY_VERTEX = -2
 def _code_by_vertex(coding: OrderCoding, records: Records, live_count: int, first: int) -> int:
     """Second case: code the face with the corner `first`; returns that, NOT_BY_VERTEX, or BROKEN."""
     corners = records.corners
-    steps = wanted = vertex = np.int64(-1)
+    steps = wanted = vertex = wide(-1)
     if coding.coder[MODE] != DECODE:
         steps = first_known(records, first)
         if steps >= 0:
@@ -114,31 +115,31 @@ def code_order(
     """
     decoding = face_coding.coder[MODE] == DECODE
     corners, state = records.corners, face_coding.state
-    live_count = count = told = np.int64(0)
-    left_count = np.int64(records.vertex_of.size)
+    live_count = count = told = wide(0)
+    left_count = wide(records.vertex_of.size)
     for position in range(sizes.size):
-        first = face = entry = np.int64(-1)
+        first = face = entry = wide(-1)
         if not decoding:
-            first = np.int64(firsts[position])
-            face = np.int64(corners[first, FACE])
-        slot = np.int64(BY_PLACE)
+            first = wide(firsts[position])
+            face = wide(corners[first, FACE])
+        slot = wide(BY_PLACE)
         around = candidates[position % 2]
         if count > 0:
             place = code_side(face_coding, corners, around, count, face)
             if place >= 0:
-                entry, slot = np.int64(around[place, CANDIDATE]), np.int64(around[place, SLOT])
+                entry, slot = wide(around[place, CANDIDATE]), wide(around[place, SLOT])
         if entry < 0 and live_count > 0:
             entry = _code_by_vertex(face_coding, records, live_count, first)
             if entry == BROKEN:
                 return BROKEN
             if entry >= 0:
-                slot = np.int64(BY_VERTEX)
+                slot = wide(BY_VERTEX)
         if entry < 0:
             last = corners[state[LAST_FIRST], FACE] if position > 0 else 0
             face = code_place(face_coding, records.left_faces, sizes.size - position, last, face)
             if face < 0:
                 return BROKEN
-            entry = np.int64(first_corners[face])
+            entry = wide(first_corners[face])
         phase = max(slot - BY_PLACE + 1, 0)
         corner = entry
         while True:

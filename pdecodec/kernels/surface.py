@@ -31,6 +31,7 @@ from pdecodec.kernels.border import (
     next_side,
     start_ring,
 )
+from pdecodec.kernels.integers import wide
 from pdecodec.kernels.numbers import NUMBER_CELLS, code_number
 from pdecodec.kernels.rangecoder import DECODE, MODE, code_bit, code_mixed
 from pdecodec.kernels.uncounted import uncounted, uncounted_inline
@@ -70,7 +71,7 @@ _F = MOST_FACES + 1
 _A = MOST_ANGLE + 1
 _S = MOST_SIZE + 1
 
-_BORDER = 0
+_BORDER = wide(0)
 _BORDER_RECENT = _BORDER + _F * _F * 4
 _BORDER_BESIDE = _BORDER_RECENT + 256
 _SIZES = _BORDER_BESIDE + 32
@@ -387,7 +388,7 @@ def code_surface(
         How many vertices the faces have; BROKEN, where these would be more than there is room for, or corners.
     """
     decoding = coder[MODE] == DECODE
-    corners = known = seed = source_first = 0
+    corners = known = seed = source_first = wide(0)
     for face in range(sizes.size):
         gate = -1
         source = -1
