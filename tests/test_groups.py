@@ -306,8 +306,7 @@ def test_sections_cut_short_or_too_long_are_refused(sound: bytes) -> None:
             continue
         for size in range(0, len(part.content), 1 + len(part.content) // 12):
             assert outcome(seal(with_chunks(parts, part.kind, part.content[:size]), major=2)) == "CorruptFileError"
-        # A range decoder looks a few bytes ahead, and takes what is missing as zeros: more than those are too many.
-        longer = part.content + bytes(8)
+        longer = part.content + b"\0"
         assert outcome(seal(with_chunks(parts, part.kind, longer), major=2)) == "CorruptFileError", part.kind
         others = [other for other in parts if other != part]
         assert outcome(seal(others, major=2)) == "CorruptFileError"
