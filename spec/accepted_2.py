@@ -14,9 +14,12 @@ from unittest.mock import patch
 import numpy as np
 
 from pdecodec import ArraySequence, EncodeSettings, MeshObject, encode, groupchoice, groupencoder
+from pdecodec.curves import extract_curves
 from pdecodec.group_corrections import GroupCorrections, encode_group
 from pdecodec.groupchoice import FIRST_CHOICE
 from pdecodec.groups import TimeBasis
+from pdecodec.restcoding import decode_rest
+from pdecodec.restshape import encode_rest_along_curves
 from pdecodec.sequence import MeshSequence
 from pdecodec.spacebasis import SpaceKind
 from spec.accepted import (
@@ -32,7 +35,7 @@ from spec.accepted import (
     wave,
     with_attributes,
 )
-from spec.sealing import Part, seal, take_apart, with_first_group
+from spec.sealing import Part, content, seal, take_apart, with_first_group, with_group_section
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,5 +162,9 @@ def accepted() -> Iterator[tuple[str, bytes]]:
     yield "unknown_ignorable_sections", seal(flagged, major=2, minor=7)
     yield "sections_in_another_order", seal(parts[::-1], major=2)
     yield "without_remarks", seal([part for part in parts if part.kind != "META"], major=2)
+    rest = content(parts, "REST")
+    sheets = sheet().objects
+    along = encode_rest_along_curves(decode_rest(rest, sheets), extract_curves(sheets))
+    yield "rest_along_curves", seal(with_group_section(parts, "REST", along), major=2)
     # Modes without bytes are all zero: whatever the coefficients are, nothing moves.
     yield "modes_of_length_zero", seal(with_first_group(parts, "TIME", b""), major=2)

@@ -10,8 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from pdecodec import ArraySequence, MeshObject
+from pdecodec.group_corrections import encode_group
+from pdecodec.levelcoding import encode_levels
+from pdecodec.restcoding import decode_rest
+from pdecodec.spacebasis import MOST_FUNCTIONS, build_space_basis
 from spec.accepted import connectivity, grid, noise, wave
-from spec.accepted_2 import Choices, encoded
+from spec.accepted_2 import Choices, corrected, encoded
 from spec.refused import Refused
 from spec.sealing import (
     CHUNKS,
@@ -28,6 +32,7 @@ from spec.sealing import (
     with_group_section,
 )
 
+
 class Base:
     """The file that is damaged: six vertices of two quads and two points, six frames in two groups of modes.
 
@@ -40,6 +45,8 @@ class Base:
         objects = [MeshObject("b", grid(2, 3)), MeshObject("p", connectivity(2))]
         data = encoded(ArraySequence(points, objects=objects), Choices(longest_group=3, settings={"tolerance": 0.02}))
         self.parts = [part for part in take_apart(data) if part.kind != "META"]
+        rest = decode_rest(content(self.parts, "REST"), objects).levels
+        self.basis = build_space_basis("patch", objects, rest, points=64, functions=MOST_FUNCTIONS)
 
     def section(self, kind: str, new: bytes) -> bytes:
         """The file with another section."""
@@ -184,12 +191,13 @@ def _coefficients(base: Base) -> Iterator[Refused]:
     still = with_first_group(base.parts, "TIME", b"")
     table = content(still, "GRUP")
     still = with_group_section(still, "GRUP", table[:4] + struct.pack("<I", 4) + table[8:])
-    for name, bits, reason in (
-        ("count_beyond_width", "111" + "11", "7 functions of time where there are 4 (25.1)"),
-        # One function; not zero, not negative, 14 times larger, and a number of 41 digits more.
-        ("level_beyond_2_40", "10" + "10" + 14 * "1" + 40 * "1" + 40 * "1", "a level beyond 2^40 (25)"),
-    ):
-        yield Refused(name, seal(with_first_group(still, "COEF", even_bits(bits)), major=2), reason)
+    seven = seal(with_first_group(still, "COEF", even_bits("111" + "10")), major=2)
+    yield Refused("count_beyond_width", seven, "6 functions of time where there are 4 (25.1)")
+    functions = GROUP.unpack_from(content(base.parts, "GRUP"))[1]
+    levels = np.zeros((base.basis.columns, functions), np.int64)
+    levels[0, 0] = 2**40 + 1
+    beyond = base.chunk("COEF", encode_levels(levels, base.basis, axes=1))
+    yield Refused("level_beyond_2_40", beyond, "a level beyond 2^40 (25)")
 
 
 def _modes(base: Base) -> Iterator[Refused]:
@@ -236,6 +244,10 @@ def _corrections(base: Base) -> Iterator[Refused]:
         ),
     ):
         yield Refused(name, base.chunk("CORR", even_bits(bits)), reason)
+    levels = np.zeros((3, 8, 3), np.int64)
+    levels[1, 2, 0] = -(2**40) - 1
+    beyond = base.chunk("CORR", encode_group(corrected(levels), np.array([0, 8])))
+    yield Refused("correction_beyond_2_40", beyond, "a level beyond 2^40 (27.4)")
 
 
 def _sizes(base: Base) -> Iterator[Refused]:

@@ -135,7 +135,7 @@ def even_bits(bits: str) -> bytes:
 
 
 def counted(number: int) -> str:
-    """Bits of a number from 1 on, as sections 25 and 27 write it: how many digits it has, then those below the first."""
+    """Bits of a number from 1 on as section 27 writes it: how many digits it has, then those below the first."""
     return "1" * (number.bit_length() - 1) + "0" + f"{number:b}"[1:]
 
 
