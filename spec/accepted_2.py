@@ -72,7 +72,7 @@ def soup() -> ArraySequence:
 def two_sheets() -> ArraySequence:
     """Sheets apart from each other, one of them still, and a vertex of no face."""
     moving = wave(7, 4, 9)
-    still = np.repeat(wave(1, 3, 5), 7, axis=0) + [12.0, 0.0, 1.0]
+    still = np.repeat(wave(1, 3, 5), 7, axis=0) + np.array([12.0, 0.0, 1.0])
     sheets = [MeshObject("moving", grid(4, 9)), MeshObject("still", grid(3, 5)), MeshObject("", connectivity(1))]
     return ArraySequence(np.concatenate([moving, still, np.ones((7, 1, 3))], axis=1), objects=sheets)
 
