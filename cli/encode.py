@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from pdecodec.encodereport import EncodeReport
     from pdecodec.sequence import MeshSequence
 
-CONSTANT_SECTIONS = ("CONN", "ATTR")
-"""Sections that do not grow with the motion; the rate in bits per vertex and frame leaves them out."""
-
 
 @click.command()
 @click.argument("source", metavar="IN")
@@ -161,6 +158,7 @@ def _as_json(
 ) -> dict[str, Any]:
     """The report with the names and ratios that scripts want; errors are those of the file, decoded again."""
     from pdecodec.decoder import open_animation
+    from pdecodec.encodereport import CONSTANT_SECTIONS
     from pdecodec.metrics import bits_per_vertex_frame, measure_distortion
 
     with open_animation(output) as animation, progress_bar() as progress:

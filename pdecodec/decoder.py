@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +14,12 @@ from typing import Any, BinaryIO, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdecodec.connectivity import decode_connectivity
 from pdecodec.container import ContainerReader
 from pdecodec.description import decode_attributes, decode_remarks, decode_sequence_description
 from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
 from pdecodec.paperform import PaperForm
 from pdecodec.resample import Outside, times_inside
-from pdecodec.sequence import MeshObject, MeshSequence, check_frame_range
+from pdecodec.sequence import Connectivity, MeshObject, MeshSequence, check_frame_range
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -30,9 +29,6 @@ DEFAULT_MAX_MEMORY = 4 * 2**30
 
 BYTES_PER_VERTEX = 600
 """Peak memory of opening a file, per vertex: curves, rest shape, and twelve float64 functions each, twice."""
-
-BYTES_PER_CORNER = 80
-"""Peak memory of opening a file, per face corner: connectivity, and the edges that curves are found on."""
 
 BYTES_PER_COEFFICIENT = 64
 """Peak memory of a segment, per coefficient: a float64 in each segment kept, unpacked through four int64."""
@@ -108,6 +104,9 @@ class Animation(MeshSequence):
     KNOWN_SECTIONS: ClassVar[frozenset[str]]
     """Those of its major version."""
 
+    BYTES_PER_CORNER: ClassVar[int]
+    """Peak memory of opening a file, per face corner and line point."""
+
     def __init__(self, container: ContainerReader, file: BinaryIO, limits: DecodeLimits) -> None:
         self.path = container.path
         self.notices = ()
@@ -139,8 +138,8 @@ class Animation(MeshSequence):
         vertices = sum(description.vertex_counts)
         self._check_memory(BYTES_PER_VERTEX * vertices, f"{vertices} vertices")
         left = most - BYTES_PER_VERTEX * vertices
-        parts = decode_connectivity(container.read("CONN"), description.vertex_counts, left // BYTES_PER_CORNER)
-        left -= BYTES_PER_CORNER * sum(part.face_indices.size + part.line_indices.size for part in parts)
+        parts = self._decode_connectivity(description.vertex_counts, left // self.BYTES_PER_CORNER)
+        left -= self.BYTES_PER_CORNER * sum(part.face_indices.size + part.line_indices.size for part in parts)
         objects = [MeshObject(name, part) for name, part in zip(description.names, parts, strict=True)]
         if "ATTR" in container.entries:
             objects = decode_attributes(container.read("ATTR"), objects, left)
@@ -154,6 +153,10 @@ class Animation(MeshSequence):
     @abstractmethod
     def _open_table(self) -> int:
         """Read the table of segments or groups; the number of frames."""
+
+    @abstractmethod
+    def _decode_connectivity(self, vertex_counts: Sequence[int], most_corners: int) -> list[Connectivity]:
+        """The faces and lines of each object; LimitError for more than `most_corners` corners of all objects."""
 
     @abstractmethod
     def _open_motion(self, left: int) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pdecodec.basis import TIME_FUNCTIONS
 from pdecodec.coefficients import decode_segment, dequantise_segment, encode_segment
-from pdecodec.connectivity import encode_connectivity
+from pdecodec.connectivity_version_1 import encode_connectivity
 from pdecodec.container import Section, Spool, container_pieces, section_sizes, write_container
 from pdecodec.corrections import NO_CORRECTIONS, add_corrections, correct_frame, correction_step, encode_corrections
 from pdecodec.cost import decode_alone

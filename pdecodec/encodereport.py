@@ -7,6 +7,9 @@ from pathlib import Path
 
 from pdecodec import __version__
 
+CONSTANT_SECTIONS = frozenset({"CONN", "ORDR", "ATTR"})
+"""Sections that do not grow with the motion: rates in bits per vertex and frame leave them out."""
+
 
 @dataclass(frozen=True)
 class EncodeReport:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -9,16 +10,25 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.connectivity_version_2 import BYTES_PER_CORNER, decode_connectivity
 from pdecodec.decodecache import DecodeCache
 from pdecodec.decoder import Animation
 from pdecodec.errors import CorruptFileError, SettingsError
 from pdecodec.group_corrections import GroupCorrections, add_frame, decode_group
 from pdecodec.groupmodel import GroupModelDescription
-from pdecodec.groups import GroupFunctions, GroupTable, evaluate_group, group_functions, read_group_table
+from pdecodec.groups import (
+    CHUNK_SECTIONS,
+    GroupFunctions,
+    GroupTable,
+    evaluate_group,
+    group_functions,
+    read_group_table,
+)
 from pdecodec.levelcoding import decode_levels
 from pdecodec.modes import decode_modes
 from pdecodec.paperform import PaperForm
 from pdecodec.restcoding import decode_rest
+from pdecodec.sequence import Connectivity
 from pdecodec.spacebasis import SpaceBasis, build_space_basis
 from pdecodec.spline import FrameSpline
 
@@ -45,11 +55,18 @@ class _DecodedGroup:
 class GroupAnimation(Animation):
     """An animation whose motion is modes or cosines over groups of frames."""
 
-    KNOWN_SECTIONS = frozenset({"META", "SEQN", "CONN", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR", "ATTR"})
+    KNOWN_SECTIONS = frozenset({"META", "SEQN", "CONN", "ORDR", "REST", "MODL", "GRUP", *CHUNK_SECTIONS, "ATTR"})
+
+    BYTES_PER_CORNER = BYTES_PER_CORNER
 
     def _open_table(self) -> int:
         self._table: GroupTable = read_group_table(self._container.read("GRUP"))
         return self._table.frames
+
+    def _decode_connectivity(self, vertex_counts: Sequence[int], most_corners: int) -> list[Connectivity]:
+        container = self._container
+        order = container.read("ORDR") if "ORDR" in container.entries else b""
+        return decode_connectivity(container.read("CONN"), order, vertex_counts, most_corners)
 
     def _open_motion(self, left: int) -> None:
         self._table.check_sections(self._container)

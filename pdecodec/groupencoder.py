@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.connectivity import encode_connectivity
+from pdecodec.connectivity_version_2 import encode_connectivity
 from pdecodec.container import Section, Spool, container_pieces, section_sizes, write_container
 from pdecodec.corrections import LAST_BINADE, correction_step
 from pdecodec.description import encode_attributes, encode_remarks, encode_sequence_description
@@ -213,10 +213,12 @@ class GroupEncoder:
             "metadata": dict(sequence.metadata),
             "summary": self._summary(basis),
         }
+        connectivity, order = encode_connectivity([item.connectivity for item in sequence.objects])
         sections = [
             Section("META", encode_remarks(remarks), required=False),
             Section("SEQN", encode_sequence_description(sequence, major=MAJOR_VERSION)),
-            Section("CONN", encode_connectivity([item.connectivity for item in sequence.objects])),
+            Section("CONN", connectivity),
+            *([Section("ORDR", order)] if order else []),
             Section("REST", self._rest_bytes),
             Section("MODL", description.to_bytes()),
             Section("GRUP", b"".join(self._entries)),

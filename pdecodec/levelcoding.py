@@ -82,6 +82,6 @@ def decode_levels(data: bytes, basis: SpaceBasis, width: int, *, axes: int) -> I
             raise CorruptFileError("section COEF holds levels that cannot be; get the file again")
         if not is_finished(coder, coded):
             raise CorruptFileError("section COEF does not end where its levels do; get the file again")
-        if max(int(levels.max()), -int(levels.min())) > LARGEST:
+        if max(int(levels.max(initial=0)), -int(levels.min(initial=0))) > LARGEST:
             raise CorruptFileError("section COEF has a coefficient out of range")
     return levels

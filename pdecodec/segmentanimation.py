@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.coefficients import decode_segment, dequantise_segment
+from pdecodec.connectivity_version_1 import BYTES_PER_CORNER, decode_connectivity
 from pdecodec.corrections import FrameCorrections, add_corrections, decode_corrections
 from pdecodec.curves import Curves, extract_curves, order_lonely_points
 from pdecodec.decodecache import DecodeCache
@@ -20,6 +21,7 @@ from pdecodec.model import Model, ModelDescription, SegmentCoefficients, build_m
 from pdecodec.paperform import PaperForm, paper_form
 from pdecodec.restshape import RestShape, decode_rest_along_curves
 from pdecodec.segments import Segment, SegmentTable, read_segment_table, terms_at
+from pdecodec.sequence import Connectivity
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -40,9 +42,14 @@ class SegmentAnimation(Animation):
 
     KNOWN_SECTIONS = frozenset({"META", "SEQN", "CONN", "REST", "MODL", "SEGM", "COEF", "CORR", "ATTR"})
 
+    BYTES_PER_CORNER = BYTES_PER_CORNER
+
     def _open_table(self) -> int:
         self._table: SegmentTable = read_segment_table(self._container.read("SEGM"))
         return self._table.frames
+
+    def _decode_connectivity(self, vertex_counts: Sequence[int], most_corners: int) -> list[Connectivity]:
+        return decode_connectivity(self._container.read("CONN"), vertex_counts, most_corners)
 
     def _open_motion(self, left: int) -> None:
         container, most = self._container, self._limits.max_memory

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import CorruptFileError
 from pdecodec.kernels import border, face_order, memory, order_records, rangecoder, source_order, surface, vertex_order
-from pdecodec.kernels.ranks import empty_set, full_set
+from pdecodec.kernels.order_records import OrderCoding
 from pdecodec.kernels.runs import RUN_CELLS, code_runs
 
 Int32Array = NDArray[np.int32]
@@ -51,6 +51,11 @@ class Coding:
     coder: Int64Array
     data: UInt8Array
 
+    @property
+    def byte(self) -> int:
+        """Where damage is noticed when decoding: the coder has looked at the bytes up to this one."""
+        return min(int(self.coder[rangecoder.POSITION]), self.data.size)
+
 
 @dataclass
 class SurfaceModel:
@@ -81,6 +86,18 @@ class OrderModel:
     )
     vertex_state: Int64Array = field(default_factory=lambda: np.zeros(vertex_order.VERTEX_STATE_SIZE, np.int64))
     vertex_memory: Int64Array = field(default_factory=memory.new_memory)
+
+    def face_coding(self, coding: Coding) -> OrderCoding:
+        """For the compiled coder of faces."""
+        return OrderCoding(
+            coding.coder, coding.data, self.face_cells, self.face_weights, self.face_state, self.face_memory
+        )
+
+    def vertex_coding(self, coding: Coding) -> OrderCoding:
+        """For the compiled coder of vertices' numbers."""
+        return OrderCoding(
+            coding.coder, coding.data, self.vertex_cells, self.vertex_weights, self.vertex_state, self.vertex_memory
+        )
 
     def copy(self) -> OrderModel:
         return OrderModel(**{name: array.copy() for name, array in vars(self).items()})
@@ -270,7 +287,9 @@ def _code_surface(
         size, has_border, sizes, sides, vertices, queues, *source,
     )  # fmt: skip
     if vertex_count < 0:
-        raise CorruptFileError("section CONN holds a surface that does not fit its faces and vertices")
+        raise CorruptFileError(
+            f"section CONN holds a surface that does not fit its faces and vertices, at its byte {coding.byte}"
+        )
     return CodedSurface(sizes, sides, vertex_count)
 
 
@@ -295,12 +314,12 @@ def encode_order(
     starts = used[np.append(0, breaks + 1)]
     ends = used[np.append(breaks, used.size - 1)] + 1
     code_runs(coding.coder, coding.data, model.run_cells, used.size, vertices, starts, ends)
-    _code_order(coding, model, coded, order.firsts.copy(), order.numbers)
+    _code_order(coding, model, coded, order.firsts, order.numbers)
 
 
 def decode_order(
     coding: Coding, model: OrderModel, coded: CodedSurface, vertices: int
-) -> tuple[SourceOrder, Int64Array]:
+) -> tuple[Int32Array, Int32Array]:
     """Undo :func:`encode_order`.
 
     Parameters
@@ -314,8 +333,10 @@ def decode_order(
 
     Returns
     -------
-    order : SourceOrder
-    used : (vertices on faces,) int64
+    sizes : (faces,) int32
+        Corners of each face, in the order of the source.
+    indices : (corners,) int32
+        Vertex of each corner.
 
     Raises
     ------
@@ -326,63 +347,33 @@ def decode_order(
     starts, ends = np.zeros(count, np.int64), np.zeros(count, np.int64)
     runs = code_runs(coding.coder, coding.data, model.run_cells, count, vertices, starts, ends)
     if runs < 0:
-        raise CorruptFileError("section ORDR numbers vertices that are not there")
+        raise CorruptFileError(f"section ORDR numbers vertices that are not there, at its byte {coding.byte}")
+    nothing = np.zeros(0, np.int32)
+    sizes, indices = _code_order(coding, model, coded, nothing, nothing)
+    if runs == 1:
+        indices += np.int32(starts[0])
+        return sizes, indices
     lengths = ends[:runs] - starts[:runs]
     used = np.arange(count) + np.repeat(starts[:runs] - (np.cumsum(lengths) - lengths), lengths)
-    firsts = np.zeros(coded.sizes.size, np.int32)
-    numbers = _code_order(coding, model, coded, firsts, np.zeros(1, np.int32))
-    return SourceOrder(firsts, numbers), used
+    return sizes, used.astype(np.int32)[indices]
 
 
 def _code_order(
     coding: Coding, model: OrderModel, coded: CodedSurface, firsts: Int32Array, numbers: Int32Array
-) -> Int32Array:
-    """Run the coder; returns the numbers of the vertices and, when decoding, fills in `firsts`."""
-    faces, corners, count = coded.sizes.size, coded.sides.shape[0], coded.vertex_count
-    records = np.zeros((corners, 8), np.int32)
-    vertices = np.full((count, 2), -1, np.int32)
-    order_records.list_corners(coded.sizes, coded.sides, records, vertices)
-    model.face_state[face_order.LAST_FIRST] = -1
-    model.face_state[face_order.DIFFERENCES : face_order.FIRSTS] = 0
-    model.vertex_state[[vertex_order.LAST_NUMBER, vertex_order.HIGHEST]] = -1
+) -> tuple[Int32Array, Int32Array]:
+    """Run the coder; returns the faces in the order of the source, by the numbers of their vertices."""
+    records = order_records.new_records(coded.sizes, coded.sides, coded.vertex_count)
+    face_order.begin_object(model.face_state)
+    vertex_order.begin_object(model.vertex_state)
+    candidates = np.zeros((2, face_order.MOST_CANDIDATES, 2), np.int32)
+    sizes, corner_numbers = np.empty_like(coded.sizes), np.empty(len(coded.sides), np.int32)
     failed = source_order.code_order(
-        coding.coder, coding.data,
-        model.face_cells, model.face_weights, model.face_state, model.face_memory,
-        model.vertex_cells, model.vertex_weights, model.vertex_state, model.vertex_memory,
-        records, vertices, np.full(count, -1, np.int32),
-        coded.first_corners, full_set(faces), full_set(count), empty_set(count),
-        np.zeros((2, face_order.MOST_CANDIDATES, 2), np.int32), firsts, numbers,
+        model.face_coding(coding), model.vertex_coding(coding), records, coded.first_corners, candidates,
+        firsts, numbers, sizes, corner_numbers,
     )  # fmt: skip
     if failed:
-        raise CorruptFileError("section ORDR holds an order that does not fit section CONN")
-    return np.ascontiguousarray(vertices[:, order_records.NUMBER])
-
-
-def in_source_order(coded: CodedSurface, order: SourceOrder, used: Int64Array) -> tuple[Int32Array, Int32Array]:
-    """The faces as they stood in the source.
-
-    Parameters
-    ----------
-    coded : CodedSurface
-    order : SourceOrder
-    used : (vertices on faces,) int64
-
-    Returns
-    -------
-    sizes : (faces,) int32
-    indices : (corners,) int32
-        Vertex of each corner.
-    """
-    face_of = np.repeat(np.arange(coded.sizes.size), coded.sizes)
-    faces = face_of[order.firsts]
-    sizes = coded.sizes[faces]
-    starts = np.repeat(coded.first_corners[faces], sizes)
-    ends = np.cumsum(sizes)
-    corners = np.repeat(order.firsts, sizes) + np.arange(ends[-1]) - np.repeat(ends - sizes, sizes)
-    # Past the end of its face a corner goes on at the beginning.
-    corners = np.where(corners >= starts + np.repeat(sizes, sizes), corners - np.repeat(sizes, sizes), corners)
-    vertices = coded.sides[corners, border.ORIGIN]
-    return sizes, used[order.numbers[vertices]].astype(np.int32)
+        raise CorruptFileError(f"section ORDR holds an order that does not fit section CONN, at its byte {coding.byte}")
+    return sizes, corner_numbers
 
 
 def common_size(sizes: Int32Array) -> int:

@@ -68,7 +68,9 @@ class Base:
 def refused() -> Iterator[Refused]:
     """Every file, in the order of the specification."""
     base = Base()
-    for damage in (_container, _sequence, _rest, _model, _groups, _chunks, _coefficients, _modes, _corrections, _sizes):
+    for damage in (_container, _sequence, _connectivity, _rest, _model, _groups, _chunks):
+        yield from damage(base)
+    for damage in (_coefficients, _modes, _corrections, _sizes):
         yield from damage(base)
 
 
@@ -103,6 +105,13 @@ def _sequence(base: Base) -> Iterator[Refused]:
         ("period_infinite", 16, b"\x03" + _real(0.0) + _real(5e-324), "a period that is not finite (5)"),
     ):
         yield Refused(name, base.overwritten("SEQN", at, new), reason)
+
+
+def _connectivity(base: Base) -> Iterator[Refused]:
+    longer = content(base.parts, "CONN") + b"\0"
+    yield Refused("conn_followed_by_zero", base.section("CONN", longer), "a zero byte too many (19.5)")
+    points = take_apart(encoded(ArraySequence(wave(3, 2, 3)), Choices()))
+    yield Refused("order_of_nothing", seal([*points, Part("ORDR", b"\1")], major=2), "an order without a surface (29)")
 
 
 def _rest(base: Base) -> Iterator[Refused]:

@@ -68,6 +68,13 @@ def test_levels_take_far_less_than_with_zstandard(basis: SpaceBasis) -> None:
     assert len(encode_levels(levels, basis, axes=1)) < 0.8 * len(pack_integers(levels.T))
 
 
+def test_levels_of_no_function_of_time_have_no_bytes(basis: SpaceBasis) -> None:
+    assert decode_levels(b"", basis, 0, axes=1).shape == (basis.columns, 0)
+    for data in (b"\1", bytes(6), bytes(99)):
+        with pytest.raises(CorruptFileError, match="does not end"):
+            decode_levels(data, basis, 0, axes=1)
+
+
 @settings(max_examples=60, deadline=None)
 @given(garbage=st.binary(min_size=1, max_size=300))
 def test_garbage_gives_levels_in_range_or_one_clear_error(basis: SpaceBasis, garbage: bytes) -> None:

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from pdecodec import CorruptFileError, LimitError, corrections, curves, decoder, description, elements, open_animation
+from pdecodec import connectivity_version_1 as version_1
+from pdecodec import connectivity_version_2 as version_2
 from pdecodec.basis import MAX_RATE, SERIES_TERMS
 from pdecodec.kernels.orthonormal import DEPENDENT
 from pdecodec.quantise import LARGEST, LARGEST_STEP
@@ -135,7 +137,7 @@ def test_the_limits_and_constants_of_the_specification_are_the_librarys() -> Non
     values = f"{description.BYTES_PER_VALUE_BYTE} for each byte of attribute values"
     for said in (
         f"| {decoder.BYTES_PER_VERTEX} for each vertex |",
-        f"| {decoder.BYTES_PER_CORNER} for each corner |",
+        f"| {version_1.BYTES_PER_CORNER} for each corner, {version_2.BYTES_PER_CORNER} in version 2 |",
         f"| {decoder.BYTES_PER_COEFFICIENT} for each coefficient of a segment",
         f"| {corrections.BYTES_PER_CORRECTION} for each correction of a segment |",
         f"{values}, {description.BYTES_PER_INDEX} for each index, {description.BYTES_PER_JSON_BYTE} for each byte",

@@ -27,6 +27,7 @@ import numpy as np
 
 from pdecodec.decoder import open_animation
 from pdecodec.encoder import encode
+from pdecodec.encodereport import CONSTANT_SECTIONS
 from pdecodec.errors import InputError, PdecodecError
 from pdecodec.formats import open_sequence
 from pdecodec.metrics import Distortion, DistortionMeter, bits_per_vertex_frame, frame_scale, measure_distortion
@@ -42,9 +43,6 @@ TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 
 BETWEEN_TOLERANCE = 1e-4
 """So tight that what is seen between frames is the interpolation, not the quantisation."""
-
-NOT_COUNTED = frozenset({"CONN", "ORDR", "ATTR"})
-"""Sections that hold connectivity, its order, and attributes."""
 
 RUNS = 5
 """Of decoding and of copying; the median counts."""
@@ -143,7 +141,7 @@ def measure(name: str, sequence: ArraySequence, *, tolerance: float, effort: int
             raise AssertionError(f"{name}: connectivity came back otherwise")
         found = measure_distortion(sequence, animation)
     target = np.empty_like(decoded)
-    counted = sum(size for section, size in report.sections.items() if section not in NOT_COUNTED)
+    counted = sum(size for section, size in report.sections.items() if section not in CONSTANT_SECTIONS)
     return Row(
         sequence=name,
         frames=sequence.frame_count,

@@ -27,6 +27,8 @@ from pdecodec.kernels.order_records import (
     NEXT_THERE,
     NUMBER,
     VERTEX,
+    OrderCoding,
+    Records,
     number_at,
 )
 from pdecodec.kernels.rangecoder import code_mixed
@@ -35,7 +37,6 @@ from pdecodec.kernels.uncounted import uncounted_inline
 
 Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
-UInt8Array = NDArray[np.uint8]
 
 RECENT_FACES = 4
 """Faces whose neighbours are looked at first: two quads cut into triangles."""
@@ -63,6 +64,9 @@ BY_VERTEX = BY_PLACE + 1
 SLOTS = BY_VERTEX + 1
 """How a face was named: by a side of a recent face, a slot for each; in the third case; in the second."""
 
+TO_FACE = np.int64(0)
+"""Phase of the memory: from the last face to a vertex of the next."""
+
 CANDIDATE, SLOT = range(2)
 """Fields of candidates, (2, MOST_CANDIDATES, 2) int32: the corner across a side of a recent face, which is left; that
 side's slot. Every face turns from one list to the other."""
@@ -84,7 +88,9 @@ _FOUND_WEIGHTS, _SIDE_WEIGHTS, _CORNER_WEIGHTS, _LIST_WEIGHTS, _FIRST_WEIGHTS = 
 FACE_ORDER_DECISIONS = 5
 """Sets of weights."""
 
-_FOUND = 0
+_FOUND = np.int64(0)
+"""Places of cells have a type: numba compiles functions anew for every plain number they are called with."""
+
 _FOUND_SLOTS = _FOUND + 256
 _SIDE = _FOUND_SLOTS + SLOTS**3
 _SIDE_SLOTS = _SIDE + BY_PLACE * SLOTS * 4
@@ -139,28 +145,19 @@ def next_candidates(
         if corner == first:
             break
     for place in range(count):
-        corner, slot = candidates[place, CANDIDATE], candidates[place, SLOT] + SIDES_TOLD
+        candidate, slot = candidates[place, CANDIDATE], candidates[place, SLOT] + SIDES_TOLD
         if slot >= BY_PLACE:
             break
-        if corners[corner, LEFT]:
-            next_candidates[found, CANDIDATE], next_candidates[found, SLOT] = corner, slot
+        if corners[candidate, LEFT]:
+            next_candidates[found, CANDIDATE], next_candidates[found, SLOT] = candidate, slot
             found += 1
     return found
 
 
 @uncounted_inline
-def code_side(
-    coder: Int64Array,
-    data: UInt8Array,
-    cells: Int64Array,
-    weights: Int64Array,
-    state: Int64Array,
-    corners: Int32Array,
-    candidates: Int32Array,
-    count: int,
-    face: int,
-) -> int:
+def code_side(coding: OrderCoding, corners: Int32Array, candidates: Int32Array, count: int, face: int) -> int:
     """First case: code which of the candidates is on `face`, if any; returns its place among them, or -1."""
+    coder, data, cells, weights, state = coding.coder, coding.data, coding.cells, coding.weights, coding.state
     last, before, long_before = state[SLOT_NOW], state[SLOT_BEFORE], state[SLOT_LONG_BEFORE]
     place = 0
     while place < count and corners[candidates[place, CANDIDATE], FACE] != face:
@@ -194,16 +191,17 @@ def code_side(
 
 
 @uncounted_inline
-def first_known(corners: Int32Array, vertices: Int32Array, first: int) -> int:
+def first_known(records: Records, first: int) -> int:
     """How many steps after `first` the first corner with a number is; -1 if it is too far, or too far in its list."""
+    corners = records.corners
     corner = first
     steps = 0
-    while number_at(corners, vertices, corner) < 0:
+    while number_at(records, corner) < 0:
         corner = corners[corner, AFTER]
         steps += 1
         if corner == first or steps == MOST_SIDES:
             return -1
-    listed = vertices[corners[corner, VERTEX], CORNER_THERE]
+    listed = records.vertices[corners[corner, VERTEX], CORNER_THERE]
     for _ in range(MOST_LISTED - 1):
         if listed == corner:
             break
@@ -214,14 +212,7 @@ def first_known(corners: Int32Array, vertices: Int32Array, first: int) -> int:
 
 
 @uncounted_inline
-def code_corner(
-    coder: Int64Array,
-    data: UInt8Array,
-    cells: Int64Array,
-    weights: Int64Array,
-    state: Int64Array,
-    steps: int,
-) -> int:
+def code_corner(coding: OrderCoding, steps: int) -> int:
     """Second case: code how many steps after the first the corner is that names the face.
 
     Returns
@@ -229,6 +220,7 @@ def code_corner(
     int
         -1 for none; MOST_SIDES or more where the bits say what cannot be.
     """
+    coder, data, cells, weights, state = coding.coder, coding.data, coding.cells, coding.weights, coding.state
     recent = state[CORNER_HISTORY]
     told = 0
     while told < CORNERS_TOLD:
@@ -245,23 +237,12 @@ def code_corner(
 
 
 @uncounted_inline
-def code_vertex_there(
-    coder: Int64Array,
-    data: UInt8Array,
-    cells: Int64Array,
-    state: Int64Array,
-    memory: Int64Array,
-    corners: Int32Array,
-    vertices: Int32Array,
-    vertex_of: Int32Array,
-    live: Int32Array,
-    live_count: int,
-    vertex: int,
-) -> int:
+def code_vertex_there(coding: OrderCoding, records: Records, live_count: int, vertex: int) -> int:
     """Second case: code a vertex that has a number and corners left; BROKEN if there is none such."""
-    reference = number_at(corners, vertices, state[LAST_FIRST])
-    number = 0 if vertex < 0 else vertices[vertex, NUMBER]
-    if code_remembered(coder, data, memory, 0, number - reference):
+    state, memory, vertex_of, live = coding.state, coding.memory, records.vertex_of, records.live
+    reference = number_at(records, state[LAST_FIRST])
+    number = 0 if vertex < 0 else records.vertices[vertex, NUMBER]
+    if code_remembered(coding.coder, coding.data, memory, TO_FACE, number - reference):
         number = reference + recollection(memory)
         if number < 0 or number >= vertex_of.size or vertex_of[number] < 0:
             return BROKEN
@@ -270,14 +251,14 @@ def code_vertex_there(
         jump = 0 if vertex < 0 else rank_of(live, number) - rank
         last = state[LAST_JUMP]
         context = 2 * min(abs(last), JUMP_CLASSES // 2 - 1) + (last < 0)
-        jump = code_signed(coder, data, cells, _JUMP + context * SIGNED_CELLS, jump)
+        jump = code_signed(coding.coder, coding.data, coding.cells, _JUMP + context * SIGNED_CELLS, jump)
         state[LAST_JUMP] = jump
         if rank + jump < 0 or rank + jump >= live_count:
             return BROKEN
         number = member_at(live, rank + jump)
     memorise(memory, number - reference)
     vertex = vertex_of[number]
-    return vertex if vertices[vertex, CORNER_THERE] >= 0 else BROKEN
+    return vertex if records.vertices[vertex, CORNER_THERE] >= 0 else BROKEN
 
 
 @uncounted_inline
@@ -292,16 +273,15 @@ def _corner_before(corners: Int32Array, corner: int, steps: int) -> int:
 
 
 @uncounted_inline
-def _resemblance(state: Int64Array, corners: Int32Array, vertices: Int32Array, first: int) -> int:
+def _resemblance(state: Int64Array, records: Records, first: int) -> int:
     """How the numbers of a face that begins at `first` lie to each other, compared with the last two faces.
 
     Four digits to base 3: of the last face and the one before, of the second corner and the third. 0 if its
     difference to the first corner is another, 1 if it is not known, 2 if it is the same.
     """
-    number = number_at(corners, vertices, first)
-    second = corners[first, AFTER]
-    second_number = number_at(corners, vertices, second)
-    third_number = number_at(corners, vertices, corners[second, AFTER])
+    second = records.corners[first, AFTER]
+    number, second_number = number_at(records, first), number_at(records, second)
+    third_number = number_at(records, records.corners[second, AFTER])
     last_second = last_third = before_second = before_third = 1
     if number >= 0 and second_number >= 0:
         last_second = 2 * (second_number - number == state[DIFFERENCES])
@@ -313,30 +293,7 @@ def _resemblance(state: Int64Array, corners: Int32Array, vertices: Int32Array, f
 
 
 @uncounted_inline
-def remember_face(state: Int64Array, corners: Int32Array, vertices: Int32Array, first: int, slot: int) -> None:
-    """Make a face that has been named the last one, named in the way `slot`."""
-    state[SLOT_LONG_BEFORE], state[SLOT_BEFORE], state[SLOT_NOW] = state[SLOT_BEFORE], state[SLOT_NOW], slot
-    state[LAST_FIRST] = first
-    number = number_at(corners, vertices, first)
-    second = corners[first, AFTER]
-    state[DIFFERENCES + 2], state[DIFFERENCES + 3] = state[DIFFERENCES], state[DIFFERENCES + 1]
-    state[DIFFERENCES] = number_at(corners, vertices, second) - number
-    state[DIFFERENCES + 1] = number_at(corners, vertices, corners[second, AFTER]) - number
-
-
-@uncounted_inline
-def code_listed(
-    coder: Int64Array,
-    data: UInt8Array,
-    cells: Int64Array,
-    weights: Int64Array,
-    state: Int64Array,
-    corners: Int32Array,
-    vertices: Int32Array,
-    vertex: int,
-    steps: int,
-    wanted: int,
-) -> int:
+def code_listed(coding: OrderCoding, records: Records, vertex: int, steps: int, wanted: int) -> int:
     """Second case: code which of the corners left at `vertex` it is, `steps` after the first of its face.
 
     Returns
@@ -344,15 +301,17 @@ def code_listed(
     int
         The first corner of that face; BROKEN if it has not so many corners.
     """
-    listed = vertices[vertex, CORNER_THERE]
+    corners, state = records.corners, coding.state
+    listed = records.vertices[vertex, CORNER_THERE]
     place = 0
     while True:
         first = _corner_before(corners, listed, steps)
         if corners[listed, NEXT_THERE] < 0 or place == MOST_LISTED - 1:
             break
-        alike = _resemblance(state, corners, vertices, first) if first >= 0 else 0
+        alike = _resemblance(state, records, first) if first >= 0 else 0
         chosen = _LIST + alike * 8 + min(place, 7), _LIST_RECENT + (alike // 9) * 64 + state[LIST_HISTORY]
-        taken = code_mixed(coder, data, cells, chosen, weights[_LIST_WEIGHTS], listed == wanted)
+        weights = coding.weights[_LIST_WEIGHTS]
+        taken = code_mixed(coding.coder, coding.data, coding.cells, chosen, weights, listed == wanted)
         state[LIST_HISTORY] = (2 * state[LIST_HISTORY] + taken) & 63
         if taken:
             break
@@ -362,37 +321,25 @@ def code_listed(
 
 
 @uncounted_inline
-def code_place(
-    coder: Int64Array, data: UInt8Array, cells: Int64Array, left: Int32Array, left_count: int, last: int, face: int
-) -> int:
+def code_place(coding: OrderCoding, left: Int32Array, left_count: int, last: int, face: int) -> int:
     """Third case: code a face by its rank among those left, compared with that of the last face; or BROKEN."""
     rank = rank_of(left, last)
     distance = rank_of(left, face) - rank if face >= 0 else 0
-    distance = code_signed(coder, data, cells, _PLACE, distance)
+    distance = code_signed(coding.coder, coding.data, coding.cells, _PLACE, distance)
     if rank + distance < 0 or rank + distance >= left_count:
         return BROKEN
     return member_at(left, rank + distance)
 
 
 @uncounted_inline
-def code_first(
-    coder: Int64Array,
-    data: UInt8Array,
-    cells: Int64Array,
-    weights: Int64Array,
-    state: Int64Array,
-    corners: Int32Array,
-    vertices: Int32Array,
-    slot: int,
-    entry: int,
-    first: int,
-) -> int:
+def code_first(coding: OrderCoding, records: Records, slot: int, entry: int, first: int) -> int:
     """Code which corner of a face, named in the way `slot`, is its first, going round from `entry`; returns it."""
+    corners, state = records.corners, coding.state
     lowest = highest = entry
-    lowest_number = highest_number = number_at(corners, vertices, entry)
+    lowest_number = highest_number = number_at(records, entry)
     corner = corners[entry, AFTER]
     while corner != entry:
-        number = number_at(corners, vertices, corner)
+        number = number_at(records, corner)
         if number < lowest_number:
             lowest, lowest_number = corner, number
         if number > highest_number:
@@ -405,10 +352,29 @@ def code_first(
         extreme = 2 * (corner == lowest) + (corner == highest)
         base = _FIRST + min(step, 3) * _FIRST_CELLS
         chosen = base + recent * 4 + extreme, base + _FIRST_SLOT + (alike * 4 + extreme) * SLOTS + slot
-        if code_mixed(coder, data, cells, chosen, weights[_FIRST_WEIGHTS], corner == first):
+        weights = coding.weights[_FIRST_WEIGHTS]
+        if code_mixed(coding.coder, coding.data, coding.cells, chosen, weights, corner == first):
             break
         step += 1
         corner = corners[corner, AFTER]
     state[FIRSTS + slot] = (4 * alike + min(step, 3)) & 15
     state[FIRST_HISTORY] = (4 * recent + (0 if corner == lowest else 2 - (corner == highest))) & 63
     return corner
+
+
+@uncounted_inline
+def remember_face(state: Int64Array, records: Records, first: int, slot: int) -> None:
+    """Make a face that has been named the last one, named in the way `slot`."""
+    state[SLOT_LONG_BEFORE], state[SLOT_BEFORE], state[SLOT_NOW] = state[SLOT_BEFORE], state[SLOT_NOW], slot
+    state[LAST_FIRST] = first
+    second = records.corners[first, AFTER]
+    number = number_at(records, first)
+    state[DIFFERENCES + 2], state[DIFFERENCES + 3] = state[DIFFERENCES], state[DIFFERENCES + 1]
+    state[DIFFERENCES] = number_at(records, second) - number
+    state[DIFFERENCES + 1] = number_at(records, records.corners[second, AFTER]) - number
+
+
+def begin_object(state: Int64Array) -> None:
+    """Forget the faces of the object before; how these were named goes on to be told from."""
+    state[LAST_FIRST] = -1
+    state[DIFFERENCES:FIRSTS] = 0

@@ -245,7 +245,7 @@ def patch_functions(
             rank += 1
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True)
 def affine_functions(
     levels: Int64Array,
     order: Int32Array,
@@ -272,31 +272,29 @@ def affine_functions(
         Coordinates of 1, x, y, z (in steps, about the mesh's vertex 0) in the affine functions: row is the
         function, column the monomial.
     """
-    patches = starts.size - 1
-    for lane in prange(LANES):
-        largest = 0
-        for p in range(patches * lane // LANES, patches * (lane + 1) // LANES):
-            largest = max(largest, starts[p + 1] - starts[p])
-        local, column = np.empty((3, largest)), np.empty(largest)
-        by_point, by_function = np.empty((largest, AFFINE)), np.empty((AFFINE, largest))
-        for p in range(patches * lane // LANES, patches * (lane + 1) // LANES):
-            begin, size = starts[p], starts[p + 1] - starts[p]
-            local_coordinates(levels, order, begin, starts[p + 1], local)
-            count = 0
-            for j in range(AFFINE):
-                if count == min(most, size):
-                    break
-                fill_column(local, size, exponents, given, begin, j, column)
-                if add_function(column, size, DEPENDENT, by_point, by_function, count):
-                    count += 1
-            affine[p] = count
-            for k in range(count):
-                for c in range(AFFINE):
-                    total = 0.0
-                    for i in range(size):
-                        value = 1.0 if c == 0 else np.float64(levels[order[begin + i], c - 1] - levels[0, c - 1])
-                        total += by_function[k, i] * value
-                    coordinates[p, k, c] = total
+    largest = 0
+    for p in range(starts.size - 1):
+        largest = max(largest, starts[p + 1] - starts[p])
+    local, column = np.empty((3, largest)), np.empty(largest)
+    by_point, by_function = np.empty((largest, AFFINE)), np.empty((AFFINE, largest))
+    for p in range(starts.size - 1):
+        begin, size = starts[p], starts[p + 1] - starts[p]
+        local_coordinates(levels, order, begin, starts[p + 1], local)
+        count = 0
+        for j in range(AFFINE):
+            if count == min(most, size):
+                break
+            fill_column(local, size, exponents, given, begin, j, column)
+            if add_function(column, size, DEPENDENT, by_point, by_function, count):
+                count += 1
+        affine[p] = count
+        for k in range(count):
+            for c in range(AFFINE):
+                total = 0.0
+                for i in range(size):
+                    value = 1.0 if c == 0 else np.float64(levels[order[begin + i], c - 1] - levels[0, c - 1])
+                    total += by_function[k, i] * value
+                coordinates[p, k, c] = total
 
 
 @njit(cache=True, parallel=True)

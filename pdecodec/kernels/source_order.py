@@ -28,154 +28,143 @@ from pdecodec.kernels.face_order import (
     next_candidates,
     remember_face,
 )
-from pdecodec.kernels.order_records import AFTER, FACE, NUMBER, VERTEX, number_at, take_face
+from pdecodec.kernels.order_records import (
+    AFTER,
+    FACE,
+    VERTEX,
+    OrderCoding,
+    Records,
+    give_number,
+    number_at,
+    take_face,
+)
 from pdecodec.kernels.rangecoder import DECODE, MODE
-from pdecodec.kernels.ranks import include
-from pdecodec.kernels.uncounted import uncounted
-from pdecodec.kernels.vertex_order import HIGHEST, LAST_NUMBER, code_vertex_number
+from pdecodec.kernels.uncounted import uncounted, uncounted_inline
+from pdecodec.kernels.vertex_order import code_vertex_number
 
 Int32Array = NDArray[np.int32]
-Int64Array = NDArray[np.int64]
-UInt8Array = NDArray[np.uint8]
 
 OPINIONS = 2
 """Cells that each mixed bit asks. Twice as many were tried: they save one byte in two hundred."""
 
 
+NOT_BY_VERTEX = -2
+"""What is returned where the second case does not hold."""
+
+
+@uncounted_inline
+def _code_by_vertex(coding: OrderCoding, records: Records, live_count: int, first: int) -> int:
+    """Second case: code the face with the corner `first`; returns that, NOT_BY_VERTEX, or BROKEN."""
+    corners = records.corners
+    steps = wanted = vertex = np.int64(-1)
+    if coding.coder[MODE] != DECODE:
+        steps = first_known(records, first)
+        if steps >= 0:
+            wanted = first
+            for _ in range(steps):
+                wanted = corners[wanted, AFTER]
+            vertex = corners[wanted, VERTEX]
+    steps = code_corner(coding, steps)
+    if steps < 0:
+        return NOT_BY_VERTEX
+    if steps >= MOST_SIDES:
+        return BROKEN
+    vertex = code_vertex_there(coding, records, live_count, vertex)
+    if vertex < 0:
+        return BROKEN
+    return code_listed(coding, records, vertex, steps, wanted)
+
+
 @uncounted
 def code_order(
-    coder: Int64Array,
-    data: UInt8Array,
-    face_cells: Int64Array,
-    face_weights: Int64Array,
-    face_state: Int64Array,
-    face_memory: Int64Array,
-    vertex_cells: Int64Array,
-    vertex_weights: Int64Array,
-    vertex_state: Int64Array,
-    vertex_memory: Int64Array,
-    corners: Int32Array,
-    vertices: Int32Array,
-    vertex_of: Int32Array,
-    face_corners: Int32Array,
-    left_faces: Int32Array,
-    left_numbers: Int32Array,
-    live: Int32Array,
+    face_coding: OrderCoding,
+    vertex_coding: OrderCoding,
+    records: Records,
+    first_corners: Int32Array,
     candidates: Int32Array,
     firsts: Int32Array,
     numbers: Int32Array,
+    sizes: Int32Array,
+    corner_numbers: Int32Array,
 ) -> int:
     """Code the order of the faces and vertices of one object.
 
     Parameters
     ----------
-    coder, data
-        As in :func:`pdecodec.kernels.rangecoder.code_with`.
-    face_cells : (FACE_ORDER_CELLS,) int64, changed
-    face_weights : (FACE_ORDER_DECISIONS, OPINIONS) int64, changed
-    face_state : (FACE_STATE_SIZE,) int64, changed
-        LAST_FIRST to FIRSTS are -1, then 0, at the beginning of each object.
-    face_memory : (MEMORY_SIZE,) int64, changed
-    vertex_cells : (VERTEX_ORDER_CELLS,) int64, changed
-    vertex_weights : (PROPOSALS, OPINIONS) int64, changed
-    vertex_state : (VERTEX_STATE_SIZE,) int64, changed
-        LAST_NUMBER and HIGHEST are -1 at the beginning of each object.
-    vertex_memory : (MEMORY_SIZE,) int64, changed
-    corners, vertices
-        As :func:`pdecodec.kernels.order_records.list_corners` leaves them, changed: vertices get their numbers.
-    vertex_of : (vertices,) int32
-        Written: the vertex of each number. -1 at the beginning.
-    face_corners : (faces,) int32
-        A corner of each face, in the order of the surface.
-    left_faces, left_numbers, live : changed
-        Full sets of faces and of numbers, and an empty one of numbers; see :mod:`pdecodec.kernels.ranks`.
+    face_coding, vertex_coding : OrderCoding, changed
+        With the same coder. Their states have begun an object.
+    records : Records, changed
+        New ones.
+    first_corners : (faces,) int32
+        The first corner of each face, in the order of the surface.
     candidates : (2, MOST_CANDIDATES, 2) int32
         Scratch.
     firsts : (faces,) int32
-        The first corner of every face, in the order of the source; written when decoding.
+        The first corner of every face, in the order of the source, when encoding, else of any size.
     numbers : (vertices,) int32
         The number of every vertex, when encoding, else of any size.
+    sizes : (faces,) int32
+    corner_numbers : (corners,) int32
+        Written: the faces in the order of the source, by the numbers of their vertices.
 
     Returns
     -------
     int
         0, or BROKEN.
     """
-    decoding = coder[MODE] == DECODE
-    live_count = count = 0
-    left_count = vertex_of.size
-    for position in range(firsts.size):
-        first = face = entry = -1
+    decoding = face_coding.coder[MODE] == DECODE
+    corners, state = records.corners, face_coding.state
+    live_count = count = told = np.int64(0)
+    left_count = np.int64(records.vertex_of.size)
+    for position in range(sizes.size):
+        first = face = entry = np.int64(-1)
         if not decoding:
-            first = firsts[position]
-            face = corners[first, FACE]
-        slot = BY_PLACE
+            first = np.int64(firsts[position])
+            face = np.int64(corners[first, FACE])
+        slot = np.int64(BY_PLACE)
         around = candidates[position % 2]
         if count > 0:
-            place = code_side(coder, data, face_cells, face_weights, face_state, corners, around, count, face)
+            place = code_side(face_coding, corners, around, count, face)
             if place >= 0:
-                entry, slot = around[place, CANDIDATE], around[place, SLOT]
+                entry, slot = np.int64(around[place, CANDIDATE]), np.int64(around[place, SLOT])
         if entry < 0 and live_count > 0:
-            steps = wanted = vertex = -1
-            if not decoding:
-                steps = first_known(corners, vertices, first)
-                if steps >= 0:
-                    wanted = first
-                    for _ in range(steps):
-                        wanted = corners[wanted, AFTER]
-                    vertex = corners[wanted, VERTEX]
-            steps = code_corner(coder, data, face_cells, face_weights, face_state, steps)
-            if steps >= MOST_SIDES:
+            entry = _code_by_vertex(face_coding, records, live_count, first)
+            if entry == BROKEN:
                 return BROKEN
-            if steps >= 0:
-                vertex = code_vertex_there(
-                    coder, data, face_cells, face_state, face_memory, corners, vertices, vertex_of, live, live_count,
-                    vertex,
-                )  # fmt: skip
-                if vertex < 0:
-                    return BROKEN
-                entry = code_listed(
-                    coder, data, face_cells, face_weights, face_state, corners, vertices, vertex, steps, wanted
-                )
-                if entry < 0:
-                    return BROKEN
-                slot = BY_VERTEX
+            if entry >= 0:
+                slot = np.int64(BY_VERTEX)
         if entry < 0:
-            last = 0 if position == 0 else corners[face_state[LAST_FIRST], FACE]
-            face = code_place(coder, data, face_cells, left_faces, firsts.size - position, last, face)
+            last = corners[state[LAST_FIRST], FACE] if position > 0 else 0
+            face = code_place(face_coding, records.left_faces, sizes.size - position, last, face)
             if face < 0:
                 return BROKEN
-            entry = face_corners[face]
+            entry = np.int64(first_corners[face])
         phase = max(slot - BY_PLACE + 1, 0)
         corner = entry
         while True:
-            if number_at(corners, vertices, corner) < 0:
+            if number_at(records, corner) < 0:
                 vertex = corners[corner, VERTEX]
                 number = 0 if decoding else numbers[vertex]
-                number = code_vertex_number(
-                    coder, data, vertex_cells, vertex_weights, vertex_state, vertex_memory, phase, slot,
-                    corners, vertices, vertex_of, left_numbers, left_count, corner, number,
-                )  # fmt: skip
+                number = code_vertex_number(vertex_coding, records, left_count, phase, slot, corner, number)
                 if number < 0:
                     return BROKEN
-                vertices[vertex, NUMBER] = number
-                vertex_of[number] = vertex
-                include(left_numbers, number, -1)
-                include(live, number, 1)
+                give_number(records, vertex, number)
                 left_count -= 1
                 live_count += 1
-                vertex_state[LAST_NUMBER] = number
-                vertex_state[HIGHEST] = max(vertex_state[HIGHEST], number)
             corner = corners[corner, AFTER]
             if corner == entry:
                 break
-        if slot == BY_VERTEX:
-            first = entry
-        else:
-            first = code_first(coder, data, face_cells, face_weights, face_state, corners, vertices, slot, entry, first)
-        firsts[position] = first
-        remember_face(face_state, corners, vertices, first, slot)
-        include(left_faces, corners[first, FACE], -1)
-        live_count -= take_face(corners, vertices, live, first)
+        first = entry if slot == BY_VERTEX else code_first(face_coding, records, slot, entry, first)
+        remember_face(state, records, first, slot)
+        live_count -= take_face(records, first)
         count = next_candidates(corners, first, around, count, candidates[1 - position % 2])
+        begin = told
+        corner = first
+        while True:
+            corner_numbers[told] = number_at(records, corner)
+            told += 1
+            corner = corners[corner, AFTER]
+            if corner == first:
+                break
+        sizes[position] = told - begin
     return 0

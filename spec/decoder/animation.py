@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from spec.decoder import groups
+from spec.decoder.connectivity import read_faces_and_lines
 from spec.decoder.curves import extract_curves, order_lonely_points
 from spec.decoder.faces import read_rest_across
 from spec.decoder.fields import Container, read_container, require
@@ -37,7 +38,10 @@ def decode(data: bytes) -> Animation:
     """Decode the bytes of a file; CorruptFileError says what is wrong with it."""
     container = read_container(data)
     description = read_description(container["SEQN"], container.major_version)
-    read_connectivity(container["CONN"], description.meshes)
+    if container.major_version == 1:
+        read_connectivity(container["CONN"], description.meshes)
+    else:
+        read_faces_and_lines(container["CONN"], container.sections.get("ORDR", b""), description.meshes)
     read_attributes(container.sections.get("ATTR", b""), description.meshes)
     read_motion = _read_segment_motion if container.major_version == 1 else _read_group_motion
     motion = read_motion(container, description)

@@ -10,7 +10,7 @@ import zstandard
 
 IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
 IN_BOTH = {"META", "SEQN", "CONN", "REST", "MODL", "COEF", "CORR", "ATTR"}
-KNOWN = {1: IN_BOTH | {"SEGM"}, 2: IN_BOTH | {"GRUP", "TIME"}}
+KNOWN = {1: IN_BOTH | {"SEGM"}, 2: IN_BOTH | {"ORDR", "GRUP", "TIME"}}
 """Sections of each major version."""
 
 MOST_SECTIONS = 64

@@ -10,7 +10,7 @@ from spec.decoder.fields import require
 from spec.decoder.surface import Side, Surface
 
 RECENT_FACES = 4
-MOST_CANDIDATES = 64
+MOST_SIDES = 16
 MOST_LISTED = 32
 BY_PLACE, BY_VERTEX = 16, 17
 
@@ -90,9 +90,9 @@ class OrderReader:
         candidates = [
             (side.twin, 4 * age + min(step, 3))
             for age, first in enumerate(self._recent)
-            for step, side in enumerate(self._round(first))
+            for step, side in enumerate(self._round(first)[:MOST_SIDES])
             if side.twin is not None and self._is_left(side.twin)
-        ][:MOST_CANDIDATES]
+        ]
         if candidates:
             place = self._read_side([slot for _, slot in candidates])
             if place is not None:
@@ -138,6 +138,7 @@ class OrderReader:
         if steps < 3:
             return steps
         further = self._contexts.number("corner")
+        require(further + 2 < MOST_SIDES, "a corner too far from the first")
         return further + 2 if further else -1
 
     def _read_vertex_there(self) -> int:

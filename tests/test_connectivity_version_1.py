@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mesh_cases import connectivities, connectivity_of, grid
 
 from pdecodec.bytestream import FieldWriter
-from pdecodec.connectivity import decode_connectivity, encode_connectivity
+from pdecodec.connectivity_version_1 import decode_connectivity, encode_connectivity
 from pdecodec.entropy import pack_integers
 from pdecodec.errors import CorruptFileError, LimitError
 from pdecodec.sequence import Connectivity

@@ -1,4 +1,4 @@
-"""Coding of connectivity: faces and lines in their original order, as differences of vertex indices."""
+"""Connectivity in format version 1: faces and lines in their original order, as differences of vertex indices."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from pdecodec.errors import CorruptFileError, InputError, LimitError
 from pdecodec.sequence import Connectivity
 
 Int64Array = NDArray[np.int64]
+
+BYTES_PER_CORNER = 80
+"""Peak memory of opening a file, per corner: connectivity, and the edges that curves are found on."""
 
 
 def encode_connectivity(parts: Sequence[Connectivity]) -> bytes:
@@ -29,7 +32,7 @@ def encode_connectivity(parts: Sequence[Connectivity]) -> bytes:
     return writer.to_bytes()
 
 
-def decode_connectivity(data: bytes, vertex_counts: Sequence[int], most_indices: int) -> list[Connectivity]:
+def decode_connectivity(data: bytes, vertex_counts: Sequence[int], most_corners: int) -> list[Connectivity]:
     """Undo :func:`encode_connectivity`.
 
     Parameters
@@ -37,15 +40,15 @@ def decode_connectivity(data: bytes, vertex_counts: Sequence[int], most_indices:
     data : bytes
     vertex_counts : sequence of int
         Vertices of each object.
-    most_indices : int
-        Face corners and line points that the memory limit leaves room for.
+    most_corners : int
+        Face corners and line points that the memory limit leaves room for, at BYTES_PER_CORNER each.
 
     Raises
     ------
     CorruptFileError
         If the section is damaged or an index is out of range.
     LimitError
-        If there are more corners than `most_indices`.
+        If there are more corners than `most_corners`.
     """
     reader = FieldReader(data, "CONN")
     parts = []
@@ -55,9 +58,9 @@ def decode_connectivity(data: bytes, vertex_counts: Sequence[int], most_indices:
             count, size = reader.integers("QQ")
             if count > size:
                 raise CorruptFileError(f"section CONN declares {count} faces or lines with {size} corners")
-            if size > most_indices:
+            if size > most_corners:
                 raise LimitError(f"section CONN declares {size} corners, more than the memory limit allows")
-            most_indices -= size
+            most_corners -= size
             (uniform,) = reader.integers("I")
             if uniform:
                 if uniform * count != size:

@@ -1,8 +1,9 @@
-"""Coding of connectivity: faces and lines in section CONN, the order that faces had in section ORDR.
+"""Connectivity in format version 2: faces and lines in section CONN, the order that they had in section ORDR.
 
 The faces of an object are coded in one of two ways, whichever costs less: as a *surface*, grown across its sides,
 with the order of its faces and vertices apart (:mod:`pdecodec.surfacecoding`); or as *polygons* in their order
 (:mod:`pdecodec.kernels.polygons`), which is better where a program numbered them row by row. Lines are polygons.
+What the coder learns from one object helps it with the next.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from pdecodec.kernels.rangecoder import (
     POSITION,
     code_bit,
     finish,
+    is_finished,
     new_coder,
     new_decoder,
 )
@@ -41,14 +43,13 @@ from pdecodec.surfacecoding import (
     encode_order,
     encode_surface,
     even_cells,
-    in_source_order,
 )
 
 Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 
 MOST_CORNERS = 2**31 - 1
-"""Corners of an object: they are numbered by int32."""
+"""Face corners of an object, and points of its lines: they are numbered by int32."""
 
 BYTES_PER_CORNER = 128
 """Peak memory of decoding, per corner: 72 of two records, up to 30 of vertices and faces, the result twice."""
@@ -202,7 +203,7 @@ def decode_connectivity(
         arrays: list[NDArray[np.int32]] = []
         for kind in (FACES, LINES):
             count, size, corners = _code_head(conn_coding, models, kind, 0, 0, 0)
-            _check_head(kind, count, size, corners, most_corners)
+            _check_head(kind, count, size, corners, most_corners, conn_coding.byte)
             most_corners -= corners
             if count and kind == FACES:
                 choice = _code_choice(conn_coding, models, _Choice(is_surface=False, has_border=False))
@@ -210,16 +211,15 @@ def decode_connectivity(
                     coded = decode_surface(
                         conn_coding, models.surface, size, choice.has_border, count, corners, vertices
                     )
-                    order, used = decode_order(ordr_coding, models.order, coded, vertices)
-                    arrays += in_source_order(coded, order, used)
+                    arrays += decode_order(ordr_coding, models.order, coded, vertices)
                     any_order = True
                     continue
             arrays += _decode_polygons(conn_coding, models.polygons[kind], kind, vertices, count, size, corners)
         parts.append(Connectivity(vertices, *arrays))
     _check_end(conn_coding, "CONN")
-    _check_end(ordr_coding, "ORDR")
     if ordr and not any_order:
         raise CorruptFileError("section ORDR orders faces that section CONN does not have")
+    _check_end(ordr_coding, "ORDR")
     return parts
 
 
@@ -241,9 +241,10 @@ def _code_head(coding: Coding, models: _Models, kind: int, count: int, size: int
     return count, size, count * size if size else code(CORNERS, corners)
 
 
-def _check_head(kind: int, count: int, size: int, corners: int, most_corners: int) -> None:
-    if (size and size < SMALLEST[kind]) or corners < count * SMALLEST[kind]:
-        raise CorruptFileError(f"section CONN declares {count} {('faces', 'lines')[kind]} with {corners} corners")
+def _check_head(kind: int, count: int, size: int, corners: int, most_corners: int, byte: int) -> None:
+    if (size and size < SMALLEST[kind]) or not count * SMALLEST[kind] <= corners <= MOST_CORNERS:
+        what = f"{count} {('faces', 'lines')[kind]} with {corners} corners"
+        raise CorruptFileError(f"section CONN declares {what}, at its byte {byte}")
     if corners > most_corners:
         raise LimitError(f"section CONN declares {corners} corners, more than the memory limit allows")
 
@@ -270,14 +271,19 @@ def _decode_polygons(
         coding.coder, coding.data, model.cells, model.memory, size, SMALLEST[kind], vertices, counts, indices
     )
     if failed:
-        raise CorruptFileError("section CONN refers to a vertex that is not there, or has faces that do not fit it")
+        raise CorruptFileError(
+            f"section CONN refers to a vertex that is not there, or has faces that do not fit it, at its byte "
+            f"{coding.byte}"
+        )
     return counts.astype(np.int32), indices.astype(np.int32)
 
 
 def _check_end(coding: Coding, name: str) -> None:
-    """Raise unless every byte was looked at, and no more beyond the end than a coder looks ahead."""
+    """Raise unless the bytes end where what they hold does."""
     beyond = int(coding.coder[POSITION]) - coding.data.size
     if beyond < 0:
-        raise CorruptFileError(f"section {name} has {-beyond} bytes too many")
+        raise CorruptFileError(f"section {name} has {-beyond} bytes too many, from its byte {coding.byte} on")
     if beyond > FIRST_BYTES:
-        raise CorruptFileError(f"section {name} ends {beyond - FIRST_BYTES} bytes too early")
+        raise CorruptFileError(f"section {name} ends {beyond - FIRST_BYTES} bytes too early, at its byte {coding.byte}")
+    if not is_finished(coding.coder, coding.data):
+        raise CorruptFileError(f"section {name} ends with bytes that say nothing, at its byte {coding.byte}")
