@@ -109,9 +109,13 @@ def _facts(sequence: MeshSequence) -> dict[str, Any]:
 
 
 def _animation_facts(found: dict[str, Any]) -> dict[str, Any]:
+    from pdecodec.settings import EncodeSettings
+
     settings = found["settings"]
-    # Remarks in a file are what somebody wrote there: they need not be what this encoder writes.
-    return {"profile": settings.get("profile") if isinstance(settings, Mapping) else None, **found}
+    # Remarks in a file are what somebody wrote there: they need not be what this encoder writes, which leaves out
+    # settings that are as they are by default.
+    usual = EncodeSettings().profile
+    return {"profile": settings.get("profile", usual) if isinstance(settings, Mapping) else None, **found}
 
 
 def _object_facts(item: MeshObject) -> dict[str, Any]:

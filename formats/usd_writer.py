@@ -221,7 +221,9 @@ class _PrimWriter:
         self, points: Float32Array, speeds: Float32Array | None, times: Float64Array, codes: Float64Array
     ) -> None:
         """Samples of a block of frames."""
-        extents = np.stack([points.min(axis=1), points.max(axis=1)], axis=1)
+        # Coordinate by coordinate: minima along rows of three are ten times as slow.
+        axes = np.ascontiguousarray(points.transpose(0, 2, 1))
+        extents = np.stack([axes.min(axis=2), axes.max(axis=2)], axis=1)
         if self._drawn.gather is not None:
             points = points[:, self._drawn.gather]
             speeds = None if speeds is None else speeds[:, self._drawn.gather]

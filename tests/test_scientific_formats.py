@@ -288,6 +288,7 @@ def exodus_classic(path: Path, kind: bytes, cells: list[list[int]]) -> None:
         block[:] = np.array(cells)
         block.elem_type = kind
         names = file.createVariable("name_nod_var", "c", ("one", "length"))
+        names[:] = np.zeros((1, 33), "S1")  # SciPy leaves there what memory held
         names[0, :6] = list("DISPLX")
         file.createVariable("vals_nod_var1", "d", ("time", "nodes"))[:] = np.repeat(EXODUS_TIMES[:, None], 4, axis=1)
 
