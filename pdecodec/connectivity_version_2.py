@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,14 +77,35 @@ class PolygonModel:
         return PolygonModel(self.cells.copy(), self.memory.copy())
 
 
-@dataclass
 class _Models:
-    heads: Int64Array = field(default_factory=lambda: even_cells(2 * 3 * NUMBER_CELLS))
-    choices: Int64Array = field(default_factory=lambda: even_cells(2))
-    surface: SurfaceModel = field(default_factory=SurfaceModel)
-    order: OrderModel = field(default_factory=OrderModel)
-    polygons: tuple[PolygonModel, PolygonModel] = field(default_factory=lambda: (PolygonModel(), PolygonModel()))
-    """Of faces and of lines."""
+    """Those of all parts of the coder; they take a megabyte, so each is made where it is first needed."""
+
+    @cached_property
+    def heads(self) -> Int64Array:
+        return even_cells(2 * 3 * NUMBER_CELLS)
+
+    @cached_property
+    def choices(self) -> Int64Array:
+        return even_cells(2)
+
+    @cached_property
+    def surface(self) -> SurfaceModel:
+        return SurfaceModel()
+
+    @cached_property
+    def order(self) -> OrderModel:
+        return OrderModel()
+
+    @cached_property
+    def faces(self) -> PolygonModel:
+        return PolygonModel()
+
+    @cached_property
+    def lines(self) -> PolygonModel:
+        return PolygonModel()
+
+    def polygons(self, kind: int) -> PolygonModel:
+        return self.faces if kind == FACES else self.lines
 
 
 def encode_connectivity(parts: Sequence[Connectivity]) -> tuple[bytes, bytes]:
@@ -145,14 +167,14 @@ def _choose(parts: Sequence[Connectivity], meshes: Sequence[SourceMesh | None]) 
             encode_order(measure, order, coded, source_order, mesh.used, part.vertex_count)
             surface_cost = int(measure.coder[COST])
             measure = Coding(new_coder(MEASURE), np.zeros(1, np.uint8))
-            polygons = models.polygons[FACES].copy()
+            polygons = models.faces.copy()
             _encode_polygons(measure, polygons, FACES, part)
             polygon_cost = int(measure.coder[COST])
             if surface_cost <= SURFACE_PREFERENCE * polygon_cost:
                 choice = _Choice(is_surface=True, has_border=coded.has_border)
                 models.surface, models.order = surface, order
             else:
-                models.polygons = polygons, models.polygons[LINES]
+                models.faces = polygons
             total += min(surface_cost, polygon_cost)
         choices.append(choice)
     return choices, total >> (COST_BITS + 3)
@@ -164,13 +186,15 @@ def _encode_part(
     for kind in (FACES, LINES):
         counts, indices = _polygons_of(part, kind)
         _code_head(conn, models, kind, counts.size, common_size(counts), indices.size)
+        if counts.size == 0:
+            continue
         if kind == FACES and mesh is not None:
             _code_choice(conn, models, choice)
             if choice.is_surface:
                 coded, order = encode_surface(conn, models.surface, mesh, has_border=choice.has_border)
                 encode_order(ordr, models.order, coded, order, mesh.used, part.vertex_count)
                 continue
-        _encode_polygons(conn, models.polygons[kind], kind, part)
+        _encode_polygons(conn, models.polygons(kind), kind, part)
 
 
 def decode_connectivity(
@@ -205,7 +229,10 @@ def decode_connectivity(
             count, size, corners = _code_head(conn_coding, models, kind, 0, 0, 0)
             _check_head(kind, count, size, corners, most_corners, conn_coding.byte)
             most_corners -= corners
-            if count and kind == FACES:
+            if count == 0:
+                arrays += [np.zeros(0, np.int32)] * 2
+                continue
+            if kind == FACES:
                 choice = _code_choice(conn_coding, models, _Choice(is_surface=False, has_border=False))
                 if choice.is_surface:
                     coded = decode_surface(
@@ -214,7 +241,7 @@ def decode_connectivity(
                     arrays += decode_order(ordr_coding, models.order, coded, vertices)
                     any_order = True
                     continue
-            arrays += _decode_polygons(conn_coding, models.polygons[kind], kind, vertices, count, size, corners)
+            arrays += _decode_polygons(conn_coding, models.polygons(kind), kind, vertices, count, size, corners)
         parts.append(Connectivity(vertices, *arrays))
     _check_end(conn_coding, "CONN")
     if ordr and not any_order:
