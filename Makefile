@@ -5,13 +5,17 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-com
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test lint types bench bench-rd corpus docs vectors clean
+.PHONY: demo test browser lint types bench bench-rd corpus reproduce stability paper docs vectors clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
 
-test: lint types
+test: lint types browser
 	$(BIN)/python -m pytest
+
+# Khronos' glTF validator and three.js, for tests that skip without them: where there is no npm, or no network.
+browser:
+	-command -v npm >/dev/null && npm install --silent --no-audit --no-fund --no-package-lock --prefix tests/browser
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -30,8 +34,19 @@ bench: $(INSTALLED)
 bench-rd: $(INSTALLED)
 	$(BIN)/python -m pdecodec.experiments.rate_distortion $(if $(SEQUENCES),--sequences $(SEQUENCES)) $(OPTIONS)
 
+# The paper reproduced and judged, and the atlas of stability; docs/paper keeps what the README quotes.
+reproduce: $(INSTALLED)
+	$(BIN)/pdecodec reproduce -o out/paper
+
+stability: $(INSTALLED)
+	$(BIN)/pdecodec stability -o out/stability
+
+paper: reproduce stability
+	$(BIN)/python docs/make_paper.py out/paper out/stability docs/paper
+
 docs: $(INSTALLED)
 	$(BIN)/python docs/make_cli.py docs/cli.md
+	$(BIN)/python docs/make_formats.py docs/formats.md
 
 vectors: $(INSTALLED)
 	$(BIN)/python -m spec.make_vectors

@@ -45,6 +45,7 @@ def compare(
     an error bound given here is exceeded.
     """
     from pdecodec.formats import open_sequence
+    from pdecodec.formats.transforms import bake_transforms
 
     for name, value in (("--tolerance", tolerance), ("--max-error", max_error)):
         if value is not None and not value >= 0:
@@ -55,7 +56,9 @@ def compare(
     ):
         say_notices(first)
         say_notices(second)
-        result = _compare(first, _at_times_of(first, second) if at_frames else second)
+        other_frames = _at_times_of(first, second) if at_frames else second
+        # Transforms that were kept, here or there, are part of where vertices are.
+        result = _compare(bake_transforms(first), bake_transforms(other_frames))
     failures = _failures(result, tolerance, max_error)
     if as_json:
         print_json({**result, "passed": not failures, "failures": failures})

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, extent, print_json, progress_bar, say, say_if_compiling
+from pdecodec.cli.console import byte_size, extent, print_json, progress_bar, say, say_if_compiling, say_notices
 from pdecodec.cli.options import (
     check_apart,
     check_output,
@@ -20,10 +20,12 @@ from pdecodec.cli.options import (
     output_option,
     overwrite_option,
     parse_bytes,
+    place_options,
     refuse_pdeanim,
     select_frames,
     select_objects,
     stored_bytes,
+    velocities_option,
 )
 from pdecodec.errors import InputError, SettingsError
 
@@ -48,7 +50,8 @@ if TYPE_CHECKING:
     show_default=True,
     help="What a time before the first frame or after the last one means.",
 )
-@click.option("--velocities", is_flag=True, help="Also write velocities, units a second, to OUT with '.velocities'.")
+@velocities_option
+@place_options
 @click.option("--max-memory", callback=parse_bytes, metavar="BYTES", help="Refuse files that need more, such as 2G.")
 @overwrite_option
 @json_option
@@ -63,17 +66,21 @@ def decode(
     objects: tuple[str, ...],
     outside: Outside,
     velocities: bool,
+    up_axis: str | None,
+    scale: float,
     max_memory: int | None,
     overwrite: bool,
     as_json: bool,
 ) -> None:
     """Decode a .pdeanim file at its frames, or at any time.
 
+    Velocities go into OUT where its format holds them (Alembic, USD), else to a second file, OUT with '.velocities'.
     Times are taken in increasing order, each once. One frame may go to a single .obj file, several go to a folder,
     a pattern (out.####.obj) or a file that holds them all.
     """
     from pdecodec.decoder import DecodeLimits, open_animation
     from pdecodec.formats import write_sequence
+    from pdecodec.formats.scene_space import place
     from pdecodec.resample import SampledAnimation
 
     started = time.perf_counter()
@@ -83,7 +90,8 @@ def decode(
     if outside != "refuse" and not (at or times):
         raise SettingsError(f"--outside {outside} is for times given with --at or --times; give them, or leave it out")
     refuse_pdeanim(output, "decode writes meshes; name another format")
-    outputs = [output, _velocity_path(output)] if velocities else [output]
+    together = velocities and _holds_velocities(output)
+    outputs = [output, _velocity_path(output)] if velocities and not together else [output]
     for path in outputs:
         check_output(path, overwrite=overwrite)
     check_apart(source, outputs)
@@ -93,14 +101,22 @@ def decode(
     with open_animation(source, limits=limits) as animation:
         say_if_compiling()
         chosen = _chosen(animation, at=at, times=times, fps=fps, frames=frames, outside=outside)
-        positions = select_objects(chosen, objects)
+        positions = place(select_objects(chosen, objects), up_axis=up_axis, scale=scale)
         sequences = [positions]
+        speeds: MeshSequence | None = None
         if velocities:
             speeds = SampledAnimation(animation, chosen.times, quantity="velocities", outside=outside)
-            sequences.append(select_objects(speeds, objects))
-        for path, sequence in zip(outputs, sequences, strict=True):
+            speeds = place(select_objects(speeds, objects), up_axis=up_axis, scale=scale)
+            sequences.append(speeds)
+        say_notices(positions)
+        notices: dict[str, None] = {}
+        for path, sequence in zip(outputs, sequences, strict=False):
             with progress_bar() as progress:
-                write_sequence(sequence, path, overwrite=overwrite, progress=progress)
+                inside = speeds if together else None
+                found = write_sequence(sequence, path, overwrite=overwrite, velocities=inside, progress=progress)
+            notices.update(dict.fromkeys(found))
+        for notice in notices:
+            say(f"note: {notice}")
         result: dict[str, Any] = {
             "outputs": outputs,
             "frames": positions.frame_count,
@@ -117,6 +133,13 @@ def decode(
         f"({byte_size(result['raw_bytes'] * len(outputs))} of {values}), "
         f"{extent(result['frames'], result['vertices'])}, {result['seconds']:.1f} s"
     )
+
+
+def _holds_velocities(output: str) -> bool:
+    from pdecodec.formats import list_formats
+
+    suffix = Path(output).suffix.lower()
+    return any(entry.holds_velocities and suffix in entry.extensions for entry in list_formats())
 
 
 def _velocity_path(output: str) -> str:

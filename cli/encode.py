@@ -10,7 +10,6 @@ from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say
 from pdecodec.cli.options import (
     check_apart,
     check_output,
-    fps_option,
     frames_option,
     input_files,
     json_option,
@@ -18,6 +17,8 @@ from pdecodec.cli.options import (
     output_option,
     overwrite_option,
     parse_bytes,
+    place_options,
+    read_options,
     select_frames,
     select_objects,
     stored_bytes,
@@ -95,7 +96,8 @@ if TYPE_CHECKING:
 @click.option("--effort", type=int, default=5, show_default=True, metavar="1-9", help="1 is quick, 9 is thorough.")
 @frames_option
 @objects_option
-@fps_option
+@read_options
+@place_options
 @overwrite_option
 @json_option
 def encode(
@@ -105,6 +107,12 @@ def encode(
     frames: str | None,
     objects: tuple[str, ...],
     fps: float | None,
+    mesh: str | None,
+    clip: str | None,
+    transforms: Any,
+    skip_unsupported: bool,
+    up_axis: str | None,
+    scale: float,
     overwrite: bool,
     as_json: bool,
     rms: float | None,
@@ -117,6 +125,7 @@ def encode(
     """
     from pdecodec.encoder import encode as encode_sequence
     from pdecodec.formats import open_sequence
+    from pdecodec.formats.scene_space import place
     from pdecodec.ratecontrol import encode_to_rms, encode_to_size
     from pdecodec.settings import EncodeSettings
 
@@ -127,9 +136,11 @@ def encode(
         raise SettingsError(f"{output}: encode writes .pdeanim files; for other formats use pdecodec convert")
     check_output(output, overwrite=overwrite)
     check_apart(source, [output])
-    with open_sequence(source, fps=fps) as whole:
-        say_notices(whole)
-        sequence = select_objects(select_frames(whole, frames), objects)
+    with open_sequence(
+        source, fps=fps, mesh=mesh, clip=clip, transforms=transforms, skip_unsupported=skip_unsupported
+    ) as whole:
+        sequence = place(select_objects(select_frames(whole, frames), objects), up_axis=up_axis, scale=scale)
+        say_notices(sequence)
         say_if_compiling()
         with progress_bar() as progress, naming_file(source):
             if size is not None:

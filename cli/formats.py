@@ -25,7 +25,9 @@ def formats(*, as_json: bool) -> None:
                 "extensions": list(entry.extensions),
                 "reads": entry.reads,
                 "writes": entry.writes,
+                "extra": entry.extra,
                 "keeps": entry.keeps,
+                "loses": entry.loses,
             }
             for entry in entries
         ]

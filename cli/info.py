@@ -7,31 +7,76 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, counted, print_json, print_table, ratio, say_notices
-from pdecodec.cli.options import fps_option, json_option
+from pdecodec.cli.console import byte_size, counted, print_json, print_table, progress_bar, ratio, say, say_notices
+from pdecodec.cli.options import input_files, json_option, read_options, stored_bytes
+from pdecodec.errors import InputError
 
 if TYPE_CHECKING:
-    from pdecodec.sequence import MeshObject, MeshSequence
+    from pdecodec.sequence import MeshObject, MeshSequence, Progress
 
 
 @click.command()
 @click.argument("source", metavar="FILE")
-@fps_option
+@read_options
+@click.option("--all-frames", is_flag=True, help="Read every frame, for the bounds of the whole sequence.")
 @json_option
-def info(*, source: str, fps: float | None, as_json: bool) -> None:
+def info(*, source: str, all_frames: bool, as_json: bool, skip_unsupported: bool, **reading: Any) -> None:
     """Tell what a mesh sequence or a .pdeanim file holds.
 
-    Objects, faces, frames, times and attributes; of a .pdeanim file its sections, settings and model too.
+    Objects, faces, frames, times, attributes and bounds, and whether connectivity is constant: objects whose is not
+    are listed with the first frame that changes it. Of a .pdeanim file its sections, settings and model too.
     """
     from pdecodec.formats import open_sequence
 
-    with open_sequence(source, fps=fps) as sequence:
+    # What cannot be read is a fact to tell here, no reason to stop.
+    with open_sequence(source, skip_unsupported=True, **reading) as sequence:
         say_notices(sequence)
-        facts = _facts(sequence)
+        files = input_files(source)
+        facts = {**_facts(sequence), "source_bytes": stored_bytes(files), **_connectivity_facts(sequence, len(files))}
+        if all_frames:
+            facts["bounds"] = _bounds(sequence)
     if as_json:
         print_json(facts)
     else:
         _print(facts)
+
+
+def _connectivity_facts(sequence: MeshSequence, files: int) -> dict[str, Any]:
+    """Whether connectivity is constant. Where each frame is a file, that takes reading them all."""
+    left_out = [
+        {"name": item.name, "feature": item.feature, "first_changed_frame": item.frame} for item in sequence.unsupported
+    ]
+    changed = next((item.frame for item in sequence.unsupported if item.frame is not None), None)
+    if files > 1:
+        with progress_bar() as progress:
+            changed = _first_changed_frame(sequence, progress)
+    return {"connectivity_constant": changed is None, "first_changed_frame": changed, "unsupported": left_out}
+
+
+def _first_changed_frame(sequence: MeshSequence, progress: Progress | None) -> int | None:
+    try:
+        for start, block in sequence.blocks():
+            if progress is not None:
+                progress(start + len(block), sequence.frame_count, "comparing frames")
+    except InputError as error:
+        say(f"note: {error}")
+        return error.frame
+    return None
+
+
+def _bounds(sequence: MeshSequence) -> list[list[float]]:
+    """Lowest and highest coordinates of every frame that can be read."""
+    import numpy as np
+
+    with progress_bar() as progress:
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        for start, block in sequence.blocks():
+            finite = block[np.isfinite(block).all(axis=2)]
+            if finite.size:
+                low, high = np.minimum(low, finite.min(axis=0)), np.maximum(high, finite.max(axis=0))
+            if progress is not None:
+                progress(start + len(block), sequence.frame_count, "measuring")
+    return [low.tolist(), high.tolist()] if np.isfinite(low).all() else []
 
 
 def _facts(sequence: MeshSequence) -> dict[str, Any]:
@@ -64,9 +109,13 @@ def _facts(sequence: MeshSequence) -> dict[str, Any]:
 
 
 def _animation_facts(found: dict[str, Any]) -> dict[str, Any]:
+    from pdecodec.settings import EncodeSettings
+
     settings = found["settings"]
-    # Remarks in a file are what somebody wrote there: they need not be what this encoder writes.
-    return {"profile": settings.get("profile") if isinstance(settings, Mapping) else None, **found}
+    # Remarks in a file are what somebody wrote there: they need not be what this encoder writes, which leaves out
+    # settings that are as they are by default.
+    usual = EncodeSettings().profile
+    return {"profile": settings.get("profile", usual) if isinstance(settings, Mapping) else None, **found}
 
 
 def _object_facts(item: MeshObject) -> dict[str, Any]:
@@ -107,6 +156,16 @@ def _print(facts: Mapping[str, Any]) -> None:
         table.add_row("first frame", f"{spans}; diagonal {facts['diagonal']:g}")
     else:
         table.add_row("first frame", "holds positions that are not finite numbers")
+    if facts.get("bounds"):
+        low, high = facts["bounds"]
+        spans = ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True))
+        table.add_row("all frames", spans)
+    constant = "constant" if facts["connectivity_constant"] else f"changes at frame {facts['first_changed_frame']}"
+    table.add_row("connectivity", constant)
+    for item in facts["unsupported"]:
+        table.add_row("left out", f"{item['name']}: {item['feature']}")
+    if "file_bytes" not in facts:
+        table.add_row("file", byte_size(facts["source_bytes"]))
     if "file_bytes" in facts:
         table.add_row("file", f"{byte_size(facts['file_bytes'])} ({ratio(facts['raw_bytes'], facts['file_bytes'])})")
     for name in [name for name in facts if name not in _TABLED]:
@@ -133,6 +192,11 @@ _TABLED = frozenset(
         "diagonal",
         "metadata",
         "objects",
+        "source_bytes",
+        "connectivity_constant",
+        "first_changed_frame",
+        "unsupported",
+        "bounds",
     }
 )
 """Facts that the table shows in its own words."""

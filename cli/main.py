@@ -21,7 +21,9 @@ from pdecodec.cli.demo import demo
 from pdecodec.cli.encode import encode
 from pdecodec.cli.formats import formats
 from pdecodec.cli.info import info
+from pdecodec.cli.reproduce import reproduce
 from pdecodec.cli.simulate import simulate
+from pdecodec.cli.stability import stability
 from pdecodec.errors import InputError, PdecodecError, SettingsError
 
 EXIT_INTERRUPTED = 130
@@ -47,7 +49,7 @@ def pdecodec() -> None:
     """
 
 
-for command in (encode, decode, info, compare, convert, simulate, formats, demo):
+for command in (encode, decode, info, compare, convert, simulate, formats, demo, reproduce, stability):
     pdecodec.add_command(command)
 
 

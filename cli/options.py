@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,8 +58,57 @@ frames_option = click.option(
 
 
 objects_option = click.option(
-    "--object", "objects", multiple=True, metavar="NAME", help="Only this object; may be given more than once."
+    "--object",
+    "objects",
+    multiple=True,
+    metavar="NAME",
+    help="Only this object; may be given more than once. In a tree: its path, the end of one, a branch, or a pattern "
+    "('Bone/BoneShape', 'BoneShape', 'Bone', '*Shape').",
 )
+
+velocities_option = click.option(
+    "--velocities", is_flag=True, help="Also write velocities, units a second: in OUT where its format holds them."
+)
+
+_READ_OPTIONS = (
+    fps_option,
+    click.option("--mesh", metavar="FILE", help="Where a point cache (MDD, PC2) has its faces and names from."),
+    click.option("--clip", metavar="NAME", help="Which animation of IN, where it has several (glTF); the first."),
+    click.option(
+        "--transforms",
+        type=click.Choice(["bake", "keep"]),
+        default="bake",
+        show_default=True,
+        help="Transforms above objects (Alembic, USD): applied to positions, or kept apart from them; what is written "
+        "to a format without transforms is baked then.",
+    ),
+    click.option(
+        "--skip-unsupported", is_flag=True, help="Leave out objects of IN that cannot be read, instead of refusing it."
+    ),
+)
+
+_PLACE_OPTIONS = (
+    click.option(
+        "--up-axis",
+        type=click.Choice(["X", "Y", "Z"], case_sensitive=False),
+        help="Turn the scene so that this axis is up; where IN does not say which one is, record this one.",
+    ),
+    click.option("--scale", type=float, default=1.0, metavar="X", help="Multiply positions by this; the unit adapts."),
+)
+
+
+def read_options(command: Callable[..., None]) -> Callable[..., None]:
+    """How the input is read: the options of :func:`open_source`."""
+    for option in reversed(_READ_OPTIONS):
+        command = option(command)
+    return command
+
+
+def place_options(command: Callable[..., None]) -> Callable[..., None]:
+    """How the scene is turned and scaled: the options of :func:`pdecodec.formats.scene_space.place`."""
+    for option in reversed(_PLACE_OPTIONS):
+        command = option(command)
+    return command
 
 
 def select_objects(sequence: MeshSequence, names: Sequence[str]) -> MeshSequence:
@@ -71,7 +121,20 @@ def select_objects(sequence: MeshSequence, names: Sequence[str]) -> MeshSequence
     """
     from pdecodec.selection import ObjectSelection
 
-    return ObjectSelection(sequence, names) if names else sequence
+    if not names:
+        return sequence
+    known = [item.name for item in sequence.objects]
+    # A name that nothing matches goes on as it is: the selection says which names there are.
+    chosen = [full for name in names for full in _matching(name.strip("/"), known) or [name]]
+    return ObjectSelection(sequence, chosen)
+
+
+def _matching(name: str, known: Sequence[str]) -> list[str]:
+    """Names that one of the command line stands for: exactly, else as the end of paths, a branch, or a pattern."""
+    exact = [full for full in known if full == name]
+    return exact or [
+        full for full in known if full.endswith(f"/{name}") or full.startswith(f"{name}/") or fnmatchcase(full, name)
+    ]
 
 
 def select_frames(sequence: MeshSequence, text: str | None) -> MeshSequence:

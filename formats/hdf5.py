@@ -95,7 +95,7 @@ def write_hdf5(
     overwrite: bool = False,
     fps: float | None = None,
     progress: Progress | None = None,
-) -> None:
+) -> tuple[str, ...]:
     """Write a sequence, block by block; the same sequence gives the same bytes.
 
     Raises
@@ -123,6 +123,7 @@ def write_hdf5(
             _write(file, "faces", faces)
         for name, array in arrays_of(sequence.objects, sequence.metadata).items():
             _write(file, name, array)
+    return ()
 
 
 def chunk_shape(frames: int, vertices: int) -> tuple[int, int, int]:

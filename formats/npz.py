@@ -95,7 +95,7 @@ def write_npz(
     overwrite: bool = False,
     fps: float | None = None,
     progress: Progress | None = None,
-) -> None:
+) -> tuple[str, ...]:
     """Write a sequence as an uncompressed archive, block by block; the same sequence gives the same bytes.
 
     Raises
@@ -121,6 +121,7 @@ def write_npz(
         for name, array in arrays.items():
             with _new_member(archive, name) as member:
                 np.lib.format.write_array(member, np.asarray(array, order="C"), version=(1, 0), allow_pickle=False)
+    return ()
 
 
 def _open_points(archive: zipfile.ZipFile, info: zipfile.ZipInfo, path: Path) -> StoredArray | NDArray[Any]:

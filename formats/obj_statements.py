@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
+from pdecodec.formats.attribute_roles import colors, uv_sets
 from pdecodec.formats.decimal_text import NUMBER_WIDTH, format_rows, format_rows_plainly
 from pdecodec.formats.obj_objects import DEFAULT_NAME
 from pdecodec.sequence import Attribute, Float32Array, MeshObject, MeshSequence
@@ -20,6 +21,16 @@ _FACE_STATEMENTS = (("object", "o {}", ""), ("group", "g {}", "g default"), ("ma
 def _one_line(name: str) -> str:
     """A name as OBJ can hold it: no line breaks, no zero bytes, blanks single, no continuation at its end."""
     return b" ".join(name.replace("\0", "").encode("utf-8", "replace").split()).decode().rstrip("\\")
+
+
+def main_uv(item: MeshObject) -> Attribute | None:
+    """The UV set that OBJ has room for."""
+    return next(iter(uv_sets(item)), None)
+
+
+def vertex_color(item: MeshObject) -> Attribute | None:
+    """The colours that OBJ has room for."""
+    return next((one for one in colors(item) if one.domain == "vertex"), None)
 
 
 class FrameText:
@@ -85,8 +96,8 @@ class _ObjectText:
         # Unnamed, a file whose faces have object names comes back as it was: `o` before the vertices is a name too.
         unnamed = alone and item.name == DEFAULT_NAME and ("object", "face") in attributes
         self.before = b"" if unnamed else f"o {_one_line(item.name)}\n".encode()
-        self.color = _color_rows(attributes.get(("color", "vertex")), item.vertex_count)
-        uv = attributes.get(("uv", "corner"))
+        self.color = _color_rows(vertex_color(item), item.vertex_count)
+        uv = main_uv(item)
         uv_text, uv_indices, self.texture_count = _texture(uv, item.connectivity.face_indices.size)
         lines = _face_lines(item, first_vertex + 1, uv_indices, first_texture + 1)
         changes = _changes(item, attributes, names_held, with_objects=alone)

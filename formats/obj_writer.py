@@ -7,7 +7,8 @@ with `overwrite`, frames of the same pattern that the new sequence does not have
 Positions are written with as few digits as read back to the same float32. Kept: objects, faces, lines, points,
 ``"uv"``, ``"color"``, ``"group"``, ``"material"``, ``"smoothing"`` and ``"object"`` attributes as
 :mod:`pdecodec.formats.obj_objects` gives them, the ``mtllib`` of the metadata, and times, in a comment.
-Other attributes have no place in OBJ and are left out.
+Of several UV sets or colours the main one is written. Other attributes have no place in OBJ: they are left out, and
+the writer says so.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ from typing import Any
 import numpy as np
 
 from pdecodec.errors import InputError
+from pdecodec.formats.attribute_roles import left_out
 from pdecodec.formats.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern, parse_pattern
-from pdecodec.formats.obj_statements import FrameText
+from pdecodec.formats.obj_statements import FrameText, main_uv, vertex_color
 from pdecodec.formats.obj_time import time_comment
-from pdecodec.sequence import MeshSequence, Progress
+from pdecodec.sequence import Attribute, MeshObject, MeshSequence, Progress
 from pdecodec.whole_output import partial_folder, whole_file, write_errors
 
 
@@ -33,7 +35,7 @@ def write_obj(
     overwrite: bool = False,
     fps: float | None = None,
     progress: Progress | None = None,
-) -> None:
+) -> tuple[str, ...]:
     """Write a sequence as OBJ files.
 
     Parameters
@@ -64,6 +66,13 @@ def write_obj(
         _write_one(sequence, path, rate, overwrite=overwrite, progress=progress)
     else:
         _write_folder(sequence, path, rate, overwrite=overwrite, progress=progress)
+    return left_out(sequence, "OBJ", _is_written, metadata=("mtllib",))
+
+
+def _is_written(item: MeshObject, attribute: Attribute) -> bool:
+    if attribute.domain == "face" and attribute.name in ("object", "group", "material", "smoothing"):
+        return True
+    return any(attribute is written for written in (main_uv(item), vertex_color(item)))
 
 
 def _write_one(sequence: MeshSequence, path: Path, rate: float, *, overwrite: bool, progress: Progress | None) -> None:

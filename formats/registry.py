@@ -7,20 +7,27 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from pdecodec.errors import InputError, MissingExtraError, SettingsError, naming_file
+from pdecodec.formats.transforms import bake_transforms
 from pdecodec.sequence import MeshSequence, Progress
+
+Transforms = Literal["bake", "keep"]
+"""What becomes of transforms above an object: applied to its positions, or kept as its attribute ``transform``."""
 
 
 class Reader(Protocol):
-    """What a format's ``reader`` names."""
+    """What a format's ``reader`` names. It is given those options of :func:`open_sequence` that the format lists."""
 
-    def __call__(self, path: Path, *, fps: float | None) -> MeshSequence: ...
+    def __call__(self, path: Path, *, fps: float | None, **options: Any) -> MeshSequence: ...
 
 
 class Writer(Protocol):
-    """What a format's ``writer`` names."""
+    """What a format's ``writer`` names: gives a line for each thing that the format cannot hold.
+
+    ``velocities`` is given to formats that hold them, and only where the caller has them.
+    """
 
     def __call__(
         self,
@@ -30,7 +37,8 @@ class Writer(Protocol):
         overwrite: bool,
         fps: float | None,
         progress: Progress | None,
-    ) -> None: ...
+        **velocities: MeshSequence,
+    ) -> tuple[str, ...]: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +55,8 @@ class Format:
         Lower case, with the dot.
     magic : tuple of bytes
         What files of this format begin with; empty where nothing tells them apart.
+    shared_magic : tuple of bytes
+        What some of them begin with that is another format's too: a zip archive, an HDF5 file.
     reader, writer : str or None
         ``"module:function"``, imported at first use (:class:`Reader`, :class:`Writer`).
     write_with : str
@@ -55,20 +65,31 @@ class Format:
         The optional dependency group that the module needs.
     frame_per_file : bool
         Whether a sequence is a file a frame, given as a pattern or a folder.
+    options : tuple of str
+        Options of :func:`open_sequence` beside ``fps`` that the reader takes.
+    holds_transforms, holds_velocities : bool
+        Whether the writer can put transforms above objects, and velocities beside positions.
     keeps : str
         What comes back after writing and reading, beside positions.
+    loses : str
+        What does not.
     """
 
     name: str
     title: str
     extensions: tuple[str, ...]
     magic: tuple[bytes, ...] = ()
+    shared_magic: tuple[bytes, ...] = ()
     reader: str | None = None
     writer: str | None = None
     write_with: str = ""
     extra: str | None = None
     frame_per_file: bool = False
+    options: tuple[str, ...] = ()
+    holds_transforms: bool = False
+    holds_velocities: bool = False
     keeps: str = ""
+    loses: str = ""
 
     @property
     def reads(self) -> bool:
@@ -102,7 +123,15 @@ def list_formats() -> tuple[Format, ...]:
     return tuple(_formats.values())
 
 
-def open_sequence(path: str | os.PathLike[str], *, fps: float | None = None) -> MeshSequence:
+def open_sequence(
+    path: str | os.PathLike[str],
+    *,
+    fps: float | None = None,
+    mesh: str | os.PathLike[str] | None = None,
+    clip: str | None = None,
+    transforms: Transforms = "bake",
+    skip_unsupported: bool = False,
+) -> MeshSequence:
     """Open a mesh sequence of any registered format.
 
     Parameters
@@ -112,7 +141,17 @@ def open_sequence(path: str | os.PathLike[str], *, fps: float | None = None) -> 
         ``name.10-20####.obj`` for some frames of it), or a folder of numbered frames.
     fps : float, optional
         Frames per second of a source that does not store its times. Where times are stored they are kept,
-        and `fps` is only the nominal rate; a notice says so.
+        and `fps` is only the nominal rate; a notice says so. Formats whose animation has no frames are sampled at it.
+    mesh : path, optional
+        Where names, faces and attributes are of a point cache that has only positions (MDD, PC2): any file that can
+        be opened here, of as many vertices.
+    clip : str, optional
+        Name of the animation to take where a file has several (glTF). Default: the first.
+    transforms : {"bake", "keep"}
+        Formats with transforms above objects: apply them to the positions, or keep them as the attribute
+        ``transform`` (:mod:`pdecodec.formats.transforms`). Others have none.
+    skip_unsupported : bool
+        Leave out objects that cannot be read, with a notice each, instead of refusing the file.
 
     Returns
     -------
@@ -123,15 +162,22 @@ def open_sequence(path: str | os.PathLike[str], *, fps: float | None = None) -> 
     ------
     InputError
         If there is nothing there, no format knows it, or it is damaged.
+    SettingsError
+        If `mesh` or `clip` is given for a format that has no use for it.
     MissingExtraError
         If the format needs a package that is not installed.
     """
     where = Path(path)
     _check_fps(fps)
     entry = _format_to_read(where)
+    for name, value in (("mesh", mesh), ("clip", clip)):
+        if value is not None and name not in entry.options:
+            users = ", ".join(other.title for other in _formats.values() if name in other.options)
+            raise SettingsError(f"--{name} is for {users}; leave it out", path=where)
+    given = {"mesh": mesh, "clip": clip, "transforms": transforms, "skip_unsupported": skip_unsupported}
     reader: Reader = _load(entry, entry.reader, "read", where)
     with naming_file(where):
-        return reader(where, fps=fps)
+        return reader(where, fps=fps, **{name: given[name] for name in entry.options})
 
 
 def write_sequence(
@@ -140,8 +186,9 @@ def write_sequence(
     *,
     overwrite: bool = False,
     fps: float | None = None,
+    velocities: MeshSequence | None = None,
     progress: Progress | None = None,
-) -> None:
+) -> tuple[str, ...]:
     """Write a mesh sequence in the format that the path's extension names, block by block.
 
     The output appears when it is whole: it is written beside its place, then renamed.
@@ -155,8 +202,15 @@ def write_sequence(
         Replace what is there already.
     fps : float, optional
         Nominal frame rate to record and to number frames by. Default: the sequence's.
+    velocities : MeshSequence, optional
+        [scene units / s] at the same times, for formats that hold them (Alembic, USD).
     progress : callable, optional
         Called as ``progress(done, total, what)``.
+
+    Returns
+    -------
+    tuple of str
+        A line for each thing that the format could not hold.
 
     Raises
     ------
@@ -169,8 +223,13 @@ def write_sequence(
     _check_fps(fps)
     entry = _format_to_write(where, is_folder=os.fspath(path).endswith(("/", os.sep)))
     writer: Writer = _load(entry, entry.writer, "written", where)
+    if velocities is not None and not entry.holds_velocities:
+        users = ", ".join(other.title for other in _formats.values() if other.holds_velocities)
+        raise SettingsError(f"velocities are held by {users}; leave them out, or write them apart", path=where)
+    extra = {} if velocities is None else {"velocities": velocities}
+    placed = sequence if entry.holds_transforms else bake_transforms(sequence)
     with naming_file(where):
-        writer(sequence, where, overwrite=overwrite, fps=fps, progress=progress)
+        return writer(placed, where, overwrite=overwrite, fps=fps, progress=progress, **extra)
 
 
 def _check_fps(fps: float | None) -> None:
@@ -203,7 +262,8 @@ def _format_to_read(path: Path) -> Format:
     entry = _by_extension(path)
     if path.exists():
         content = _by_magic(path)
-        if entry is not None and content is not None and content is not entry:
+        disputed = entry is not None and content is not None and not set(content.magic) <= set(entry.shared_magic)
+        if entry is not None and content is not None and content is not entry and disputed:
             raise InputError(
                 f"is a {content.title} file ({content.name}) in spite of its name; rename it to end in "
                 f"{content.extensions[0]}",

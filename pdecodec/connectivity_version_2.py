@@ -28,6 +28,7 @@ from pdecodec.kernels.rangecoder import (
     POSITION,
     code_bit,
     finish,
+    is_finished,
     new_coder,
     new_decoder,
 )
@@ -243,9 +244,9 @@ def decode_connectivity(
             arrays += _decode_polygons(conn_coding, models.polygons(kind), kind, vertices, count, size, corners)
         parts.append(Connectivity(vertices, *arrays))
     _check_end(conn_coding, "CONN")
-    _check_end(ordr_coding, "ORDR")
     if ordr and not any_order:
         raise CorruptFileError("section ORDR orders faces that section CONN does not have")
+    _check_end(ordr_coding, "ORDR")
     return parts
 
 
@@ -305,9 +306,11 @@ def _decode_polygons(
 
 
 def _check_end(coding: Coding, name: str) -> None:
-    """Raise unless every byte was looked at, and no more beyond the end than a coder looks ahead."""
+    """Raise unless the bytes end where what they hold does."""
     beyond = int(coding.coder[POSITION]) - coding.data.size
     if beyond < 0:
         raise CorruptFileError(f"section {name} has {-beyond} bytes too many, from its byte {coding.byte} on")
     if beyond > FIRST_BYTES:
         raise CorruptFileError(f"section {name} ends {beyond - FIRST_BYTES} bytes too early, at its byte {coding.byte}")
+    if not is_finished(coding.coder, coding.data):
+        raise CorruptFileError(f"section {name} ends with bytes that say nothing, at its byte {coding.byte}")

@@ -227,12 +227,12 @@ def decode_group(data: bytes, frames: int, starts: Int64Array, *, most_bytes: in
     Raises
     ------
     CorruptFileError
-        If the bytes say what cannot be, or go on after the corrections.
+        If the bytes say what cannot be, or do not end with the corrections.
     LimitError
         If there are more corrections than `most_bytes` has room for.
     """
     from pdecodec.kernels.correction_model import code_literals, code_records
-    from pdecodec.kernels.rangecoder import DECODE, POSITION
+    from pdecodec.kernels.rangecoder import DECODE, is_finished
 
     if not data:
         return no_corrections(frames)
@@ -260,8 +260,8 @@ def decode_group(data: bytes, frames: int, starts: Int64Array, *, most_bytes: in
     literals = bits.astype(np.uint32).view(np.float32)
     if not np.isfinite(literals).all():
         raise CorruptFileError("section CORR has a position that is not finite; get the file again")
-    if coding.coder[POSITION] < len(data):
-        raise CorruptFileError("section CORR goes on after its corrections; get the file again")
+    if not is_finished(coding.coder, coding.data):
+        raise CorruptFileError("section CORR does not end where its corrections do; get the file again")
     literal_starts = np.searchsorted(literal_frames, np.arange(frames + 1)).astype(np.int64)
     return GroupCorrections(
         records.frame_starts, records.places, records.levels, literal_starts, literal_places, literals

@@ -70,6 +70,10 @@ class GroupAnimation(Animation):
 
     def _open_motion(self, left: int) -> None:
         self._table.check_sections(self._container)
+        if self.frame_count != self._table.frames:
+            raise CorruptFileError(
+                f"section SEQN declares {self.frame_count} frames, the groups have {self._table.frames}"
+            )
         self._description = GroupModelDescription.from_bytes(self._container.read("MODL"))
         vertices = self.vertex_count
         self._left = left

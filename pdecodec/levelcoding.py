@@ -70,15 +70,18 @@ def decode_levels(data: bytes, basis: SpaceBasis, width: int, *, axes: int) -> I
     Raises
     ------
     CorruptFileError
-        If the bytes are not levels of this basis, or more than these.
+        If the bytes are not levels of this basis, or not just these.
     """
-    from pdecodec.kernels.rangecoder import DECODE, POSITION
+    from pdecodec.kernels.rangecoder import DECODE, is_finished
 
     levels = np.zeros((basis.columns, width), np.int64)
     if data:
-        coder, sound = _code(DECODE, np.frombuffer(bytearray(data), np.uint8), levels, basis, axes)
-        if not sound or coder[POSITION] < len(data):
+        coded = np.frombuffer(bytearray(data), np.uint8)
+        coder, sound = _code(DECODE, coded, levels, basis, axes)
+        if not sound:
             raise CorruptFileError("section COEF holds levels that cannot be; get the file again")
+        if not is_finished(coder, coded):
+            raise CorruptFileError("section COEF does not end where its levels do; get the file again")
         if max(int(levels.max(initial=0)), -int(levels.min(initial=0))) > LARGEST:
             raise CorruptFileError("section COEF has a coefficient out of range")
     return levels

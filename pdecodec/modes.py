@@ -112,10 +112,10 @@ def decode_modes(data: bytes, frames: int, count: int, step: float) -> Float64Ar
     Raises
     ------
     CorruptFileError
-        If the method is unknown or cannot be, or bytes are left over. Other damage gives other modes.
+        If the method is unknown or cannot be, or bytes are left over or missing. Other damage gives other modes.
     """
     from pdecodec.kernels.modes import code_levels, new_model
-    from pdecodec.kernels.rangecoder import POSITION, new_decoder
+    from pdecodec.kernels.rangecoder import is_finished, new_decoder
 
     if not data:
         return np.zeros((frames, 3, count))
@@ -130,8 +130,8 @@ def decode_modes(data: bytes, frames: int, count: int, step: float) -> Float64Ar
     coded = np.frombuffer(data, np.uint8)[1:].copy()  # the compiled coder takes no read-only array
     coder = new_decoder(coded)
     code_levels(coder, coded, levels, *new_model(frames))
-    if coder[POSITION] < coded.size:
-        raise CorruptFileError("modes are followed by bytes that are not theirs; get the file again")
+    if not is_finished(coder, coded):
+        raise CorruptFileError("section TIME does not end where its modes do; get the file again")
     return _follow(levels, step) if method == FOLLOWED else _transform_back(levels, step)
 
 

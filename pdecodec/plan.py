@@ -61,6 +61,12 @@ START_STEP = 2.0
 ALIGNMENTS_TO_TRY: tuple[ModelAlignment, ...] = ("affine", "none", "rotation")
 """In the order they are tried; ties go to the earlier."""
 
+PAPER_ALIGNMENTS: tuple[ModelAlignment, ...] = ("none", "rotation")
+"""The same for profile "paper", whose functions leave no place for the affine four."""
+
+WORTHWHILE_ROTATION = 0.8
+"""Share of the squared error that a rotation may leave under profile "paper" to be worth its numbers."""
+
 WORTHWHILE_SHARE = 1e-9
 """Share of its bits by which another piece length must win, so that rounding does not choose."""
 
@@ -118,22 +124,29 @@ def make_plan(
 
 
 def _paper_plan(windows: Sequence[Window], sample: Sample, settings: EncodeSettings, *, step: float) -> Plan:
-    """The paper's model: whole curves, fixed segments, r by what it leaves over.
+    """The paper's model: whole curves, fixed segments, alignment and r by what they leave over.
 
-    Not r = 0: there the functions of Eq. 18 are dependent, and the file's would not be the paper's.
+    Not r = 0: there the functions of Eq. 18 are dependent, and the file's would not be the paper's. Not always the
+    rotation of Eqs. 19 to 23: of a curve that is straight at some frame it is chance how it turns about itself.
     """
     plan = Plan(
-        alignment="rotation" if settings.alignment == "auto" else settings.alignment,
+        alignment="none" if settings.alignment == "auto" else settings.alignment,
         level=_fixed_level(settings),
         r=0.0,
         step=step,
         frames=settings.segment_frames or PAPER_SEGMENT_FRAMES,
     )
     rates = RATES[1:] if settings.r is None else (settings.r,)
+    alignments = PAPER_ALIGNMENTS if settings.alignment == "auto" else (plan.alignment,)
+    plans = [replace(plan, alignment=alignment, r=r) for alignment in alignments for r in rates]
     heads = [window.head(plan.frames) for window in windows]
-    models = [sample_model(sample, replace(plan, r=r)) for r in rates]
+    models = [sample_model(sample, item) for item in plans]
     errors = [sum(squared_error(head, model) for head in heads) for model in models]
-    return replace(plan, r=rates[int(np.argmin(errors))])
+    errors = [
+        error if item.alignment == "none" else error / WORTHWHILE_ROTATION
+        for item, error in zip(plans, errors, strict=True)
+    ]
+    return plans[int(np.argmin(errors))]
 
 
 def _fixed_level(settings: EncodeSettings) -> int:

@@ -139,7 +139,7 @@ def _encode_across(levels: Int64Array, mesh: Polygons, point_of: Int32Array | No
 def _decode_across(content: bytes, mesh: Polygons, *, is_welded: bool) -> Int64Array:
     from pdecodec.kernels.facepredict import CLASSES, HINTS
     from pdecodec.kernels.facewalk import link_corners, stencils, walk
-    from pdecodec.kernels.rangecoder import FIRST_BYTES, POSITION, new_decoder
+    from pdecodec.kernels.rangecoder import is_finished, new_decoder
 
     data = np.frombuffer(bytearray(content), np.uint8)
     coder = new_decoder(data)
@@ -156,7 +156,7 @@ def _decode_across(content: bytes, mesh: Polygons, *, is_welded: bool) -> Int64A
     found = stencils(surface)
     if not _code_points(coder, data, walk(surface), levels, surface.fan_starts, found, hint_weights):
         raise CorruptFileError("section REST has a coordinate out of range; get the file again")
-    if not data.size <= coder[POSITION] <= data.size + FIRST_BYTES:
+    if not is_finished(coder, data):
         raise CorruptFileError("section REST does not end where its numbers do; get the file again")
     return levels[point_of] if is_welded else levels
 

@@ -178,6 +178,13 @@ class Attribute:
 class MeshObject:
     """One named object: what stays the same from frame to frame.
 
+    Parameters
+    ----------
+    name : str
+        In a tree of objects its path, ``"Bone/BoneShape"``.
+    connectivity : Connectivity
+    attributes : tuple of Attribute
+
     Raises
     ------
     InputError
@@ -212,6 +219,25 @@ class MeshObject:
         return self.connectivity.vertex_count
 
 
+@dataclass(frozen=True)
+class Unsupported:
+    """An object of a file that was left out because it cannot be read.
+
+    Parameters
+    ----------
+    name : str
+        Of the object, with its path.
+    feature : str
+        What about it is beyond us.
+    frame : int, optional
+        Where its connectivity changes first.
+    """
+
+    name: str
+    feature: str
+    frame: int | None = None
+
+
 class MeshSequence(ABC):
     """Named objects and their vertex positions at a list of times.
 
@@ -229,6 +255,8 @@ class MeshSequence(ABC):
         What else the source said (``up_axis``, ``unit``, ``source``...).
     notices : tuple of str
         What a person should know (an assumed frame rate, data left out); the command line prints them.
+    unsupported : tuple of Unsupported
+        Objects that a reader left out because it was told to go on without them.
     """
 
     objects: tuple[MeshObject, ...]
@@ -236,6 +264,7 @@ class MeshSequence(ABC):
     fps: float
     metadata: Mapping[str, str]
     notices: tuple[str, ...]
+    unsupported: tuple[Unsupported, ...] = ()
 
     @abstractmethod
     def read_frames(self, start: int, stop: int) -> Float32Array:

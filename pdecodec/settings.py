@@ -50,7 +50,7 @@ class EncodeSettings:
         "paper": the same on whole curves over fixed segments: 32 functions.
     alignment : {"auto", "none", "affine", "rotation"}
         Transformation elimination (Eqs. 19 to 23): none, as four affine functions of the rest shape, or as
-        a rotation and a translation of each curve piece. "auto" measures; under "paper" it means "rotation".
+        a rotation and a translation of each curve piece. "auto" measures; under "paper" the affine ones are left out.
     segment_frames : int or None
         Frames of a time segment, 2 to 64; None lets the motion decide ("paper": 11, as in its section 5).
     piece_points : int or None

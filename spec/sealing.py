@@ -16,6 +16,9 @@ HEADER = struct.Struct("<12sHHIII")
 ENTRY_1 = struct.Struct("<4sIQQII")
 ENTRY = struct.Struct("<4sBQI")
 SEGMENT = struct.Struct("<IfhHIII")
+GROUP = struct.Struct("<IIBddIIII")
+CHUNKS = ("TIME", "COEF", "CORR")
+"""Sections that are the chunks of groups."""
 
 REQUIRED = 1
 FRAME_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -82,6 +85,58 @@ def with_chunk(parts: list[Part], kind: str, chunk: bytes) -> list[Part]:
     rest = content(parts, kind)[row[column] :]
     row[column] = len(chunk)
     return with_section(with_section(parts, kind, chunk + rest), "SEGM", SEGMENT.pack(*row) + table[SEGMENT.size :])
+
+
+def with_group_section(parts: list[Part], kind: str, new: bytes, *, sizes: list[int] | None = None) -> list[Part]:
+    """The same sections of a file of version 2, one of them with other bytes; the groups' checksums are made right.
+
+    `sizes` are what each group has of TIME, COEF or CORR, where that changes.
+    """
+    changed = {part.kind: part.content for part in parts} | {kind: new}
+    table, sealed, at = changed["GRUP"], b"", [0, 0, 0]
+    for row, offset in enumerate(range(0, len(table) - GROUP.size + 1, GROUP.size)):
+        lengths = list(struct.unpack_from("<III", table, offset + GROUP.size - 16))
+        if sizes is not None:
+            lengths[CHUNKS.index(kind)] = sizes[row]
+        checksum = 0
+        for index, name in enumerate(CHUNKS):
+            checksum = zlib.crc32(changed[name][at[index] : at[index] + lengths[index]], checksum)
+            at[index] += lengths[index]
+        # Packed as bytes: a step may be a NaN whose bits must stay.
+        sealed += table[offset : offset + GROUP.size - 16] + struct.pack("<IIII", *lengths, checksum)
+    changed["GRUP"] = sealed + table[len(sealed) :]
+    return [replace(part, content=changed[part.kind]) for part in parts]
+
+
+def group_chunks(parts: list[Part], kind: str) -> list[bytes]:
+    """What each group has of TIME, COEF or CORR."""
+    chunks, at = [], 0
+    for row in GROUP.iter_unpack(content(parts, "GRUP")):
+        size = row[5 + CHUNKS.index(kind)]
+        chunks.append(content(parts, kind)[at : at + size])
+        at += size
+    return chunks
+
+
+def with_first_group(parts: list[Part], kind: str, chunk: bytes) -> list[Part]:
+    """The same sections, another chunk of TIME, COEF or CORR for the first group."""
+    chunks = [chunk, *group_chunks(parts, kind)[1:]]
+    return with_group_section(parts, kind, b"".join(chunks), sizes=[len(each) for each in chunks])
+
+
+def even_bits(bits: str) -> bytes:
+    """A coded stream of bits of probability one half: the binary digits of a fraction, 0 for 1 and 1 for 0.
+
+    Cells and mixes that nothing was learnt from give that probability. So this is the beginning of most streams.
+    """
+    digits = "".join("10"[bit == "1"] for bit in bits if bit != " ")
+    written = bytes(int(digits[at : at + 8].ljust(8, "0"), 2) for at in range(0, len(digits), 8))
+    return written[:-1] if written.endswith(b"\0") else written
+
+
+def counted(number: int) -> str:
+    """Bits of a number from 1 on as section 27 writes it: how many digits it has, then those below the first."""
+    return "1" * (number.bit_length() - 1) + "0" + f"{number:b}"[1:]
 
 
 def _seal_segments(parts: list[Part]) -> list[Part]:

@@ -274,7 +274,7 @@ def test_every_failure_has_its_exit_code_and_one_line(
     words: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def fail(path: str, *, fps: float | None = None) -> NoReturn:
+    def fail(path: str, **options: object) -> NoReturn:
         raise error
 
     monkeypatch.setattr("pdecodec.formats.open_sequence", fail)
@@ -400,7 +400,7 @@ def test_a_reader_that_has_seen_enough_is_neither_a_message_nor_a_failed_check(a
 def test_a_bug_is_told_in_one_line_and_traced_on_request(monkeypatch: pytest.MonkeyPatch) -> None:
     code = (
         "import sys, pdecodec.formats, pdecodec.cli.main as m\n"
-        "pdecodec.formats.open_sequence = lambda path, fps: 1 / 0\n"
+        "pdecodec.formats.open_sequence = lambda path, **options: 1 / 0\n"
         "sys.argv = ['pdecodec', 'info', 'clip.npz']\n"
         "m.main()"
     )

@@ -197,6 +197,8 @@ def test_a_section_that_is_cut_or_too_long_is_refused_and_named() -> None:
         for more in (bytes(FIRST_BYTES + 1), section):
             with pytest.raises(CorruptFileError, match=rf"section {name} has \d+ bytes too many, from its byte \d+ on"):
                 read(section + more)
+        with pytest.raises(CorruptFileError, match=rf"section {name} ends with bytes that say nothing|too many"):
+            read(section + b"\0")
 
 
 def test_an_order_of_nothing_is_refused() -> None:

@@ -54,6 +54,18 @@ def test_every_link_of_the_documents_leads_to_a_file() -> None:
             assert target.startswith("https://") or (ROOT / target).exists(), f"{document} links to {target}"
 
 
+def test_every_figure_that_the_readme_quotes_of_the_paper_is_in_the_run_that_is_kept() -> None:
+    section = README.split("## What we found in the paper")[1].split("\n## ")[0]
+    quoted = set(re.findall(r"\d+\.\d{2,}|\d+(?:\.\d+)? %", section))
+    assert len(quoted) > 12
+    folder = ROOT / "docs" / "paper"
+    kept = "".join((folder / name).read_text(encoding="utf-8") for name in ("verdicts.md", "windows.md", "report.json"))
+    for figure in quoted:
+        assert figure.replace(" %", "%") in kept, (
+            f"the README quotes {figure}, which the run in docs/paper does not have"
+        )
+
+
 def test_the_readme_lists_every_registered_extension() -> None:
     from pdecodec.formats import list_formats
 
@@ -62,11 +74,14 @@ def test_the_readme_lists_every_registered_extension() -> None:
             assert f"`{extension}`" in README
 
 
-def test_the_help_pages_in_docs_are_those_of_the_commands() -> None:
-    spec = importlib.util.spec_from_file_location("make_cli", ROOT / "docs" / "make_cli.py")
+@pytest.mark.parametrize(
+    ("maker", "page", "function"), [("make_cli", "cli", "help_pages"), ("make_formats", "formats", "formats_page")]
+)
+def test_the_pages_in_docs_are_those_of_the_code(maker: str, page: str, function: str) -> None:
+    spec = importlib.util.spec_from_file_location(maker, ROOT / "docs" / f"{maker}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    written = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
-    assert written == module.help_pages(), "help texts changed: run `make docs`"
+    written = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    assert written == getattr(module, function)(), "what the page tells of changed: run `make docs`"

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import struct
-import zlib
-from dataclasses import replace
 from datetime import timedelta
 
 import numpy as np
@@ -30,12 +28,10 @@ from pdecodec import (
     open_animation,
 )
 from pdecodec.groups import GROUP_ENTRY
-from spec.sealing import Part, content, seal, table_end, take_apart
+from spec.sealing import CHUNKS, content, seal, table_end, take_apart, with_group_section
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
-
-CHUNKS = ("TIME", "COEF", "CORR")
 
 MEMORY = 2**26
 """Limit that damaged files are opened with."""
@@ -164,32 +160,11 @@ def test_rigid_motion_has_few_trajectories() -> None:
         assert distances(sequence, animation).max() <= report.bound
 
 
-def with_chunks(parts: list[Part], kind: str, new: bytes, *, sizes: list[int] | None = None) -> list[Part]:
-    """The same sections, one of them with other bytes, the groups' own checksums made right.
-
-    `sizes` are what each group has of TIME, COEF or CORR, where that changes.
-    """
-    changed = {part.kind: part.content for part in parts} | {kind: new}
-    table, sealed, at = changed["GRUP"], b"", [0, 0, 0]
-    for row, offset in enumerate(range(0, len(table) - GROUP_ENTRY.size + 1, GROUP_ENTRY.size)):
-        lengths = list(struct.unpack_from("<III", table, offset + GROUP_ENTRY.size - 16))
-        if sizes is not None:
-            lengths[CHUNKS.index(kind)] = sizes[row]
-        checksum = 0
-        for index, name in enumerate(CHUNKS):
-            checksum = zlib.crc32(changed[name][at[index] : at[index] + lengths[index]], checksum)
-            at[index] += lengths[index]
-        # Packed as bytes: a step may be a NaN whose bits must stay.
-        sealed += table[offset : offset + GROUP_ENTRY.size - 16] + struct.pack("<IIII", *lengths, checksum)
-    changed["GRUP"] = sealed + table[len(sealed) :]
-    return [replace(part, content=changed[part.kind]) for part in parts]
-
-
 def without_corrections(data: bytes) -> Animation:
     """The model alone."""
     parts = take_apart(data)
     groups = len(content(parts, "GRUP")) // GROUP_ENTRY.size
-    return open_animation(seal(with_chunks(parts, "CORR", b"", sizes=[0] * groups), major=2))
+    return open_animation(seal(with_group_section(parts, "CORR", b"", sizes=[0] * groups), major=2))
 
 
 def swinging(frames: int, *, even: bool) -> ArraySequence:
@@ -273,7 +248,7 @@ def test_the_file_that_is_damaged_here_is_sound_and_has_every_section_of_motion(
     assert [part.kind for part in parts] == ["META", "SEQN", "CONN", "REST", "MODL", "GRUP", *CHUNKS]
     assert all(part.content for part in parts)
     assert len(content(parts, "GRUP")) == 2 * GROUP_ENTRY.size
-    assert seal(with_chunks(parts, "CORR", content(parts, "CORR")), major=2) == sound
+    assert seal(with_group_section(parts, "CORR", content(parts, "CORR")), major=2) == sound
 
 
 def test_every_truncation_is_refused(sound: bytes) -> None:
@@ -295,7 +270,7 @@ def test_behind_the_checksums_every_byte_changed_ends_in_our_own_error_or_decode
         data = part.content
         for at in range(len(data)):
             changed = data[:at] + bytes([data[at] ^ (0x81 >> at % 8)]) + data[at + 1 :]
-            found.add(outcome(seal(with_chunks(parts, part.kind, changed), major=2)))
+            found.add(outcome(seal(with_group_section(parts, part.kind, changed), major=2)))
     assert {"sound", "CorruptFileError"} <= found <= {"sound", "CorruptFileError", "LimitError"}
 
 
@@ -305,10 +280,11 @@ def test_sections_cut_short_or_too_long_are_refused(sound: bytes) -> None:
         if part.kind == "META":
             continue
         for size in range(0, len(part.content), 1 + len(part.content) // 12):
-            assert outcome(seal(with_chunks(parts, part.kind, part.content[:size]), major=2)) == "CorruptFileError"
-        # A range decoder looks a few bytes ahead, and takes what is missing as zeros: more than those are too many.
-        longer = part.content + bytes(8)
-        assert outcome(seal(with_chunks(parts, part.kind, longer), major=2)) == "CorruptFileError", part.kind
+            assert (
+                outcome(seal(with_group_section(parts, part.kind, part.content[:size]), major=2)) == "CorruptFileError"
+            )
+        longer = part.content + b"\0"
+        assert outcome(seal(with_group_section(parts, part.kind, longer), major=2)) == "CorruptFileError", part.kind
         others = [other for other in parts if other != part]
         assert outcome(seal(others, major=2)) == "CorruptFileError"
 
@@ -342,7 +318,7 @@ def test_behind_the_checksums_any_damage_ends_in_our_own_error_or_decodes(
     for kind, place, new in damages:
         data = content(parts, kind)
         at = int(place * len(data))
-        parts = with_chunks(parts, kind, (data[:at] + new + data[at + len(new) :])[: len(data)])
+        parts = with_group_section(parts, kind, (data[:at] + new + data[at + len(new) :])[: len(data)])
     assert outcome(seal(parts, major=2)) in ("sound", "CorruptFileError", "LimitError")
 
 
@@ -354,7 +330,7 @@ def test_groups_that_declare_too_much_are_refused(sound: bytes, field: str, valu
     parts = take_apart(sound)
     table = bytearray(content(parts, "GRUP"))
     struct.pack_into("<I", table, {"frames": 0, "functions": 4}[field], value)
-    assert outcome(seal(with_chunks(parts, "GRUP", bytes(table)), major=2)) in ("CorruptFileError", "LimitError")
+    assert outcome(seal(with_group_section(parts, "GRUP", bytes(table)), major=2)) in ("CorruptFileError", "LimitError")
 
 
 def test_a_memory_limit_is_kept_and_can_be_raised(sound: bytes) -> None:

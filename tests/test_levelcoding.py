@@ -68,10 +68,11 @@ def test_levels_take_far_less_than_with_zstandard(basis: SpaceBasis) -> None:
     assert len(encode_levels(levels, basis, axes=1)) < 0.8 * len(pack_integers(levels.T))
 
 
-def test_bytes_that_hold_levels_of_no_function_of_time_are_read(basis: SpaceBasis) -> None:
-    assert decode_levels(bytes(6), basis, 0, axes=1).shape == (basis.columns, 0)
-    with pytest.raises(CorruptFileError, match="levels that cannot be"):
-        decode_levels(bytes(99), basis, 0, axes=1)
+def test_levels_of_no_function_of_time_have_no_bytes(basis: SpaceBasis) -> None:
+    assert decode_levels(b"", basis, 0, axes=1).shape == (basis.columns, 0)
+    for data in (b"\1", bytes(6), bytes(99)):
+        with pytest.raises(CorruptFileError, match="does not end"):
+            decode_levels(data, basis, 0, axes=1)
 
 
 @settings(max_examples=60, deadline=None)
@@ -83,5 +84,5 @@ def test_garbage_gives_levels_in_range_or_one_clear_error(basis: SpaceBasis, gar
 
 def test_bytes_after_the_levels_are_refused(basis: SpaceBasis) -> None:
     data = encode_levels(falling(basis, 5, 20.0), basis, axes=1)
-    with pytest.raises(CorruptFileError, match="levels that cannot be"):
+    with pytest.raises(CorruptFileError, match="does not end"):
         decode_levels(data + bytes(range(1, 30)), basis, 5, axes=1)

@@ -31,6 +31,7 @@ from pdecodec.kernels.rangecoder import (
     code_mixed,
     code_with,
     finish,
+    is_finished,
     new_coder,
     new_decoder,
 )
@@ -118,12 +119,17 @@ def sessions(draw: st.DrawFn) -> tuple[Int64Array, Int64Array]:
 
 @settings(max_examples=150, deadline=None)
 @given(sessions())
-def test_bits_come_back_and_every_byte_is_looked_at(session: tuple[Int64Array, Int64Array]) -> None:
+def test_bits_come_back_and_not_a_byte_is_too_many(session: tuple[Int64Array, Int64Array]) -> None:
     program, bits = session
     data, size = encoded(program, bits)
     found, coder = decoded(data, program)
     assert found.tolist() == bits.tolist()
     assert size <= coder[POSITION] <= size + FIRST_BYTES
+    assert is_finished(coder, np.frombuffer(data, np.uint8))
+    shorter = [data[:-1]] if data else []
+    for other in (*shorter, data + b"\0", data + b"\1", data + b"\xff", data + bytes(FIRST_BYTES + 1)):
+        found, coder = decoded(other, program)
+        assert found.tolist() != bits.tolist() or not is_finished(coder, np.frombuffer(other, np.uint8))
 
 
 @settings(max_examples=60, deadline=None)
@@ -146,7 +152,7 @@ def test_the_plain_decoder_reads_the_same_bits_from_any_bytes(
         mine, coder = decoded(data, program)
         assert found == mine.tolist()
         assert reader.taken == coder[POSITION]
-        assert reader.is_finished() == (coder[POSITION] >= len(data))
+        assert reader.is_finished() == is_finished(coder, np.frombuffer(data, np.uint8))
 
 
 @settings(deadline=None)
@@ -299,11 +305,12 @@ def test_cut_or_garbled_bytes_give_bits_and_are_not_read_beyond(
         assert found.tolist() == decoded(bytes(cut), program)[0].tolist()
 
 
-def test_bytes_too_many_are_noticed_by_the_position() -> None:
+def test_bytes_too_many_are_noticed() -> None:
     program = cell_program(np.zeros(500, np.int64))
     bits = np.random.default_rng(2).integers(0, 2, 500)
-    data, size = encoded(program, bits)
-    assert decoded(data + bytes(FIRST_BYTES + 1), program)[1][POSITION] < size + FIRST_BYTES + 1
+    data, _ = encoded(program, bits)
+    for other in (data + b"\0", data + bytes(FIRST_BYTES + 1)):
+        assert not is_finished(decoded(other, program)[1], np.frombuffer(other, np.uint8))
 
 
 def test_the_same_bits_give_the_same_bytes() -> None:

@@ -226,7 +226,7 @@ def test_a_section_that_is_cut_gives_levels_in_range_or_is_refused(example: tupl
 
 def test_bytes_too_many_are_refused(example: tuple[bytes, list[MeshObject]]) -> None:
     data, objects = example
-    for more in (b"\0" * 7, b"\xff" * 7, data):
+    for more in (b"\0", b"\0" * 7, b"\xff" * 7, data):
         with pytest.raises(CorruptFileError, match="does not end"):
             decode_rest(data + more, objects)
 

@@ -7,28 +7,18 @@ from typing import Any
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from pdecodec.experiments.demo import SECTION_TITLES, TOLERANCE, Demonstration
+from pdecodec.experiments.meshdrawing import as_seen, draw_mesh, quads_of
 from pdecodec.metrics import frame_scale
-from pdecodec.sequence import Connectivity, Float32Array
 
 Float64Array = NDArray[np.float64]
 
 WIDTH, HEIGHT, DOTS_PER_INCH = 13.5, 7.6, 90
-
-LIGHT = np.array([0.35, 0.8, 0.5])
-"""Direction to the light, in the camera's axes: right, up, towards the viewer."""
-
-AMBIENT = 0.35
-"""Share of the colour that a face turned away from the light keeps."""
-
-TURN, TILT = np.radians(12.0), np.radians(10.0)
-"""The camera stands this far to the right of the front, and above."""
 
 CLOSE_UP = 0.14
 """Width of the close-up around the worst vertex, over the diagonal."""
@@ -71,10 +61,10 @@ def _draw_meshes(demonstration: Demonstration, figure: Figure, overview: list[An
     """Three ways to see the clip: the chosen frames one below the other, and the worst of them close up."""
     sequence = demonstration.sequence
     frames = demonstration.picture_frames
-    quads = _quads(sequence.connectivity)
+    quads = quads_of(sequence.connectivity)
     diagonal = frame_scale(sequence.points[0])
-    simulated = _seen(sequence.points[list(frames)])
-    decoded = _seen(demonstration.picture_points)
+    simulated = as_seen(sequence.points[list(frames)])
+    decoded = as_seen(demonstration.picture_points)
     errors = np.linalg.norm(sequence.points[list(frames)] - demonstration.picture_points.astype(np.float64), axis=2)
     errors /= diagonal
     heat = ScalarMappable(Normalize(0.0, 1.0), "YlOrRd")
@@ -92,10 +82,10 @@ def _draw_meshes(demonstration: Demonstration, figure: Figure, overview: list[An
         placed = points.copy()
         placed[..., 1] += heights[:, None]
         for index in range(len(frames)):
-            _draw_mesh(wide, placed[index], quads, colours[index])
+            draw_mesh(wide, placed[index], quads, colours[index])
         near_vertices: NDArray[np.bool_] = np.all(np.abs(points[worst, :, :2] - centre) < reach, axis=1)
         inside = near_vertices[quads].any(axis=1)
-        _draw_mesh(near, points[worst], quads[inside], colours[worst][inside], lines=True)
+        draw_mesh(near, points[worst], quads[inside], colours[worst][inside], lines=True)
         margin = 0.02 * diagonal
         _frame(wide, placed[..., :2].min(axis=(0, 1)) - margin, placed[..., :2].max(axis=(0, 1)) + margin)
         _frame(near, centre - reach, centre + reach)
@@ -122,40 +112,6 @@ def _stacked(seen: Float64Array) -> Float64Array:
 def _frame(panel: Any, low: Float64Array, high: Float64Array) -> None:
     panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xticks=[], yticks=[])
     panel.spines[:].set_visible(False)
-
-
-def _quads(connectivity: Connectivity) -> NDArray[np.int32]:
-    """The faces of a mesh of quads alone, as rows."""
-    return connectivity.face_indices.reshape(-1, 4)
-
-
-def _seen(points: Float32Array) -> Float64Array:
-    """Positions in the camera's axes: right, up and towards the viewer."""
-    around = np.array([[np.cos(TURN), 0, -np.sin(TURN)], [0, 1, 0], [np.sin(TURN), 0, np.cos(TURN)]])
-    over = np.array([[1, 0, 0], [0, np.cos(TILT), -np.sin(TILT)], [0, np.sin(TILT), np.cos(TILT)]])
-    return np.asarray(points.astype(np.float64) @ (over @ around).T)
-
-
-def _draw_mesh(
-    panel: Any, seen: Float64Array, quads: NDArray[np.int32], colours: Float64Array, *, lines: bool = False
-) -> None:
-    """Faces from far to near, shaded by the angle between their normals and the light."""
-    corners = seen[quads]
-    normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-    # An open tube shows its inside too: light both sides alike.
-    shade = AMBIENT + (1 - AMBIENT) * np.abs(normals @ (LIGHT / np.linalg.norm(LIGHT)))
-    shaded = np.clip(colours * shade[:, None], 0, 1)
-    order = np.argsort(corners[..., 2].mean(axis=1), kind="stable")
-    # Edges of the faces' own colour close the hairlines between antialiased neighbours.
-    panel.add_collection(
-        PolyCollection(
-            list(corners[order][..., :2]),
-            facecolors=shaded[order],
-            edgecolors=0.75 * shaded[order] if lines else shaded[order],
-            linewidths=0.3,
-        )
-    )
 
 
 def _draw_rates(demonstration: Demonstration, panel: Any) -> None:

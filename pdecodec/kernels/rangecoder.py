@@ -118,6 +118,19 @@ def _encode(coder: Int64Array, data: UInt8Array, split: int, bit: int) -> None:
     coder[RANGE] = width
 
 
+def is_finished(coder: Int64Array, data: UInt8Array) -> bool:
+    """Whether a decoder has come to the end of its bytes, and needed every one of them.
+
+    An encoder writes a byte each time the interval is widened, and :func:`finish` up to six more, only as many as it
+    takes to be in the interval. So no more than six zeros follow the end, and without the last byte of
+    :func:`finish` the number would be below the interval.
+    """
+    beyond = int(coder[POSITION]) - data.size
+    if not 0 <= beyond < FIRST_BYTES:
+        return beyond == FIRST_BYTES
+    return int(coder[CODE]) < int(data[-1]) << 8 * beyond
+
+
 @uncounted_inline
 def code_with(coder: Int64Array, data: UInt8Array, probability: int, bit: int) -> int:
     """Code one bit whose probability of being 1 is `probability` / 65536, LEAST to 65536 - LEAST.

@@ -19,7 +19,6 @@ class Contexts:
 
     def __init__(self, data: bytes) -> None:
         self._coder = RangeDecoder(data)
-        self._size = len(data)
         self._cells: list[int] = []
         self._numbers: dict[Name, int] = {}
         self._weights: dict[Name, list[int]] = {}
@@ -62,8 +61,8 @@ class Contexts:
         return -magnitude if negative else magnitude
 
     def is_finished(self) -> bool:
-        """Whether every byte was looked at, and no more than 6 beyond the end."""
-        return 0 <= self._coder.taken - self._size <= 6
+        """Whether the bytes end where what they hold does."""
+        return self._coder.is_finished()
 
 
 class Memory:

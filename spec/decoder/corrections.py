@@ -43,7 +43,7 @@ def read_corrections(data: bytes, frames: int, starts: list[int]) -> list[FrameC
     if not data:
         return [FrameCorrections({}, {}) for _ in range(frames)]
     reader = CorrectionReader(RangeDecoder(data), starts)
-    found = reader.read(frames)
+    found = reader.read(frames, len(data))
     require(reader.coder.is_finished(), "bytes follow the corrections")
     return found
 
@@ -74,9 +74,11 @@ class CorrectionReader:
         self.sizes: dict[int, int] = {}
         self.is_predicted = False
 
-    def read(self, frames: int) -> list[FrameCorrections]:
+    def read(self, frames: int, size: int) -> list[FrameCorrections]:
         count = self._number(0) - 1
         literal_count = self._number(1) - 1
+        require(max(count, literal_count) <= frames * self.starts[-1], "there are more corrections than there can be")
+        require(12 * (literal_count - 1) <= size, "there are more literals than bytes for them")
         self.is_predicted = bool(self._bit(2))
         found = [FrameCorrections({}, {}) for _ in range(frames)]
         if count:

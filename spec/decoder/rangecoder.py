@@ -1,4 +1,4 @@
-"""Section 19 of the specification: bits, cells and mixed bits of the adaptive range coder."""
+"""Section 19 of the specification: bits, cells and mixed bits of the adaptive range coder, and how it ends."""
 
 from __future__ import annotations
 
@@ -77,5 +77,8 @@ class RangeDecoder:
         return bit
 
     def is_finished(self) -> bool:
-        """Whether every byte was looked at."""
-        return self.taken >= len(self._data)
+        """Section 19.5: whether the stream ends where what is coded does."""
+        beyond = self.taken - len(self._data)
+        if not 0 <= beyond < FIRST_BYTES:
+            return beyond == FIRST_BYTES
+        return self._code < self._data[-1] << 8 * beyond

@@ -1,0 +1,51 @@
+"""`pdecodec reproduce`: the paper's experiment on a rope of its size, and a verdict on each of its claims."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import click
+
+from pdecodec.cli.console import print_json, print_table, progress_bar, say
+from pdecodec.cli.options import json_option
+
+
+@click.command()
+@click.option("-o", "--output", required=True, metavar="DIR", help="Folder for the page, its charts and its figures.")
+@click.option("--rings", type=int, default=832, show_default=True, metavar="N", help="Points of a curve.")
+@click.option("--sides", type=int, default=24, show_default=True, metavar="N", help="Curves, a multiple of 4.")
+@click.option("--fps", type=float, default=8.0, show_default=True, metavar="F", help="Frames per second.")
+@json_option
+def reproduce(*, output: str, rings: int, sides: int, fps: float, as_json: bool) -> None:
+    """Reproduce section 5 of Fang et al. 2024, and judge its claims.
+
+    The cube-rope is simulated and rebuilt by the paper's method and by B-splines, as printed and with what a decoder
+    can know. DIR gets one HTML page that works offline (index.html), and a PNG and a CSV for each of its charts.
+    Files of an earlier report in DIR are replaced.
+    """
+    from rich.table import Table
+
+    from pdecodec.experiments.report_files import write_report
+    from pdecodec.experiments.reproduction.findings import measure
+    from pdecodec.experiments.reproduction.report import make_report
+    from pdecodec.experiments.reproduction.rope import RopeSettings
+    from pdecodec.experiments.reproduction.verdicts import judge
+
+    started = time.perf_counter()
+    settings = RopeSettings(rings=rings, sides=sides, fps=fps)
+    directory = Path(output)
+    directory.mkdir(parents=True, exist_ok=True)
+    with progress_bar() as progress:
+        findings = measure(settings, progress)
+    page = write_report(make_report(findings), directory)[0]
+    seconds = time.perf_counter() - started
+    verdicts = judge(findings)
+    if as_json:
+        print_json({"page": str(page), "seconds": seconds, "verdicts": [item._asdict() for item in verdicts]})
+    else:
+        table = Table("claim", "paper", "this run", "verdict", show_lines=True)
+        for item in verdicts:
+            table.add_row(item.claim, item.printed, item.found, item.judgement)
+        print_table(table)
+    say(f"{page}: {len(verdicts)} claims judged, {seconds:.0f} s")

@@ -1,0 +1,68 @@
+"""Write the table of formats as Markdown: `python docs/make_formats.py docs/formats.md` (or `make docs`)."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from pdecodec.formats import Format, list_formats
+
+HEAD = """\
+# Formats
+
+Written by `make docs` from the registry of formats; do not edit.
+
+A file's format is known by its extension, else by its first bytes. What a format cannot hold is said, by name, when it
+is written. Positions and times come back to float32 precision and better, unless noted.
+
+| format | extensions | read | write | needs |
+|---|---|---|---|---|
+"""
+
+CONVENTIONS = """\
+## What passes between formats
+
+- **Names.** An object of a tree has its path for a name, `root/arm/hand`. Formats with trees make one of it.
+- **UVs.** The main set is the attribute `uv`, others are `uv:NAME`; both belong to corners, and corners that share a
+  row share it again afterwards, so seams stay. The origin is at the bottom (glTF's is turned).
+- **Colours** are `color` and `color:NAME`, of vertices, faces, corners or the object. **Face sets** are `group`, one
+  number a face with names, or `group:NAME`, one or zero a face, where sets share faces; **materials** are `material`.
+- **Faces** run counterclockwise seen from outside; Alembic's, and those of left-handed USD meshes, are turned around.
+- **Time** is in seconds. The frame rate is the file's, else `--fps`, else 24, and then a line says so. Irregular times
+  stay irregular. glTF animations are curves: they are sampled at `--fps`.
+- **Transforms** above objects are applied to positions, or kept (`--transforms keep`) as the attribute `transform`:
+  rows of a time and a matrix. Formats without transforms get positions with transforms applied.
+- **Up axis and unit** are the metadata `up_axis` and `unit`, where a file says them. `--up-axis` turns the scene,
+  `--scale` scales it and its unit.
+"""
+
+
+def formats_page() -> str:
+    """The table, then of each format what is kept and what is not."""
+    entries = list_formats()
+    rows = "".join(_row(entry) for entry in entries)
+    parts = "\n".join(_part(entry) for entry in entries)
+    return f"{HEAD}{rows}\n{CONVENTIONS}\n## What each keeps\n\n{parts}"
+
+
+def _row(entry: Format) -> str:
+    extensions = ", ".join(f"`{extension}`" for extension in entry.extensions)
+    writes = "yes" if entry.writes else entry.write_with or "no"
+    needs = f"`pip install 'pdecodec[{entry.extra}]'`" if entry.extra else ""
+    return f"| {entry.title} | {extensions} | {'yes' if entry.reads else 'no'} | {writes} | {needs} |\n"
+
+
+def _part(entry: Format) -> str:
+    lines = [f"### {entry.title}", "", f"Kept: {entry.keeps}."]
+    if entry.loses:
+        lines.append(f"Not kept: {entry.loses}.")
+    if entry.options:
+        names = ", ".join(f"`--{option.replace('_', '-')}`" for option in entry.options)
+        lines.append(f"Reading takes {names}.")
+    if entry.holds_velocities:
+        lines.append("Velocities are written where they are asked for (`--velocities`).")
+    return "\n".join([*lines, ""])
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(formats_page(), encoding="utf-8")

@@ -1,0 +1,52 @@
+"""Keep a run of `pdecodec reproduce` and `pdecodec stability` for the README: `make paper`.
+
+``python docs/make_paper.py out/paper out/stability docs/paper`` copies the verdicts, the figures behind them and a few
+charts, with palettes in place of full colours, and leaves the rest: it is made again by the same commands.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from pathlib import Path
+
+from PIL import Image
+
+REPRODUCTION_CHARTS = ("leak", "knot", "meshes", "table-1", "b-splines", "bytes", "time")
+STABILITY_CHARTS = ("fit-error", "alignment-straight", "simulation-iterations", "codec-between")
+
+TABLES = ("verdicts", "windows")
+"""Kept as Markdown; the verdicts as CSV too."""
+
+COLOURS = 64
+"""Charts have few colours, and the meshes' shades few more."""
+
+
+def keep(reproduction: Path, stability: Path, target: Path) -> None:
+    """Copy what the repository keeps of both reports."""
+    target.mkdir(parents=True, exist_ok=True)
+    for folder, charts, name in (
+        (reproduction, REPRODUCTION_CHARTS, "report.json"),
+        (stability, STABILITY_CHARTS, "stability.json"),
+    ):
+        record = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+        for key, exhibit in record["exhibits"].items():
+            # Figures of charts alone are many, and are made again by the command.
+            if len(exhibit["rows"]) > MOST_ROWS:
+                del record["exhibits"][key]["columns"], record["exhibits"][key]["rows"]
+        (target / name).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        for chart in charts:
+            with Image.open(folder / f"{chart}.png") as picture:
+                picture.convert("RGB").quantize(COLOURS).save(target / f"{chart}.png", optimize=True)
+    for table in TABLES:
+        shutil.copyfile(reproduction / f"{table}.md", target / f"{table}.md")
+    shutil.copyfile(reproduction / "verdicts.csv", target / "verdicts.csv")
+
+
+MOST_ROWS = 20
+"""Rows of a table that is kept in JSON."""
+
+
+if __name__ == "__main__":
+    keep(*map(Path, sys.argv[1:4]))

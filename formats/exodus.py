@@ -1,0 +1,177 @@
+"""Exodus II: coordinates, blocks of elements, and displacements of every time step, from netCDF-4 or netCDF-3 files.
+
+Read without the netCDF4 package: netCDF-4 files are HDF5, netCDF-3 files SciPy reads.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.sample_times import rate_or_default, round_rate
+from pdecodec.sequence import Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range, check_times
+
+FACES = ("TRI", "QUAD", "SHELL")
+LINES = ("BAR", "BEAM", "TRUSS", "EDGE")
+
+AXES = "XYZ"
+
+_DAMAGE = (OSError, KeyError, ValueError, TypeError, IndexError, RuntimeError, AttributeError)
+"""What h5py, SciPy and NumPy raise on damaged or missing parts."""
+
+
+def open_exodus(path: Path, *, fps: float | None) -> MeshSequence:
+    """Open an Exodus II file of shells, surfaces or bars.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    fps : float, optional
+        Nominal rate; the file stores its times.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, or has elements that are neither faces nor lines.
+    """
+    return ExodusSequence(path, fps=fps)
+
+
+class ExodusSequence(MeshSequence):
+    """Coordinates of an Exodus file, moved by its displacements."""
+
+    def __init__(self, path: Path, *, fps: float | None = None) -> None:
+        self._path = path
+        try:
+            self._variables = _open_variables(path)
+            self._open(fps)
+        except _DAMAGE as error:
+            self.close()
+            raise InputError(f"is no Exodus file, or a damaged one ({error}); export it again", path=path) from error
+        except InputError:
+            self.close()
+            raise
+
+    def _open(self, fps: float | None) -> None:
+        if "coord" in self._variables:
+            coordinates = np.asarray(self._variables["coord"][:], np.float64)
+        else:
+            coordinates = np.stack(
+                [
+                    np.asarray(self._variables[f"coord{axis}"][:], np.float64)
+                    for axis in "xyz"
+                    if f"coord{axis}" in self._variables
+                ]
+            )
+        self._rest = np.zeros((coordinates.shape[1], 3))
+        self._rest[:, : len(coordinates)] = coordinates.T
+        stored = np.asarray(self._variables["time_whole"][:], np.float64) if "time_whole" in self._variables else None
+        self._moving = self._displacements()
+        notices: tuple[str, ...] = ()
+        if stored is None or stored.size == 0 or not self._moving:
+            times, rate = np.zeros(1), rate_or_default(None, fps)[0]
+            if stored is not None and stored.size > 1:
+                notices = ("no displacements (DISPLX, ...) are in it: its shape stays",)
+        else:
+            times = stored
+            found = round_rate((times.size - 1) / float(times[-1] - times[0])) if times.size > 1 else None
+            rate, notices = rate_or_default(found, fps)
+        self.times, self.fps = check_times(times.size, times, rate)
+        self.objects = (MeshObject("mesh", self._connectivity()),)
+        self.metadata = {}
+        self.notices = notices
+
+    def _displacements(self) -> dict[int, Any]:
+        """The variable of each axis."""
+        if "name_nod_var" not in self._variables:
+            return {}
+        names = [_text(row).upper() for row in np.asarray(self._variables["name_nod_var"][:])]
+        found = {}
+        for number, name in enumerate(names, 1):
+            for axis, letter in enumerate(AXES):
+                if name in (
+                    f"DISPL{letter}",
+                    f"DISP{letter}",
+                    f"DISP_{letter}",
+                    f"DISPLACEMENT_{letter}",
+                    f"U{letter}",
+                ):
+                    found[axis] = self._variables[f"vals_nod_var{number}"]
+        return found
+
+    def _connectivity(self) -> Connectivity:
+        face_counts: list[NDArray[Any]] = []
+        faces: list[NDArray[Any]] = []
+        line_counts: list[NDArray[Any]] = []
+        lines: list[NDArray[Any]] = []
+        number = 1
+        while f"connect{number}" in self._variables:
+            block = self._variables[f"connect{number}"]
+            rows = np.asarray(block[:], np.int64) - 1
+            kind = _text(np.asarray(_kind_of(block)).reshape(-1)).upper().rstrip("0123456789")
+            number += 1
+            if kind in FACES and rows.shape[1] in (3, 4):
+                face_counts.append(np.full(len(rows), rows.shape[1], np.int32))
+                faces.append(rows.reshape(-1))
+            elif kind in LINES and rows.shape[1] == 2:
+                line_counts.append(np.full(len(rows), 2, np.int32))
+                lines.append(rows.reshape(-1))
+            else:
+                raise InputError(
+                    f"holds elements of type {kind}{rows.shape[1]}; extract the surface as polygons first",
+                    path=self._path,
+                )
+        none = [np.zeros(0, np.int32)]
+        return Connectivity(
+            len(self._rest),
+            np.concatenate(none + face_counts),
+            np.concatenate(none + faces),
+            np.concatenate(none + line_counts),
+            np.concatenate(none + lines),
+        )
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        points = np.repeat(self._rest[None], stop - start, axis=0)
+        try:
+            for axis, values in self._moving.items():
+                points[:, :, axis] += np.asarray(values[start:stop], np.float64)
+        except _DAMAGE as error:
+            raise InputError(f"cannot be read ({error})", path=self._path, frame=start) from error
+        return points.astype(np.float32)
+
+    def close(self) -> None:
+        self._moving = {}
+        close = getattr(getattr(self, "_variables", None), "close", None)
+        if close is not None:
+            close()
+        self._variables = {}
+
+
+def _open_variables(path: Path) -> Any:
+    """A mapping of names to arrays that are read when they are sliced."""
+    with path.open("rb") as file:
+        classic = file.read(3) == b"CDF"
+    if not classic:
+        return h5py.File(path, "r")
+    from scipy.io import netcdf_file
+
+    return dict(netcdf_file(path, "r", mmap=False).variables)
+
+
+def _kind_of(block: Any) -> Any:
+    """The attribute ``elem_type`` of a block."""
+    if hasattr(block, "attrs"):
+        value = block.attrs["elem_type"]
+        return np.frombuffer(value.encode() if isinstance(value, str) else bytes(value), np.uint8)
+    return np.frombuffer(bytes(block.elem_type), np.uint8)
+
+
+def _text(row: NDArray[Any]) -> str:
+    """Characters or their codes as text, up to the first zero."""
+    return np.asarray(row).tobytes().partition(b"\0")[0].decode("latin-1").strip()

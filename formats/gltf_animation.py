@@ -1,0 +1,254 @@
+"""glTF animation: keyframes evaluated at times, and the tree of nodes that they move."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.gltf_file import GltfFile
+from pdecodec.sequence import Float64Array
+
+MOST_LEVELS = 1024
+"""Depth of the tree of nodes; deeper ones hold themselves."""
+
+
+FLOAT32_ROUNDING = 2.0**-23
+"""Relative error of a key's time after float32, with a bit to spare."""
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Keyframes of one property.
+
+    Attributes
+    ----------
+    times : (keys,) float64 [s]
+    values : (keys, n) float64, or (keys, 3, n) for cubic splines: in-tangent, value, out-tangent
+    interpolation : {"LINEAR", "STEP", "CUBICSPLINE"}
+    is_rotation : bool
+    """
+
+    times: Float64Array
+    values: Float64Array
+    interpolation: str
+    is_rotation: bool
+
+    def at(self, times: Float64Array) -> Float64Array:
+        """(times, n): values at times [s]; the first and last keys hold outside."""
+        inside = np.clip(times, self.times[0], self.times[-1])
+        # A time that is a key's but for float32 is the key's.
+        after = np.clip(np.searchsorted(self.times, inside), 0, self.times.size - 1)
+        before = np.maximum(after - 1, 0)
+        closer = np.abs(self.times[before] - inside) < np.abs(self.times[after] - inside)
+        nearest = self.times[np.where(closer, before, after)]
+        inside = np.where(np.abs(nearest - inside) <= FLOAT32_ROUNDING * np.abs(nearest), nearest, inside)
+        first = np.clip(np.searchsorted(self.times, inside, side="right") - 1, 0, max(0, self.times.size - 2))
+        second = np.minimum(first + 1, self.times.size - 1)
+        span = self.times[second] - self.times[first]
+        share = np.where(span > 0, (inside - self.times[first]) / np.where(span > 0, span, 1), 0.0)[:, None]
+        if self.interpolation == "STEP":
+            found = self.values[np.where(share[:, 0] >= 1, second, first)]
+        elif self.interpolation == "CUBICSPLINE":
+            found = self._hermite(first, second, share, span[:, None])
+        elif self.is_rotation:
+            return _slerp(self.values[first], self.values[second], share)
+        else:
+            found = (1 - share) * self.values[first] + share * self.values[second]
+        if self.is_rotation:
+            found = found / np.linalg.norm(found, axis=1, keepdims=True)
+        result: Float64Array = found
+        return result
+
+    def _hermite(self, first: NDArray[Any], second: NDArray[Any], s: Float64Array, span: Float64Array) -> Float64Array:
+        start, leave = self.values[first, 1], span * self.values[first, 2]
+        end, arrive = self.values[second, 1], span * self.values[second, 0]
+        found: Float64Array = (
+            (2 * s**3 - 3 * s**2 + 1) * start
+            + (s**3 - 2 * s**2 + s) * leave
+            + (-2 * s**3 + 3 * s**2) * end
+            + (s**3 - s**2) * arrive
+        )
+        return found
+
+
+def _slerp(a: Float64Array, b: Float64Array, share: Float64Array) -> Float64Array:
+    """Rotations between two, the short way round."""
+    cosine = (a * b).sum(axis=1, keepdims=True)
+    b = np.where(cosine < 0, -b, b)
+    angle = np.arccos(np.clip(np.abs(cosine), 0, 1))
+    sine = np.sin(angle)
+    near = sine < 1e-6
+    safe = np.where(near, 1, sine)
+    found = np.where(
+        near,
+        (1 - share) * a + share * b,
+        np.sin((1 - share) * angle) / safe * a + np.sin(share * angle) / safe * b,
+    )
+    result: Float64Array = found / np.linalg.norm(found, axis=1, keepdims=True)
+    return result
+
+
+@dataclass(frozen=True)
+class Clip:
+    """One animation: samplers by node and path (``translation``, ``rotation``, ``scale``, ``weights``)."""
+
+    samplers: Mapping[tuple[int, str], Sampler]
+    extras: Mapping[str, Any]
+
+    @property
+    def key_times(self) -> list[Float64Array]:
+        """Times [s] of the keys of each sampler."""
+        return [sampler.times for sampler in self.samplers.values()]
+
+
+def read_clip(file: GltfFile, index: int) -> Clip:
+    """An animation of the file.
+
+    Raises
+    ------
+    InputError
+        If it is damaged.
+    """
+    entry = file.listed("animations")[index]
+    samplers: dict[tuple[int, str], Sampler] = {}
+    try:
+        for channel in entry["channels"]:
+            target = channel["target"]
+            if "node" not in target or target["path"] not in ("translation", "rotation", "scale", "weights"):
+                continue
+            stored = entry["samplers"][channel["sampler"]]
+            samplers[target["node"], target["path"]] = _sampler(file, stored, target["path"])
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise InputError(f"animation {index} is damaged ({error}); export the file again") from error
+    return Clip(samplers, entry.get("extras", {}).get("pdecodec", {}))
+
+
+def _sampler(file: GltfFile, stored: Mapping[str, Any], path: str) -> Sampler:
+    times = file.accessor(stored["input"]).astype(np.float64)
+    values = file.accessor(stored["output"]).astype(np.float64)
+    interpolation = stored.get("interpolation", "LINEAR")
+    if times.size == 0 or not np.isfinite(times).all() or (np.diff(times) < 0).any():
+        raise ValueError("its keys are not in order")
+    values = values.reshape(times.size, 3, -1) if interpolation == "CUBICSPLINE" else values.reshape(times.size, -1)
+    return Sampler(times, values, interpolation, path == "rotation")
+
+
+class Nodes:
+    """The tree of nodes and where each is.
+
+    Parameters
+    ----------
+    file : GltfFile
+    clip : Clip or None
+
+    Raises
+    ------
+    InputError
+        If a node is under itself.
+    """
+
+    def __init__(self, file: GltfFile, clip: Clip | None) -> None:
+        self.entries = file.listed("nodes")
+        self._clip = clip
+        self.parents: dict[int, int] = {}
+        for index, node in enumerate(self.entries):
+            for child in node.get("children", []):
+                if not 0 <= child < len(self.entries):
+                    raise InputError(f"node {index} has a child that is not there; export the file again")
+                self.parents[child] = index
+        for index in range(len(self.entries)):
+            self.above(index)
+
+    def above(self, index: int) -> list[int]:
+        """A node and those above it, up to its root."""
+        chain = [index]
+        while chain[-1] in self.parents:
+            chain.append(self.parents[chain[-1]])
+            if len(chain) > MOST_LEVELS:
+                raise InputError(f"node {index} lies under itself, or too deep; export the file again")
+        return chain
+
+    def world(self, index: int, times: Float64Array) -> Float64Array:
+        """As :meth:`Pose.world`."""
+        return Pose(self, times).world(index)
+
+    def is_placed(self, index: int) -> bool:
+        """Whether a node or one above it moves or stands away from the origin."""
+        zero = np.zeros(1)
+        moves = self._clip is not None and any(
+            (node, path) in self._clip.samplers
+            for node in self.above(index)
+            for path in ("translation", "rotation", "scale")
+        )
+        return moves or not np.array_equal(self.world(index, zero)[0], np.eye(4))
+
+    def local(self, index: int, times: Float64Array) -> Float64Array:
+        """(times, 4, 4) float64: from a node's space to that of the one above it."""
+        node = self.entries[index]
+        if "matrix" in node:
+            # Column-major for columns is row-major for rows.
+            return np.broadcast_to(np.array(node["matrix"], np.float64).reshape(4, 4), (times.size, 4, 4))
+        move = self._property(index, "translation", times, (0.0, 0.0, 0.0))
+        turn = self._property(index, "rotation", times, (0.0, 0.0, 0.0, 1.0))
+        scale = self._property(index, "scale", times, (1.0, 1.0, 1.0))
+        matrices = np.zeros((times.size, 4, 4))
+        matrices[:, :3, :3] = scale[:, :, None] * _rotations(turn)
+        matrices[:, 3, :3] = move
+        matrices[:, 3, 3] = 1
+        return matrices
+
+    def _property(self, index: int, path: str, times: Float64Array, default: tuple[float, ...]) -> Float64Array:
+        sampler = None if self._clip is None else self._clip.samplers.get((index, path))
+        if sampler is not None:
+            return sampler.at(times)
+        value = np.array(self.entries[index].get(path, default), np.float64)
+        return np.broadcast_to(value, (times.size, value.size))
+
+    def weights(self, index: int, times: Float64Array, default: Float64Array) -> Float64Array:
+        """(times, targets): weights of the morph targets of a node's mesh."""
+        sampler = None if self._clip is None else self._clip.samplers.get((index, "weights"))
+        if sampler is not None and sampler.values.shape[-1] == default.size:
+            return sampler.at(times)
+        value = np.array(self.entries[index].get("weights", default), np.float64)
+        return np.broadcast_to(value, (times.size, value.size))
+
+
+class Pose:
+    """Where nodes are at some times, each found once.
+
+    Parameters
+    ----------
+    nodes : Nodes
+    times : (times,) float64 [s]
+    """
+
+    def __init__(self, nodes: Nodes, times: Float64Array) -> None:
+        self._nodes, self.times = nodes, times
+        self._worlds: dict[int, Float64Array] = {}
+
+    def world(self, index: int) -> Float64Array:
+        """(times, 4, 4) float64: from a node's space to the scene's, for points that are rows."""
+        above: Float64Array | None = None
+        for node in reversed(self._nodes.above(index)):
+            if node not in self._worlds:
+                local = self._nodes.local(node, self.times)
+                self._worlds[node] = local if above is None else local @ above
+            above = self._worlds[node]
+        assert above is not None
+        return above
+
+
+def _rotations(quaternions: Float64Array) -> Float64Array:
+    """(n, 3, 3) matrices for points that are rows, of (n, 4) quaternions x, y, z, w."""
+    x, y, z, w = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)],
+        [2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)],
+        [2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.array(rows).transpose(2, 0, 1)

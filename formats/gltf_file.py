@@ -1,0 +1,173 @@
+"""glTF files: the JSON, the binary chunk of a GLB, and numbers out of accessors, sparse ones too."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+
+GLB_HEADER = struct.Struct("<4sII")
+CHUNK_HEADER = struct.Struct("<I4s")
+
+GLB_MAGIC = b"glTF"
+
+COMPONENTS: Mapping[int, str] = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+"""NumPy's names of component types."""
+
+WIDTHS: Mapping[str, int] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+"""Numbers in a row, by type."""
+
+READABLE_EXTENSIONS = frozenset({"KHR_mesh_quantization", "KHR_materials_unlit", "KHR_texture_transform"})
+"""Extensions that may be required: those that change nothing about positions, but for their types."""
+
+
+@dataclass(frozen=True)
+class GltfFile:
+    """A file's JSON and its buffers."""
+
+    root: Mapping[str, Any]
+    buffers: tuple[bytes, ...]
+
+    def listed(self, kind: str) -> list[Any]:
+        """A list of the root, empty where it has none."""
+        found = self.root.get(kind, [])
+        return found if isinstance(found, list) else []
+
+    def accessor(self, index: int) -> NDArray[Any]:
+        """Numbers of an accessor: (n,) or (n, k); normalised integers as float32.
+
+        Raises
+        ------
+        InputError
+            If it, or what it refers to, is not there or too short.
+        """
+        try:
+            return self._accessor(index)
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            raise InputError(f"accessor {index} is damaged or missing ({error}); export the file again") from error
+
+    def _accessor(self, index: int) -> NDArray[Any]:
+        entry = self.root["accessors"][index]
+        dtype, width, count = np.dtype(COMPONENTS[entry["componentType"]]), WIDTHS[entry["type"]], int(entry["count"])
+        if count < 0:
+            raise ValueError(f"{count} rows")
+        if "bufferView" in entry:
+            values = self._rows(entry["bufferView"], int(entry.get("byteOffset", 0)), dtype, width, count)
+        else:
+            self._check_size(count * width * dtype.itemsize)
+            values = np.zeros((count, width), dtype)
+        if "sparse" in entry:
+            sparse = entry["sparse"]
+            where, what, changed = sparse["indices"], sparse["values"], int(sparse["count"])
+            kind = np.dtype(COMPONENTS[where["componentType"]])
+            rows = self._rows(where["bufferView"], int(where.get("byteOffset", 0)), kind, 1, changed)[:, 0]
+            values = values.copy()
+            values[rows] = self._rows(what["bufferView"], int(what.get("byteOffset", 0)), dtype, width, changed)
+        if entry.get("normalized") and dtype.kind in "iu":
+            values = np.maximum(values.astype(np.float32) / np.float32(np.iinfo(dtype).max), np.float32(-1))
+        return values[:, 0] if width == 1 else values
+
+    def _check_size(self, size: int) -> None:
+        """Numbers that are all zero take no bytes in a file: a damaged count must not fill the memory."""
+        if size > MOST_ZEROS:
+            raise ValueError(f"{size} bytes of zeros")
+
+    def _rows(self, view_index: int, offset: int, dtype: np.dtype[Any], width: int, count: int) -> NDArray[Any]:
+        view = self.root["bufferViews"][view_index]
+        data = self.buffers[view["buffer"]]
+        start = int(view.get("byteOffset", 0)) + offset
+        size = width * dtype.itemsize
+        stride = int(view.get("byteStride", 0)) or size
+        end = int(view.get("byteOffset", 0)) + int(view["byteLength"])
+        if offset < 0 or count < 0 or stride < size or (count and start + (count - 1) * stride + size > end):
+            raise ValueError("it ends after its buffer view")
+        if end > len(data) or start > len(data):
+            raise ValueError("its buffer view ends after its buffer")
+        raw = np.frombuffer(data, np.uint8, offset=start, count=min(len(data) - start, count * stride))
+        raw = np.concatenate([raw, np.zeros(count * stride - raw.size, np.uint8)]) if raw.size < count * stride else raw
+        rows = np.ascontiguousarray(raw.reshape(count, stride)[:, :size]).view(dtype)
+        return rows.reshape(count, width)
+
+
+MOST_ZEROS = 2**30
+"""Bytes that an accessor without data may take."""
+
+
+def read_gltf(path: Path) -> GltfFile:
+    """Read a ``.gltf`` or ``.glb`` file and the buffers that it names.
+
+    Raises
+    ------
+    InputError
+        If it is no glTF 2.0 file, is damaged, or needs an extension that is not read.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror}); check the file", path=path) from error
+    text, chunk = _split_glb(data, path) if data.startswith(GLB_MAGIC) else (data, None)
+    try:
+        root = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is no glTF file, or a damaged one ({error}); export it again", path=path) from error
+    version = root.get("asset", {}).get("version") if isinstance(root, dict) else None
+    if not (isinstance(version, str) and version.startswith("2.")):
+        raise InputError(f"is no glTF 2.0 file (its version is {version}); export it again", path=path)
+    missing = [name for name in root.get("extensionsRequired", []) if name not in READABLE_EXTENSIONS]
+    if missing:
+        raise InputError(f"needs {', '.join(map(str, missing))}, which is not read; export it without", path=path)
+    buffers = tuple(_buffer(entry, index, chunk, path) for index, entry in enumerate(root.get("buffers", [])))
+    return GltfFile(root, buffers)
+
+
+def _split_glb(data: bytes, path: Path) -> tuple[bytes, bytes | None]:
+    """JSON and binary chunk of a GLB."""
+    damaged = InputError("is a damaged GLB file: its chunks do not fit; export it again", path=path)
+    if len(data) < GLB_HEADER.size:
+        raise damaged
+    _, version, length = GLB_HEADER.unpack_from(data)
+    if version != 2 or length > len(data):
+        raise damaged
+    chunks: dict[bytes, bytes] = {}
+    at = GLB_HEADER.size
+    while at + CHUNK_HEADER.size <= length:
+        size, kind = CHUNK_HEADER.unpack_from(data, at)
+        at += CHUNK_HEADER.size
+        if at + size > length:
+            raise damaged
+        chunks.setdefault(kind, data[at : at + size])
+        at += size
+    if b"JSON" not in chunks:
+        raise damaged
+    return chunks[b"JSON"], chunks.get(b"BIN\0")
+
+
+def _buffer(entry: Any, index: int, chunk: bytes | None, path: Path) -> bytes:
+    uri = entry.get("uri") if isinstance(entry, dict) else None
+    if uri is None:
+        if chunk is None:
+            raise InputError(f"buffer {index} has no data; export the file again", path=path)
+        return chunk
+    if uri.startswith("data:"):
+        try:
+            return base64.b64decode(uri.partition(",")[2], validate=True)
+        except binascii.Error as error:
+            raise InputError(f"buffer {index} is damaged ({error}); export the file again", path=path) from error
+    if "://" in uri:
+        raise InputError(f"buffer {index} lies elsewhere ({uri[:60]}); export the file with its data", path=path)
+    beside = path.parent / unquote(uri)
+    try:
+        return beside.read_bytes()
+    except OSError as error:
+        raise InputError(f"its buffer {beside.name} cannot be read ({error.strerror})", path=path) from error

@@ -1,0 +1,260 @@
+"""glTF meshes: primitives joined to one object, as they are or, where our writer noted it, as they were before."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.attribute_roles import COLOR, MATERIAL, UV
+from pdecodec.formats.gltf_file import GltfFile
+from pdecodec.sequence import Attribute, Connectivity, Float32Array, Float64Array, Int32Array
+
+POINTS, LINES, LINE_LOOP, LINE_STRIP, TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = range(7)
+"""Modes of primitives."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Vertices that primitives share: one set of attribute accessors."""
+
+    positions: Float32Array
+    targets: tuple[Float32Array, ...]
+    joints: NDArray[np.int64] | None
+    weights: Float64Array | None
+
+
+@dataclass(frozen=True)
+class GltfMesh:
+    """A mesh as one object.
+
+    Attributes
+    ----------
+    connectivity : Connectivity
+    attributes : tuple of Attribute
+    blocks : tuple of Block
+        Their vertices stand one after the other.
+    gather : (vertices,) int64 or None
+        Which of those rows are the object's vertices, where not all are.
+    weights : (targets,) float64
+        Of the morph targets, where nothing moves them.
+    left_out : tuple of str
+    """
+
+    connectivity: Connectivity
+    attributes: tuple[Attribute, ...]
+    blocks: tuple[Block, ...]
+    gather: NDArray[np.int64] | None
+    weights: Float64Array
+    left_out: tuple[str, ...]
+
+
+def read_mesh(file: GltfFile, index: int) -> GltfMesh:
+    """A mesh of the file.
+
+    Raises
+    ------
+    InputError
+        If it is damaged.
+    """
+    try:
+        return _Reader(file, file.listed("meshes")[index]).read()
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise InputError(f"mesh {index} is damaged ({error}); export the file again") from error
+
+
+class _Reader:
+    def __init__(self, file: GltfFile, entry: Mapping[str, Any]) -> None:
+        self._file, self._entry = file, entry
+        self._known: dict[str, tuple[int, int]] = {}
+        self._blocks: list[Block] = []
+        self._rows = 0
+        self._sources: list[Mapping[str, int]] = []
+        self._left_out: dict[str, None] = {}
+
+    def read(self) -> GltfMesh:
+        faces: list[Int32Array] = []
+        materials: list[NDArray[np.int64]] = []
+        lines: list[Int32Array] = []
+        for primitive in self._entry["primitives"]:
+            indices = self._indices(primitive, *self._block(primitive))
+            mode = primitive.get("mode", TRIANGLES)
+            if mode in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
+                triangles = _triangles(mode, indices)
+                faces.append(triangles)
+                materials.append(np.full(len(triangles), primitive.get("material", -1), np.int64))
+            elif mode != POINTS:
+                lines += _lines(mode, indices)
+        triangles = np.concatenate(faces) if faces else np.zeros((0, 3), np.int32)
+        connectivity = Connectivity(
+            self._rows,
+            face_counts=np.full(len(triangles), 3, np.int32),
+            face_indices=triangles.reshape(-1),
+            line_counts=np.array([line.size for line in lines], np.int32),
+            line_indices=np.concatenate(lines) if lines else np.zeros(0, np.int32),
+        )
+        weights = np.array(
+            self._entry.get("weights", [0.0] * max((len(block.targets) for block in self._blocks), default=0)),
+            np.float64,
+        )
+        own = self._entry.get("extras", {}).get("pdecodec")
+        if isinstance(own, dict):
+            return self._restored(own, weights)
+        attributes = [*self._vertex_attributes(connectivity.face_indices), *self._materials(materials)]
+        return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), None, weights, tuple(self._left_out))
+
+    def _block(self, primitive: Mapping[str, Any]) -> tuple[int, int]:
+        """First row and number of the vertices of a primitive; those of an earlier one where they are the same."""
+        accessors = primitive["attributes"]
+        key = repr((sorted(accessors.items()), primitive.get("targets")))
+        if key not in self._known:
+            positions = self._file.accessor(accessors["POSITION"]).astype(np.float32).reshape(-1, 3)
+            targets = tuple(
+                self._file.accessor(target["POSITION"]).astype(np.float32).reshape(-1, 3)
+                if "POSITION" in target
+                else np.zeros_like(positions)
+                for target in primitive.get("targets", [])
+            )
+            if any(len(target) != len(positions) for target in targets):
+                raise ValueError("a morph target has another number of vertices")
+            joints, weights = self._influences(accessors, len(positions))
+            self._known[key] = (self._rows, len(positions))
+            self._blocks.append(Block(positions, targets, joints, weights))
+            self._sources.append(accessors)
+            self._rows += len(positions)
+            for name in accessors:
+                if name in ("NORMAL", "TANGENT"):
+                    self._left_out[f"{name.lower()}s"] = None
+        return self._known[key]
+
+    def _influences(
+        self, accessors: Mapping[str, int], rows: int
+    ) -> tuple[NDArray[np.int64] | None, Float64Array | None]:
+        joints, weights = [], []
+        number = 0
+        while f"JOINTS_{number}" in accessors and f"WEIGHTS_{number}" in accessors:
+            joints.append(self._file.accessor(accessors[f"JOINTS_{number}"]).astype(np.int64))
+            weights.append(self._file.accessor(accessors[f"WEIGHTS_{number}"]).astype(np.float64))
+            number += 1
+        if not joints:
+            return None, None
+        every_joint, every_weight = np.concatenate(joints, axis=1), np.concatenate(weights, axis=1)
+        if every_joint.shape != every_weight.shape or len(every_joint) != rows:
+            raise ValueError("its joints do not fit its vertices")
+        return every_joint, every_weight
+
+    def _indices(self, primitive: Mapping[str, Any], start: int, rows: int) -> NDArray[np.int64]:
+        if "indices" not in primitive:
+            return np.arange(start, start + rows, dtype=np.int64)
+        indices = self._file.accessor(primitive["indices"]).astype(np.int64)
+        if indices.size and int(indices.max()) >= rows:
+            raise ValueError(f"an index is {int(indices.max())}, there are {rows} vertices")
+        return indices + start
+
+    def _vertex_attributes(self, corners: Int32Array) -> list[Attribute]:
+        """UVs and colours that every primitive has."""
+        names = [name for name in self._sources[0] if all(name in source for source in self._sources)]
+        for name in {name for source in self._sources for name in source} - set(names):
+            if name.startswith(("TEXCOORD_", "COLOR_")):
+                self._left_out[f"{name} (some primitives have none)"] = None
+        found = []
+        for name in sorted(names):
+            if name.startswith(("TEXCOORD_", "COLOR_")):
+                values = np.concatenate([self._numbers(source[name]) for source in self._sources])
+                if name.startswith("TEXCOORD_"):
+                    found.append(Attribute(_uv_name(name), "corner", flipped(values), corners.copy()))
+                else:
+                    found.append(Attribute(COLOR if name == "COLOR_0" else f"{COLOR}:{name}", "vertex", values))
+        return found
+
+    def _numbers(self, index: int) -> Float32Array:
+        return self._file.accessor(index).astype(np.float32)
+
+    def _materials(self, of_primitives: list[NDArray[np.int64]]) -> list[Attribute]:
+        of_faces = np.concatenate([np.zeros(0, np.int64), *of_primitives])
+        used = np.unique(of_faces[of_faces >= 0])
+        if used.size == 0:
+            return []
+        entries = self._file.listed("materials")
+        labels = tuple(str(entries[number].get("name") or f"material_{number}") for number in used)
+        values = np.where(of_faces >= 0, np.searchsorted(used, of_faces), -1).astype(np.int32)
+        return [Attribute(MATERIAL, "face", values, labels=labels)]
+
+    def _restored(self, own: Mapping[str, Any], weights: Float64Array) -> GltfMesh:
+        """The object as it was before our writer cut it at seams and into triangles."""
+        file, vertices = self._file, int(own["vertices"])
+        if not 0 < vertices <= self._rows or len(self._blocks) != 1:
+            raise ValueError("what pdecodec noted does not fit it")
+
+        def array(name: str) -> Int32Array:
+            return file.accessor(own[name]).astype(np.int32) if name in own else np.zeros(0, np.int32)
+
+        connectivity = Connectivity(
+            vertices, array("faceCounts"), array("faceIndices"), array("lineCounts"), array("lineIndices")
+        )
+        rows = array("cornerRows") if "cornerRows" in own else connectivity.face_indices
+        attributes = []
+        for name, uv in own.get("uvs", {}).items():
+            values = flipped(self._numbers(self._sources[0][uv["accessor"]]))
+            distinct, indices = np.unique(rows, return_inverse=True)
+            by_row = Attribute(name, "corner", values[distinct], indices.astype(np.int32))
+            attributes.append(self._as_noted(by_row, uv, array))
+        for name in own.get("colors", {}):
+            values = self._numbers(self._sources[0][own["colors"][name]["accessor"]])
+            attributes.append(Attribute(name, "vertex", values[:vertices]))
+        if "materials" in own:
+            attributes.append(
+                Attribute(
+                    MATERIAL, "face", array("faceMaterials") - np.int32(1), labels=tuple(map(str, own["materials"]))
+                )
+            )
+        gather = None if vertices == self._rows else np.arange(vertices, dtype=np.int64)
+        return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), gather, weights, ())
+
+    def _as_noted(self, by_row: Attribute, uv: Mapping[str, Any], array: Any) -> Attribute:
+        """A UV set with the rows that corners shared before, where they were noted."""
+        if "indices" not in uv:
+            assert by_row.indices is not None
+            return Attribute(by_row.name, "corner", by_row.values[by_row.indices])
+        indices = self._file.accessor(uv["indices"]).astype(np.int64) - 1
+        values = np.zeros((int(uv["rows"]), by_row.values.shape[1]), np.float32)
+        has = indices >= 0
+        assert by_row.indices is not None
+        values[indices[has]] = by_row.values[by_row.indices[has]]
+        return Attribute(by_row.name, "corner", values, indices.astype(np.int32))
+
+
+def _uv_name(semantic: str) -> str:
+    return UV if semantic == "TEXCOORD_0" else f"{UV}:{semantic}"
+
+
+def flipped(uv: Float32Array) -> Float32Array:
+    """UVs with the second number from the other side: glTF counts it from the top, the others from the bottom."""
+    turned = uv.astype(np.float32).copy()
+    turned[:, 1] = np.float32(1) - turned[:, 1]
+    return turned
+
+
+def _triangles(mode: int, indices: NDArray[np.int64]) -> Int32Array:
+    if mode == TRIANGLES:
+        return indices[: indices.size // 3 * 3].reshape(-1, 3).astype(np.int32)
+    count = max(0, indices.size - 2)
+    steps = np.arange(count)
+    if mode == TRIANGLE_FAN:
+        corners = np.stack([np.zeros(count, np.int64), steps + 1, steps + 2], axis=1)
+    else:
+        odd = steps % 2
+        corners = np.stack([steps, steps + 1 + odd, steps + 2 - odd], axis=1)
+    return indices[corners].astype(np.int32)
+
+
+def _lines(mode: int, indices: NDArray[np.int64]) -> list[Int32Array]:
+    if mode == LINES:
+        return list(indices[: indices.size // 2 * 2].reshape(-1, 2).astype(np.int32))
+    if mode == LINE_LOOP:
+        indices = np.concatenate([indices, indices[:1]])
+    return [indices.astype(np.int32)]

@@ -1,0 +1,315 @@
+"""XDMF: a small XML file that says what is in an HDF5 file beside it; a grid for every time.
+
+Read: temporal collections of uniform grids whose geometry, and topology, lie in HDF5 or stand in the XML; geometry of
+each time, or one geometry and a vector ``displacement``. Topologies of triangles, quadrilaterals, polygons of one
+size, lines, points, and mixed ones. Written: one topology, a dataset of positions for every frame.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.sax.saxutils import escape
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.attribute_roles import left_out
+from pdecodec.formats.sample_times import rate_or_default, round_rate
+from pdecodec.sequence import (
+    Connectivity,
+    Float32Array,
+    MeshObject,
+    MeshSequence,
+    Progress,
+    check_frame_range,
+    check_times,
+)
+from pdecodec.whole_output import check_writable, partial_folder, write_errors
+
+_SIZES = {"triangle": 3, "quadrilateral": 4}
+
+_MIXED_SIZES = {4: 3, 5: 4}
+"""Corners of cells of a mixed topology whose number says them: triangle, quadrilateral."""
+
+_MIXED_COUNTED = {1: "point", 2: "line", 3: "polygon"}
+"""Cells of a mixed topology that are followed by their number of points."""
+
+DISPLACEMENTS = ("displacement", "displacements", "disp", "u")
+"""Names of vectors that are added to a geometry that stays."""
+
+_DAMAGE = (OSError, KeyError, ValueError, TypeError, IndexError, RuntimeError, AttributeError)
+"""What ElementTree, h5py and NumPy raise on damaged or missing parts."""
+
+
+def open_xdmf(path: Path, *, fps: float | None) -> MeshSequence:
+    """Open an XDMF file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    fps : float, optional
+        Nominal rate where grids have times; else frames are counted at it.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, uses what is not read, or its connectivity changes.
+    """
+    return XdmfSequence(path, fps=fps)
+
+
+class XdmfSequence(MeshSequence):
+    """Grids of an XDMF file; its HDF5 files stay open until :meth:`close`."""
+
+    def __init__(self, path: Path, *, fps: float | None = None) -> None:
+        self._path = path
+        self._files: dict[str, Any] = {}
+        try:
+            root = ElementTree.parse(path).getroot()
+        except (ElementTree.ParseError, OSError) as error:
+            raise InputError(f"is no XDMF file, or a damaged one ({error}); write it again", path=path) from error
+        self._grids = _grids(root)
+        if not self._grids:
+            raise InputError("holds no grid; write it again", path=path)
+        try:
+            self._open(root, fps)
+        except _DAMAGE as error:
+            self.close()
+            raise InputError(f"is damaged, or its HDF5 file is missing ({error})", path=path) from error
+        except InputError:
+            self.close()
+            raise
+
+    def _open(self, root: ElementTree.Element, fps: float | None) -> None:
+        stored = [self._time(grid) for grid in self._grids]
+        times = np.array([time for time in stored if time is not None], np.float64)
+        known = times.size == len(self._grids)
+        spacing = float(times[-1] - times[0]) if known and times.size > 1 else 0.0
+        found = round_rate((times.size - 1) / spacing) if spacing > 0 else None
+        rate, notices = rate_or_default(found, fps)
+        self.times, self.fps = check_times(len(self._grids), times if known else None, rate)
+        # Time steps may refer to a grid beside their collection (xi:include); there is one, then.
+        self._shared, self._shared_geometry = root.find(".//Topology"), root.find(".//Geometry")
+        first = self._points(0)
+        connectivity = self._connectivity(self._grids[0], len(first))
+        self._topology = self._source(self._grids[0].find("Topology"))
+        self.objects = (MeshObject("mesh", connectivity),)
+        self.metadata = {}
+        names = dict.fromkeys(
+            str(one.get("Name")) for one in self._grids[0].findall("Attribute") if one is not self._moving(0)
+        )
+        self.notices = (*notices, *([f"not kept: {', '.join(names)}"] if names else []))
+
+    def _time(self, grid: ElementTree.Element) -> float | None:
+        time = grid.find("Time")
+        return None if time is None or time.get("Value") is None else float(str(time.get("Value")))
+
+    def _source(self, topology: ElementTree.Element | None) -> str:
+        """Where a topology's indices are: those of one place are the same."""
+        item = None if topology is None else topology.find("DataItem")
+        return "" if item is None else (item.text or "").strip()
+
+    def _moving(self, frame: int) -> ElementTree.Element | None:
+        """The vectors that a frame's geometry is moved by, where all frames share one geometry."""
+        return next(
+            (one for one in self._grids[frame].findall("Attribute") if str(one.get("Name")).lower() in DISPLACEMENTS),
+            None,
+        )
+
+    def _points(self, frame: int) -> Float32Array:
+        geometry = self._grids[frame].find("Geometry")
+        if geometry is None:
+            geometry = self._shared_geometry
+        if geometry is None:
+            raise InputError("a grid has no geometry", path=self._path, frame=frame)
+        kind = str(geometry.get("GeometryType", geometry.get("Type", "XYZ"))).upper()
+        if kind not in ("XYZ", "XY"):
+            raise InputError(f"geometry of type {kind} is not read; write XYZ", path=self._path, frame=frame)
+        stored = self._numbers(geometry.find("DataItem")).reshape(-1, len(kind))
+        points = np.zeros((len(stored), 3), np.float32)
+        points[:, : len(kind)] = stored
+        moving = self._moving(frame)
+        if moving is not None:
+            points = points + self._numbers(moving.find("DataItem")).reshape(points.shape).astype(np.float32)
+        return points
+
+    def _numbers(self, item: ElementTree.Element | None) -> NDArray[Any]:
+        if item is None:
+            raise ValueError("a DataItem is missing")
+        text = (item.text or "").strip()
+        if item.get("Format", "XML").upper() == "XML":
+            return np.array(text.split(), np.float64)
+        if item.get("Format", "").upper() != "HDF":
+            raise InputError(f"data of format {item.get('Format')} is not read; write HDF", path=self._path)
+        name, _, place = text.partition(":")
+        if name not in self._files:
+            self._files[name] = h5py.File(self._path.parent / name, "r")
+        return np.asarray(self._files[name][place])
+
+    def _connectivity(self, grid: ElementTree.Element, vertices: int) -> Connectivity:
+        topology = grid.find("Topology")
+        if topology is None:
+            topology = self._shared
+        if topology is None:
+            return Connectivity(vertices)
+        kind = str(topology.get("TopologyType", topology.get("Type", ""))).lower()
+        if kind == "polyvertex" and topology.find("DataItem") is None:
+            return Connectivity(vertices)
+        indices: NDArray[Any] = self._numbers(topology.find("DataItem")).astype(np.int64).reshape(-1)
+        size = _SIZES.get(kind) or int(topology.get("NodesPerElement", "0"))
+        if kind == "mixed":
+            return _mixed(indices, vertices, self._path)
+        if kind in ("triangle", "quadrilateral", "polygon") and size >= 3:
+            return Connectivity(vertices, np.full(indices.size // size, size, np.int32), indices)
+        if kind in ("polyline", "polyvertex"):
+            size = size or 1
+            none = np.zeros(0, np.int32)
+            return Connectivity(vertices, none, none, np.full(indices.size // size, size, np.int32), indices)
+        raise InputError(f"topology of type {kind} is not read; extract the surface as polygons", path=self._path)
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        found = np.empty((stop - start, self.vertex_count, 3), np.float32)
+        for frame in range(start, stop):
+            try:
+                points = self._points(frame)
+                same = self._source(self._grids[frame].find("Topology")) in ("", self._topology)
+                if len(points) != self.vertex_count or not (
+                    same or self._connectivity(self._grids[frame], len(points)).same_as(self.connectivity)
+                ):
+                    raise InputError(
+                        "its connectivity is another; every frame must have that of the first",
+                        path=self._path,
+                        frame=frame,
+                    )
+            except _DAMAGE as error:
+                raise InputError(f"this frame cannot be read ({error})", path=self._path, frame=frame) from error
+            found[frame - start] = points
+        return found
+
+    def close(self) -> None:
+        for file in self._files.values():
+            file.close()
+        self._files = {}
+
+
+def _grids(root: ElementTree.Element) -> list[ElementTree.Element]:
+    """Uniform grids of the temporal collection, or the one that there is."""
+    for grid in root.iter("Grid"):
+        if grid.get("GridType") == "Collection" and grid.get("CollectionType") == "Temporal":
+            return grid.findall("Grid")
+    return [grid for grid in root.iter("Grid") if grid.get("GridType", "Uniform") == "Uniform"][:1]
+
+
+def _mixed(numbers: NDArray[np.int64], vertices: int, path: Path) -> Connectivity:
+    """Cells of a mixed topology: each a type, for some a number of points, and points."""
+    faces: list[NDArray[np.int64]] = []
+    lines: list[NDArray[np.int64]] = []
+    at = 0
+    while at < numbers.size:
+        kind = int(numbers[at])
+        if kind in _MIXED_SIZES:
+            size, at = _MIXED_SIZES[kind], at + 1
+        elif kind in _MIXED_COUNTED and at + 1 < numbers.size:
+            size, at = int(numbers[at + 1]), at + 2
+        else:
+            raise InputError(f"cells of number {kind} in a mixed topology are not read", path=path)
+        if size < 1 or at + size > numbers.size:
+            raise InputError("its mixed topology ends inside a cell", path=path)
+        (faces if kind in (3, 4, 5) else lines).append(numbers[at : at + size])
+        at += size
+    return Connectivity(vertices, *_joined(faces), *_joined(lines))
+
+
+def _joined(rows: Sequence[NDArray[np.int64]]) -> tuple[NDArray[np.int32], NDArray[Any]]:
+    counts = np.array([row.size for row in rows], np.int32)
+    return counts, np.concatenate(rows) if rows else np.zeros(0, np.int64)
+
+
+def write_xdmf(
+    sequence: MeshSequence,
+    path: Path,
+    *,
+    overwrite: bool = False,
+    fps: float | None = None,
+    progress: Progress | None = None,
+) -> tuple[str, ...]:
+    """Write ``name.xdmf`` and ``name.h5`` beside it; objects are joined to one grid.
+
+    Raises
+    ------
+    InputError
+        If a place is taken or cannot be written to.
+    """
+    data_path = path.with_suffix(".h5")
+    for one in (path, data_path):
+        check_writable(one, overwrite=overwrite)
+    whole = sequence.connectivity
+    with partial_folder(path) as folder, write_errors(path):
+        with h5py.File(folder / data_path.name, "w") as file:
+            topology = _write_topology(file, whole, data_path.name)
+            rows = []
+            for start, block in sequence.blocks():
+                for frame, points in enumerate(block, start):
+                    name = f"points/{frame:06d}"
+                    file.create_dataset(name, data=np.ascontiguousarray(points, "<f4"), track_times=False)
+                    rows.append(_grid_text(topology, name, data_path.name, len(points), float(sequence.times[frame])))
+                if progress is not None:
+                    progress(start + len(block), sequence.frame_count, "writing XDMF")
+        (folder / path.name).write_text(_HEAD + "".join(rows) + _TAIL, encoding="utf-8")
+        os.replace(folder / data_path.name, data_path)
+        os.replace(folder / path.name, path)
+    notices = []
+    if len(sequence.objects) > 1 or sequence.objects[0].name != "mesh":
+        notices.append("XDMF is written without names: objects are one grid")
+    return (*notices, *left_out(sequence, "XDMF", lambda item, one: False))
+
+
+_HEAD = (
+    '<?xml version="1.0"?>\n<Xdmf Version="3.0">\n  <Domain>\n'
+    '    <Grid Name="sequence" GridType="Collection" CollectionType="Temporal">\n'
+)
+_TAIL = "    </Grid>\n  </Domain>\n</Xdmf>\n"
+
+
+def _write_topology(file: Any, whole: Connectivity, data_name: str) -> str:
+    """The topology's dataset, and the XML that says so; one kind of face plainly, anything else mixed."""
+    sizes = set(whole.face_counts.tolist())
+    if not whole.face_count and not whole.line_count:
+        return f'        <Topology TopologyType="Polyvertex" NumberOfElements="{whole.vertex_count}"/>\n'
+    if not whole.line_count and len(sizes) == 1 and sizes <= {3, 4}:
+        kind = "Triangle" if sizes == {3} else "Quadrilateral"
+        numbers, count = whole.face_indices, whole.face_count
+    else:
+        kind, count = "Mixed", whole.face_count + whole.line_count
+        cells: list[NDArray[np.int32]] = []
+        for counts, indices, line in (
+            (whole.face_counts, whole.face_indices, False),
+            (whole.line_counts, whole.line_indices, True),
+        ):
+            ends = np.cumsum(counts, dtype=np.int64)
+            for size, end in zip(counts.tolist(), ends.tolist(), strict=True):
+                number = (1 if size == 1 else 2) if line else {3: 4, 4: 5}.get(size, 3)
+                head = [number] if number in _MIXED_SIZES else [number, size]
+                cells += [np.array(head, np.int32), indices[end - size : end]]
+        numbers = np.concatenate(cells)
+    file.create_dataset("topology", data=np.ascontiguousarray(numbers, "<i4"), track_times=False)
+    return (
+        f'        <Topology TopologyType="{kind}" NumberOfElements="{count}">\n'
+        f'          <DataItem Dimensions="{numbers.size}" NumberType="Int" Precision="4" Format="HDF">'
+        f"{escape(data_name)}:/topology</DataItem>\n        </Topology>\n"
+    )
+
+
+def _grid_text(topology: str, name: str, data_name: str, points: int, time: float) -> str:
+    return (
+        f'      <Grid Name="mesh" GridType="Uniform">\n        <Time Value="{time!r}"/>\n{topology}'
+        f'        <Geometry GeometryType="XYZ">\n          <DataItem Dimensions="{points} 3" NumberType="Float" '
+        f'Precision="4" Format="HDF">{escape(data_name)}:/{name}</DataItem>\n        </Geometry>\n      </Grid>\n'
+    )

@@ -1,0 +1,275 @@
+"""The atlas of stability: its findings as facts, that the library acts on them, and that the command writes it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from pdecodec.alignment import affine_between, rotation_between
+from pdecodec.basis import paper_space_functions, paper_time_functions
+from pdecodec.cli.main import pdecodec
+from pdecodec.cli.stability import CHAPTERS as NAMED_CHAPTERS
+from pdecodec.decoder import open_animation
+from pdecodec.encoder import encode
+from pdecodec.errors import SettingsError
+from pdecodec.experiments.charts import png_of
+from pdecodec.experiments.exhibit import Chapter, Exhibit, Report, Table
+from pdecodec.experiments.page import cell_text, render_page
+from pdecodec.experiments.report_files import as_csv, write_report
+from pdecodec.experiments.stability.alignment_chapter import JITTERS, jitter, kabsch_plain, kabsch_proper, shape
+from pdecodec.experiments.stability.codec_chapter import coded
+from pdecodec.experiments.stability.fit_data import noise_gain, spline_weights, time_weights
+from pdecodec.experiments.stability.fit_rates import condition_numbers, keyframe_times, motion, relative_error
+from pdecodec.experiments.stability.massspring import Chain, implicit_euler
+from pdecodec.experiments.stability.nasty_clips import FPS, NASTY, teleport, waving
+from pdecodec.experiments.stability.parametrisation_chapter import curves, nearly_planar
+from pdecodec.experiments.stability.report import CHAPTERS, make_atlas
+from pdecodec.experiments.stability.simulation_chapter import DIVERGED, hanging_stretch, largest_motion
+from pdecodec.experiments.stability.solvers import NAMES, WELL_CONDITIONED, TensorFit
+from pdecodec.metrics import frame_scale, measure_distortion
+from pdecodec.settings import EncodeSettings
+
+# The fit
+
+
+def test_the_condition_of_the_printed_functions_grows_by_three_powers_in_time_and_seven_in_space() -> None:
+    x = np.linspace(0.0, 1.0, 60)
+    for functions, power in ((paper_time_functions, 3), (paper_space_functions, 7)):
+        conditions = [np.linalg.cond(functions(x, rate)) for rate in (0.4, 0.2)]
+        assert np.log2(conditions[1] / conditions[0]) == pytest.approx(power, abs=0.15)
+
+
+def test_the_condition_of_the_product_is_the_product_of_conditions() -> None:
+    times, is_key = keyframe_times()
+    u = np.linspace(0, 1, 104)
+    time, space = paper_time_functions(times[is_key], 2.0), paper_space_functions(u, 2.0)
+    whole = np.linalg.cond(np.kron(time, space))
+    assert condition_numbers(2.0)["32 printed columns"] == pytest.approx(whole, rel=1e-6)
+    assert condition_numbers(2.0)["normal equations"] == pytest.approx(whole**2, rel=1e-6)
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_where_rates_are_small_only_the_well_conditioned_basis_finds_the_minimiser(dtype: type) -> None:
+    times, is_key = keyframe_times()
+    u = np.linspace(0, 1, 60)
+    wanted, fit = motion(u, times), TensorFit(u, times, is_key)
+    exact = relative_error(fit.solve(WELL_CONDITIONED, wanted, 1e-4, 1e-4, np.float64), wanted)
+    for name in NAMES:
+        error = relative_error(fit.solve(name, wanted, 1e-4, 1e-4, dtype), wanted)
+        assert (error < 1.01 * exact) == (name == WELL_CONDITIONED), name
+
+
+def test_where_rates_are_moderate_all_solvers_find_the_same() -> None:
+    times, is_key = keyframe_times()
+    u = np.linspace(0, 1, 60)
+    wanted, fit = motion(u, times), TensorFit(u, times, is_key)
+    found = {name: fit.solve(name, wanted, 3.0, 3.0, np.float64) for name in NAMES}
+    for name in ("normal equations", "QR", "SVD"):
+        np.testing.assert_allclose(found[name], found[WELL_CONDITIONED], atol=1e-4)
+
+
+def test_a_fit_of_four_functions_passes_on_less_noise_than_a_spline_through_the_frames() -> None:
+    keyframes, dense = np.linspace(0, 1, 8), np.linspace(0, 1, 101)
+    fitted, spline = noise_gain(time_weights(keyframes, dense, 2.0)), noise_gain(spline_weights(keyframes, dense))
+    assert fitted.max() < 1.0 < spline.max()
+    np.testing.assert_allclose(noise_gain(spline_weights(keyframes, keyframes)), 1.0, atol=1e-12)
+
+
+def test_past_the_last_frame_the_library_holds_loops_or_refuses() -> None:
+    clip = waving(8, 12)
+    report = encode(clip, tolerance=1e-3)
+    with open_animation(report.data or b"") as animation:
+        last = float(animation.times[-1])
+        held = animation.positions(last + 5.0)
+        np.testing.assert_array_equal(held, animation.positions(last))
+        with pytest.raises(SettingsError):
+            animation.positions(last + 5.0, outside="refuse")
+
+
+# The parametrisation
+
+
+def test_the_library_encodes_every_curve_on_which_the_papers_parameter_breaks() -> None:
+    from pdecodec.sequence import ArraySequence
+
+    for name, curve in curves(60).items():
+        time = np.arange(8) / 24
+        points = (curve[None] + 0.05 * np.sin(3 * curve[None, :, :1] + 5 * time[:, None, None])).astype(np.float32)
+        clip = ArraySequence(points, times=time)
+        report = encode(clip, profile="segments", tolerance=1e-3)
+        with open_animation(report.data or b"") as animation:
+            found = measure_distortion(clip, animation.to_array())
+        assert found.max_error <= 1e-3 * found.scale, name
+
+
+def test_on_a_planar_curve_the_papers_parameter_is_rounding() -> None:
+    table = nearly_planar(7).table
+    thickness, literal = np.array(table.column("thickness")), np.array(table.column("Eq. 24, float32"))
+    assert literal[thickness > 0.1].max() < 1e-4
+    assert literal[thickness < 1e-8].min() > 0.1
+    assert max(float(value or 0) for value in table.column("arc length, float32")) < 1e-5
+
+
+# The alignment
+
+
+def test_the_librarys_rotation_is_proper_and_steady_on_every_curve() -> None:
+    mirror = np.diag([1.0, 1.0, -1.0])
+    for kind in ("general", "planar", "straight", "circle"):
+        for matrix in (np.eye(3), mirror):
+            target = shape(kind)
+            assert np.linalg.det(rotation_between(target @ matrix, target)) == pytest.approx(1.0)
+            assert jitter(rotation_between, target @ matrix, target) < JITTERS
+
+
+def test_without_care_a_straight_curve_spins_and_a_mirrored_one_is_mirrored() -> None:
+    straight, general = shape("straight"), shape("general")
+    assert jitter(kabsch_proper, straight, straight) > 10
+    assert np.linalg.det(kabsch_plain(general @ np.diag([1.0, 1.0, -1.0]), general)) == pytest.approx(-1.0)
+    assert abs(np.linalg.det(affine_between(straight, straight))) < 1e-9
+
+
+def test_profile_paper_leaves_a_rotation_in_where_removing_it_does_harm() -> None:
+    clip = waving(28, 36)
+    errors = {
+        alignment: coded(clip, EncodeSettings(profile="paper", alignment=alignment))[1]  # type: ignore[arg-type]
+        for alignment in ("none", "rotation", "auto")
+    }
+    assert errors["rotation"] > 5 * errors["none"]
+    assert errors["auto"] == errors["none"]
+
+
+# The simulation
+
+
+def test_symplectic_euler_diverges_at_two_over_the_highest_frequency() -> None:
+    chain = Chain()
+    limit = 2 / chain.highest_frequency
+    assert largest_motion("symplectic Euler", chain, 0.95 * limit, 300) < DIVERGED
+    assert largest_motion("symplectic Euler", chain, 1.1 * limit, 300) > DIVERGED
+    for method in ("implicit Euler", "XPBD", "PBD"):
+        assert largest_motion(method, chain, 10 * limit, 30) < DIVERGED
+
+
+def test_explicit_euler_gains_energy_at_any_step() -> None:
+    chain = Chain()
+    step = 0.3 / chain.highest_frequency
+    assert largest_motion("explicit Euler", chain, step, 3000) > DIVERGED
+
+
+def test_the_stiffness_of_xpbd_is_the_materials_and_that_of_pbd_grows_with_iterations() -> None:
+    xpbd = [hanging_stretch(method="xpbd", iterations=n, substeps=2, seconds=3.0) for n in (4, 16)]
+    np.testing.assert_allclose(xpbd, 1.0, atol=0.05)
+    pbd = [hanging_stretch(method="pbd", iterations=n, substeps=2, stiffness=0.5, seconds=3.0) for n in (4, 16)]
+    assert pbd[0] / pbd[1] == pytest.approx(4.0, rel=0.2)
+
+
+def test_implicit_euler_falls_freely_when_nothing_pulls() -> None:
+    chain = Chain(links=2, stiffness=1e-9)
+    positions, velocities = implicit_euler(chain, chain.positions(), np.zeros((3, 3)), 0.1)
+    np.testing.assert_allclose(velocities[1:, 1], -0.980665, rtol=1e-6)
+    np.testing.assert_allclose(positions[0], 0.0)
+
+
+# The codec
+
+
+@pytest.mark.parametrize("name", NASTY)
+def test_the_bound_holds_on_every_nasty_clip(name: str) -> None:
+    clip = NASTY[name](10, 18)
+    bits, error = coded(clip, EncodeSettings(tolerance=1e-3))
+    assert error <= 1.0
+    assert bits < 96
+
+
+def test_a_teleporting_clip_keeps_its_bound_at_both_sides_of_the_jump() -> None:
+    clip = teleport(10, 24)
+    report = encode(clip, tolerance=1e-3)
+    with open_animation(report.data or b"") as animation:
+        at_frames = animation.sample(np.arange(24) / FPS)
+    error = np.linalg.norm(at_frames.astype(np.float64) - clip.points, axis=2).max()
+    assert error <= 1e-3 * frame_scale(clip.points[0]) * (1 + 1e-6)
+
+
+# The report
+
+
+def test_the_command_knows_every_chapter() -> None:
+    assert tuple(CHAPTERS) == NAMED_CHAPTERS
+
+
+def test_an_unknown_chapter_is_refused_by_name() -> None:
+    with pytest.raises(SettingsError, match="there is no chapter 'weather'"):
+        make_atlas(["weather"])
+
+
+@pytest.fixture(scope="module")
+def atlas(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("atlas")
+    result = CliRunner().invoke(pdecodec, ["stability", "-o", str(folder), "--quick", "--json"], catch_exceptions=False)
+    assert result.exit_code == 0
+    assert len(json.loads(result.stdout)["exhibits"]) >= 18
+    return folder
+
+
+def test_every_entry_has_its_chart_its_sentence_and_its_figures(atlas: Path) -> None:
+    record = json.loads((atlas / "report.json").read_text())
+    page = (atlas / "index.html").read_text(encoding="utf-8")
+    for name, exhibit in record["exhibits"].items():
+        assert (atlas / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert len((atlas / f"{name}.csv").read_text().splitlines()) > 1
+        assert exhibit["lesson"].endswith(".")
+        assert f'id="{name}"' in page
+    assert page.count("<img") == len(record["exhibits"])
+
+
+def test_one_chapter_alone_is_that_chapter(tmp_path: Path) -> None:
+    result = CliRunner().invoke(
+        pdecodec, ["stability", "-o", str(tmp_path), "--only", "parametrisation", "--quick"], catch_exceptions=False
+    )
+    assert result.exit_code == 0
+    assert {path.name for path in tmp_path.glob("*.png")} == {"parameter-cases.png", "parameter-planar.png"}
+
+
+def test_pages_escape_what_they_are_given_and_say_what_is_not_a_number() -> None:
+    table = Table(("a <b>", "x"), (("<script>", 1.5), ("&", None), ("nan", float("nan"))))
+    report = Report(
+        "T & U", "", (Chapter("C", "", (Exhibit("name", "t", "l", table, shows_table=True),)),), {"k": [1, 2]}
+    )
+    page = render_page(report, {}, {"pdecodec": "0"})
+    assert "<script>" not in page
+    assert "&lt;script&gt;" in page
+    assert "not finite" in page
+    assert "T &amp; U" in page
+    assert as_csv(table).splitlines() == ["a <b>,x", "<script>,1.5", "&,", "nan,nan"]
+
+
+@pytest.mark.parametrize(
+    ("cell", "text"),
+    [(None, "-"), (True, "yes"), (12345, "12,345"), (0.00001234, "1.23e-05"), (0.5, "0.5"), ("x", "x")],
+)
+def test_cells_are_written_for_people(cell: object, text: str) -> None:
+    assert cell_text(cell) == text  # type: ignore[arg-type]
+
+
+def test_a_row_of_the_wrong_length_is_refused() -> None:
+    with pytest.raises(ValueError, match="2 cells"):
+        Table(("a",), ((1, 2),))
+
+
+def test_the_same_report_gives_the_same_bytes(tmp_path: Path) -> None:
+    def draw(figure) -> None:  # type: ignore[no-untyped-def]
+        figure.subplots().plot([0, 1], [1, 0])
+
+    assert png_of(draw, (3.0, 2.0)) == png_of(draw, (3.0, 2.0))
+    exhibit = Exhibit("one", "t", "l", Table(("a",), ((float("inf"),),)), draw, (3.0, 2.0))
+    report = Report("T", "s", (Chapter("C", "i", (exhibit,)),), {})
+    first = {path.name: path.read_bytes() for path in write_report(report, tmp_path)}
+    again = {path.name: path.read_bytes() for path in write_report(report, tmp_path)}
+    assert first == again
+    assert set(first) == {"index.html", "one.png", "one.csv", "report.json"}
+    assert json.loads(first["report.json"])["exhibits"]["one"]["rows"] == [[None]]
