@@ -53,7 +53,7 @@ MOST_CORNERS = 2**31 - 1
 """Face corners of an object, and points of its lines: they are numbered by int32."""
 
 BYTES_PER_CORNER = 128
-"""Peak memory of decoding, per corner: 72 of two records, up to 30 of vertices and faces, the result twice."""
+"""Peak memory of decoding, per corner: 56 of two records, up to 60 of vertices and faces, the result."""
 
 SURFACE_PREFERENCE = 1.1
 """How much more a surface may cost, order included: it tells apart what a mesh is from how it was numbered."""

@@ -87,12 +87,14 @@ def open_animation(source: str | os.PathLike[str] | bytes, *, limits: DecodeLimi
 
 
 def _open_file(file: BinaryIO, path: str, limits: DecodeLimits) -> Animation:
-    from pdecodec.groupanimation import GroupAnimation
-    from pdecodec.segmentanimation import SegmentAnimation
-
     container = ContainerReader(file, path)
-    kind = SegmentAnimation if container.major_version == 1 else GroupAnimation
-    return kind(container, file, limits)
+    if container.major_version == 1:
+        from pdecodec.segmentanimation import SegmentAnimation
+
+        return SegmentAnimation(container, file, limits)
+    from pdecodec.groupanimation import GroupAnimation
+
+    return GroupAnimation(container, file, limits)
 
 
 class Animation(MeshSequence):
