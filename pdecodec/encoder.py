@@ -261,8 +261,6 @@ class _Encoder:
             path=path,
             frames=frames,
             vertices=vertices,
-            raw_bytes=12 * frames * vertices,
-            file_bytes=sum(sizes.values()),
             sections=sizes,
             max_error=math.sqrt(self._largest_square),
             rms_error=math.sqrt(self._sum_of_squares / (frames * vertices)),

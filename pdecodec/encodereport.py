@@ -19,8 +19,6 @@ class EncodeReport:
     ----------
     path : Path or None
     frames, vertices : int
-    raw_bytes, file_bytes : int
-        Float32 positions alone; the whole file.
     sections : dict of str to int
         Bytes of each section; the sum is the file.
     max_error, rms_error : float [scene units]
@@ -43,8 +41,6 @@ class EncodeReport:
     path: Path | None
     frames: int
     vertices: int
-    raw_bytes: int
-    file_bytes: int
     sections: dict[str, int]
     max_error: float
     rms_error: float
@@ -57,6 +53,16 @@ class EncodeReport:
     seconds: float
     summary: str
     data: bytes | None = None
+
+    @property
+    def raw_bytes(self) -> int:
+        """Of float32 positions alone."""
+        return 12 * self.frames * self.vertices
+
+    @property
+    def file_bytes(self) -> int:
+        """Of the whole file."""
+        return sum(self.sections.values())
 
 
 def generator() -> str:

@@ -101,33 +101,29 @@ def mark_failing_above(panel: Any, limit: float, text: str, *, at: float = 0.02)
     if limit >= high:
         return
     panel.axhspan(max(limit, low), high, color=FAILING, zorder=0, linewidth=0)
+    _say_why(panel, text, (at, 1.0), "axes fraction", (0, -4))
+    panel.set_ylim(low, high)
+
+
+def _say_why(panel: Any, text: str, at: tuple[float, float], coordinates: Any, offset: tuple[int, int]) -> None:
+    """Words on a failing side; `offset` in points from `at`."""
     panel.annotate(
         text,
-        (at, 1.0),
-        xycoords="axes fraction",
-        xytext=(0, -4),
+        at,
+        xycoords=coordinates,
+        xytext=offset,
         textcoords="offset points",
         va="top",
         color="#8A3300",
         fontsize=8.5,
     )
-    panel.set_ylim(low, high)
 
 
 def mark_failing_right(panel: Any, limit: float, text: str, *, height: float = 0.96) -> None:
     """Shade what lies right of `limit` on the x axis and say why it fails; limits of the axis are final."""
     low, high = panel.get_xlim()
     panel.axvspan(limit, high, color=FAILING, zorder=0, linewidth=0)
-    panel.annotate(
-        text,
-        (limit, height),
-        xycoords=("data", "axes fraction"),
-        xytext=(4, 0),
-        textcoords="offset points",
-        va="top",
-        color="#8A3300",
-        fontsize=8.5,
-    )
+    _say_why(panel, text, (limit, height), ("data", "axes fraction"), (4, 0))
     panel.set_xlim(low, high)
 
 
@@ -135,16 +131,7 @@ def mark_failing_left(panel: Any, limit: float, text: str, *, height: float = 0.
     """Shade what lies left of `limit` on the x axis and say why it fails; limits of the axis are final."""
     low, high = panel.get_xlim()
     panel.axvspan(low, limit, color=FAILING, zorder=0, linewidth=0)
-    panel.annotate(
-        text,
-        (low, height),
-        xycoords=("data", "axes fraction"),
-        xytext=(4, 0),
-        textcoords="offset points",
-        va="top",
-        color="#8A3300",
-        fontsize=8.5,
-    )
+    _say_why(panel, text, (low, height), ("data", "axes fraction"), (4, 0))
     panel.set_xlim(low, high)
 
 
