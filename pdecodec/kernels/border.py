@@ -39,10 +39,9 @@ MOST_ANGLE = 1 << 16
 """Sums of angles stop here, far above all queues: they stay numbers of 32 bits in any file."""
 
 
-@uncounted_inline
-def corner_angle(size: int) -> int:
-    """Angle of a regular polygon, in units of 15 degrees, rounded down: 4 of a triangle, 6 of a square."""
-    return 12 + (-24) // size
+CORNER_ANGLES = np.array([0, *(12 + (-24) // size for size in range(1, 25))], np.int32)
+"""Angle of a regular polygon of each size, in units of 15 degrees, rounded down: 4 of a triangle, 6 of a square; the
+last one is that of all larger ones, too."""
 
 
 @uncounted
@@ -99,7 +98,7 @@ def next_side(sides: Int32Array, queues: Int32Array) -> int:
 @uncounted_inline
 def _place_corners(sides: Int32Array, vertices: Int32Array, first: int, size: int) -> None:
     """Count the corners of a new face at their vertices; its sides have no other side yet."""
-    angle = corner_angle(size)
+    angle = CORNER_ANGLES[min(size, CORNER_ANGLES.size - 1)]
     before = first + size - 1
     for side in range(first, first + size):
         vertex = sides[side, ORIGIN]

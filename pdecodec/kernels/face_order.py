@@ -156,10 +156,13 @@ def next_candidates(
 
 @uncounted_inline
 def code_side(coding: OrderCoding, corners: Int32Array, candidates: Int32Array, count: int, face: int) -> int:
-    """First case: code which of the candidates is on `face`, if any; returns its place among them, or -1."""
+    """First case: code which of the candidates is on `face`, if any; returns its place among them, or -1.
+
+    `face` is -1 when decoding.
+    """
     coder, data, cells, weights, state = coding.coder, coding.data, coding.cells, coding.weights, coding.state
     last, before, long_before = state[SLOT_NOW], state[SLOT_BEFORE], state[SLOT_LONG_BEFORE]
-    place = 0
+    place = 0 if face >= 0 else count
     while place < count and corners[candidates[place, CANDIDATE], FACE] != face:
         place += 1
     recent = _FOUND + state[FOUND_HISTORY], _FOUND_SLOTS + (last * SLOTS + before) * SLOTS + long_before

@@ -19,9 +19,9 @@ Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 UInt8Array = NDArray[np.uint8]
 
-VERTEX, ACROSS, FACE, NEXT_THERE = range(4)
+VERTEX, ACROSS, FACE, AFTER, NEXT_THERE = range(5)
 """Fields of corners: the vertex; the corner whose side is the other side of its own, or -1; the face; the next corner
-at the same vertex, or -1."""
+of the face; the next corner at the same vertex, or -1."""
 
 NUMBER, FIRST_THERE, LEFT_THERE = range(3)
 """Fields of vertices: number in the source's order, or -1; the first corner there, or -1; how many corners there are
@@ -46,7 +46,7 @@ class Records(NamedTuple):
     """A surface, and how much of its order is known."""
 
     corners: Int32Array
-    """(corners, 4)"""
+    """(corners, 5)"""
     starts: Int32Array
     """(faces + 1,): the first corner of each face, and the number of corners."""
     named: UInt8Array
@@ -76,7 +76,7 @@ def new_records(sizes: Int32Array, sides: Int32Array, vertex_count: int) -> Reco
     vertices = np.zeros((vertex_count, 3), np.int32)
     vertices[:, :LEFT_THERE] = -1
     records = Records(
-        np.empty((len(sides), 4), np.int32),
+        np.empty((len(sides), 5), np.int32),
         np.zeros(sizes.size + 1, np.int32),
         np.zeros(sizes.size, np.uint8),
         vertices,
@@ -100,6 +100,7 @@ def _list_corners(sides: Int32Array, records: Records) -> None:
             corners[corner, VERTEX] = vertex
             corners[corner, ACROSS] = sides[corner, TWIN]
             corners[corner, FACE] = face
+            corners[corner, AFTER] = corner + 1 if corner + 1 < starts[face + 1] else starts[face]
             corners[corner, NEXT_THERE] = vertices[vertex, FIRST_THERE]
             vertices[vertex, FIRST_THERE] = corner
             vertices[vertex, LEFT_THERE] += 1
@@ -108,8 +109,7 @@ def _list_corners(sides: Int32Array, records: Records) -> None:
 @uncounted_inline
 def corner_after(records: Records, corner: int) -> int:
     """The next corner of the same face."""
-    face = records.corners[corner, FACE]
-    return records.starts[face] if corner + 1 == records.starts[face + 1] else wide(corner + 1)
+    return records.corners[corner, AFTER]
 
 
 @uncounted_inline
