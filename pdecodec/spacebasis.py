@@ -27,6 +27,7 @@ from pdecodec.basis import SPACE_FUNCTIONS, series_functions
 from pdecodec.curves import extract_curves, face_edges, morton_order, order_lonely_points
 from pdecodec.elements import PIECE_POINTS, arc_length_parameter, piece_starts
 from pdecodec.sequence import MeshObject
+from pdecodec.shares import in_shares
 
 Float64Array = NDArray[np.float64]
 Int64Array = NDArray[np.int64]
@@ -68,6 +69,24 @@ def polynomial_exponents() -> Int64Array:
     rest = [item for item in found if item not in affine]
     rest.sort(key=lambda item: (item[0] + item[1] + NORMAL_DEGREE * item[2], -item[0], -item[1]))
     return np.array(affine + rest, np.int64)
+
+
+@lru_cache
+def polynomial_table() -> Int64Array:
+    """(n, 4) int64: how each polynomial is made of those before it.
+
+    In the columns of the axes, which polynomial has a degree less on that axis, -1 for none; then along which axis it
+    is made of that one, the first that it can be, -1 for the constant.
+    """
+    exponents = [tuple(row) for row in polynomial_exponents().tolist()]
+    place = {item: j for j, item in enumerate(exponents)}
+    table = np.full((len(exponents), 4), -1, np.int64)
+    for j, item in enumerate(exponents):
+        for axis in reversed(range(3)):
+            if item[axis]:
+                table[j, axis] = place[tuple(degree - (k == axis) for k, degree in enumerate(item))]
+                table[j, 3] = axis
+    return table
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +140,11 @@ class SpaceBasis:
     def patches(self) -> int:
         return self.starts.size - 1
 
+    @property
+    def largest(self) -> int:
+        """Vertices of the largest patch."""
+        return int(np.diff(self.starts).max(initial=0))
+
     @cached_property
     def units(self) -> tuple[Int64Array, Int64Array, Int64Array]:
         """Columns in runs, as they are coded: ``(starts, kinds, parents)``.
@@ -145,13 +169,20 @@ class SpaceBasis:
     @cached_property
     def _complete(self) -> tuple[Float64Array, Int64Array]:
         """All functions of each patch: ``(basis, basis_starts)``, function after function."""
-        from pdecodec.kernels.patch_functions import build_patches
+        from pdecodec.kernels.patch_functions import build_patches, new_scratch
 
         ranks = self.affine + np.diff(self.coefficient_starts)
         basis_starts = np.concatenate([[0], np.cumsum(ranks * np.diff(self.starts))])
         basis = np.empty(int(basis_starts[-1]))
-        exponents = polynomial_exponents()
-        build_patches(self.levels, self.order, self.starts, exponents, self.given, ranks, basis, basis_starts)
+        table = polynomial_table()
+
+        def build(first: int, end: int) -> None:
+            build_patches(
+                first, end, self.levels, self.order, self.starts, table, self.given, ranks, basis, basis_starts,
+                new_scratch(self.largest, len(table)),
+            )  # fmt: skip
+
+        in_shares(build, self.patches)
         return basis, basis_starts
 
     def project(self, values: Float64Array) -> Float64Array:
@@ -161,16 +192,16 @@ class SpaceBasis:
         width = values.shape[1]
         scaling = np.zeros((self.children.size, 4, width))
         coefficients = np.zeros((self.columns, width))
-        project_patches(
-            np.ascontiguousarray(values[self.order], dtype=np.float64),
-            self.starts,
-            *self._complete,
-            self.affine,
-            self.coefficient_starts,
-            scaling,
-            self.set_of,
-            coefficients,
-        )
+        ordered = np.ascontiguousarray(values[self.order], dtype=np.float64)
+        basis, basis_starts = self._complete
+
+        def project(first: int, end: int) -> None:
+            project_patches(
+                first, end, ordered, self.starts, basis, basis_starts, self.affine, self.coefficient_starts,
+                scaling, self.set_of, coefficients,
+            )  # fmt: skip
+
+        in_shares(project, self.patches)
         join(self.children, self.counts, self.joints, self.detail_starts, scaling, coefficients)
         return coefficients
 
@@ -179,6 +210,7 @@ class SpaceBasis:
 
         Rounded to float32 at the end where `single`, float64 otherwise.
         """
+        from pdecodec.kernels.patch_functions import new_scratch
         from pdecodec.kernels.space_transform import expand_patches, part
 
         width = coefficients.shape[1]
@@ -186,22 +218,17 @@ class SpaceBasis:
         # An encoder has made all functions before it comes here; a decoder makes those that it needs.
         basis, basis_starts = self.__dict__.get("_complete", (np.zeros(0), np.zeros(0, np.int64)))
         planes = np.empty((width, self.order.size), np.float32 if single else np.float64)
+        table = polynomial_table()
         part(self.children, self.counts, self.joints, self.detail_starts, coefficients, scaling)
-        expand_patches(
-            scaling,
-            coefficients,
-            self.levels,
-            self.order,
-            self.starts,
-            polynomial_exponents(),
-            self.given,
-            basis,
-            basis_starts,
-            self.affine,
-            self.coefficient_starts,
-            self.set_of,
-            planes,
-        )
+
+        def expand(first: int, end: int) -> None:
+            expand_patches(
+                first, end, scaling, coefficients, self.levels, self.order, self.starts, table, self.given,
+                basis, basis_starts, self.affine, self.coefficient_starts, self.set_of,
+                np.empty((width, self.largest)), new_scratch(self.largest, len(table)), planes,
+            )  # fmt: skip
+
+        in_shares(expand, self.patches)
         return planes
 
 
@@ -239,18 +266,21 @@ def _with_functions(
     rest: Int64Array,
     functions: int,
 ) -> SpaceBasis:
-    from pdecodec.kernels.patch_functions import AFFINE, affine_functions, build_joints
+    from pdecodec.kernels.patch_functions import AFFINE, affine_functions, build_joints, new_scratch
 
+    table = polynomial_table()
     sizes = np.diff(starts)
     affine, patch_coordinates = np.zeros(sizes.size, np.int64), np.zeros((sizes.size, AFFINE, AFFINE))
-    affine_functions(rest, order, starts, polynomial_exponents(), given, functions, affine, patch_coordinates)
+    scratch = new_scratch(int(sizes.max(initial=0)), len(table))
+    affine_functions(rest, order, starts, table, given, functions, affine, patch_coordinates, scratch)
     # Unit vectors complete whatever polynomials leave open.
     ranks = np.minimum(sizes, functions)
     counts = np.zeros(children.size, np.int64)
     coordinates = np.zeros((children.size, AFFINE, AFFINE))
     counts[set_of], coordinates[set_of] = affine, patch_coordinates
     joints = np.zeros((children.size, 2 * AFFINE, 2 * AFFINE))
-    build_joints(children, counts, coordinates, joints)
+    scratch = new_scratch(2 * AFFINE, 0)
+    build_joints(children, counts, coordinates, joints, np.empty((2 * AFFINE, AFFINE)), scratch)
     inner = np.flatnonzero(children >= 0)
     details = np.zeros(children.size, np.int64)
     details[inner] = counts[children[inner]] + counts[children[inner] + 1] - counts[inner]

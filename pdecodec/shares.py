@@ -1,0 +1,54 @@
+"""Work on many items in shares, several at once: the compiled loops let other threads run.
+
+Each share writes what no other one reads, so that no result depends on the number of threads.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+
+SHARES_A_THREAD = 4
+"""Shares are alike in size, not in work: who is done with one takes the next."""
+
+
+def thread_count() -> int:
+    """Threads that work at once: one a processor, or as many as the environment's NUMBA_NUM_THREADS says."""
+    from numba import config
+
+    return int(config.NUMBA_NUM_THREADS)
+
+
+def in_shares(work: Callable[[int, int], None], count: int) -> None:
+    """Call ``work(first, end)`` for runs of the items 0 to `count` - 1 that cover each once.
+
+    Parameters
+    ----------
+    work : callable
+        Called from several threads at once.
+    count : int
+        No call where it is 0.
+    """
+    threads = min(thread_count(), count)
+    shares = min(SHARES_A_THREAD * threads, count) if threads > 1 else min(count, 1)
+    cuts = [count * k // max(shares, 1) for k in range(shares + 1)]
+    left = deque(pairwise(cuts))
+
+    def take() -> None:
+        while left:
+            try:
+                share = left.popleft()
+            except IndexError:  # another thread took the last one
+                return
+            work(*share)
+
+    if threads < 2:
+        take()
+        return
+    with ThreadPoolExecutor(threads - 1) as pool:
+        others = [pool.submit(take) for _ in range(threads - 1)]
+        take()
+        for other in others:
+            other.result()
