@@ -94,7 +94,7 @@ class GroupAnimation(Animation):
                 f"its patches have {self._space.columns} functions where section MODL says {self._description.columns}"
             )
         self._order = self._space.order.astype(np.int64)
-        self._rest = np.ascontiguousarray(self._shape.points[self._space.order].T)
+        self._rest = np.ascontiguousarray(self._shape.points.T)
         self._spline = FrameSpline(self.times)
         self._cache: DecodeCache[_DecodedGroup] = DecodeCache()
 
@@ -146,18 +146,16 @@ class GroupAnimation(Animation):
                     found,
                     slice(first, first + stop - start),
                     self._rest,
-                    self._space.order,
                     out[start:stop],
                 )
                 start = stop
             else:
-                moved = self._between(float(times[start]), 0) + self._rest
-                out[start, self._order] = moved.T
+                out[start] = (self._between(float(times[start]), 0) + self._rest).T
                 start += 1
         return out
 
     def _between(self, time: float, derivative: Literal[0, 1, 2]) -> Float64Array:
-        """(3, vertices) float64 in patch order: displacement by the spline through all frames, or a derivative."""
+        """(3, vertices) float64: displacement by the spline through all frames, or a derivative."""
         from pdecodec.kernels.group_motion import add_group
 
         (first,), (weights,) = self._spline.weights(np.array([time]), derivative)
@@ -198,9 +196,7 @@ class GroupAnimation(Animation):
         return added
 
     def _model_derivative(self, order: int, time: float) -> Float64Array:
-        out = np.empty((self.vertex_count, 3))
-        out[self._order] = self._between(time, 1 if order == 1 else 2).T
-        return out
+        return np.ascontiguousarray(self._between(time, 1 if order == 1 else 2).T)
 
     def coefficients(self, segment: int) -> PaperForm:
         raise SettingsError(

@@ -172,7 +172,7 @@ class GroupEncoder:
         time_chunk, coefficients, functions = encode_motion(fitted, basis)
         corrections = fitter.corrections(basis, functions)
         chunks = (time_chunk, coefficients, encode_group(corrections, basis.starts))
-        decoded = fitter.decoded(basis, functions)
+        decoded = fitter.decoded(functions)
         order = basis.order.astype(np.int64)
         for f in range(fitter.frames):
             add_frame(decoded[f], corrections, f, order, step=self._correction_step, weight=1.0)

@@ -20,12 +20,12 @@ from pdecodec.container import ContainerReader
 from pdecodec.errors import CorruptFileError
 from pdecodec.modes import cosine_wave
 from pdecodec.quantise import LARGEST_STEP
+from pdecodec.shares import in_shares
 from pdecodec.spacebasis import SpaceBasis
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
-Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 
 TimeBasis = Literal["pde", "modal"]
@@ -192,7 +192,7 @@ class GroupFunctions:
     time : (frames, 3, functions) float32 or float64
         Functions of time at the frames, for each axis.
     planes : (functions, 1 or 3, vertices), as `time` [scene units]
-        What each function is multiplied with at each vertex, in patch order; one plane an axis, or one for all.
+        What each function is multiplied with at each vertex; one plane an axis, or one for all.
     """
 
     time: FloatArray
@@ -224,9 +224,7 @@ def group_functions(entry: GroupEntry, modes: Float64Array, levels: Int64Array, 
     return GroupFunctions(time.astype(np.float32) if entry.single else time, by_function)
 
 
-def evaluate_group(
-    group: GroupFunctions, frames: slice, rest: Float64Array, order: Int32Array, out: Float32Array
-) -> None:
+def evaluate_group(group: GroupFunctions, frames: slice, rest: Float64Array, out: Float32Array) -> None:
     """Positions at some of its frames, before corrections.
 
     Parameters
@@ -234,10 +232,13 @@ def evaluate_group(
     group : GroupFunctions
     frames : slice
     rest : (3, vertices) float64 [scene units]
-        In patch order.
-    order : (vertices,) int32
     out : (frames, vertices, 3) float32, written
     """
-    from pdecodec.kernels.group_motion import positions
+    from pdecodec.kernels.group_motion import BLOCK, TILE, positions
 
-    positions(group.time[frames], group.planes, rest, order, out)
+    weights = group.time[frames]
+
+    def evaluate(first: int, end: int) -> None:
+        positions(first, end, weights, group.planes, rest, np.empty((3, BLOCK), weights.dtype), out)
+
+    in_shares(evaluate, -(-len(weights) // TILE))

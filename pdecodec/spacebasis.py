@@ -206,7 +206,7 @@ class SpaceBasis:
         return coefficients
 
     def expand(self, coefficients: Float64Array, *, single: bool) -> NDArray[np.float32] | Float64Array:
-        """Undo :meth:`project`: (columns, width) to (width, vertices), in patch order.
+        """Undo :meth:`project`: (columns, width) to (width, vertices).
 
         Rounded to float32 at the end where `single`, float64 otherwise.
         """

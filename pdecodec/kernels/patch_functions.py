@@ -245,9 +245,7 @@ def add_function(scratch: Scratch, size: int, threshold: float, rank: int) -> bo
 
 
 @uncounted
-def fill_column(
-    scratch: Scratch, size: int, polynomials: Int64Array, given: Float64Array, begin: int, j: int
-) -> bool:
+def fill_column(scratch: Scratch, size: int, polynomials: Int64Array, given: Float64Array, begin: int, j: int) -> bool:
     """Values of one function before it is made orthonormal, a given one or a polynomial, into ``scratch.column``.
 
     Parameters

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.kernels.integers import unsigned
 from pdecodec.kernels.patch_functions import Scratch, local_coordinates, patch_functions
 from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 
@@ -112,7 +113,7 @@ def expand_patches(
     sums : (width, points of a patch or more) float64
         Scratch.
     planes : (width, vertices) float32 or float64, written
-        In patch order.
+        In the order of the mesh.
     """
     width = planes.shape[0]
     for p in range(first, end):
@@ -140,7 +141,7 @@ def expand_patches(
                         total[i] += function[i] * weight
         for a in range(width):
             for i in range(size):
-                planes[a, begin + i] = sums[a, i]
+                planes[a, unsigned(order[begin + i])] = sums[a, i]
 
 
 @uncounted
