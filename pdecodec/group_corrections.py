@@ -174,6 +174,36 @@ def add_frame(
         out[at] = out[at].astype(np.float64) + weight * (literals.astype(np.float64) - base[at])
 
 
+def add_frames(out: Float32Array, corrections: GroupCorrections, first: int, order: Int64Array, *, step: float) -> None:
+    """Add the corrections of consecutive frames at full weight, in place: :func:`add_frame` of each, at once.
+
+    Parameters
+    ----------
+    out : (frames, vertices, 3) float32
+        C-contiguous.
+    corrections : GroupCorrections
+    first : int
+        Frame of the group that ``out[0]`` is.
+    order : (vertices,) int64
+        Vertex at each place.
+    step : float
+    """
+    from pdecodec.kernels.corrections import add_levels
+
+    frames, vertices, _ = out.shape
+    points = out.reshape(frames * vertices, 3)
+
+    def some(starts: Int64Array, places: Int64Array) -> tuple[slice, Int64Array]:
+        those = slice(int(starts[first]), int(starts[first + frames]))
+        frame = np.repeat(np.arange(frames), np.diff(starts[first : first + frames + 1]))
+        return those, order[places[those]] + vertices * frame
+
+    those, at = some(corrections.frame_starts, corrections.places)
+    add_levels(points, at, np.arange(at.size), corrections.levels[those], step, 1.0)
+    those, at = some(corrections.literal_frame_starts, corrections.literal_places)
+    points[at] = corrections.literals[those]
+
+
 def encode_group(corrections: GroupCorrections, starts: Int64Array) -> bytes:
     """A group's corrections as bytes; nothing at all where there are none.
 

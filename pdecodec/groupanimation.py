@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +15,7 @@ from pdecodec.connectivity_version_2 import BYTES_PER_CORNER, decode_connectivit
 from pdecodec.decodecache import DecodeCache
 from pdecodec.decoder import Animation
 from pdecodec.errors import CorruptFileError, SettingsError
-from pdecodec.group_corrections import GroupCorrections, add_frame, decode_group
+from pdecodec.group_corrections import GroupCorrections, add_frame, add_frames, decode_group
 from pdecodec.groupmodel import GroupModelDescription
 from pdecodec.groups import (
     CHUNK_SECTIONS,
@@ -124,35 +125,37 @@ class GroupAnimation(Animation):
             modes, corrections = found.result()
         return _DecodedGroup(group_functions(entry, modes, levels, self._space), corrections)
 
-    def _evaluate(self, times: Float64Array) -> Float32Array:
-        out = np.empty((times.size, self.vertex_count, 3), np.float32)
+    def _runs(self, times: Float64Array) -> Iterator[tuple[int, int, int]]:
+        """Rows of increasing times, ``(start, stop, frame)``: consecutive frames of one group; frame -1 for one between."""
         left = np.searchsorted(self.times, times, side="right") - 1
         is_frame = self.times[left] == times
         group = np.searchsorted(self._table.firsts, left, side="right") - 1
-        start = 0
-        while start < times.size:
-            stop = start
-            while (
-                stop < times.size
-                and is_frame[stop]
-                and left[stop] - left[start] == stop - start
-                and group[stop] == group[start]
-            ):
-                stop += 1
-            if stop > start:
-                found = self._group(int(group[start])).functions
-                first = int(left[start] - self._table.firsts[group[start]])
-                evaluate_group(
-                    found,
-                    slice(first, first + stop - start),
-                    self._rest,
-                    out[start:stop],
-                )
-                start = stop
-            else:
+        goes_on = is_frame[1:] & is_frame[:-1] & (np.diff(left) == 1) & (np.diff(group) == 0)
+        starts = np.flatnonzero(np.append(True, ~goes_on)[: times.size]).tolist()
+        for start, stop in pairwise([*starts, times.size]):
+            yield start, stop, int(left[start]) if is_frame[start] else -1
+
+    def _evaluate(self, times: Float64Array) -> Float32Array:
+        out = np.empty((times.size, self.vertex_count, 3), np.float32)
+        for start, stop, frame in self._runs(times):
+            if frame < 0:
                 out[start] = (self._between(float(times[start]), 0) + self._rest).T
-                start += 1
+                continue
+            group = self._table.group_of(frame)
+            first = frame - int(self._table.firsts[group])
+            frames = slice(first, first + stop - start)
+            evaluate_group(self._group(group).functions, frames, self._rest, out[start:stop])
         return out
+
+    def _add_corrections(self, out: Float32Array, times: Float64Array) -> None:
+        step = self._description.correction_step
+        for start, stop, frame in self._runs(times):
+            if frame < 0:
+                super()._add_corrections(out[start:stop], times[start:stop])
+                continue
+            group = self._table.group_of(frame)
+            first = frame - int(self._table.firsts[group])
+            add_frames(out[start:stop], self._group(group).corrections, first, self._order, step=step)
 
     def _between(self, time: float, derivative: Literal[0, 1, 2]) -> Float64Array:
         """(3, vertices) float64: displacement by the spline through all frames, or a derivative."""

@@ -20,7 +20,7 @@ from pdecodec.description import encode_attributes, encode_remarks, encode_seque
 from pdecodec.encodereport import EncodeReport, counted, generator
 from pdecodec.errors import SettingsError
 from pdecodec.framewindow import checked_frames
-from pdecodec.group_corrections import add_frame, encode_group
+from pdecodec.group_corrections import add_frames, encode_group
 from pdecodec.groupchoice import (
     FIRST_CHOICE,
     SPACES,
@@ -174,8 +174,7 @@ class GroupEncoder:
         chunks = (time_chunk, coefficients, encode_group(corrections, basis.starts))
         decoded = fitter.decoded(functions)
         order = basis.order.astype(np.int64)
-        for f in range(fitter.frames):
-            add_frame(decoded[f], corrections, f, order, step=self._correction_step, weight=1.0)
+        add_frames(decoded, corrections, 0, order, step=self._correction_step)
         self._measure(fitter.points, decoded)
         self._corrections += corrections.count
         for spool, chunk in zip(spools, chunks, strict=True):
