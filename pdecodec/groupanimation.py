@@ -126,7 +126,7 @@ class GroupAnimation(Animation):
         return _DecodedGroup(group_functions(entry, modes, levels, self._space), corrections)
 
     def _runs(self, times: Float64Array) -> Iterator[tuple[int, int, int]]:
-        """Rows of increasing times, ``(start, stop, frame)``: consecutive frames of one group; frame -1 for one between."""
+        """Rows of increasing times, ``(start, stop, frame)``: frames of one group in a row; frame -1 for one between."""
         left = np.searchsorted(self.times, times, side="right") - 1
         is_frame = self.times[left] == times
         group = np.searchsorted(self._table.firsts, left, side="right") - 1

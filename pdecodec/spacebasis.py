@@ -45,6 +45,9 @@ NORMAL_DEGREE = 2
 """What a factor of the third principal coordinate counts in a polynomial's degree: across a surface there is less
 to describe than along it."""
 
+PLACE_BITS = 63
+"""Of a place as one number, which sorts many times faster than three."""
+
 LARGEST_DEGREE = 10
 """Of the polynomials; what comes after them is left to unit vectors."""
 
@@ -306,13 +309,13 @@ def _patches(
     objects: Sequence[MeshObject], rest: Int64Array, points: int
 ) -> tuple[Int32Array, Int64Array, Int64Array, Int64Array]:
     """Patches by halving: ``(order, starts, children, set_of)``."""
-    from pdecodec.kernels.bisection import bisect
+    from pdecodec.kernels.bisection import bisect, new_scratch
 
     starts, neighbours = mesh_graph(objects, rest)
     order = _first_order(starts, rest)
     room = 2 * order.size
     begins, ends, children = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64)
-    count = bisect(starts, neighbours, points, order, begins, ends, children)
+    count = bisect(starts, neighbours, points, order, begins, ends, children, new_scratch(order.size))
     found = np.flatnonzero(children[:count] < 0)
     found = found[np.argsort(begins[found])]
     patch_starts = np.append(begins[found], order.size)
@@ -341,8 +344,17 @@ def mesh_graph(objects: Sequence[MeshObject], rest: Int64Array) -> tuple[Int64Ar
 
 def _coincident(rest: Int64Array) -> tuple[Int32Array, Int32Array]:
     """Chains through the vertices at equal places: each but the last of a place, and the one after it."""
-    order = np.lexsort(rest.T)
-    same = (rest[order[1:]] == rest[order[:-1]]).all(axis=1)
+    axes = np.array(rest.T, order="C")
+    axes -= axes.min(axis=1, initial=0, keepdims=True)
+    x_bits, y_bits, z_bits = (int(extent).bit_length() for extent in axes.max(axis=1, initial=0))
+    if x_bits + y_bits + z_bits > PLACE_BITS:
+        order = np.lexsort(axes)
+        same = (rest[order[1:]] == rest[order[:-1]]).all(axis=1)
+    else:
+        places = (axes[2] << (x_bits + y_bits)) | (axes[1] << x_bits) | axes[0]
+        ordered = np.sort(places)
+        same = ordered[1:] == ordered[:-1]
+        order = np.argsort(places, kind="stable") if same.any() else np.arange(len(places))
     return order[:-1][same].astype(np.int32), order[1:][same].astype(np.int32)
 
 
