@@ -15,26 +15,31 @@ from pdecodec.connectivity_version_2 import BYTES_PER_CORNER, decode_connectivit
 from pdecodec.decodecache import DecodeCache
 from pdecodec.decoder import Animation
 from pdecodec.errors import CorruptFileError, SettingsError
+from pdecodec.expansion import Expansion
 from pdecodec.group_corrections import GroupCorrections, add_frame, add_frames, decode_group
 from pdecodec.groupmodel import GroupModelDescription
 from pdecodec.groups import (
     CHUNK_SECTIONS,
+    GroupEntry,
     GroupFunctions,
     GroupTable,
+    by_function,
     evaluate_group,
-    group_functions,
+    functions_of_time,
     read_group_table,
 )
-from pdecodec.levelcoding import decode_levels
+from pdecodec.levelcoding import decode_levels_in_parts
 from pdecodec.modes import decode_modes
 from pdecodec.paperform import PaperForm
 from pdecodec.restcoding import decode_rest
 from pdecodec.sequence import Connectivity
+from pdecodec.shares import thread_count
 from pdecodec.spacebasis import SpaceBasis, build_space_basis
 from pdecodec.spline import FrameSpline
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
+FloatArray = NDArray[np.float32] | NDArray[np.float64]
 
 BYTES_PER_LEVEL = 40
 """Peak memory of a group, per coefficient: level, value, its share of the joints, and the value on a vertex."""
@@ -112,21 +117,48 @@ class GroupAnimation(Animation):
         if entry.basis != "modal" and time:
             raise CorruptFileError("section TIME has modes of a group that needs none")
 
-        def beside() -> tuple[Float64Array, GroupCorrections]:
+        def beside() -> tuple[FloatArray, GroupCorrections]:
             modes = np.zeros((entry.frames, 3, 0))
             if entry.basis == "modal":
                 modes = decode_modes(time, entry.frames, entry.functions, entry.mode_step)
-            return modes, decode_group(corrected, entry.frames, self._space.starts, most_bytes=self._left)
+            corrections = decode_group(corrected, entry.frames, self._space.starts, most_bytes=self._left)
+            return functions_of_time(entry, modes), corrections
 
         # The three chunks know nothing of each other, and the compiled loops let other threads run.
-        with ThreadPoolExecutor(1) as pool:
+        with ThreadPoolExecutor(max(thread_count() - 1, 1)) as pool:
             found = pool.submit(beside)
-            levels = decode_levels(coefficients, self._space, entry.width, axes=entry.axes)
-            modes, corrections = found.result()
-        return _DecodedGroup(group_functions(entry, modes, levels, self._space), corrections)
+            planes = self._decode_planes(entry, coefficients, pool)
+            weights, corrections = found.result()
+        return _DecodedGroup(GroupFunctions(weights, by_function(entry, planes)), corrections)
+
+    def _decode_planes(self, entry: GroupEntry, data: bytes, pool: ThreadPoolExecutor) -> FloatArray:
+        """Coefficients, and patch by patch what they make of its vertices: by other threads, while there is time."""
+        space = self._space
+        levels = np.zeros((space.columns, entry.width), np.int64)
+        coefficients = np.empty(levels.shape)
+        expansion = Expansion(space, coefficients, single=entry.single)
+
+        def expand(first: int, end: int) -> None:
+            rows = slice(int(space.coefficient_starts[first]), int(space.coefficient_starts[end]))
+            np.multiply(levels[rows], entry.step, out=coefficients[rows])
+            expansion.expand(first, end)
+
+        begun = []
+        for first, end in decode_levels_in_parts(data, space, levels, axes=entry.axes):
+            if first == 0:
+                rows = slice(0, int(space.coefficient_starts[0]))
+                np.multiply(levels[rows], entry.step, out=coefficients[rows])
+                expansion.share_out()
+            begun.append((pool.submit(expand, first, end), first, end))
+        for future, first, end in reversed(begun):
+            if future.cancel():
+                expand(first, end)
+            else:
+                future.result()
+        return expansion.planes
 
     def _runs(self, times: Float64Array) -> Iterator[tuple[int, int, int]]:
-        """Rows of increasing times, ``(start, stop, frame)``: frames of one group in a row; frame -1 for one between."""
+        """Rows of increasing times, ``(start, stop, frame)``: frames of a group in a row; frame -1 for one between."""
         left = np.searchsorted(self.times, times, side="right") - 1
         is_frame = self.times[left] == times
         group = np.searchsorted(self._table.firsts, left, side="right") - 1

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from pdecodec.container import ContainerReader
 from pdecodec.errors import CorruptFileError
+from pdecodec.expansion import Expansion
 from pdecodec.modes import cosine_wave
 from pdecodec.quantise import LARGEST_STEP
 from pdecodec.shares import in_shares
@@ -175,10 +176,7 @@ def normalised_modes(modes: Float64Array) -> Float64Array:
     Squares are added up frame after frame, x y z within each.
     """
     flat = modes.reshape(modes.shape[0] * modes.shape[1], modes.shape[2])
-    squares = np.zeros(flat.shape[1])
-    for row in flat:
-        squares += row * row
-    lengths = np.sqrt(squares)
+    lengths = np.sqrt(np.cumsum(flat * flat, axis=0)[-1])
     unit: Float64Array = modes / np.where(lengths > 0.0, lengths, 1.0)
     return unit
 
@@ -215,13 +213,24 @@ def group_functions(entry: GroupEntry, modes: Float64Array, levels: Int64Array, 
         Coefficients, in steps.
     basis : SpaceBasis
     """
-    planes = basis.expand(np.multiply(levels, entry.step, dtype=np.float64), single=entry.single)
+    expansion = Expansion(basis, np.multiply(levels, entry.step, dtype=np.float64), single=entry.single)
+    expansion.share_out()
+    in_shares(expansion.expand, basis.patches)
+    return GroupFunctions(functions_of_time(entry, modes), by_function(entry, expansion.planes))
+
+
+def functions_of_time(entry: GroupEntry, modes: Float64Array) -> FloatArray:
+    """:attr:`GroupFunctions.time` from the modes."""
     if entry.basis == "modal":
         time = normalised_modes(modes)
     else:
         time = np.repeat(cosines(entry.frames, entry.functions)[:, None], 3, axis=1)
-    by_function = planes.reshape(entry.functions, entry.axes, planes.shape[1])
-    return GroupFunctions(time.astype(np.float32) if entry.single else time, by_function)
+    return time.astype(np.float32) if entry.single else time
+
+
+def by_function(entry: GroupEntry, planes: FloatArray) -> FloatArray:
+    """:attr:`GroupFunctions.planes` from those of an expansion."""
+    return planes.reshape(entry.functions, entry.axes, planes.shape[1])
 
 
 def evaluate_group(group: GroupFunctions, frames: slice, rest: Float64Array, out: Float32Array) -> None:

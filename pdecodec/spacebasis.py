@@ -144,6 +144,11 @@ class SpaceBasis:
         return self.starts.size - 1
 
     @property
+    def runs(self) -> int:
+        """Runs of columns: one of the whole's affine functions, one of each set that is no patch, one of each patch."""
+        return 1 + self.children.size
+
+    @cached_property
     def largest(self) -> int:
         """Vertices of the largest patch."""
         return int(np.diff(self.starts).max(initial=0))
@@ -188,6 +193,12 @@ class SpaceBasis:
         in_shares(build, self.patches)
         return basis, basis_starts
 
+    @property
+    def functions_made(self) -> tuple[Float64Array, Int64Array]:
+        """All functions of each patch as an encoder has made them; of none in a decoder, which makes those it needs."""
+        made: tuple[Float64Array, Int64Array] = self.__dict__.get("_complete", (np.zeros(0), np.zeros(0, np.int64)))
+        return made
+
     def project(self, values: Float64Array) -> Float64Array:
         """Coefficients of functions on the vertices: (vertices, width), mesh order, to (columns, width) float64."""
         from pdecodec.kernels.space_transform import join, project_patches
@@ -207,32 +218,6 @@ class SpaceBasis:
         in_shares(project, self.patches)
         join(self.children, self.counts, self.joints, self.detail_starts, scaling, coefficients)
         return coefficients
-
-    def expand(self, coefficients: Float64Array, *, single: bool) -> NDArray[np.float32] | Float64Array:
-        """Undo :meth:`project`: (columns, width) to (width, vertices).
-
-        Rounded to float32 at the end where `single`, float64 otherwise.
-        """
-        from pdecodec.kernels.patch_functions import new_scratch
-        from pdecodec.kernels.space_transform import expand_patches, part
-
-        width = coefficients.shape[1]
-        scaling = np.zeros((self.children.size, 4, width))
-        # An encoder has made all functions before it comes here; a decoder makes those that it needs.
-        basis, basis_starts = self.__dict__.get("_complete", (np.zeros(0), np.zeros(0, np.int64)))
-        planes = np.empty((width, self.order.size), np.float32 if single else np.float64)
-        table = polynomial_table()
-        part(self.children, self.counts, self.joints, self.detail_starts, coefficients, scaling)
-
-        def expand(first: int, end: int) -> None:
-            expand_patches(
-                first, end, scaling, coefficients, self.levels, self.order, self.starts, table, self.given,
-                basis, basis_starts, self.affine, self.coefficient_starts, self.set_of,
-                np.empty((width, self.largest)), new_scratch(self.largest, len(table)), planes,
-            )  # fmt: skip
-
-        in_shares(expand, self.patches)
-        return planes
 
 
 def build_space_basis(

@@ -10,9 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from pdecodec.expansion import Expansion
 from pdecodec.kernels.group_motion import BLOCK, add_group, moved_reference, positions
 from pdecodec.kernels.patch_functions import principal_axes
 from pdecodec.sequence import Connectivity, MeshObject
+from pdecodec.shares import in_shares
 from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis, mesh_graph, polynomial_exponents
 
 RNG_SEED = 20
@@ -37,9 +39,16 @@ def points_only(rest: NDArray[np.int64]) -> MeshObject:
     return MeshObject("points", Connectivity(vertex_count=len(rest), face_counts=none, face_indices=none))
 
 
+def planes_of(basis: SpaceBasis, coefficients: NDArray[np.float64], *, single: bool) -> NDArray[np.floating]:
+    expansion = Expansion(basis, coefficients, single=single)
+    expansion.share_out()
+    in_shares(expansion.expand, basis.patches)
+    return expansion.planes
+
+
 def expanded(basis: SpaceBasis, coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
     """(vertices, width) in mesh order."""
-    return basis.expand(coefficients, single=False).T.astype(np.float64)
+    return planes_of(basis, coefficients, single=False).T.astype(np.float64)
 
 
 @pytest.mark.parametrize("kind", ["patch", "curve"])
@@ -137,8 +146,9 @@ def test_functions_made_as_far_as_needed_are_those_of_the_whole_basis(kind: Spac
     for begin, end in itertools.pairwise(whole.coefficient_starts):  # only the first third of each patch's
         coefficients[begin + (end - begin) // 3 : end] = 0.0
     for single in (False, True):
-        assert np.array_equal(needed.expand(coefficients, single=single), whole.expand(coefficients, single=single))
-    assert needed.expand(coefficients, single=True).dtype == np.float32
+        made, given = (planes_of(basis, coefficients, single=single) for basis in (needed, whole))
+        assert np.array_equal(made, given)
+        assert made.dtype == (np.float32 if single else np.float64)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

@@ -14,7 +14,7 @@ Int64Array = NDArray[np.int64]
 
 
 class BisectionScratch(NamedTuple):
-    """Working memory: distances (vertices,), lists (vertices + 1,), components (vertices,), counts (2 vertices + 2,)."""
+    """Distances (vertices,), lists (vertices + 1,), components (vertices,), counts (2 vertices + 2,)."""
 
     near: Int32Array
     far: Int32Array
