@@ -12,6 +12,7 @@ gather in places as they do in time, and the code counts on both. A group is one
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from pdecodec.corrections import FrameCorrections
 from pdecodec.errors import CorruptFileError, LimitError
+from pdecodec.shares import side_by_side
 
 if TYPE_CHECKING:
     from pdecodec.kernels.correction_model import Coding, Places, Records
@@ -319,10 +321,12 @@ def _cheapest(corrections: GroupCorrections, starts: Int64Array) -> tuple[bool, 
         return float(coding.coder[COST]) / 2.0**COST_BITS
 
     near = np.ones(corrections.frame_count, np.int64)
-    choices = [(bits(predicted, near), predicted, near) for predicted in (False, True)]
     far = _references(corrections, int(starts[-1]))
-    if (far > 1).any():
-        choices += [(bits(predicted, far), predicted, far) for predicted in (False, True)]
+    ways = [(predicted, distances) for distances in (near, far) for predicted in (False, True)]
+    if not (far > 1).any():
+        ways = ways[:2]
+    found = side_by_side(*(partial(bits, *way) for way in ways))
+    choices = [(cost, *way) for cost, way in zip(found, ways, strict=True)]
     cost, predicted, distances = min(choices, key=lambda choice: choice[0])
     return predicted, distances, cost
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from pdecodec.groupfit import FittedGroup, GroupFitter
 from pdecodec.groups import GROUP_ENTRY, TIME_BASES, TimeBasis
 from pdecodec.sequence import MeshObject
+from pdecodec.shares import side_by_side
 from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis
 
 STEPS = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 32.0, 64.0)
@@ -114,23 +116,36 @@ def choose_group(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, *, 
     """Time basis and steps that cost least, walking downhill from those of the group before."""
     found: dict[GroupChoice, FittedGroup] = {}
 
-    def cost(choice: GroupChoice) -> float:
-        if choice not in found:
-            found[choice] = fitter.fit(basis, choice.time, STEPS[choice.steps], MODE_STEPS[choice.mode_steps])
+    def fit(choice: GroupChoice) -> FittedGroup:
+        return fitter.fit(basis, choice.time, STEPS[choice.steps], MODE_STEPS[choice.mode_steps])
+
+    def look(choices: Sequence[GroupChoice]) -> None:
+        """Fit those that have not been looked at, at once."""
+        new = [choice for choice in choices if choice not in found]
+        for choice, fitted in zip(new, side_by_side(*(partial(fit, choice) for choice in new)), strict=True):
+            found[choice] = fitted
             best = min(found, key=lambda item: found[item].bits)
             for other in list(found):  # only the best is kept whole
                 if other != best and found[other].levels.size:
                     found[other] = forgotten(found[other])
+
+    def cost(choice: GroupChoice) -> float:
+        look([choice])
         return found[choice].bits
 
+    look(_around(usual, "steps", len(STEPS)))
     choice = _walk(usual, "steps", len(STEPS), cost)
     if effort > 1 and fitter.trajectories:
         other: TimeBasis = "pde" if choice.time == "modal" else "modal"
-        if cost(replace(choice, time=other)) < OTHER_WORTH_A_LOOK * cost(choice):
-            rival = _walk(replace(choice, time=other), "steps", len(STEPS), cost)
+        rival = replace(choice, time=other)
+        look([rival, *(_around(choice, "mode_steps", len(MODE_STEPS)) if choice.time == "modal" else [])])
+        if cost(rival) < OTHER_WORTH_A_LOOK * cost(choice):
+            look(_around(rival, "steps", len(STEPS)))
+            rival = _walk(rival, "steps", len(STEPS), cost)
             choice = min(choice, rival, key=cost)
         if choice.time == "modal":
             choice = _walk(choice, "mode_steps", len(MODE_STEPS), cost)
+            look(_around(choice, "steps", len(STEPS)))
             choice = _walk(choice, "steps", len(STEPS), cost)
     return ChosenGroup(fitter, choice, found[choice])
 
@@ -173,6 +188,12 @@ def forgotten(fitted: FittedGroup) -> FittedGroup:
         levels=np.zeros((0, 0), np.int64),
         functions=replace(fitted.functions, time=np.zeros((0, 3, 0)), planes=np.zeros((0, 1, 0))),
     )
+
+
+def _around(start: GroupChoice, name: str, length: int) -> list[GroupChoice]:
+    """Where a walk looks at least: its start, and the next both ways."""
+    index = getattr(start, name)
+    return [replace(start, **{name: k}) for k in (index, index + 1, index - 1) if 0 <= k < length]
 
 
 def _walk(start: GroupChoice, name: str, length: int, cost: Callable[[GroupChoice], float]) -> GroupChoice:

@@ -14,7 +14,6 @@ from pdecodec.groups import (
     GroupEntry,
     GroupFunctions,
     TimeBasis,
-    cosines,
     evaluate_group,
     group_functions,
     normalised_modes,
@@ -128,11 +127,13 @@ class GroupFitter:
 
     @cached_property
     def _cosine_coefficients(self) -> Float64Array:
+        from scipy.fft import dct
+
         frames = self.frames
         used = min(frames, MOST_FUNCTIONS)
         split = self._moved.reshape(-1, frames, 3)
-        found: Float64Array = np.einsum("vfx,fa->vax", split, cosines(frames, used), optimize=True)
-        return found.reshape(len(split), -1)
+        waves: Float64Array = dct(split, axis=1, norm="ortho")[:, :used]
+        return waves.reshape(len(split), -1)
 
     def explained(self, functions: int) -> float:
         """Share of the motion's energy that the leading trajectories carry."""

@@ -9,6 +9,9 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from typing import TypeVar
+
+Result = TypeVar("Result")
 
 SHARES_A_THREAD = 4
 """Shares are alike in size, not in work: who is done with one takes the next."""
@@ -19,6 +22,15 @@ def thread_count() -> int:
     from numba import config
 
     return int(config.NUMBA_NUM_THREADS)
+
+
+def side_by_side(*works: Callable[[], Result]) -> list[Result]:
+    """What several calls return, made at once as far as there are threads; they must not depend on each other."""
+    threads = min(thread_count(), len(works))
+    if threads < 2:
+        return [work() for work in works]
+    with ThreadPoolExecutor(threads) as pool:
+        return [future.result() for future in [pool.submit(work) for work in works]]
 
 
 def in_shares(work: Callable[[int, int], None], count: int) -> None:
