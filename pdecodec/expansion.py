@@ -32,7 +32,8 @@ class Expansion:
         self._basis, self._coefficients = basis, coefficients
         width = coefficients.shape[1]
         self._scaling = np.zeros((basis.children.size, 4, width))
-        self.planes: FloatArray = np.empty((width, basis.order.size), np.float32 if single else np.float64)
+        shape = width, basis.order.size
+        self.planes: FloatArray = np.empty(shape, np.float32) if single else np.empty(shape, np.float64)
 
     def share_out(self) -> None:
         """What patches have of the sets they are in: the coefficients of the whole and of all sets are known."""

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from typing import TypeVar
+from typing import Any, TypeVar
 
 Result = TypeVar("Result")
 
@@ -19,8 +19,9 @@ SHARES_A_THREAD = 4
 
 def thread_count() -> int:
     """Threads that work at once: one a processor, or as many as the environment's NUMBA_NUM_THREADS says."""
-    from numba import config
+    import numba
 
+    config: Any = numba.config
     return int(config.NUMBA_NUM_THREADS)
 
 
