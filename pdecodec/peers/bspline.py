@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,28 +50,30 @@ class BSpline(Peer):
         curves = _curves(connectivity)
         frames = points.shape[0]
         along = points.astype(np.float64)[:, curves.order]
-        fits: dict[int, tuple[Float64Array, dict[int, float]]] = {}
 
-        def fit(choice: int) -> tuple[Float64Array, dict[int, float]]:
-            """Control points at every frame, and the largest error of each key interval."""
-            if choice not in fits:
-                pieces = _pieces(curves, POINTS_PER_CONTROL[choice])
-                controls = np.concatenate([_fit(along[:, inside], count) for inside, count in pieces], axis=1)
-                errors = {}
-                for interval in KEY_INTERVALS:
-                    found = _in_between(_evaluate(controls[_keys(frames, interval)], curves, choice), frames, interval)
-                    errors[interval] = float(np.sqrt(((found - along) ** 2).sum(axis=2).max()))
-                fits[choice] = controls, errors
-            return fits[choice]
+        @cache
+        def fit(choice: int) -> Float64Array:
+            """Control points at every frame."""
+            pieces = _pieces(curves, POINTS_PER_CONTROL[choice])
+            return np.concatenate([_fit(along[:, inside], count) for inside, count in pieces], axis=1)
+
+        @cache
+        def error_of(interval: int, choice: int) -> float:
+            """The largest distance before anything is rounded."""
+            found = _in_between(_evaluate(fit(choice)[_keys(frames, interval)], curves, choice), frames, interval)
+            return math.sqrt(float(np.einsum("fvk,fvk->fv", found - along, found - along).max()))
 
         def encode(length: float) -> bytes:
+            finest = len(POINTS_PER_CONTROL) - 1
             for interval in KEY_INTERVALS:
-                for choice in range(len(POINTS_PER_CONTROL)):
-                    controls, errors = fit(choice)
-                    error = errors[interval]
+                if error_of(interval, finest) > SHARE_OF_FIT * length:
+                    continue
+                for choice in range(finest + 1):
+                    error = error_of(interval, choice)
                     if error <= SHARE_OF_FIT * length:
                         step = CONTROL_STEP * (length - error)
-                        return _write(controls[_keys(frames, interval)], step, frames, interval, choice)
+                        return _write(fit(choice)[_keys(frames, interval)], step, frames, interval, choice)
+            error = error_of(KEY_INTERVALS[-1], finest)
             raise UnreachableError(f"every point a control point is {error:.3g} off where {length:.3g} is asked for")
 
         return encode
@@ -131,14 +135,20 @@ def _fit(along: Float64Array, count: int) -> Float64Array:
     along : (frames, points, 3) float64
     count : int
     """
-    from scipy.interpolate import make_lsq_spline
+    from scipy.interpolate import BSpline as ScipyBSpline
+    from scipy.linalg import solveh_banded
 
     frames, length = along.shape[:2]
     if length <= DEGREE:
         return along
     at, knots, degree = _knots(length, count)
-    columns = along.transpose(1, 0, 2).reshape(length, -1)
-    fitted: Float64Array = make_lsq_spline(at, columns, knots, degree).c
+    design = ScipyBSpline.design_matrix(at, knots, degree)
+    # Well conditioned at these parameters, so the normal equations lose nothing that matters.
+    normal = design.T @ design
+    bands = np.zeros((degree + 1, count))
+    for above in range(degree + 1):
+        bands[degree - above, above:] = normal.diagonal(above)
+    fitted: Float64Array = solveh_banded(bands, design.T @ along.transpose(1, 0, 2).reshape(length, -1))
     controls: Float64Array = fitted.reshape(count, frames, 3).transpose(1, 0, 2)
     return controls
 
@@ -167,6 +177,8 @@ def _keys(frames: int, interval: int) -> Int64Array:
 
 def _in_between(kept: Float64Array, frames: int, interval: int) -> Float64Array:
     """Positions at all frames, by straight lines between those kept."""
+    if interval == 1:
+        return kept
     keys = _keys(frames, interval)
     at = np.arange(frames)
     left = np.clip(np.searchsorted(keys, at, side="right") - 1, 0, max(0, keys.size - 2))

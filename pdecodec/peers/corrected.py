@@ -14,7 +14,7 @@ from pdecodec.peers.peer import Encoder, Peer
 from pdecodec.peers.symbols import decode_bands, encode_bands
 from pdecodec.sequence import Connectivity, Float32Array
 
-COARSER = (2.0, 3.0, 4.5, 6.5, 9.0)
+COARSER = (1.5, 2.0, 3.0, 4.5)
 """Lengths given to the transform, over the bound; tried in this order until the bytes grow."""
 
 

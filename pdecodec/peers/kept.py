@@ -11,7 +11,7 @@ from typing import Any
 from pdecodec.errors import InputError
 from pdecodec.metrics import bits_per_vertex_frame, frame_scale
 from pdecodec.peers.peer import Peer, UnreachableError
-from pdecodec.peers.search import measure_peer
+from pdecodec.peers.search import PeerCurve
 from pdecodec.sequence import ArraySequence
 from pdecodec.whole_output import whole_file
 
@@ -71,10 +71,13 @@ class KeptCells:
         self.measured = self.kept = 0
         self._path = path
         self._cells: dict[str, dict[str, Any]] = {}
+        self._curves: tuple[str, dict[str, PeerCurve]] = ("", {})
         if path.exists() and not fresh:
             self._cells = _read(path)
 
-    def cell(self, peer: Peer, sequence: ArraySequence, digest: str, tolerance: float) -> PeerCell:
+    def cell(
+        self, peer: Peer, sequence: ArraySequence, digest: str, tolerance: float, *, curve: PeerCurve | None = None
+    ) -> PeerCell:
         """The cell from the file, or measured now and kept.
 
         Parameters
@@ -85,12 +88,15 @@ class KeptCells:
             Of the sequence, :func:`sequence_digest`.
         tolerance : float
             Largest Euclidean vertex distance over frame 0's diagonal.
+        curve : PeerCurve, optional
+            Of this peer on this sequence. Default: one that is made when the first cell is measured, and lives until
+            another sequence is measured.
         """
         key = hashlib.sha256(f"{digest} {peer.version()} {tolerance!r}".encode()).hexdigest()[:32]
         if key in self._cells:
             self.kept += 1
             return PeerCell(**self._cells[key])
-        found = measure_cell(peer, sequence, tolerance)
+        found = measure_cell(peer, sequence, tolerance, curve=curve or self._curve(peer, sequence, digest))
         self.measured += 1
         self._cells[key] = asdict(found)
         self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -100,12 +106,29 @@ class KeptCells:
             partial.write_text(json.dumps({**on_disk, **self._cells}, indent=1, sort_keys=True), encoding="utf-8")
         return found
 
+    def _curve(self, peer: Peer, sequence: ArraySequence, digest: str) -> PeerCurve:
+        if self._curves[0] != digest:
+            self._curves = (digest, {})
+        curves = self._curves[1]
+        if peer.name not in curves:
+            curves[peer.name] = PeerCurve(peer, sequence.points, sequence.connectivity)
+        return curves[peer.name]
 
-def measure_cell(peer: Peer, sequence: ArraySequence, tolerance: float) -> PeerCell:
-    """Measure one peer on one sequence at one tolerance."""
+
+def measure_cell(peer: Peer, sequence: ArraySequence, tolerance: float, *, curve: PeerCurve) -> PeerCell:
+    """Measure one peer on one sequence at one tolerance.
+
+    Parameters
+    ----------
+    peer : Peer
+    sequence : ArraySequence
+    tolerance : float
+    curve : PeerCurve
+        Of this peer on this sequence.
+    """
     scale = frame_scale(sequence.points[0])
     try:
-        result = measure_peer(peer, sequence.points, sequence.connectivity, bound=tolerance * scale)
+        result = curve.reach(tolerance * scale)
     except UnreachableError as refusal:
         return PeerCell(peer.name, peer.published, reason=str(refusal))
     return PeerCell(

@@ -75,6 +75,10 @@ class Peer(ABC):
         (frames, vertices, 3) float32 [scene units]
         """
 
+    def effective_length(self, length: float) -> float:
+        """A length that gives the same bytes as `length`, and the same one for all that do; `length` where all differ."""
+        return length
+
     def missing(self) -> str | None:
         """Why it cannot run here, with what to do about it; None where it can."""
         if self.package is None or importlib.util.find_spec(self.package) is not None:
