@@ -184,11 +184,18 @@ class PeerCurve:
     def _slope(self, near: PeerResult) -> float:
         """Of the logarithm of the error over that of the length, at a try; 1 where no other one tells."""
         apart = [(abs(math.log(made.length / near.length)), made) for made in self._tries]
-        error, other = near.distortion.max_error, min(
-            ((distance, made) for distance, made in apart if distance >= SLOPE_BASE and made.distortion.max_error > 0.0),
-            key=lambda each: each[0],
-            default=(0.0, near),
-        )[1]
+        error, other = (
+            near.distortion.max_error,
+            min(
+                (
+                    (distance, made)
+                    for distance, made in apart
+                    if distance >= SLOPE_BASE and made.distortion.max_error > 0.0
+                ),
+                key=lambda each: each[0],
+                default=(0.0, near),
+            )[1],
+        )
         if other is near:
             return 1.0
         slope = math.log(other.distortion.max_error / error) / math.log(other.length / near.length)
