@@ -11,6 +11,7 @@ from pdecodec.sequence import Connectivity, Float32Array
 
 class Zfp(Peer):
     """Fixed accuracy; only powers of two make a difference to it, so it seldom meets a bound closely."""
+
     name = "zfp"
     source = "Lindstrom 2014, Fixed-rate compressed floating-point arrays; fixed-accuracy mode"
     package = "zfpy"
