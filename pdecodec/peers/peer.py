@@ -76,7 +76,7 @@ class Peer(ABC):
         """
 
     def effective_length(self, length: float) -> float:
-        """A length that gives the same bytes as `length`, and the same one for all that do; `length` where all differ."""
+        """The one length that stands for all that give the same bytes as `length`; by default all differ."""
         return length
 
     def missing(self) -> str | None:
@@ -104,7 +104,7 @@ class Peer(ABC):
 def _shared_files() -> list[Path]:
     """The modules that several peers are made of."""
     here = Path(__file__).parent
-    shared = ("grid", "planes", "prediction", "principal", "search", "shuffle", "symbols", "traversal")
+    shared = ("grid", "planes", "prediction", "principal", "search", "shuffle", "symbols", "transform", "traversal")
     return [here / f"{name}.py" for name in shared]
 
 

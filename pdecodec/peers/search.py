@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from pdecodec.metrics import Distortion, DistortionMeter
 from pdecodec.peers.peer import Encoder, Peer, UnreachableError
+from pdecodec.peers.transform import Transform
 from pdecodec.sequence import Connectivity, Float32Array
 
-MOST_TRIES = 6
-"""Encodes that one bound may take: a few go towards it, and the error jumps about by 10 % from length to length."""
+Preview = Callable[[float], Float32Array]
+"""From a length to what its bytes would decode to."""
+
+MOST_TRIES = 8
+"""Lengths that one bound may take: a few go towards it, and errors jump by 10 % from one length to the next."""
 
 CLOSE_ENOUGH = 0.98
 """Share of the bound that need not be improved on, and of neighbouring lengths: about 1 % of the bytes."""
@@ -22,7 +27,7 @@ AIM = 0.99
 """Share of the bound that a try is aimed at: the middle of what is close enough."""
 
 WORTH_A_TRY = 0.98
-"""Share of the bytes that a coarser try must be below, though it misses the bound, for lengths before it to be tried."""
+"""Share of the bytes that a try beyond the bound must be below, for lengths between it and the bound to be tried."""
 
 FARTHEST_STEP = 16.0
 """Factor by which one step may change the length: errors of small clips jump."""
@@ -37,7 +42,7 @@ LEAST_SHARE = 0.1
 """Of a bracket's width, on a log scale: how near to its ends interpolation may go."""
 
 INTERPOLATIONS = 3
-"""Tries within a bracket that follow interpolation; where these do not come close, errors jump, and halves do better."""
+"""Tries that follow interpolation in a bracket; where they do not come close errors jump, and halves do better."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +71,10 @@ class PeerResult:
 
 
 class PeerCurve:
-    """Bytes against error of one peer on one sequence: prepared once, and every try serves every bound.
+    """Bytes against error of one peer on one sequence: prepared once, and every length tried serves every bound.
+
+    Of a :class:`Transform` lengths are tried by what they would decode to, and only the one chosen is coded. What is
+    given back was always coded and decoded again.
 
     The same bounds asked for in the same order give the same results. In another order a length may differ where two
     are close enough to the bound, and the bytes with it by about 1 %.
@@ -90,13 +98,15 @@ class PeerCurve:
         self._points = points
         self._connectivity = connectivity
         self._encode: Encoder | None = None
+        self._preview: Preview | None = None
         self._prepare_seconds = 0.0
-        self._tries: list[PeerResult] = []
+        self._errors: dict[float, float] = {}
+        self._tries: dict[float, PeerResult] = {}
 
     @property
     def tries(self) -> tuple[PeerResult, ...]:
         """All encodes made so far, the shortest length first: points of the curve."""
-        return tuple(sorted(self._tries, key=lambda made: made.length))
+        return tuple(self._tries[length] for length in sorted(self._tries))
 
     def reach(self, bound: float) -> PeerResult:
         """The smallest encoding found whose largest Euclidean vertex distance is at most `bound`.
@@ -111,95 +121,117 @@ class PeerCurve:
             If nothing tried stays within the bound.
         """
         reason = ""
-        for count in range(MOST_TRIES):
-            length = self._next_length(bound, count)
-            if length is None:
-                break
-            try:
-                self._try(length)
-            except UnreachableError as refusal:
-                reason = str(refusal)
-                break
-        within = [made for made in self._tries if made.distortion.max_error <= bound]
-        if not within:
-            least = min((made.distortion.max_error for made in self._tries), default=math.inf)
+        try:
+            self._search(bound)
+        except UnreachableError as refusal:
+            reason = str(refusal)
+        able = [made for made in self._tries.values() if made.distortion.max_error <= bound]
+        if not able:
+            least = min(self._errors.values(), default=math.inf)
             reason = reason or f"its error is {least:.3g} where {bound:.3g} is allowed"
             raise UnreachableError(f"{self._peer.name}: {reason}")
-        return min(within, key=lambda made: made.size)
+        return min(able, key=lambda made: made.size)
+
+    def _search(self, bound: float) -> None:
+        """Find a length for a bound and encode with it, where there is one."""
+        self._prepare()
+        try:
+            for count in range(MOST_TRIES):
+                length = self._next_length(bound, count)
+                if length is None:
+                    break
+                if self._preview is None:
+                    self._try(length)
+                else:
+                    self._errors[length] = largest_distance(self._points, self._preview(length))
+        finally:
+            coarsest = max((length for length, error in self._errors.items() if error <= bound), default=None)
+            if coarsest is not None and coarsest not in self._tries:
+                self._try(coarsest)
+
+    def _prepare(self) -> None:
+        if self._encode is not None:
+            return
+        started = time.perf_counter()
+        peer, connectivity = self._peer, self._connectivity
+        if isinstance(peer, Transform):
+            round_to = peer.analyse(self._points, connectivity)
+            self._encode = lambda length: peer.write(round_to(length), connectivity)
+            self._preview = lambda length: peer.synthesise(round_to(length), connectivity)
+        else:
+            self._encode = peer.prepare(self._points, connectivity)
+        self._prepare_seconds = time.perf_counter() - started
 
     def _try(self, length: float) -> None:
+        assert self._encode is not None
         started = time.perf_counter()
-        if self._encode is None:
-            self._encode = self._peer.prepare(self._points, self._connectivity)
-            self._prepare_seconds = time.perf_counter() - started
-            started = time.perf_counter()
         data = self._encode(length)
         encoded = time.perf_counter()
         decoded = self._peer.decode(data, self._connectivity)
         decode_seconds = time.perf_counter() - encoded
-        self._tries.append(
-            PeerResult(
-                peer=self._peer.name,
-                size=len(data),
-                length=length,
-                distortion=_distortion(self._points, decoded),
-                encode_seconds=self._prepare_seconds + encoded - started,
-                decode_seconds=decode_seconds,
-            )
+        distortion = _distortion(self._points, decoded)
+        self._errors[length] = distortion.max_error
+        self._tries[length] = PeerResult(
+            peer=self._peer.name,
+            size=len(data),
+            length=length,
+            distortion=distortion,
+            encode_seconds=self._prepare_seconds + encoded - started,
+            decode_seconds=decode_seconds,
         )
 
     def _next_length(self, bound: float, count: int) -> float | None:
         """What to try next for a bound after `count` tries for it; None where no length is worth a try."""
         if not self._peer.adjustable:
-            return None if self._tries else bound
+            return None if self._errors else bound
         if bound <= 0.0:
             return None
-        within = [made for made in self._tries if made.distortion.max_error <= bound]
-        beyond = [made for made in self._tries if made.distortion.max_error > bound]
-        coarsest = max(within, key=lambda made: made.length, default=None)
-        finest = min(beyond, key=lambda made: made.length, default=None)
-        if any(made.distortion.max_error >= CLOSE_ENOUGH * bound for made in within):
+        coarsest = max((length for length, error in self._errors.items() if error <= bound), default=None)
+        finest = min((length for length, error in self._errors.items() if error > bound), default=None)
+        if coarsest is not None and self._errors[coarsest] >= CLOSE_ENOUGH * bound:
             return None
         if coarsest is not None and finest is not None:
-            smallest = min(made.size for made in within)
-            if coarsest.length >= CLOSE_ENOUGH * finest.length or finest.size >= WORTH_A_TRY * smallest:
+            if coarsest >= CLOSE_ENOUGH * finest or self._saves_little(coarsest, finest):
                 return None
-            length = self._peer.effective_length(_between(coarsest, finest, bound, halve=count >= INTERPOLATIONS))
-            return None if length in (coarsest.length, finest.length) else length
-        near = coarsest or finest
+            length = self._peer.effective_length(
+                math.sqrt(coarsest * finest) if count >= INTERPOLATIONS else self._between(coarsest, finest, bound)
+            )
+            return None if length in self._errors else length
+        near = finest if coarsest is None else coarsest
         if near is None:
             return self._peer.effective_length(bound)
-        error = near.distortion.max_error
-        if error == 0.0:  # nothing to go by; a bound is a length that most peers keep
+        if self._errors[near] == 0.0:  # nothing to go by; the bound is a length that most peers keep
             length = self._peer.effective_length(bound)
-            return length if length > near.length else None
-        factor = (AIM * bound / error) ** (1.0 / self._slope(near))
-        factor = min(max(factor, 1.0 / FARTHEST_STEP), FARTHEST_STEP)
-        length = near.length * factor
+            return length if length > near else None
+        factor = (AIM * bound / self._errors[near]) ** (1.0 / self._slope(near))
+        length = near * min(max(factor, 1.0 / FARTHEST_STEP), FARTHEST_STEP)
         if count == 0 and CLOSE_ENOUGH <= length / bound <= 1.0 / CLOSE_ENOUGH:
-            length = bound  # which many peers are made to keep
+            length = bound
         length = self._peer.effective_length(length)
-        return length if length != near.length else self._peer.effective_length(near.length * (2.0 if within else 0.5))
+        return length if length != near else self._peer.effective_length(near * (0.5 if coarsest is None else 2.0))
 
-    def _slope(self, near: PeerResult) -> float:
+    def _saves_little(self, within: float, beyond: float) -> bool:
+        """Whether a length that misses the bound is known to take hardly fewer bytes than one that keeps it."""
+        if within not in self._tries or beyond not in self._tries:
+            return False
+        return self._tries[beyond].size >= WORTH_A_TRY * self._tries[within].size
+
+    def _between(self, within: float, beyond: float, bound: float) -> float:
+        """A length by interpolation, both axes logarithmic."""
+        least, largest = self._errors[within], self._errors[beyond]
+        share = math.log(AIM * bound / least) / math.log(largest / least) if least > 0.0 else 0.5
+        return within * (beyond / within) ** min(max(share, LEAST_SHARE), 1.0 - LEAST_SHARE)
+
+    def _slope(self, near: float) -> float:
         """Of the logarithm of the error over that of the length, at a try; 1 where no other one tells."""
-        apart = [(abs(math.log(made.length / near.length)), made) for made in self._tries]
-        error, other = (
-            near.distortion.max_error,
-            min(
-                (
-                    (distance, made)
-                    for distance, made in apart
-                    if distance >= SLOPE_BASE and made.distortion.max_error > 0.0
-                ),
-                key=lambda each: each[0],
-                default=(0.0, near),
-            )[1],
-        )
-        if other is near:
-            return 1.0
-        slope = math.log(other.distortion.max_error / error) / math.log(other.length / near.length)
-        return min(max(slope, SLOPES[0]), SLOPES[1])
+        logarithms = [
+            (math.log(length / near), math.log(error / self._errors[near]))
+            for length, error in self._errors.items()
+            if error > 0.0
+        ]
+        apart = [each for each in logarithms if abs(each[0]) >= SLOPE_BASE]
+        run, rise = min(apart, key=lambda each: abs(each[0]), default=(1.0, 1.0))
+        return min(max(rise / run, SLOPES[0]), SLOPES[1])
 
 
 def measure_peer(peer: Peer, points: Float32Array, connectivity: Connectivity, *, bound: float) -> PeerResult:
@@ -207,14 +239,10 @@ def measure_peer(peer: Peer, points: Float32Array, connectivity: Connectivity, *
     return PeerCurve(peer, points, connectivity).reach(bound)
 
 
-def _between(within: PeerResult, beyond: PeerResult, bound: float, *, halve: bool) -> float:
-    """A length inside a bracket: by interpolation, both axes logarithmic, or in the middle."""
-    share = 0.5
-    if not halve and within.distortion.max_error > 0.0:
-        error, largest = within.distortion.max_error, beyond.distortion.max_error
-        share = math.log(AIM * bound / error) / math.log(largest / error)
-        share = min(max(share, LEAST_SHARE), 1.0 - LEAST_SHARE)
-    return float(within.length * (beyond.length / within.length) ** share)
+def largest_distance(points: Float32Array, decoded: Float32Array) -> float:
+    """Largest Euclidean distance [scene units] of two (frames, vertices, 3) float32 arrays."""
+    missing = points.astype(np.float64) - decoded
+    return math.sqrt(float(np.einsum("fvk,fvk->fv", missing, missing).max()))
 
 
 def _distortion(points: Float32Array, decoded: Float32Array) -> Distortion:
