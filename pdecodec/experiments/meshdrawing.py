@@ -17,7 +17,7 @@ LIGHT = np.array([0.35, 0.8, 0.5])
 """Direction to the light, in the camera's axes: right, up, towards the viewer."""
 
 AMBIENT = 0.35
-"""Share of the colour that a face turned away from the light keeps."""
+"""Share of the colour that a face turned away from the light keeps, where colours need not be read off."""
 
 TURN, TILT = np.radians(12.0), np.radians(10.0)
 """The camera stands this far to the right of the front, and above."""
@@ -51,6 +51,7 @@ def draw_mesh(
     colours: Sequence[Float64Array],
     *,
     lines: bool = False,
+    ambient: float = AMBIENT,
 ) -> None:
     """Faces from far to near, shaded by the angle between their normals and the light.
 
@@ -64,6 +65,8 @@ def draw_mesh(
         0 to 1, of each face.
     lines : bool
         Whether faces have darker borders.
+    ambient : float
+        Share of the colour that a face turned away from the light keeps.
     """
     shapes: list[Float64Array] = []
     shaded, depths = [], []
@@ -73,7 +76,7 @@ def draw_mesh(
         normals = np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
         # An open tube shows its inside too: light both sides alike.
-        shade = AMBIENT + (1 - AMBIENT) * np.abs(normals @ (LIGHT / np.linalg.norm(LIGHT)))
+        shade = ambient + (1 - ambient) * np.abs(normals @ (LIGHT / np.linalg.norm(LIGHT)))
         shaded.append(np.clip(colour * shade[:, None], 0, 1))
         depths.append(corners[..., 2].mean(axis=1))
         shapes += list(corners[..., :2])

@@ -28,10 +28,11 @@ def between_exhibit(rows: Sequence[BetweenRow]) -> Exhibit:
         for field, measure in measures
         if getattr(row, field) > 0
     ]
+    kept = list(dict.fromkeys(str(value["kept"]) for value in values))
     ticks = log_ticks([float(value["error"]) for value in values])
     return Exhibit(
         name="between-frames",
-        title="Between frames",
+        title="Frames that were left out, and what came back",
         lesson=_lesson(rows),
         table=Table(
             ("one frame kept in", "way", "frames left out", "rms error over the diagonal", "maximum error"),
@@ -41,8 +42,8 @@ def between_exhibit(rows: Sequence[BetweenRow]) -> Exhibit:
         chart={
             "data": {"values": values},
             "facet": {
-                "column": {"field": "kept", "type": "nominal", "title": None, "sort": None},
-                "row": {"field": "measure", "type": "nominal", "title": None, "sort": None},
+                "column": {"field": "kept", "type": "nominal", "title": None, "sort": kept},
+                "row": {"field": "measure", "type": "nominal", "title": None, "sort": [name for _, name in measures]},
             },
             "spec": {
                 "width": 250,

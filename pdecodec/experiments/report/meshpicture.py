@@ -21,6 +21,9 @@ MOST_FACES = 60_000
 LEAST_POINT, POINT_AREA = 0.5, 30_000.0
 """Area of a vertex's disc [points^2]: as if all of them covered so much together, and never less than can be seen."""
 
+AMBIENT = 0.75
+"""Of the light: colours are to be read off, and the shape still to be seen."""
+
 WEAKEST = 0.12
 """Of the colours, so that what is exact is seen on white, too."""
 
@@ -55,7 +58,8 @@ def draw_error_pictures(figure: Figure, sequence: ArraySequence, field: ErrorFie
 def _draw(panel: Any, seen: Float64Array, connectivity: Connectivity, shares: Float64Array, heat: Any) -> None:
     if 0 < connectivity.face_count <= MOST_FACES:
         polygons = polygons_of(connectivity)
-        draw_mesh(panel, seen, polygons, [_colours(heat, shares[rows].max(axis=1)) for rows in polygons])
+        colours = [_colours(heat, shares[rows].max(axis=1)) for rows in polygons]
+        draw_mesh(panel, seen, polygons, colours, ambient=AMBIENT)
     if connectivity.line_count:
         starts = np.cumsum(connectivity.line_counts)[:-1]
         for line in np.split(connectivity.line_indices, starts):

@@ -43,7 +43,12 @@ def _sections(cells: Sequence[Cell]) -> Exhibit:
             "mark": {"type": "bar"},
             "encoding": {
                 "y": {"field": "tolerance", "type": "nominal", "sort": None, "title": "tolerance"},
-                "x": {"field": "bytes", "type": "quantitative", "title": "bytes of the whole file"},
+                "x": {
+                    "field": "bytes",
+                    "type": "quantitative",
+                    "title": "bytes of the whole file",
+                    "axis": {"format": "~s", "tickCount": 8},
+                },
                 "color": {
                     "field": "section",
                     "type": "nominal",

@@ -12,11 +12,11 @@ from pdecodec.experiments.report.coderstyle import PICKED, label, series
 from pdecodec.experiments.vegalite import WIDTH, log_axis
 
 ERRORS = {
-    "max_error": ("maximum", "maximum error over the diagonal"),
-    "rms_error": ("root mean square", "rms error over the diagonal"),
-    "kg_error": ("Karni and Gotsman", "KG error [%]"),
+    "max_error": ("maximum", "maximum error over the diagonal", "~e"),
+    "rms_error": ("root mean square", "rms error over the diagonal", "~e"),
+    "kg_error": ("Karni and Gotsman", "KG error [%]", "~g"),
 }
-"""What is drawn against the rate: field of a cell, its name, title of its axis."""
+"""What is drawn against the rate: field of a cell, its name, title of its axis, format of its numbers."""
 
 
 def rate_exhibits(cells: Sequence[Cell]) -> list[Exhibit]:
@@ -25,7 +25,7 @@ def rate_exhibits(cells: Sequence[Cell]) -> list[Exhibit]:
 
 
 def _curve(cells: Sequence[Cell], field: str) -> Exhibit:
-    name, title = ERRORS[field]
+    name, title, number = ERRORS[field]
     # A logarithm has no place for what is exact: it is a rule at its rate.
     points = [cell for cell in cells if cell.reached and cell.bpvf and getattr(cell, field) is not None]
     curved = [cell for cell in points if getattr(cell, field) > 0]
@@ -48,7 +48,7 @@ def _curve(cells: Sequence[Cell], field: str) -> Exhibit:
         "mark": {"type": "line", "point": {"size": 45, "filled": True, "strokeWidth": 0}},
         "encoding": {
             "x": log_axis("bpvf", "bits per vertex and frame (raw: 96)", rates),
-            "y": log_axis("error", title, [value["error"] for value in values], number="~e"),
+            "y": log_axis("error", title, [value["error"] for value in values], number=number),
             **series(cells),
             "order": {"field": "bpvf"},
             "tooltip": [

@@ -120,7 +120,7 @@ def recommendation_exhibit(advice: Sequence[Advice]) -> Exhibit:
         )
     return Exhibit(
         name="recommendation",
-        title="What to use",
+        title="Background, hero, archive",
         lesson="\n\n".join(item.text for item in advice),
         table=Table(
             (
