@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from pdecodec.experiments.exhibit import Exhibit, Table
 from pdecodec.experiments.report.between import BETWEEN_TOLERANCE, INTERPOLATIONS, PDECODEC, BetweenRow
-from pdecodec.experiments.vegalite import log_ticks
+from pdecodec.experiments.vegalite import log_axis
 
 COLOURS = ("#0072B2", "#009E73", "#E69F00", "#D55E00")
 
@@ -29,7 +29,7 @@ def between_exhibit(rows: Sequence[BetweenRow]) -> Exhibit:
         if getattr(row, field) > 0
     ]
     kept = list(dict.fromkeys(str(value["kept"]) for value in values))
-    ticks = log_ticks([float(value["error"]) for value in values])
+    errors = [getattr(row, field) for row in rows for field, _ in measures]
     return Exhibit(
         name="between-frames",
         title="Frames that were left out, and what came back",
@@ -51,13 +51,7 @@ def between_exhibit(rows: Sequence[BetweenRow]) -> Exhibit:
                 "mark": {"type": "point", "filled": True, "size": 120, "opacity": 1},
                 "encoding": {
                     "y": {"field": "way", "type": "nominal", "sort": ways, "title": None, "axis": {"grid": True}},
-                    "x": {
-                        "field": "error",
-                        "type": "quantitative",
-                        "title": "error over the diagonal",
-                        "scale": {"type": "log", "domain": [ticks[0], ticks[-1]], "nice": False},
-                        "axis": {"values": ticks, "format": "~e"},
-                    },
+                    "x": log_axis("error", "error over the diagonal", errors, number="~e"),
                     "color": {
                         "field": "way",
                         "type": "nominal",

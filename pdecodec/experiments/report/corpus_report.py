@@ -12,7 +12,7 @@ from pdecodec.experiments.report.coderstyle import label
 from pdecodec.experiments.report.data_and_method import method_chapter
 from pdecodec.experiments.report.measuring import ReportPlan
 from pdecodec.experiments.report.tables import geometric_mean, merit_table, size_ratio
-from pdecodec.experiments.vegalite import WIDTH, log_ticks
+from pdecodec.experiments.vegalite import WIDTH, log_axis
 
 
 def corpus_report(
@@ -99,7 +99,7 @@ def _beside_peers(cells: Sequence[Cell], plan: ReportPlan) -> Exhibit:
             assert best is not None  # there is a share of its bytes
             rows.append((cell.clip, tolerance, cell.bpvf, best.coder, best.bpvf, share))
             values.append({"clip": cell.clip, "tolerance": f"{tolerance:g}", "share": share, "best": best.coder})
-    ticks = log_ticks([share for *_, share in rows])
+    shares = [1.0, *(share for *_, share in rows)]
     tolerances = [f"{tolerance:g}" for tolerance in plan.tolerances]
     return Exhibit(
         name="beside-other-methods",
@@ -115,13 +115,7 @@ def _beside_peers(cells: Sequence[Cell], plan: ReportPlan) -> Exhibit:
                     "mark": {"type": "point", "filled": True, "size": 80, "opacity": 1},
                     "encoding": {
                         "y": {"field": "clip", "type": "nominal", "sort": None, "title": None, "axis": {"grid": True}},
-                        "x": {
-                            "field": "share",
-                            "type": "quantitative",
-                            "title": "bytes over those of the best other method",
-                            "scale": {"type": "log", "domain": [ticks[0], ticks[-1]], "nice": False},
-                            "axis": {"values": ticks, "format": "~g"},
-                        },
+                        "x": log_axis("share", "bytes over those of the best other method", shares),
                         "color": {
                             "field": "tolerance",
                             "type": "ordinal",
