@@ -17,7 +17,8 @@ from pdecodec.sequence import Connectivity, Float32Array, Float64Array
 MOST_BITS = 30
 """Of a coordinate, Draco's own limit."""
 
-COMPRESSION_LEVEL = 10
+COMPRESSION_LEVEL = 7
+"""The default of Draco's own encoder. Level 10 takes three times as long for 2 to 7 % fewer bytes."""
 
 NUMBER_BITS = 12
 """Bits a coordinate has for the number of a vertex: three coordinates name 2**36 vertices."""

@@ -40,6 +40,27 @@ class PrincipalComponents:
     coefficients: Float64Array
 
 
+@dataclass(frozen=True, eq=False)
+class RoundedComponents:
+    """Both factors and the mean as levels of their steps.
+
+    Attributes
+    ----------
+    step : float [scene units]
+        Of the coefficients; :func:`factor_steps` are those of the basis.
+    frames : int
+    mean : (columns,) int64
+    coefficients : (rows, components) int64
+    basis : (columns, components) int64
+    """
+
+    step: float
+    frames: int
+    mean: Int64Array
+    coefficients: Int64Array
+    basis: Int64Array
+
+
 def principal_components(rows: Float64Array) -> PrincipalComponents:
     """Principal components of the rows of a matrix.
 
