@@ -31,7 +31,9 @@ from pdecodec.groups import (
 from pdecodec.levelcoding import decode_levels_in_parts
 from pdecodec.modes import decode_modes
 from pdecodec.paperform import PaperForm
+from pdecodec.patches import early_patches
 from pdecodec.restcoding import decode_rest
+from pdecodec.restshape import RestShape
 from pdecodec.sequence import Connectivity
 from pdecodec.shares import thread_count
 from pdecodec.spacebasis import SpaceBasis, build_space_basis
@@ -87,14 +89,7 @@ class GroupAnimation(Animation):
         self._take(BYTES_PER_LEVEL * vertices * widest, f"{widest} functions of time on {vertices} vertices")
         longest = max(entry.frames * entry.functions for entry in self._table.entries)
         self._take(BYTES_PER_MODE * longest, f"{longest} numbers of modes")
-        self._shape = decode_rest(self._container.read("REST"), self.objects)
-        self._space: SpaceBasis = build_space_basis(
-            self._description.space,
-            self.objects,
-            self._shape.levels,
-            points=self._description.points,
-            functions=self._description.functions,
-        )
+        self._shape, self._space = self._decode_space()
         if self._space.columns != self._description.columns:
             raise CorruptFileError(
                 f"its patches have {self._space.columns} functions where section MODL says {self._description.columns}"
@@ -103,6 +98,24 @@ class GroupAnimation(Animation):
         self._rest = np.ascontiguousarray(self._shape.points.T)
         self._spline = FrameSpline(self.times)
         self._cache: DecodeCache[_DecodedGroup] = DecodeCache()
+
+    def _decode_space(self) -> tuple[RestShape, SpaceBasis]:
+        description = self._description
+        is_halved = description.space == "patch"
+        # The patches of most meshes follow from connectivity alone: they are made while the rest shape is decoded.
+        with ThreadPoolExecutor(1) as pool:
+            found = pool.submit(early_patches, self.objects, description.points) if is_halved else None
+            shape = decode_rest(self._container.read("REST"), self.objects)
+            early = found.result() if found else None
+        space = build_space_basis(
+            description.space,
+            self.objects,
+            shape.levels,
+            points=description.points,
+            functions=description.functions,
+            early=early,
+        )
+        return shape, space
 
     def _take(self, needed: int, what: str) -> None:
         self._check_memory(self._limits.max_memory - self._left + needed, what)
@@ -122,7 +135,8 @@ class GroupAnimation(Animation):
             if entry.basis == "modal":
                 modes = decode_modes(time, entry.frames, entry.functions, entry.mode_step)
             corrections = decode_group(corrected, entry.frames, self._space.starts, most_bytes=self._left)
-            return functions_of_time(entry, modes), corrections
+            with np.errstate(all="ignore"):  # a thread of its own has settings of its own
+                return functions_of_time(entry, modes), corrections
 
         # The three chunks know nothing of each other, and the compiled loops let other threads run.
         with ThreadPoolExecutor(max(thread_count() - 1, 1)) as pool:

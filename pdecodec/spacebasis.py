@@ -24,8 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.basis import SPACE_FUNCTIONS, series_functions
-from pdecodec.curves import extract_curves, face_edges, morton_order, order_lonely_points
+from pdecodec.curves import extract_curves, order_lonely_points
 from pdecodec.elements import PIECE_POINTS, arc_length_parameter, piece_starts
+from pdecodec.patches import Patches, build_patches
 from pdecodec.sequence import MeshObject
 from pdecodec.shares import in_shares
 
@@ -44,9 +45,6 @@ MOST_POINTS = 256
 NORMAL_DEGREE = 2
 """What a factor of the third principal coordinate counts in a polynomial's degree: across a surface there is less
 to describe than along it."""
-
-PLACE_BITS = 63
-"""Of a place as one number, which sorts many times faster than three."""
 
 LARGEST_DEGREE = 10
 """Of the polynomials; what comes after them is left to unit vectors."""
@@ -221,7 +219,13 @@ class SpaceBasis:
 
 
 def build_space_basis(
-    kind: SpaceKind, objects: Sequence[MeshObject], rest: Int64Array, *, points: int, functions: int
+    kind: SpaceKind,
+    objects: Sequence[MeshObject],
+    rest: Int64Array,
+    *,
+    points: int,
+    functions: int,
+    early: Patches | None = None,
 ) -> SpaceBasis:
     """The space basis of a mesh.
 
@@ -235,28 +239,22 @@ def build_space_basis(
         Vertices of a patch at most.
     functions : int
         Functions of a patch at most.
+    early : Patches, optional
+        What `pdecodec.patches.early_patches` gave; made again where the rest shape changes them.
     """
     if kind == "patch":
-        order, starts, children, set_of = _patches(objects, rest, points)
+        patches = build_patches(objects, rest, points, early)
         given = np.zeros((0, 0))
     else:
-        order, starts, given = _pieces(objects, rest, points)
-        children, set_of = _chain(starts.size - 1)
-    return _with_functions(order, starts, children, set_of, given, rest, functions)
+        patches, given = _pieces(objects, rest, points)
+    return _with_functions(patches, given, rest, functions)
 
 
-def _with_functions(
-    order: Int32Array,
-    starts: Int64Array,
-    children: Int64Array,
-    set_of: Int64Array,
-    given: Float64Array,
-    rest: Int64Array,
-    functions: int,
-) -> SpaceBasis:
+def _with_functions(patches: Patches, given: Float64Array, rest: Int64Array, functions: int) -> SpaceBasis:
     from pdecodec.kernels.patch_functions import AFFINE, affine_functions, build_joints, new_scratch
 
     table = polynomial_table()
+    order, starts, children, set_of = patches.order, patches.starts, patches.children, patches.set_of
     sizes = np.diff(starts)
     affine, patch_coordinates = np.zeros(sizes.size, np.int64), np.zeros((sizes.size, AFFINE, AFFINE))
     scratch = new_scratch(int(sizes.max(initial=0)), len(table))
@@ -290,79 +288,17 @@ def _with_functions(
     )
 
 
-def _patches(
-    objects: Sequence[MeshObject], rest: Int64Array, points: int
-) -> tuple[Int32Array, Int64Array, Int64Array, Int64Array]:
-    """Patches by halving: ``(order, starts, children, set_of)``."""
-    from pdecodec.kernels.bisection import bisect, new_scratch
-
-    starts, neighbours = mesh_graph(objects, rest)
-    order = _first_order(starts, rest)
-    room = 2 * order.size
-    begins, ends, children = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64)
-    count = bisect(starts, neighbours, points, order, begins, ends, children, new_scratch(order.size))
-    found = np.flatnonzero(children[:count] < 0)
-    found = found[np.argsort(begins[found])]
-    patch_starts = np.append(begins[found], order.size)
-    return order, patch_starts, children[:count].copy(), found
-
-
-def mesh_graph(objects: Sequence[MeshObject], rest: Int64Array) -> tuple[Int64Array, Int32Array]:
-    """Neighbours of each vertex, as ``(starts, neighbours)``: along faces, along lines, and at the same place."""
-    from pdecodec.kernels.graph import compressed_rows
-
-    tails, heads, offset = [], [], 0
-    for item in objects:
-        tail, head = face_edges(item.connectivity)
-        lines, counts = item.connectivity.line_indices, item.connectivity.line_counts
-        inside = np.ones(max(lines.size - 1, 0), dtype=bool)
-        inside[np.cumsum(counts, dtype=np.int64)[:-1] - 1] = False
-        before, after = lines[:-1][inside], lines[1:][inside]
-        tails += [tail + offset, before + offset]
-        heads += [head + offset, after + offset]
-        offset += item.connectivity.vertex_count
-    before, after = _coincident(rest)
-    tails.append(before)
-    heads.append(after)
-    return compressed_rows(np.concatenate(tails), np.concatenate(heads), offset)
-
-
-def _coincident(rest: Int64Array) -> tuple[Int32Array, Int32Array]:
-    """Chains through the vertices at equal places: each but the last of a place, and the one after it."""
-    axes = np.array(rest.T, order="C")
-    axes -= axes.min(axis=1, initial=0, keepdims=True)
-    x_bits, y_bits, z_bits = (int(extent).bit_length() for extent in axes.max(axis=1, initial=0))
-    if x_bits + y_bits + z_bits > PLACE_BITS:
-        order = np.lexsort(axes)
-        same = (rest[order[1:]] == rest[order[:-1]]).all(axis=1)
-    else:
-        places = (axes[2] << (x_bits + y_bits)) | (axes[1] << x_bits) | axes[0]
-        ordered = np.sort(places)
-        same = ordered[1:] == ordered[:-1]
-        order = np.argsort(places, kind="stable") if same.any() else np.arange(len(places))
-    return order[:-1][same].astype(np.int32), order[1:][same].astype(np.int32)
-
-
-def _first_order(starts: Int64Array, rest: Int64Array) -> Int32Array:
-    """Vertices by index; those without neighbours come last, along a Z-order curve."""
-    is_lonely = starts[1:] == starts[:-1]
-    lonely = np.flatnonzero(is_lonely)
-    if lonely.size:
-        lonely = lonely[morton_order(rest[lonely])]
-    return np.concatenate([np.flatnonzero(~is_lonely), lonely]).astype(np.int32)
-
-
-def _pieces(
-    objects: Sequence[MeshObject], rest: Int64Array, points: int
-) -> tuple[Int32Array, Int64Array, Float64Array]:
-    """Pieces of curves, with their functions before orthonormalisation: ``(order, starts, given)``."""
+def _pieces(objects: Sequence[MeshObject], rest: Int64Array, points: int) -> tuple[Patches, Float64Array]:
+    """Pieces of curves, and their functions before orthonormalisation."""
     curves = order_lonely_points(extract_curves(objects), rest)
     level = int(np.searchsorted(PIECE_POINTS, points))
     starts, _ = piece_starts(curves, np.full(curves.count, level))
     along = rest[curves.order].astype(np.float64)
     local = along - np.repeat(along[starts[:-1]], np.diff(starts), axis=0)
     shape = series_functions(arc_length_parameter(local, starts), 0.0, SPACE_FUNCTIONS)
-    return curves.order, starts, np.column_stack([np.ones(len(local)), local, shape])
+    children, set_of = _chain(starts.size - 1)
+    given = np.column_stack([np.ones(len(local)), local, shape])
+    return Patches(curves.order, starts, children, set_of), given
 
 
 def _chain(patches: int) -> tuple[Int64Array, Int64Array]:

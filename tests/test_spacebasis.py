@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from pdecodec.expansion import Expansion
 from pdecodec.kernels.group_motion import BLOCK, add_group, moved_reference, positions
 from pdecodec.kernels.patch_functions import principal_axes
+from pdecodec.patches import build_patches, early_patches, mesh_graph
 from pdecodec.sequence import Connectivity, MeshObject
 from pdecodec.shares import in_shares
-from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis, mesh_graph, polynomial_exponents
+from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis, polynomial_exponents
 
 RNG_SEED = 20
 
@@ -105,6 +106,20 @@ def test_vertices_at_one_place_are_neighbours() -> None:
     rest = np.array([[0, 0, 0], [5, 0, 0], [0, 0, 0], [9, 9, 9]], np.int64)
     starts, neighbours = mesh_graph([points_only(rest)], rest)
     assert [neighbours[a:b].tolist() for a, b in itertools.pairwise(starts)] == [[2], [], [0], []]
+
+
+@pytest.mark.parametrize("scale", [97, 2**36])
+def test_patches_before_the_rest_shape_are_those_after_it_unless_vertices_coincide(scale: int) -> None:
+    item, rest = grid(23, 17, scale=scale)
+    early = early_patches([item], 16)
+    assert early is not None
+    for field, expected in vars(build_patches([item], rest, 16)).items():
+        assert np.array_equal(getattr(early, field), expected)
+    rest[390] = rest[0]  # far apart along the faces
+    welded = build_patches([item], rest, 16, early)
+    assert not np.array_equal(welded.order, early.order)
+    assert np.array_equal(welded.order, build_patches([item], rest, 16).order)
+    assert early_patches([points_only(rest)], 16) is None
 
 
 def test_principal_axes_are_eigenvectors_by_falling_eigenvalue() -> None:
