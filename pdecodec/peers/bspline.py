@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.peers.peer import UnreachableError
 from pdecodec.peers.symbols import decode_bands, encode_bands
-from pdecodec.peers.transform import Transform
+from pdecodec.peers.transform import Transform, rounded
 from pdecodec.sequence import Connectivity, Float32Array, Float64Array
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class BSpline(Transform[Controls]):
                     error = error_of(interval, choice)
                     if error <= SHARE_OF_FIT * length:
                         step = CONTROL_STEP * (length - error)
-                        levels = np.rint(fit(choice)[_keys(frames, interval)] / step).astype(np.int64)
+                        levels = rounded(fit(choice)[_keys(frames, interval)], step)
                         return Controls(step, frames, interval, choice, levels)
             error = error_of(KEY_INTERVALS[-1], finest)
             raise UnreachableError(f"every point a control point is {error:.3g} off where {length:.3g} is asked for")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.peers.prediction import decode_over_mesh, encode_over_mesh
-from pdecodec.peers.transform import Transform
+from pdecodec.peers.transform import Transform, rounded
 from pdecodec.peers.traversal import traverse
 from pdecodec.sequence import Connectivity, Float32Array
 
@@ -44,7 +44,7 @@ class CosineInTime(Transform[Frequencies]):
         spectrum = dct(points.astype(np.float64), axis=0, norm="ortho")
 
         def round_to(length: float) -> Frequencies:
-            levels = np.rint(spectrum / length).astype(np.int64)
+            levels = rounded(spectrum, length)
             used = levels.any(axis=(1, 2))
             return Frequencies(length, len(points), levels[: used.size - int(used[::-1].argmax())])
 
