@@ -87,7 +87,8 @@ class GroupEncoder:
         self._rest = decode_rest(self._rest_bytes, sequence.objects)
         self._functions = min(MOST_FUNCTIONS, max(FEWEST_FUNCTIONS, BASIS_BYTES // (8 * max(1, sequence.vertex_count))))
         self._space = SPACES[0]
-        self._largest_square, self._sum_of_squares, self._corrections = 0.0, 0.0, 0
+        self._largest_square, self._sum_of_squares = 0.0, 0.0
+        self._corrections = self._coefficients = 0
         self._entries: list[bytes] = []
         self._chosen: list[FittedGroup] = []
         self._explained = 1.0
@@ -178,6 +179,7 @@ class GroupEncoder:
             add_frame(decoded[f], corrections, f, order, step=self._correction_step, weight=1.0)
         self._measure(fitter.points, decoded)
         self._corrections += corrections.count
+        self._coefficients += int(np.count_nonzero(fitted.levels)) + fitted.modes.size
         for spool, chunk in zip(spools, chunks, strict=True):
             spool.append(chunk)
         entry = replace(
@@ -260,6 +262,7 @@ class GroupEncoder:
             segments=len(self._entries),
             elements=basis.patches,
             columns=basis.columns,
+            coefficients=self._coefficients,
             seconds=time.perf_counter() - self._started,
             summary=self._summary(basis),
             data=data,

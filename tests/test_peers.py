@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import inspect
-import json
-import math
 import re
 import struct
 from pathlib import Path
@@ -17,7 +15,7 @@ from hypothesis import strategies as st
 from mesh_cases import connectivities, connectivity_of, grid
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError, MissingExtraError
+from pdecodec.errors import MissingExtraError
 from pdecodec.kernels.rangecoder import COUNT_MASK, ENCODE, EVEN, code_bit, finish, new_coder
 from pdecodec.metrics import frame_scale
 from pdecodec.peers.bspline import BSpline
@@ -28,7 +26,6 @@ from pdecodec.peers.cosine import CosineInTime
 from pdecodec.peers.delta import QuantiseDelta
 from pdecodec.peers.draco import Draco
 from pdecodec.peers.grid import Grid
-from pdecodec.peers.kept import KeptCells, sequence_digest
 from pdecodec.peers.lorenzo import Lorenzo
 from pdecodec.peers.meshopt import Meshopt
 from pdecodec.peers.peer import Encoder, Peer, UnreachableError
@@ -56,7 +53,7 @@ from pdecodec.peers.traversal import (
     traverse,
 )
 from pdecodec.peers.zfp import Zfp
-from pdecodec.sequence import ArraySequence, Connectivity, Float32Array, MeshObject
+from pdecodec.sequence import Connectivity, Float32Array
 
 Int64Array = NDArray[np.int64]
 
@@ -570,69 +567,3 @@ def test_integers_are_kept_in_the_fewest_bytes_and_come_back(largest: int, bytes
     narrow = narrowest(values)
     assert narrow.itemsize == bytes_each
     assert np.array_equal(unsqueeze(squeeze(narrow), narrow.dtype, narrow.shape), values)
-
-
-def sheet_sequence(points: Float32Array | None = None) -> ArraySequence:
-    return ArraySequence(wave() if points is None else points, objects=[MeshObject("sheet", SHEET)])
-
-
-def test_cells_are_measured_once_and_then_kept(tmp_path: Path) -> None:
-    sequence, path = sheet_sequence(), tmp_path / "new" / "cells.json"
-    digest = sequence_digest(sequence)
-    counts, cells = [], []
-    for fresh in (False, False, True):
-        kept = KeptCells(path, fresh=fresh)
-        cells.append(kept.cell(QuantiseDelta(), sequence, digest, 1e-3))
-        counts.append((kept.measured, kept.kept))
-    assert counts == [(1, 0), (0, 1), (1, 0)]
-    assert cells[0] == cells[1]
-    assert cells[0].bpvf == cells[2].bpvf
-    assert cells[0].max_error is not None
-    assert 0 < cells[0].max_error <= 1e-3
-
-
-def test_another_sequence_tolerance_or_peer_is_another_cell(tmp_path: Path) -> None:
-    moved = wave()
-    moved[3, 5, 1] += 0.01
-    kept = KeptCells(tmp_path / "cells.json")
-    for sequence in (sheet_sequence(), sheet_sequence(moved)):
-        for peer in (QuantiseDelta(), RawFloat16()):
-            for tolerance in (1e-2, 1e-3):
-                kept.cell(peer, sequence, sequence_digest(sequence), tolerance)
-    assert (kept.measured, kept.kept) == (8, 0)
-
-
-def test_cells_of_runs_at_the_same_time_are_all_kept(tmp_path: Path) -> None:
-    sequence, path = sheet_sequence(), tmp_path / "cells.json"
-    digest = sequence_digest(sequence)
-    first, second = KeptCells(path), KeptCells(path)
-    first.cell(QuantiseDelta(), sequence, digest, 1e-2)
-    second.cell(QuantiseDelta(), sequence, digest, 1e-3)
-    third = KeptCells(path)
-    for tolerance in (1e-2, 1e-3):
-        third.cell(QuantiseDelta(), sequence, digest, tolerance)
-    assert (third.measured, third.kept) == (0, 2)
-
-
-def test_what_a_peer_cannot_reach_is_kept_with_its_reason(tmp_path: Path) -> None:
-    sequence = sheet_sequence()
-    for _ in range(2):
-        cell = KeptCells(tmp_path / "cells.json").cell(RawFloat16(), sequence, sequence_digest(sequence), 1e-9)
-        assert cell.bpvf is None
-        assert cell.reason is not None
-        assert cell.reason.startswith("float16 + zstd: its error is")
-
-
-def test_the_digest_sees_positions_and_faces() -> None:
-    other_faces = ArraySequence(wave(), objects=[MeshObject("sheet", grid(COLUMNS, ROWS))])
-    moved = sheet_sequence(np.nextafter(wave(), np.float32(math.inf)))
-    digests = {sequence_digest(each) for each in (sheet_sequence(), sheet_sequence(), other_faces, moved)}
-    assert len(digests) == 3
-
-
-@pytest.mark.parametrize("content", ["", "[1]", '{"a": 1}', '{"a": {"size": 1}}', "\x00", json.dumps({"a": {}})])
-def test_a_file_that_holds_no_cells_is_refused_by_name(tmp_path: Path, content: str) -> None:
-    path = tmp_path / "cells.json"
-    path.write_text(content)
-    with pytest.raises(InputError, match=r"cells\.json.*delete it"):
-        KeptCells(path)

@@ -220,7 +220,8 @@ class PeerCurve:
         """A length by interpolation, both axes logarithmic."""
         least, largest = self._errors[within], self._errors[beyond]
         share = math.log(AIM * bound / least) / math.log(largest / least) if least > 0.0 else 0.5
-        return within * (beyond / within) ** min(max(share, LEAST_SHARE), 1.0 - LEAST_SHARE)
+        share = min(max(share, LEAST_SHARE), 1.0 - LEAST_SHARE)
+        return within * math.exp(share * math.log(beyond / within))
 
     def _slope(self, near: float) -> float:
         """Of the logarithm of the error over that of the length, at a try; 1 where no other one tells."""
