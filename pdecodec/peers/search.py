@@ -196,7 +196,9 @@ class PeerCurve:
             length = self._peer.effective_length(
                 math.sqrt(coarsest * finest) if count >= INTERPOLATIONS else self._between(coarsest, finest, bound)
             )
-            return None if length in self._errors else length
+            if length in self._errors:  # of a peer that sees powers of two alone
+                length = self._peer.effective_length(2.0 * coarsest)
+            return None if length in self._errors or length > finest else length
         near = finest if coarsest is None else coarsest
         if near is None:
             return self._peer.effective_length(bound)
