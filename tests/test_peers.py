@@ -377,6 +377,16 @@ def test_zfp_sees_only_powers_of_two() -> None:
         assert encode(2.0 * least) != encode(least)
 
 
+def test_the_coarsest_power_of_two_that_keeps_the_bound_is_found_for_zfp() -> None:
+    encode, decode = here(Zfp()).prepare(wave(), SHEET), Zfp().decode
+    curve = PeerCurve(Zfp(), wave(), SHEET)
+    lengths = [2.0**power for power in range(-20, 4)]
+    errors = [largest_distance(wave(), decode(encode(length), SHEET)) for length in lengths]
+    for bound in (1e-1, 1e-4, 7e-3, 1.7e-3, 4e-4):
+        expected = max(length for length, error in zip(lengths, errors, strict=True) if error <= bound)
+        assert curve.reach(bound).length == expected
+
+
 def test_much_data_takes_a_lower_level() -> None:
     assert [level_for(size) for size in (0, LARGE - 1, LARGE)] == [19, 19, 17]
     values = np.random.default_rng(0).integers(-3, 4, (30, 50))

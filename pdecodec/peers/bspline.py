@@ -119,7 +119,7 @@ class BSpline(Transform[Controls]):
 
     def synthesise(self, levels: Controls, connectivity: Connectivity) -> Float32Array:
         curves = _curves(connectivity)
-        controls = np.ascontiguousarray(levels.levels) * levels.step
+        controls: Float64Array = np.ascontiguousarray(levels.levels).astype(np.float64) * levels.step
         points = np.empty((levels.frames, connectivity.vertex_count, 3), np.float32)
         found = _evaluate(controls, curves, levels.choice)
         points[:, curves.order] = _in_between(found, levels.frames, levels.interval)

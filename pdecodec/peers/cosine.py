@@ -45,8 +45,8 @@ class CosineInTime(Transform[Frequencies]):
 
         def round_to(length: float) -> Frequencies:
             levels = rounded(spectrum, length)
-            used = levels.any(axis=(1, 2))
-            return Frequencies(length, len(points), levels[: used.size - int(used[::-1].argmax())])
+            kept = 1 + max(np.flatnonzero(levels.reshape(len(points), -1).any(axis=1)), default=0)
+            return Frequencies(length, len(points), levels[:kept])
 
         return round_to
 
