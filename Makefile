@@ -40,7 +40,7 @@ bench-rd: $(READY)
 figures: $(READY)
 	$(PIP) --editable '.[peers]'
 	$(BIN)/pdecodec report $(DATA) -o out/corpus
-	$(BIN)/python docs/make_figures.py out/corpus README.md
+	$(BIN)/python docs/make_figures.py out/corpus README.md docs/bytes-against-error.png
 
 # The paper reproduced and judged, and the atlas of stability; docs/paper keeps what the README quotes.
 reproduce: $(INSTALLED)
