@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-com
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test browser lint types bench bench-rd reproduce stability paper docs vectors clean
+.PHONY: demo test browser lint types bench bench-rd figures reproduce stability paper docs vectors clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
@@ -35,6 +35,12 @@ bench-rd: $(READY)
 	mkdir -p out
 	$(if $(SEQUENCES),,$(BIN)/pdecodec simulate cube-rope -o out/rope.npz --frames 60 --overwrite)
 	$(BIN)/pdecodec report $(or $(SEQUENCES),out/rope.npz) -o out/bench-rd $(OPTIONS)
+
+# make figures DATA=folder: the corpus report, and its table in the README.
+figures: $(READY)
+	$(PIP) --editable '.[peers]'
+	$(BIN)/pdecodec report $(DATA) -o out/corpus
+	$(BIN)/python docs/make_figures.py out/corpus README.md docs/bytes-against-error.png
 
 # The paper reproduced and judged, and the atlas of stability; docs/paper keeps what the README quotes.
 reproduce: $(INSTALLED)

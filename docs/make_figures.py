@@ -1,6 +1,6 @@
-"""Put the tables of a corpus report into the README, between its two marks: `make figures`.
+"""Put the tables of a corpus report into the README, between its two marks, and a chart beside it: `make figures`.
 
-``python docs/make_figures.py out/corpus README.md``
+``python docs/make_figures.py out/corpus README.md docs/bytes-against-error.png``
 """
 
 from __future__ import annotations
@@ -13,10 +13,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from PIL import Image
+
 BEGIN, END = "<!-- corpus:begin -->", "<!-- corpus:end -->"
 
-LEFT_OUT = ("tolerance", "within %", "ours / best as published")
-"""Columns that say the same in every row, or want more explanation than there is room for."""
+LEFT_OUT = ("tolerance", "within %")
+"""Columns that say the same in every row."""
+
+COLOURS = 128
+"""Of the chart: lines, and what is between them and white."""
 
 
 def tables(record: Mapping[str, Any], *, made: str, machine: str) -> str:
@@ -62,17 +67,20 @@ def _text(cell: Any) -> str:
     return str(cell)
 
 
-def main(report: Path, readme: Path) -> None:
-    """Replace what is between the marks."""
+def main(report: Path, readme: Path, chart: Path) -> None:
+    """Replace what is between the marks; the chart is that of the clip with most positions."""
     record_file = report / "report.json"
+    record = json.loads(record_file.read_text(encoding="utf-8"))
+    largest = max(record["points"], key=lambda point: point["frames"] * point["vertices"])["clip"]
+    with Image.open(report / largest / "bytes-max-error.png") as picture:
+        picture.convert("RGB").quantize(COLOURS).save(chart, optimize=True)
     made = time.strftime("%Y-%m-%d", time.gmtime(record_file.stat().st_mtime))
-    text = tables(
-        json.loads(record_file.read_text(encoding="utf-8")), made=made, machine=f"a machine of {os.cpu_count()} cores"
-    )
+    text = f"![Bytes against the maximum error, of {largest}]({os.path.relpath(chart, readme.parent)})\n\n"
+    text += tables(record, made=made, machine=f"a machine of {os.cpu_count()} cores")
     before, rest = readme.read_text(encoding="utf-8").split(BEGIN)
     after = rest.split(END)[1]
     readme.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:3]))
+    main(*map(Path, sys.argv[1:4]))

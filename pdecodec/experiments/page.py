@@ -86,7 +86,7 @@ def _exhibit(exhibit: Exhibit, picture: bytes | None) -> str:
     elif picture is not None:
         parts.append(f"<figure>{_image(exhibit.title, picture, 'png')}</figure>")
         files.insert(0, f"{exhibit.name}.png")
-    if exhibit.shows_table:
+    if exhibit.shows_table and exhibit.table.rows:
         parts.append(_table(exhibit.table))
     if exhibit.consequence:
         parts.append(f'<p class="consequence"><b>What pdecodec does:</b> {escape(exhibit.consequence)}</p>')

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.peers.peer import UnreachableError
 from pdecodec.peers.symbols import decode_bands, encode_bands
-from pdecodec.peers.transform import Transform
+from pdecodec.peers.transform import Transform, rounded
 from pdecodec.sequence import Connectivity, Float32Array, Float64Array
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class BSpline(Transform[Controls]):
                     error = error_of(interval, choice)
                     if error <= SHARE_OF_FIT * length:
                         step = CONTROL_STEP * (length - error)
-                        levels = np.rint(fit(choice)[_keys(frames, interval)] / step).astype(np.int64)
+                        levels = rounded(fit(choice)[_keys(frames, interval)], step)
                         return Controls(step, frames, interval, choice, levels)
             error = error_of(KEY_INTERVALS[-1], finest)
             raise UnreachableError(f"every point a control point is {error:.3g} off where {length:.3g} is asked for")
@@ -119,7 +119,7 @@ class BSpline(Transform[Controls]):
 
     def synthesise(self, levels: Controls, connectivity: Connectivity) -> Float32Array:
         curves = _curves(connectivity)
-        controls = np.ascontiguousarray(levels.levels) * levels.step
+        controls: Float64Array = np.ascontiguousarray(levels.levels).astype(np.float64) * levels.step
         points = np.empty((levels.frames, connectivity.vertex_count, 3), np.float32)
         found = _evaluate(controls, curves, levels.choice)
         points[:, curves.order] = _in_between(found, levels.frames, levels.interval)

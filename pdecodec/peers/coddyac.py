@@ -9,7 +9,7 @@ import numpy as np
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.peers.prediction import decode_over_mesh, decode_over_time, encode_over_mesh, encode_over_time
 from pdecodec.peers.principal import RoundedComponents, factor_steps, principal_components, quantise_columns
-from pdecodec.peers.transform import Transform
+from pdecodec.peers.transform import Transform, rounded
 from pdecodec.peers.traversal import traverse
 from pdecodec.sequence import Connectivity, Float32Array
 
@@ -33,7 +33,7 @@ class Coddyac(Transform[RoundedComponents]):
         def round_to(length: float) -> RoundedComponents:
             levels, used = quantise_columns(parts.coefficients, length)
             basis = np.rint(parts.basis[:, used] / factor_steps(levels)).astype(np.int64, order="C")
-            mean = np.rint(parts.mean / (MEAN_STEP * length)).astype(np.int64)
+            mean = rounded(parts.mean, MEAN_STEP * length)
             return RoundedComponents(length, frames, mean, levels, basis)
 
         return round_to

@@ -14,7 +14,7 @@ from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.peers.grid import BELOW_BOUND, CUBE_DIAGONAL
 from pdecodec.peers.peer import Encoder, Peer
 from pdecodec.peers.symbols import decode_bands, encode_bands
-from pdecodec.peers.transform import Transform
+from pdecodec.peers.transform import Transform, rounded
 from pdecodec.sequence import Connectivity, Float32Array
 
 COARSER = (1.5, 2.0, 3.0, 4.5)
@@ -41,19 +41,24 @@ class Corrected(Peer):
         round_to = transform.analyse(points, connectivity)
 
         def encode(length: float) -> bytes:
-            smallest = None
+            smallest, of_transform, before = b"", b"", 0.0
             for coarser in COARSER:
-                rounded = round_to(coarser * length)
-                levels = _corrections(points, transform.synthesise(rounded, connectivity), length)
+                rounded_to = round_to(coarser * length)
+                levels = _corrections(points, transform.synthesise(rounded_to, connectivity), length)
+                corrections = encode_bands(levels.reshape(len(points), -1))
+                # A transform's bytes fall less than its length rises: often that tells without coding it.
+                least = len(corrections) + len(of_transform) * before / coarser
+                if smallest and least >= len(smallest):
+                    break
+                of_transform, before = transform.write(rounded_to, connectivity), coarser
                 writer = FieldWriter()
                 writer.numbers("d", _step(length))
-                writer.sized(transform.write(rounded, connectivity))
-                writer.sized(encode_bands(levels.reshape(len(points), -1)))
+                writer.sized(of_transform)
+                writer.sized(corrections)
                 data = writer.to_bytes()
-                if smallest is not None and len(data) >= len(smallest):
+                if smallest and len(data) >= len(smallest):
                     break
                 smallest = data
-            assert smallest is not None
             return smallest
 
         return encode
@@ -79,5 +84,5 @@ def _corrections(points: Float32Array, decoded: Float32Array, bound: float) -> N
     missing = points.astype(np.float64) - decoded
     beyond = np.einsum("fvk,fvk->fv", missing, missing) > bound**2
     levels = np.zeros(points.shape, np.int64)
-    levels[beyond] = np.rint(missing[beyond] / _step(bound)).astype(np.int64)
+    levels[beyond] = rounded(missing[beyond], _step(bound))
     return levels

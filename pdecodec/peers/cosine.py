@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.peers.prediction import decode_over_mesh, encode_over_mesh
-from pdecodec.peers.transform import Transform
+from pdecodec.peers.transform import Transform, rounded
 from pdecodec.peers.traversal import traverse
 from pdecodec.sequence import Connectivity, Float32Array
 
@@ -44,9 +44,9 @@ class CosineInTime(Transform[Frequencies]):
         spectrum = dct(points.astype(np.float64), axis=0, norm="ortho")
 
         def round_to(length: float) -> Frequencies:
-            levels = np.rint(spectrum / length).astype(np.int64)
-            used = levels.any(axis=(1, 2))
-            return Frequencies(length, len(points), levels[: used.size - int(used[::-1].argmax())])
+            levels = rounded(spectrum, length)
+            kept = 1 + max(np.flatnonzero(levels.reshape(len(points), -1).any(axis=1)), default=0)
+            return Frequencies(length, len(points), levels[:kept])
 
         return round_to
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.peers.transform import rounded
 from pdecodec.sequence import Float64Array
 
 Int64Array = NDArray[np.int64]
@@ -90,7 +91,7 @@ def quantise_columns(columns: Float64Array, step: float) -> tuple[Int64Array, In
     levels : (rows, used) int64
     used : (used,) int64
     """
-    levels = np.rint(columns / step).astype(np.int64)
+    levels = rounded(columns, step)
     used = np.flatnonzero(levels.any(axis=0))
     return np.ascontiguousarray(levels[:, used]), used
 

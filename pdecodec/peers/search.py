@@ -196,7 +196,9 @@ class PeerCurve:
             length = self._peer.effective_length(
                 math.sqrt(coarsest * finest) if count >= INTERPOLATIONS else self._between(coarsest, finest, bound)
             )
-            return None if length in self._errors else length
+            if length in self._errors:  # of a peer that sees powers of two alone
+                length = self._peer.effective_length(2.0 * coarsest)
+            return None if length in self._errors or length > finest else length
         near = finest if coarsest is None else coarsest
         if near is None:
             return self._peer.effective_length(bound)
@@ -220,7 +222,8 @@ class PeerCurve:
         """A length by interpolation, both axes logarithmic."""
         least, largest = self._errors[within], self._errors[beyond]
         share = math.log(AIM * bound / least) / math.log(largest / least) if least > 0.0 else 0.5
-        return within * (beyond / within) ** min(max(share, LEAST_SHARE), 1.0 - LEAST_SHARE)
+        share = min(max(share, LEAST_SHARE), 1.0 - LEAST_SHARE)
+        return within * math.exp(share * math.log(beyond / within))
 
     def _slope(self, near: float) -> float:
         """Of the logarithm of the error over that of the length, at a try; 1 where no other one tells."""

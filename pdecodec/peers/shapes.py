@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.peers.prediction import decode_over_mesh, decode_over_time, encode_over_mesh, encode_over_time
 from pdecodec.peers.principal import RoundedComponents, factor_steps, principal_components, quantise_columns
-from pdecodec.peers.transform import Transform
+from pdecodec.peers.transform import Transform, rounded
 from pdecodec.peers.traversal import traverse
 from pdecodec.sequence import Connectivity, Float32Array
 
@@ -35,7 +36,7 @@ class PrincipalShapes(Transform[RoundedComponents]):
 
         def round_to(length: float) -> RoundedComponents:
             levels, used = quantise_columns(shapes, length)
-            mean = np.rint(parts.mean / (length / np.sqrt(frames))).astype(np.int64)
+            mean = rounded(parts.mean, length / math.sqrt(frames))
             rounded_weights = np.rint(weights[:, used] / factor_steps(levels)).astype(np.int64, order="C")
             return RoundedComponents(length, frames, mean, levels, rounded_weights)
 
@@ -61,7 +62,7 @@ class PrincipalShapes(Transform[RoundedComponents]):
 
     def synthesise(self, levels: RoundedComponents, connectivity: Connectivity) -> Float32Array:
         weights = levels.basis * factor_steps(levels.coefficients)
-        mean = levels.mean * (levels.step / np.sqrt(levels.frames))
+        mean = levels.mean * (levels.step / math.sqrt(levels.frames))
         shapes = levels.coefficients * levels.step
         points: Float32Array = (mean + weights @ shapes.T).astype(np.float32).reshape(levels.frames, -1, 3)
         return points

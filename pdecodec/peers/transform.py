@@ -6,10 +6,16 @@ from abc import abstractmethod
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from pdecodec.peers.peer import Encoder, Peer
-from pdecodec.sequence import Connectivity, Float32Array
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.peers.peer import Encoder, Peer, UnreachableError
+from pdecodec.sequence import Connectivity, Float32Array, Float64Array
 
 Levels = TypeVar("Levels")
+
+MOST_BITS = 52
+"""Of a level: more are finer than a float64 tells apart."""
 
 
 class Transform(Peer, Generic[Levels]):
@@ -53,3 +59,17 @@ class Transform(Peer, Generic[Levels]):
 
     def decode(self, data: bytes, connectivity: Connectivity) -> Float32Array:
         return self.synthesise(self.read(data, connectivity), connectivity)
+
+
+def rounded(values: Float64Array, step: float) -> NDArray[np.int64]:
+    """Levels of the nearest multiples of a step.
+
+    Raises
+    ------
+    UnreachableError
+        If one would have more than :data:`MOST_BITS` bits.
+    """
+    largest = float(np.abs(values).max(initial=0.0))
+    if largest >= 2.0**MOST_BITS * step:
+        raise UnreachableError(f"steps of {step:.3g} for numbers up to {largest:.3g} are more than {MOST_BITS} bits")
+    return np.rint(values / step).astype(np.int64)

@@ -13,8 +13,8 @@ from pdecodec.experiments.vegalite import log_axis
 PANEL_WIDTH, PANEL_HEIGHT = 330, 340
 """Of two panels side by side [pixels]."""
 
-EXACT = 1e-8
-"""Where errors of zero are drawn, over the diagonal: below float32's own rounding."""
+BELOW_ALL = 0.3
+"""Where errors of zero are drawn, which a logarithm has no place for: over the smallest other error."""
 
 DIRECTIONS = (("encode_rate", "encoding"), ("decode_rate", "opening and decoding"))
 
@@ -22,15 +22,17 @@ DIRECTIONS = (("encode_rate", "encoding"), ("decode_rate", "opening and decoding
 def speed_exhibits(cells: Sequence[Cell], reference: float) -> list[Exhibit]:
     """Speed against error over all tolerances, and speed against size at the one of reference."""
     able = [cell for cell in cells if cell.reached and cell.encode_rate and cell.decode_rate]
+    errors = [cell.max_error for cell in able if cell.max_error]
+    exact = BELOW_ALL * min(errors, default=reference)
     at_reference = [cell for cell in able if cell.tolerance == reference]
     return [
         _exhibit(
             able,
             "speed-error",
             "Speed against error",
-            ("maximum error over the diagonal", lambda cell: max(cell.max_error or 0.0, EXACT), "~e"),
+            ("maximum error over the diagonal", lambda cell: cell.max_error or exact, "~e"),
             "Every tolerance is a point; up and left is worse, down and right is better. What is exact lies at the "
-            "bottom. The line is the front: nothing below it is as fast.",
+            "bottom. The line is the Pareto front: nothing below it is as fast.",
         ),
         _exhibit(
             at_reference,
