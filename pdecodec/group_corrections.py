@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pdecodec.corrections import FrameCorrections
 from pdecodec.errors import CorruptFileError, LimitError
-from pdecodec.shares import side_by_side
+from pdecodec.shares import in_shares, side_by_side
 
 if TYPE_CHECKING:
     from pdecodec.kernels.correction_model import Coding, Places, Records
@@ -121,11 +121,18 @@ def correct_group(
     from pdecodec.kernels.corrections import correct_misses, find_misses
 
     missed, counts = np.empty(points.shape[:2], np.bool_), np.empty(len(points), np.int64)
-    find_misses(points, base, bound, missed, counts)
+    in_shares(lambda first, end: find_misses(first, end, points, base, bound, missed, counts), len(points))
     starts = np.append(0, np.cumsum(counts))
     count = int(starts[-1])
     places, levels, within = np.empty(count, np.int64), np.empty((count, 3), np.int64), np.empty(count, np.bool_)
-    correct_misses(points, base, order, bound, step, missed, starts, places, levels, within)
+
+    def correct(first: int, end: int) -> None:
+        scratch = np.empty(3, np.float32)
+        correct_misses(
+            first, end, points, base, order, bound, step, missed, starts, places, levels, within, scratch
+        )  # fmt: skip
+
+    in_shares(correct, len(points))
     if within.all():
         none = no_corrections(len(points))
         return GroupCorrections(starts, places, levels, none.literal_frame_starts, none.literal_places, none.literals)
