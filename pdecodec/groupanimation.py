@@ -108,13 +108,13 @@ class GroupAnimation(Animation):
     def _decode(self, index: int) -> _DecodedGroup:
         entry = self._table.entries[index]
         time, coefficients, corrected = self._table.read_chunks(self._container, index)
-        if entry.basis != "modal" and time:
+        if entry.basis == "pde" and time:
             raise CorruptFileError("section TIME has modes of a group that needs none")
 
         def beside() -> tuple[Float64Array, GroupCorrections]:
             modes = np.zeros((entry.frames, 3, 0))
-            if entry.basis == "modal":
-                modes = decode_modes(time, entry.frames, entry.functions, entry.mode_step)
+            if entry.basis != "pde":
+                modes = decode_modes(time, entry.frames, entry.functions, entry.mode_step, axes=entry.mode_axes)
             return modes, decode_group(corrected, entry.frames, self._space.starts, most_bytes=self._left)
 
         # The three chunks know nothing of each other, and the compiled loops let other threads run.

@@ -125,11 +125,11 @@ def choose_group(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, *, 
 
     choice = _walk(usual, "steps", len(STEPS), cost)
     if effort > 1 and fitter.trajectories:
-        other: TimeBasis = "pde" if choice.time == "modal" else "modal"
-        if cost(replace(choice, time=other)) < OTHER_WORTH_A_LOOK * cost(choice):
-            rival = _walk(replace(choice, time=other), "steps", len(STEPS), cost)
-            choice = min(choice, rival, key=cost)
-        if choice.time == "modal":
+        for other in TIME_BASES:
+            if other != usual.time and cost(replace(choice, time=other)) < OTHER_WORTH_A_LOOK * cost(choice):
+                rival = _walk(replace(choice, time=other), "steps", len(STEPS), cost)
+                choice = min(choice, rival, key=cost)
+        if choice.time != "pde":
             choice = _walk(choice, "mode_steps", len(MODE_STEPS), cost)
             choice = _walk(choice, "steps", len(STEPS), cost)
     return ChosenGroup(fitter, choice, found[choice])

@@ -53,7 +53,7 @@ class FittedGroup:
     ----------
     entry : GroupEntry
         Sizes and checksum still zero.
-    modes : (frames, 3, functions) float64
+    modes : (frames, 3 or 1, functions) float64
         Before coding, scaled; empty under basis "pde".
     levels : (columns, width) int64
     functions : GroupFunctions
@@ -123,15 +123,29 @@ class GroupFitter:
         return int(self._principal[0].size)
 
     @cached_property
+    def _principal_shapes(self) -> tuple[Float64Array, Float64Array]:
+        """As `_principal`, of functions of time that are the same on all axes: (frames, n)."""
+        least = (TAIL * self._unit) ** 2 * self._moved.shape[0] * self.frames
+        by_axis = np.ascontiguousarray(self._moved.reshape(-1, self.frames, 3).transpose(0, 2, 1))
+        energies, axes = principal_trajectories(by_axis.reshape(-1, self.frames), least)
+        return energies[:MOST_FUNCTIONS], axes[:, :MOST_FUNCTIONS]
+
+    @cached_property
     def _modal_coefficients(self) -> Float64Array:
         return self._moved @ self._principal[1]
 
     @cached_property
+    def _shape_coefficients(self) -> Float64Array:
+        return self._along(self._principal_shapes[1])
+
+    @cached_property
     def _cosine_coefficients(self) -> Float64Array:
-        frames = self.frames
-        used = min(frames, MOST_FUNCTIONS)
-        split = self._moved.reshape(-1, frames, 3)
-        found: Float64Array = np.einsum("vfx,fa->vax", split, cosines(frames, used), optimize=True)
+        return self._along(cosines(self.frames, min(self.frames, MOST_FUNCTIONS)))
+
+    def _along(self, functions: Float64Array) -> Float64Array:
+        """Products with functions of time (frames, n): (vertices, 3 n), an axis after the other within each."""
+        split = self._moved.reshape(-1, self.frames, 3)
+        found: Float64Array = np.einsum("vfx,fa->vax", split, functions, optimize=True)
         return found.reshape(len(split), -1)
 
     def explained(self, functions: int) -> float:
@@ -141,16 +155,19 @@ class GroupFitter:
 
     def level_bits(self, basis: SpaceBasis, steps: float, time_basis: TimeBasis) -> float:
         """Bits of the coefficients alone at a step of `steps` units: to compare space bases by."""
-        modal = time_basis == "modal"
-        values = self._modal_coefficients if modal else self._cosine_coefficients
-        levels = _quantise(basis.project(values), steps * self._unit)
-        return measure_levels(levels, basis, axes=1 if modal else 3)
+        levels = _quantise(basis.project(self._coefficients(time_basis)), steps * self._unit)
+        return measure_levels(levels, basis, axes=1 if time_basis == "modal" else 3)
+
+    def _coefficients(self, time_basis: TimeBasis) -> Float64Array:
+        if time_basis == "modal":
+            return self._modal_coefficients
+        return self._shape_coefficients if time_basis == "shapes" else self._cosine_coefficients
 
     def fit(self, basis: SpaceBasis, time_basis: TimeBasis, steps: float, mode_steps: float) -> FittedGroup:
         """Fit with a step of `steps` units for coefficients, and `mode_steps` times that for modes."""
         step = steps * self._unit
-        if time_basis == "modal":
-            entry, modes, decoded_modes, levels, bits = self._fit_modal(basis, step, step * mode_steps)
+        if time_basis != "pde":
+            entry, modes, decoded_modes, levels, bits = self._fit_modes(basis, time_basis, step, step * mode_steps)
         else:
             modes = decoded_modes = np.zeros((self.frames, 3, 0))
             levels = _quantise(basis.project(self._cosine_coefficients), step)
@@ -168,21 +185,25 @@ class GroupFitter:
     def _entry(self, functions: int, basis: TimeBasis, step: float, mode_step: float) -> GroupEntry:
         return GroupEntry(self.frames, functions, basis, self._single, step, mode_step, (0, 0, 0), 0)
 
-    def _fit_modal(
-        self, basis: SpaceBasis, step: float, mode_step: float
+    def _fit_modes(
+        self, basis: SpaceBasis, time_basis: TimeBasis, step: float, mode_step: float
     ) -> tuple[GroupEntry, Float64Array, Float64Array, Int64Array, float]:
-        energies, axes = self._principal
-        used = np.flatnonzero(_quantise(basis.project(self._modal_coefficients), step).any(axis=0))
+        is_modal = time_basis == "modal"
+        energies, axes = self._principal if is_modal else self._principal_shapes
+        each = 1 if is_modal else 3
+        levels = _quantise(basis.project(self._coefficients(time_basis)), step)
+        used = np.arange(energies.size)[_needed(levels, each)]
         while True:
-            scaled = (axes[:, used] * np.sqrt(energies[used])).reshape(self.frames, 3, used.size)
+            scaled = (axes[:, used] * np.sqrt(energies[used])).reshape(self.frames, -1, used.size)
             bits, decoded = measure_modes(scaled, mode_step) if used.size else (0.0, scaled)
-            unit = normalised_modes(decoded).reshape(3 * self.frames, used.size)
+            unit = normalised_modes(decoded).reshape(-1, used.size)
             # Decoded trajectories are no longer quite orthogonal, and coarse ones may coincide: least squares.
             inverse = np.linalg.pinv(unit.T @ unit, rcond=ALIKE, hermitian=True) if used.size else np.zeros((0, 0))
-            levels = _quantise(basis.project((self._moved @ unit) @ inverse), step)
-            needed = levels.any(axis=0)
+            dual = unit @ inverse
+            levels = _quantise(basis.project(self._moved @ dual if is_modal else self._along(dual)), step)
+            needed = _needed(levels, each)
             if needed.all():
-                return self._entry(int(used.size), "modal", step, mode_step), scaled, decoded, levels, bits
+                return self._entry(int(used.size), time_basis, step, mode_step), scaled, decoded, levels, bits
             used = used[needed]
 
     def decoded(self, basis: SpaceBasis, functions: GroupFunctions) -> Float32Array:
@@ -203,6 +224,11 @@ class GroupFitter:
         )
 
 
+def _needed(levels: Int64Array, each: int) -> NDArray[np.bool_]:
+    """Functions of time that have a level: of `each` columns one."""
+    return levels.any(axis=0).reshape(-1, each).any(axis=1)
+
+
 def _quantise(values: Float64Array, step: float) -> Int64Array:
     return np.copysign(np.floor(np.abs(values) / step + (1.0 - ROUND_UP_AT)), values).astype(np.int64)
 
@@ -211,7 +237,7 @@ def encode_motion(fitted: FittedGroup, basis: SpaceBasis) -> tuple[bytes, bytes,
     """A group's chunks of TIME and COEF, and the functions that a decoder makes of these bytes."""
     entry = fitted.entry
     time, modes = b"", np.zeros((entry.frames, 3, 0))
-    if entry.basis == "modal" and entry.functions:
+    if entry.basis != "pde" and entry.functions:
         time, modes = encode_modes(fitted.modes, entry.mode_step)
     coefficients = encode_levels(fitted.levels, basis, axes=entry.axes) if entry.width else b""
     return time, coefficients, group_functions(entry, modes, fitted.levels, basis)
