@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.displacements import ORIGINS, Origin
 from pdecodec.groupfit import FittedGroup, GroupFitter
 from pdecodec.groups import GROUP_ENTRY, TIME_BASES, TimeBasis
 from pdecodec.sequence import MeshObject
@@ -30,6 +31,11 @@ SPACES: tuple[tuple[SpaceKind, int], ...] = (
     ("curve", 128),
 )
 """Space bases to choose from; the quick efforts look at the first ones only."""
+
+SMALL_MESH = 4096
+"""Vertices up to which two more are looked at, whatever the effort but the lowest."""
+
+SPACES_OF_SMALL: tuple[tuple[SpaceKind, int], ...] = (("patch", 256), ("patch", 8))
 
 LARGER_MUST_SAVE = 0.08
 """Of the coefficients' bits, where patches or pieces are larger than the first: making their functions takes the square
@@ -57,14 +63,15 @@ SHORTEST_PART = 8
 
 @dataclass(frozen=True)
 class GroupChoice:
-    """Time basis, and indices of STEPS and MODE_STEPS."""
+    """Time basis, what displacements are measured from, and indices of STEPS and MODE_STEPS."""
 
     time: TimeBasis
+    origin: Origin
     steps: int
     mode_steps: int
 
 
-FIRST_CHOICE = GroupChoice("modal", START, 1)
+FIRST_CHOICE = GroupChoice("modal", "rest", START, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +84,7 @@ class ChosenGroup:
 
 
 def choose_space(
-    groups: Sequence[tuple[GroupFitter, TimeBasis]],
+    groups: Sequence[tuple[GroupFitter, GroupChoice]],
     objects: Sequence[MeshObject],
     rest: NDArray[np.int64],
     *,
@@ -88,7 +95,7 @@ def choose_space(
 
     Parameters
     ----------
-    groups : sequence of (GroupFitter, TimeBasis)
+    groups : sequence of (GroupFitter, GroupChoice)
     objects : sequence of MeshObject
     rest : (vertices, 3) int64
         Rest shape in steps.
@@ -97,12 +104,14 @@ def choose_space(
     effort : int
         1 to 9.
     """
-    moving = [(fitter, time) for fitter, time in groups if fitter.trajectories]
+    moving = [(fitter, choice) for fitter, choice in groups if fitter.trajectories]
     looked_at = SPACES[: 1 + effort // 2] if moving else SPACES[:1]
+    if moving and effort > 1 and len(rest) <= SMALL_MESH:
+        looked_at += SPACES_OF_SMALL
     found: list[tuple[float, SpaceBasis, tuple[SpaceKind, int]]] = []
     for kind, points in looked_at:
         basis = build_space_basis(kind, objects, rest, points=points, functions=functions)
-        bits = sum(fitter.level_bits(basis, STEPS[START], time) for fitter, time in moving)
+        bits = sum(fitter.level_bits(basis, STEPS[START], choice.time, choice.origin) for fitter, choice in moving)
         if points > SPACES[0][1] and effort < SMALLEST_AT_ANY_PRICE:
             bits /= 1.0 - LARGER_MUST_SAVE
         found.append((bits, basis, (kind, points)))
@@ -116,7 +125,7 @@ def choose_group(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, *, 
 
     def cost(choice: GroupChoice) -> float:
         if choice not in found:
-            found[choice] = fitter.fit(basis, choice.time, STEPS[choice.steps], MODE_STEPS[choice.mode_steps])
+            found[choice] = _fit(fitter, basis, choice)
             best = min(found, key=lambda item: found[item].bits)
             for other in list(found):  # only the best is kept whole
                 if other != best and found[other].levels.size:
@@ -125,10 +134,11 @@ def choose_group(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, *, 
 
     choice = _walk(usual, "steps", len(STEPS), cost)
     if effort > 1 and fitter.trajectories:
-        for other in TIME_BASES:
-            if other != usual.time and cost(replace(choice, time=other)) < OTHER_WORTH_A_LOOK * cost(choice):
-                rival = _walk(replace(choice, time=other), "steps", len(STEPS), cost)
-                choice = min(choice, rival, key=cost)
+        for other in _others(usual):
+            # What costs least with one basis may be far from it with another.
+            rival = min((replace(other, steps=steps) for steps in {choice.steps, START}), key=cost)
+            if cost(rival) < OTHER_WORTH_A_LOOK * cost(choice):
+                choice = min(choice, _walk(rival, "steps", len(STEPS), cost), key=cost)
         if choice.time != "pde":
             choice = _walk(choice, "mode_steps", len(MODE_STEPS), cost)
             choice = _walk(choice, "steps", len(STEPS), cost)
@@ -141,7 +151,7 @@ def divided(group: ChosenGroup, basis: SpaceBasis, *, effort: int) -> list[Chose
     frames, vertices = fitter.points.shape[:2]
     if effort < LEAST_EFFORT_TO_DIVIDE or bits < WORTH_DIVIDING * frames * vertices:
         return [group]
-    _, lengths = _division(fitter, basis)
+    _, lengths = _division(fitter, basis, replace(FIRST_CHOICE, origin=group.choice.origin))
     if len(lengths) == 1:
         return [group]
     parts: list[ChosenGroup] = []
@@ -154,14 +164,14 @@ def divided(group: ChosenGroup, basis: SpaceBasis, *, effort: int) -> list[Chose
     return parts if together < bits + BITS_OF_A_GROUP else [group]
 
 
-def _division(fitter: GroupFitter, basis: SpaceBasis) -> tuple[float, list[int]]:
+def _division(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice) -> tuple[float, list[int]]:
     """The division that costs least with untuned steps: bits, and the lengths of the parts."""
-    fits = [fitter.fit(basis, time, STEPS[START], MODE_STEPS[1]).bits for time in TIME_BASES]
+    fits = [_fit(fitter, basis, replace(usual, time=time)).bits for time in TIME_BASES]
     best = (min(fits) + BITS_OF_A_GROUP, [fitter.frames])
     middle = fitter.frames // 2
     if middle < SHORTEST_PART:
         return best
-    halves = [_division(fitter.part(part), basis) for part in (slice(0, middle), slice(middle, fitter.frames))]
+    halves = [_division(fitter.part(part), basis, usual) for part in (slice(0, middle), slice(middle, fitter.frames))]
     return min(best, (halves[0][0] + halves[1][0], halves[0][1] + halves[1][1]), key=lambda item: item[0])
 
 
@@ -173,6 +183,18 @@ def forgotten(fitted: FittedGroup) -> FittedGroup:
         levels=np.zeros((0, 0), np.int64),
         functions=replace(fitted.functions, time=np.zeros((0, 3, 0)), planes=np.zeros((0, 1, 0))),
     )
+
+
+def _others(usual: GroupChoice) -> Iterator[GroupChoice]:
+    """The other time bases and origins than the usual ones."""
+    for origin in ORIGINS:
+        for time in TIME_BASES:
+            if (time, origin) != (usual.time, usual.origin):
+                yield replace(usual, time=time, origin=origin)
+
+
+def _fit(fitter: GroupFitter, basis: SpaceBasis, choice: GroupChoice) -> FittedGroup:
+    return fitter.fit(basis, choice.time, choice.origin, STEPS[choice.steps], MODE_STEPS[choice.mode_steps])
 
 
 def _walk(start: GroupChoice, name: str, length: int, cost: Callable[[GroupChoice], float]) -> GroupChoice:

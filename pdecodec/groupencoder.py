@@ -25,6 +25,7 @@ from pdecodec.groupchoice import (
     FIRST_CHOICE,
     SPACES,
     ChosenGroup,
+    GroupChoice,
     choose_group,
     choose_space,
     divided,
@@ -32,8 +33,9 @@ from pdecodec.groupchoice import (
 )
 from pdecodec.groupfit import FittedGroup, GroupFitter, encode_motion
 from pdecodec.groupmodel import GroupModelDescription
-from pdecodec.groups import CHUNK_SECTIONS, TimeBasis
+from pdecodec.groups import CHUNK_SECTIONS
 from pdecodec.metrics import frame_scale
+from pdecodec.restchoice import USUAL_STEP, choose_rest_step
 from pdecodec.restcoding import decode_rest, encode_rest
 from pdecodec.restshape import quantise_rest
 from pdecodec.sequence import MeshSequence, Progress
@@ -44,11 +46,11 @@ Float32Array = NDArray[np.float32]
 
 MAJOR_VERSION = 2
 
-REST_STEP = 0.5
-"""Quantisation step of the rest shape, in units: its error stays in every frame."""
-
 REST_STEP_OF_ONE_FRAME = 1.1
-"""The same where there is one frame: the largest that keeps the bound (2 / sqrt 3 = 1.15) but for float32."""
+"""Quantisation step of the rest shape, in units, where there is one frame: the largest that keeps the bound (2 / sqrt 3 = 1.15) but for float32."""
+
+LEAST_EFFORT_FOR_REST = 2
+"""Effort from which on the rest shape's step is chosen by what it does to the cost."""
 
 GROUP_BYTES = 2**28
 """Memory for the displacements of a group, float64."""
@@ -82,8 +84,9 @@ class GroupEncoder:
         # Where float32 is coarser than the bound, a finer model would describe its rounding.
         self._unit = max(bound, float(np.spacing(np.float32(min(largest, LAST_BINADE)))))
         self._correction_step = correction_step(bound, largest)
-        share = REST_STEP_OF_ONE_FRAME if sequence.frame_count == 1 else REST_STEP
-        self._rest_bytes = encode_rest(quantise_rest(first, share * self._unit), sequence.objects)
+        self._first = first
+        self._first_group: Float32Array | None = None
+        self._rest_bytes = encode_rest(quantise_rest(first, self._rest_step() * self._unit), sequence.objects)
         self._rest = decode_rest(self._rest_bytes, sequence.objects)
         self._functions = min(MOST_FUNCTIONS, max(FEWEST_FUNCTIONS, BASIS_BYTES // (8 * max(1, sequence.vertex_count))))
         self._space = SPACES[0]
@@ -91,6 +94,22 @@ class GroupEncoder:
         self._entries: list[bytes] = []
         self._chosen: list[FittedGroup] = []
         self._explained = 1.0
+
+    def _rest_step(self) -> float:
+        """Quantisation step of the rest shape, in units."""
+        if self._sequence.frame_count == 1:
+            return REST_STEP_OF_ONE_FRAME
+        if self._settings.effort < LEAST_EFFORT_FOR_REST:
+            return USUAL_STEP
+        self._first_group = self._read(*self._group_ranges()[0])
+        return choose_rest_step(
+            self._first_group,
+            self._sequence.objects,
+            frames=self._sequence.frame_count,
+            bound=self._bound,
+            unit=self._unit,
+            correction_step=self._correction_step,
+        )
 
     def run(self, path: Path | None, *, overwrite: bool) -> EncodeReport:
         """Encode group after group and write the file."""
@@ -130,12 +149,17 @@ class GroupEncoder:
         edges = [frames * k // count for k in range(count + 1)]
         return list(itertools.pairwise(edges))
 
-    def _fitter(self, begin: int, end: int) -> GroupFitter:
+    def _read(self, begin: int, end: int) -> Float32Array:
         block = self._sequence.frames_per_block
         parts = [checked_frames(self._sequence, at, min(at + block, end)) for at in range(begin, end, block)]
+        return np.concatenate(parts)
+
+    def _fitter(self, begin: int, end: int) -> GroupFitter:
+        points, self._first_group = self._first_group, None
         return GroupFitter(
-            np.concatenate(parts),
+            self._read(begin, end) if points is None else points,
             self._rest.points,
+            self._first,
             bound=self._bound,
             unit=self._unit,
             correction_step=self._correction_step,
@@ -144,17 +168,17 @@ class GroupEncoder:
     def _first_groups(self, fitter: GroupFitter) -> tuple[SpaceBasis, list[ChosenGroup]]:
         """The space basis, and the groups that the first frames are divided into."""
         effort = self._settings.effort
-        basis = self._choose_space([(fitter, "modal")])
+        basis = self._choose_space([(fitter, FIRST_CHOICE)])
         parts = divided(choose_group(fitter, basis, FIRST_CHOICE, effort=effort), basis, effort=effort)
-        if len(parts) > 1 or parts[0].choice.time != "modal":
+        if len(parts) > 1 or (parts[0].choice.time, parts[0].choice.origin) != (FIRST_CHOICE.time, FIRST_CHOICE.origin):
             # What is left to space is another thing now.
             usual = self._space
-            basis = self._choose_space([(part.fitter, part.choice.time) for part in parts])
+            basis = self._choose_space([(part.fitter, part.choice) for part in parts])
             if self._space != usual:
                 parts = [choose_group(part.fitter, basis, part.choice, effort=effort) for part in parts]
         return basis, parts
 
-    def _choose_space(self, groups: Sequence[tuple[GroupFitter, TimeBasis]]) -> SpaceBasis:
+    def _choose_space(self, groups: Sequence[tuple[GroupFitter, GroupChoice]]) -> SpaceBasis:
         basis, self._space = choose_space(
             groups,
             self._sequence.objects,

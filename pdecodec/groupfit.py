@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.displacements import Displacements, Origin
 from pdecodec.group_corrections import GroupCorrections, correct_group, measure_group
 from pdecodec.groups import (
     SINGLE_IS_ENOUGH,
     GroupEntry,
     GroupFunctions,
     TimeBasis,
-    cosines,
     evaluate_group,
     group_functions,
     normalised_modes,
 )
 from pdecodec.levelcoding import encode_levels, measure_levels
 from pdecodec.modes import encode_modes, measure_modes
-from pdecodec.principal import principal_trajectories
 from pdecodec.spacebasis import SpaceBasis
 
 Float32Array = NDArray[np.float32]
@@ -30,16 +28,6 @@ Int64Array = NDArray[np.int64]
 
 ROUND_UP_AT = 0.6
 """A coefficient this far (in steps) beyond a level goes to the next: zeros and small levels are cheaper."""
-
-TAIL = 0.06
-"""What trajectories that are left out may add to the error, as root mean square over the bound."""
-
-MOST_FUNCTIONS = 768
-"""Functions of time at most: decoding costs their number."""
-
-FARTHEST_STEPS = 2.0**26
-"""Displacements beyond so many bounds are no motion to be fitted: they are left to corrections."""
-
 
 ALIKE = 1e-2
 """Trajectories that differ by less than this share (of their squared length) count as one in the fit."""
@@ -77,6 +65,8 @@ class GroupFitter:
     points : (frames, vertices, 3) float32 [scene units]
     rest : (vertices, 3) float64 [scene units]
         Decoded.
+    first : (vertices, 3) float32 [scene units]
+        Frame 0 of the clip, which the rest shape was made of.
     bound : float [scene units]
         Largest distance of a vertex.
     unit : float [scene units]
@@ -85,22 +75,32 @@ class GroupFitter:
     """
 
     def __init__(
-        self, points: Float32Array, rest: Float64Array, *, bound: float, unit: float, correction_step: float
+        self,
+        points: Float32Array,
+        rest: Float64Array,
+        first: Float32Array,
+        *,
+        bound: float,
+        unit: float,
+        correction_step: float,
     ) -> None:
-        self.points, self._rest = points, rest
+        self.points, self._rest, self._first = points, rest, first
         self._bound, self._unit, self._correction_step = bound, unit, correction_step
-        frames, vertices, _ = points.shape
-        moved = points.astype(np.float64) - rest
-        moved[np.abs(moved) > FARTHEST_STEPS * unit] = 0.0
-        largest = float(np.abs(moved).max(initial=0.0))
-        self._single = unit >= SINGLE_IS_ENOUGH * largest
-        self._moved = np.ascontiguousarray(moved.transpose(1, 0, 2)).reshape(vertices, 3 * frames)
+        self._displacements: dict[Origin, Displacements] = {}
+        self._single = unit >= SINGLE_IS_ENOUGH * self._from("rest").largest
+
+    def _from(self, origin: Origin) -> Displacements:
+        if origin not in self._displacements:
+            shape = self._rest if origin == "rest" else self._first.astype(np.float64)
+            self._displacements[origin] = Displacements(self.points, shape, self._unit)
+        return self._displacements[origin]
 
     def part(self, frames: slice) -> GroupFitter:
         """Some of its frames, as a group of their own."""
         return GroupFitter(
             self.points[frames],
             self._rest,
+            self._first,
             bound=self._bound,
             unit=self._unit,
             correction_step=self._correction_step,
@@ -110,67 +110,31 @@ class GroupFitter:
     def frames(self) -> int:
         return len(self.points)
 
-    @cached_property
-    def _principal(self) -> tuple[Float64Array, Float64Array]:
-        """The principal trajectories that are worth looking at: energies (n,), falling, and trajectories."""
-        least = (TAIL * self._unit) ** 2 * self._moved.shape[0] * self.frames
-        energies, axes = principal_trajectories(self._moved, least)
-        return energies[:MOST_FUNCTIONS], axes[:, :MOST_FUNCTIONS]
-
     @property
     def trajectories(self) -> int:
         """How many trajectories are worth looking at."""
-        return int(self._principal[0].size)
-
-    @cached_property
-    def _principal_shapes(self) -> tuple[Float64Array, Float64Array]:
-        """As `_principal`, of functions of time that are the same on all axes: (frames, n)."""
-        least = (TAIL * self._unit) ** 2 * self._moved.shape[0] * self.frames
-        by_axis = np.ascontiguousarray(self._moved.reshape(-1, self.frames, 3).transpose(0, 2, 1))
-        energies, axes = principal_trajectories(by_axis.reshape(-1, self.frames), least)
-        return energies[:MOST_FUNCTIONS], axes[:, :MOST_FUNCTIONS]
-
-    @cached_property
-    def _modal_coefficients(self) -> Float64Array:
-        return self._moved @ self._principal[1]
-
-    @cached_property
-    def _shape_coefficients(self) -> Float64Array:
-        return self._along(self._principal_shapes[1])
-
-    @cached_property
-    def _cosine_coefficients(self) -> Float64Array:
-        return self._along(cosines(self.frames, min(self.frames, MOST_FUNCTIONS)))
-
-    def _along(self, functions: Float64Array) -> Float64Array:
-        """Products with functions of time (frames, n): (vertices, 3 n), an axis after the other within each."""
-        split = self._moved.reshape(-1, self.frames, 3)
-        found: Float64Array = np.einsum("vfx,fa->vax", split, functions, optimize=True)
-        return found.reshape(len(split), -1)
+        return int(self._from("rest").trajectories[0].size)
 
     def explained(self, functions: int) -> float:
         """Share of the motion's energy that the leading trajectories carry."""
-        total = float(np.vdot(self._moved, self._moved))
-        return float(self._principal[0][:functions].sum()) / total if total > 0 else 1.0
+        return self._from("rest").explained(functions)
 
-    def level_bits(self, basis: SpaceBasis, steps: float, time_basis: TimeBasis) -> float:
+    def level_bits(self, basis: SpaceBasis, steps: float, time_basis: TimeBasis, origin: Origin) -> float:
         """Bits of the coefficients alone at a step of `steps` units: to compare space bases by."""
-        levels = _quantise(basis.project(self._coefficients(time_basis)), steps * self._unit)
+        levels = _quantise(basis.project(self._from(origin).coefficients(time_basis)), steps * self._unit)
         return measure_levels(levels, basis, axes=1 if time_basis == "modal" else 3)
 
-    def _coefficients(self, time_basis: TimeBasis) -> Float64Array:
-        if time_basis == "modal":
-            return self._modal_coefficients
-        return self._shape_coefficients if time_basis == "shapes" else self._cosine_coefficients
-
-    def fit(self, basis: SpaceBasis, time_basis: TimeBasis, steps: float, mode_steps: float) -> FittedGroup:
+    def fit(
+        self, basis: SpaceBasis, time_basis: TimeBasis, origin: Origin, steps: float, mode_steps: float
+    ) -> FittedGroup:
         """Fit with a step of `steps` units for coefficients, and `mode_steps` times that for modes."""
         step = steps * self._unit
+        moved = self._from(origin)
         if time_basis != "pde":
-            entry, modes, decoded_modes, levels, bits = self._fit_modes(basis, time_basis, step, step * mode_steps)
+            entry, modes, decoded_modes, levels, bits = self._fit_modes(moved, basis, time_basis, step, step * mode_steps)
         else:
             modes = decoded_modes = np.zeros((self.frames, 3, 0))
-            levels = _quantise(basis.project(self._cosine_coefficients), step)
+            levels = _quantise(basis.project(moved.coefficients("pde")), step)
             used = np.flatnonzero(levels.any(axis=0))
             count = int(used[-1]) // 3 + 1 if used.size else 0
             levels = np.ascontiguousarray(levels[:, : 3 * count])
@@ -186,12 +150,11 @@ class GroupFitter:
         return GroupEntry(self.frames, functions, basis, self._single, step, mode_step, (0, 0, 0), 0)
 
     def _fit_modes(
-        self, basis: SpaceBasis, time_basis: TimeBasis, step: float, mode_step: float
+        self, moved: Displacements, basis: SpaceBasis, time_basis: TimeBasis, step: float, mode_step: float
     ) -> tuple[GroupEntry, Float64Array, Float64Array, Int64Array, float]:
-        is_modal = time_basis == "modal"
-        energies, axes = self._principal if is_modal else self._principal_shapes
-        each = 1 if is_modal else 3
-        levels = _quantise(basis.project(self._coefficients(time_basis)), step)
+        energies, axes = moved.principal(time_basis)
+        each = 1 if time_basis == "modal" else 3
+        levels = _quantise(basis.project(moved.coefficients(time_basis)), step)
         used = np.arange(energies.size)[_needed(levels, each)]
         while True:
             scaled = (axes[:, used] * np.sqrt(energies[used])).reshape(self.frames, -1, used.size)
@@ -199,8 +162,7 @@ class GroupFitter:
             unit = normalised_modes(decoded).reshape(-1, used.size)
             # Decoded trajectories are no longer quite orthogonal, and coarse ones may coincide: least squares.
             inverse = np.linalg.pinv(unit.T @ unit, rcond=ALIKE, hermitian=True) if used.size else np.zeros((0, 0))
-            dual = unit @ inverse
-            levels = _quantise(basis.project(self._moved @ dual if is_modal else self._along(dual)), step)
+            levels = _quantise(basis.project(moved.along(unit @ inverse, time_basis)), step)
             needed = _needed(levels, each)
             if needed.all():
                 return self._entry(int(used.size), time_basis, step, mode_step), scaled, decoded, levels, bits
