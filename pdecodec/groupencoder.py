@@ -234,9 +234,10 @@ class GroupEncoder:
         remarks = {
             "generator": generator(),
             "settings": self._settings.changed(),
-            "metadata": dict(sequence.metadata),
             "summary": self._summary(basis),
         }
+        if sequence.metadata:
+            remarks["metadata"] = dict(sequence.metadata)
         connectivity, order = encode_connectivity([item.connectivity for item in sequence.objects])
         sections = [
             Section("META", encode_remarks(remarks), required=False),

@@ -157,9 +157,9 @@ class GroupFitter:
         levels = _quantise(basis.project(moved.coefficients(time_basis)), step)
         used = np.arange(energies.size)[_needed(levels, each)]
         while True:
-            scaled = (axes[:, used] * np.sqrt(energies[used])).reshape(self.frames, -1, used.size)
+            scaled = (axes[:, used] * np.sqrt(energies[used])).reshape(self.frames, len(axes) // self.frames, used.size)
             bits, decoded = measure_modes(scaled, mode_step) if used.size else (0.0, scaled)
-            unit = normalised_modes(decoded).reshape(-1, used.size)
+            unit = normalised_modes(decoded).reshape(len(axes), used.size)
             # Decoded trajectories are no longer quite orthogonal, and coarse ones may coincide: least squares.
             inverse = np.linalg.pinv(unit.T @ unit, rcond=ALIKE, hermitian=True) if used.size else np.zeros((0, 0))
             levels = _quantise(basis.project(moved.along(unit @ inverse, time_basis)), step)
