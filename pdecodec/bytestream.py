@@ -6,7 +6,6 @@ import struct
 
 from pdecodec.errors import CorruptFileError, InputError
 
-
 COUNT_BITS = 63
 """Of the largest count: nine bytes."""
 

@@ -47,7 +47,8 @@ Float32Array = NDArray[np.float32]
 MAJOR_VERSION = 2
 
 REST_STEP_OF_ONE_FRAME = 1.1
-"""Quantisation step of the rest shape, in units, where there is one frame: the largest that keeps the bound (2 / sqrt 3 = 1.15) but for float32."""
+"""Quantisation step of the rest shape, in units, where there is one frame: the largest that keeps the bound
+(2 / sqrt 3 = 1.15) but for float32."""
 
 LEAST_EFFORT_FOR_REST = 2
 """Effort from which on the rest shape's step is chosen by what it does to the cost."""

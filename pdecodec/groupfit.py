@@ -131,7 +131,9 @@ class GroupFitter:
         step = steps * self._unit
         moved = self._from(origin)
         if time_basis != "pde":
-            entry, modes, decoded_modes, levels, bits = self._fit_modes(moved, basis, time_basis, step, step * mode_steps)
+            entry, modes, decoded_modes, levels, bits = self._fit_modes(
+                moved, basis, time_basis, step, step * mode_steps
+            )
         else:
             modes = decoded_modes = np.zeros((self.frames, 3, 0))
             levels = _quantise(basis.project(moved.coefficients("pde")), step)
@@ -155,7 +157,7 @@ class GroupFitter:
         energies, axes = moved.principal(time_basis)
         each = 1 if time_basis == "modal" else 3
         levels = _quantise(basis.project(moved.coefficients(time_basis)), step)
-        used = np.arange(energies.size)[_needed(levels, each)]
+        used = _needed(levels, each)
         while True:
             scaled = (axes[:, used] * np.sqrt(energies[used])).reshape(self.frames, len(axes) // self.frames, used.size)
             bits, decoded = measure_modes(scaled, mode_step) if used.size else (0.0, scaled)
@@ -164,7 +166,7 @@ class GroupFitter:
             inverse = np.linalg.pinv(unit.T @ unit, rcond=ALIKE, hermitian=True) if used.size else np.zeros((0, 0))
             levels = _quantise(basis.project(moved.along(unit @ inverse, time_basis)), step)
             needed = _needed(levels, each)
-            if needed.all():
+            if needed.size == used.size:
                 return self._entry(int(used.size), time_basis, step, mode_step), scaled, decoded, levels, bits
             used = used[needed]
 
@@ -186,9 +188,9 @@ class GroupFitter:
         )
 
 
-def _needed(levels: Int64Array, each: int) -> NDArray[np.bool_]:
-    """Functions of time that have a level: of `each` columns one."""
-    return levels.any(axis=0).reshape(-1, each).any(axis=1)
+def _needed(levels: Int64Array, each: int) -> NDArray[np.intp]:
+    """Functions of time, of `each` columns one, that have a level."""
+    return np.flatnonzero(levels.reshape(len(levels), -1, each).any(axis=(0, 2)))
 
 
 def _quantise(values: Float64Array, step: float) -> Int64Array:

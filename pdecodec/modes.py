@@ -43,7 +43,7 @@ FIRST_BYTES = 64
 
 @dataclass(frozen=True)
 class _Coded:
-    """Modes by one method: levels (count, frames, axes) int64 and what they decode to, (frames, axes, count) float64."""
+    """Modes by one method: levels (count, frames, axes) int64 and what they decode to, (frames, axes, count)."""
 
     method: int
     levels: Int64Array
@@ -94,7 +94,7 @@ def measure_modes(scaled: Float64Array, step: float) -> tuple[float, Float64Arra
     return (8.0 + bits if best.levels.any() else 0.0), best.decoded
 
 
-def decode_modes(data: bytes, frames: int, count: int, step: float, *, axes: int) -> Float64Array:
+def decode_modes(data: bytes, frames: int, count: int, step: float, *, axes: int = 3) -> Float64Array:
     """Undo :func:`encode_modes`.
 
     Parameters

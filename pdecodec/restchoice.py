@@ -73,9 +73,7 @@ def choose_rest_step(
         data = encode_rest(quantise_rest(points[0], step * unit), objects)
         rest = decode_rest(data, objects)
         basis = build_space_basis("patch", objects, rest.levels, points=POINTS, functions=MOST_FUNCTIONS)
-        fitter = GroupFitter(
-            points, rest.points, points[0], bound=bound, unit=unit, correction_step=correction_step
-        )
+        fitter = GroupFitter(points, rest.points, points[0], bound=bound, unit=unit, correction_step=correction_step)
         return 8.0 * len(data) * share + fitter.fit(basis, "modal", "rest", STEPS, MODE_STEPS).bits
 
     best, least = USUAL_STEP, cost(USUAL_STEP)
@@ -109,6 +107,4 @@ def _part_of(objects: Sequence[MeshObject], chosen: Int64Array) -> MeshObject:
         counts.append(sizes[inside])
         corners.append(here[np.repeat(inside, sizes)])
         offset += item.vertex_count
-    return MeshObject(
-        "", Connectivity(chosen.size, np.concatenate(counts), np.concatenate(corners).astype(np.int32))
-    )
+    return MeshObject("", Connectivity(chosen.size, np.concatenate(counts), np.concatenate(corners).astype(np.int32)))

@@ -26,7 +26,7 @@ Levels = list[list[list[int]]]
 Modes = list[list[list[float]]]
 
 
-def decode_modes(data: bytes, frames: int, count: int, step: float, axes: int) -> Modes:
+def decode_modes(data: bytes, frames: int, count: int, step: float, axes: int = 3) -> Modes:
     """Modes, axes and frames, in that order: ``modes[k][x][t]``."""
     if not data:
         return [[[0.0] * frames for _ in range(axes)] for _ in range(count)]
@@ -164,7 +164,7 @@ def ordered_sum(terms: Iterable[float]) -> float:
     return total
 
 
-def followed(levels: Levels, frames: int, axes: int) -> Modes:
+def followed(levels: Levels, frames: int, axes: int = 3) -> Modes:
     """In steps, each number predicted from the four frames before it."""
     prediction = Prediction()
     modes: Modes = []
