@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.displacements import ORIGINS, Origin
+from pdecodec.displacements import Origin
 from pdecodec.groupfit import FittedGroup, GroupFitter
 from pdecodec.groups import GROUP_ENTRY, TIME_BASES, TimeBasis
+from pdecodec.scouting import Scout
 from pdecodec.sequence import MeshObject
 from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis
 
@@ -45,9 +46,14 @@ SMALLEST_AT_ANY_PRICE = 8
 """Effort from which on size alone counts."""
 
 
-OTHER_WORTH_A_LOOK = 1.25
-"""Another time basis is tuned where untuned it costs less than this many times the best."""
+WORTH_A_LOOK = 1.25
+"""Another time basis or origin is tried where it is estimated at less than this many times the best."""
 
+WORTH_A_LOOK_BY_PART = 1.03
+"""The same of a large mesh, of which a part was looked at: a fit of all of it takes long."""
+
+ALMOST = 1.05
+"""Steps are tuned as well where untuned it costs less than this many times the best."""
 
 BITS_OF_A_GROUP = 8 * GROUP_ENTRY.size
 """What a group costs besides its chunks."""
@@ -119,8 +125,13 @@ def choose_space(
     return basis, chosen
 
 
-def choose_group(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, *, effort: int) -> ChosenGroup:
-    """Time basis and steps that cost least, walking downhill from those of the group before."""
+def choose_group(
+    fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, *, effort: int, scout: Scout | None = None
+) -> ChosenGroup:
+    """Time basis and steps that cost least, walking downhill from those of the group before.
+
+    Without a scout the time basis and the origin stay as they are.
+    """
     found: dict[GroupChoice, FittedGroup] = {}
 
     def cost(choice: GroupChoice) -> float:
@@ -132,20 +143,27 @@ def choose_group(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, *, 
                     found[other] = forgotten(found[other])
         return found[choice].bits
 
-    choice = _walk(usual, "steps", len(STEPS), cost)
-    if effort > 1 and fitter.trajectories:
-        for other in _others(usual):
-            # What costs least with one basis may be far from it with another.
-            rival = min((replace(other, steps=steps) for steps in {choice.steps, START}), key=cost)
-            if cost(rival) < OTHER_WORTH_A_LOOK * cost(choice):
-                choice = min(choice, _walk(rival, "steps", len(STEPS), cost), key=cost)
-        if choice.time != "pde":
-            choice = _walk(choice, "mode_steps", len(MODE_STEPS), cost)
-            choice = _walk(choice, "steps", len(STEPS), cost)
+    if effort > 1 and scout and fitter.trajectories:
+        estimates = scout.estimates(fitter, basis.levels)
+        likely = sorted(estimates, key=lambda pair: estimates[pair])
+        enough = (WORTH_A_LOOK_BY_PART if scout.is_part else WORTH_A_LOOK) * estimates[likely[0]]
+        choices = [
+            replace(usual, time=time, origin=origin) for time, origin in likely if estimates[time, origin] <= enough
+        ]
+    else:
+        choices = [usual]
+    choice = _walk(choices[0], "steps", len(STEPS), cost)
+    for other in choices[1:]:
+        rival = replace(other, steps=choice.steps)
+        if cost(rival) < ALMOST * cost(choice):
+            choice = min(choice, _walk(rival, "steps", len(STEPS), cost), key=cost)
+    if effort > 1 and fitter.trajectories and choice.time != "pde":
+        choice = _walk(choice, "mode_steps", len(MODE_STEPS), cost)
+        choice = _walk(choice, "steps", len(STEPS), cost)
     return ChosenGroup(fitter, choice, found[choice])
 
 
-def divided(group: ChosenGroup, basis: SpaceBasis, *, effort: int) -> list[ChosenGroup]:
+def divided(group: ChosenGroup, basis: SpaceBasis, *, effort: int, scout: Scout) -> list[ChosenGroup]:
     """The group, or parts of it that cost less together: halves, halves of halves, and so on."""
     fitter, bits = group.fitter, group.fitted.bits
     frames, vertices = fitter.points.shape[:2]
@@ -158,7 +176,7 @@ def divided(group: ChosenGroup, basis: SpaceBasis, *, effort: int) -> list[Chose
     begin = 0
     for length in lengths:
         part = fitter.part(slice(begin, begin + length))
-        parts.append(choose_group(part, basis, parts[-1].choice if parts else FIRST_CHOICE, effort=effort))
+        parts.append(choose_group(part, basis, parts[-1].choice if parts else FIRST_CHOICE, effort=effort, scout=scout))
         begin += length
     together = sum(part.fitted.bits + BITS_OF_A_GROUP for part in parts)
     return parts if together < bits + BITS_OF_A_GROUP else [group]
@@ -183,14 +201,6 @@ def forgotten(fitted: FittedGroup) -> FittedGroup:
         levels=np.zeros((0, 0), np.int64),
         functions=replace(fitted.functions, time=np.zeros((0, 3, 0)), planes=np.zeros((0, 1, 0))),
     )
-
-
-def _others(usual: GroupChoice) -> Iterator[GroupChoice]:
-    """The other time bases and origins than the usual ones."""
-    for origin in ORIGINS:
-        for time in TIME_BASES:
-            if (time, origin) != (usual.time, usual.origin):
-                yield replace(usual, time=time, origin=origin)
 
 
 def _fit(fitter: GroupFitter, basis: SpaceBasis, choice: GroupChoice) -> FittedGroup:

@@ -35,9 +35,9 @@ from pdecodec.groupfit import FittedGroup, GroupFitter, encode_motion
 from pdecodec.groupmodel import GroupModelDescription
 from pdecodec.groups import CHUNK_SECTIONS
 from pdecodec.metrics import frame_scale
-from pdecodec.restchoice import USUAL_STEP, choose_rest_step
 from pdecodec.restcoding import decode_rest, encode_rest
 from pdecodec.restshape import quantise_rest
+from pdecodec.scouting import USUAL_STEP, Scout
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
 from pdecodec.spacebasis import MOST_FUNCTIONS, SpaceBasis
@@ -86,6 +86,7 @@ class GroupEncoder:
         self._unit = max(bound, float(np.spacing(np.float32(min(largest, LAST_BINADE)))))
         self._correction_step = correction_step(bound, largest)
         self._first = first
+        self._scout = Scout(sequence.objects)
         self._first_group: Float32Array | None = None
         self._rest_bytes = encode_rest(quantise_rest(first, self._rest_step() * self._unit), sequence.objects)
         self._rest = decode_rest(self._rest_bytes, sequence.objects)
@@ -103,9 +104,8 @@ class GroupEncoder:
         if self._settings.effort < LEAST_EFFORT_FOR_REST:
             return USUAL_STEP
         self._first_group = self._read(*self._group_ranges()[0])
-        return choose_rest_step(
+        return self._scout.choose_rest_step(
             self._first_group,
-            self._sequence.objects,
             frames=self._sequence.frame_count,
             bound=self._bound,
             unit=self._unit,
@@ -123,8 +123,8 @@ class GroupEncoder:
                 if basis is None:
                     basis, parts = self._first_groups(fitter)
                 else:
-                    group = choose_group(fitter, basis, usual, effort=effort)
-                    parts = divided(group, basis, effort=effort)
+                    group = choose_group(fitter, basis, usual, effort=effort, scout=self._scout)
+                    parts = divided(group, basis, effort=effort, scout=self._scout)
                 usual = parts[-1].choice
                 for part in parts:
                     self._write_group(part, basis, spools)
@@ -170,7 +170,8 @@ class GroupEncoder:
         """The space basis, and the groups that the first frames are divided into."""
         effort = self._settings.effort
         basis = self._choose_space([(fitter, FIRST_CHOICE)])
-        parts = divided(choose_group(fitter, basis, FIRST_CHOICE, effort=effort), basis, effort=effort)
+        group = choose_group(fitter, basis, FIRST_CHOICE, effort=effort, scout=self._scout)
+        parts = divided(group, basis, effort=effort, scout=self._scout)
         if len(parts) > 1 or (parts[0].choice.time, parts[0].choice.origin) != (FIRST_CHOICE.time, FIRST_CHOICE.origin):
             # What is left to space is another thing now.
             usual = self._space

@@ -46,8 +46,8 @@ class FittedGroup:
     levels : (columns, width) int64
     functions : GroupFunctions
         As the decoder gets them.
-    bits : float
-        Of all three chunks, measured.
+    bits, mode_bits : float
+        Of all three chunks, measured, and of the modes alone.
     """
 
     entry: GroupEntry
@@ -55,6 +55,7 @@ class FittedGroup:
     levels: Int64Array
     functions: GroupFunctions
     bits: float
+    mode_bits: float
 
 
 class GroupFitter:
@@ -97,10 +98,17 @@ class GroupFitter:
 
     def part(self, frames: slice) -> GroupFitter:
         """Some of its frames, as a group of their own."""
+        return self._with(self.points[frames], self._rest, self._first)
+
+    def of_vertices(self, vertices: Int64Array) -> GroupFitter:
+        """Some of its vertices, as a mesh of their own."""
+        return self._with(np.ascontiguousarray(self.points[:, vertices]), self._rest[vertices], self._first[vertices])
+
+    def _with(self, points: Float32Array, rest: Float64Array, first: Float32Array) -> GroupFitter:
         return GroupFitter(
-            self.points[frames],
-            self._rest,
-            self._first,
+            points,
+            rest,
+            first,
             bound=self._bound,
             unit=self._unit,
             correction_step=self._correction_step,
@@ -142,11 +150,12 @@ class GroupFitter:
             levels = np.ascontiguousarray(levels[:, : 3 * count])
             entry = self._entry(count, "pde", step, step)
             bits = 0.0
+        mode_bits = bits
         if entry.width:
             bits += measure_levels(levels, basis, axes=entry.axes)
         functions = group_functions(entry, decoded_modes, levels, basis)
         corrections = self.corrections(basis, functions)
-        return FittedGroup(entry, modes, levels, functions, bits + measure_group(corrections, basis.starts))
+        return FittedGroup(entry, modes, levels, functions, bits + measure_group(corrections, basis.starts), mode_bits)
 
     def _entry(self, functions: int, basis: TimeBasis, step: float, mode_step: float) -> GroupEntry:
         return GroupEntry(self.frames, functions, basis, self._single, step, mode_step, (0, 0, 0), 0)
