@@ -33,7 +33,7 @@ SPACES: tuple[tuple[SpaceKind, int], ...] = (
 )
 """Space bases to choose from; the quick efforts look at the first ones only."""
 
-SMALL_MESH = 4096
+SMALL_MESH = 2048
 """Vertices up to which two more are looked at, whatever the effort but the lowest."""
 
 SPACES_OF_SMALL: tuple[tuple[SpaceKind, int], ...] = (("patch", 256), ("patch", 8))
