@@ -86,7 +86,7 @@ class Displacements:
         found: Float64Array = np.einsum("vfx,fa->vax", split, functions, optimize=True)
         return found.reshape(len(split), -1)
 
-    def explained(self, functions: int) -> float:
-        """Share of the motion's energy that the leading trajectories carry."""
+    def explained(self, functions: int, basis: TimeBasis) -> float:
+        """Share of the motion's energy that the leading functions of a basis with modes carry."""
         total = float(np.vdot(self._moved, self._moved))
-        return float(self.trajectories[0][:functions].sum()) / total if total > 0 else 1.0
+        return float(self.principal(basis)[0][:functions].sum()) / total if total > 0 else 1.0

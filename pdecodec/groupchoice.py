@@ -34,7 +34,8 @@ SPACES: tuple[tuple[SpaceKind, int], ...] = (
 """Space bases to choose from; the quick efforts look at the first ones only."""
 
 SMALL_MESH = 2048
-"""Vertices up to which two more are looked at, whatever the effort but the lowest."""
+"""Vertices up to which two more are looked at, and corrections count too: larger patches have fewer functions than
+points. All that at every effort but the lowest."""
 
 SPACES_OF_SMALL: tuple[tuple[SpaceKind, int], ...] = (("patch", 256), ("patch", 8))
 
@@ -112,12 +113,16 @@ def choose_space(
     """
     moving = [(fitter, choice) for fitter, choice in groups if fitter.trajectories]
     looked_at = SPACES[: 1 + effort // 2] if moving else SPACES[:1]
-    if moving and effort > 1 and len(rest) <= SMALL_MESH:
+    is_small = effort > 1 and len(rest) <= SMALL_MESH
+    if moving and is_small:
         looked_at += SPACES_OF_SMALL
     found: list[tuple[float, SpaceBasis, tuple[SpaceKind, int]]] = []
     for kind, points in looked_at:
         basis = build_space_basis(kind, objects, rest, points=points, functions=functions)
-        bits = sum(fitter.level_bits(basis, STEPS[START], choice.time, choice.origin) for fitter, choice in moving)
+        if is_small:
+            bits = sum(_fit(fitter, basis, choice).bits for fitter, choice in moving)
+        else:
+            bits = sum(fitter.level_bits(basis, STEPS[START], choice.time, choice.origin) for fitter, choice in moving)
         if points > SPACES[0][1] and effort < SMALLEST_AT_ANY_PRICE:
             bits /= 1.0 - LARGER_MUST_SAVE
         found.append((bits, basis, (kind, points)))

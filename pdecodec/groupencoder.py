@@ -192,8 +192,8 @@ class GroupEncoder:
 
     def _write_group(self, group: ChosenGroup, basis: SpaceBasis, spools: Sequence[Spool]) -> None:
         fitter, fitted = group.fitter, group.fitted
-        if not self._chosen:
-            self._explained = fitter.explained(fitted.entry.functions)
+        if not self._chosen and group.choice.time != "pde":
+            self._explained = fitter.explained(fitted.entry.functions, group.choice.time, group.choice.origin)
         # From the bytes, as the decoder does it: what is measured is what the file gives.
         time_chunk, coefficients, functions = encode_motion(fitted, basis)
         corrections = fitter.corrections(basis, functions)
@@ -264,9 +264,10 @@ class GroupEncoder:
         if not bases:
             return f"static: the rest shape keeps the bound; {corrected}"
         most = max(entry.functions for entry in entries)
-        if bases == ["modal"]:
+        if bases in (["modal"], ["shapes"]):
+            what = counted(most, "trajectory", "ies", 1) if bases == ["modal"] else counted(most, "shape")
             carry = "carries" if most == 1 else "carry"
-            carried = f"{counted(most, 'trajectory', 'ies', 1)} {carry} {100 * self._explained:.4g} % of the motion"
+            carried = f"{what} {carry} {100 * self._explained:.4g} % of the motion"
         else:
             carried = f"{most} functions of time"
         groups = "" if len(entries) == 1 else f" in {len(entries)} groups of frames"

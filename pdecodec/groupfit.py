@@ -123,9 +123,9 @@ class GroupFitter:
         """How many trajectories are worth looking at."""
         return int(self._from("rest").trajectories[0].size)
 
-    def explained(self, functions: int) -> float:
-        """Share of the motion's energy that the leading trajectories carry."""
-        return self._from("rest").explained(functions)
+    def explained(self, functions: int, basis: TimeBasis, origin: Origin) -> float:
+        """Share of the motion's energy that the leading functions of a basis with modes carry."""
+        return self._from(origin).explained(functions, basis)
 
     def level_bits(self, basis: SpaceBasis, steps: float, time_basis: TimeBasis, origin: Origin) -> float:
         """Bits of the coefficients alone at a step of `steps` units: to compare space bases by."""
