@@ -48,13 +48,10 @@ SMALLEST_AT_ANY_PRICE = 8
 
 
 WORTH_A_LOOK = 1.25
-"""Another time basis or origin is tried where it is estimated at less than this many times the best."""
+"""Another time basis or origin of a small mesh is tried where it is estimated at less than this many times the best."""
 
-WORTH_A_LOOK_BY_PART = 1.03
-"""The same of a large mesh, of which a part was looked at: a fit of all of it takes long."""
-
-ALMOST = 1.05
-"""Steps are tuned as well where untuned it costs less than this many times the best."""
+WORTH_TUNING = 1.1
+"""Its steps are tuned where untuned it costs less than this many times the best."""
 
 BITS_OF_A_GROUP = 8 * GROUP_ENTRY.size
 """What a group costs besides its chunks."""
@@ -148,19 +145,13 @@ def choose_group(
                     found[other] = forgotten(found[other])
         return found[choice].bits
 
+    choices = [usual]
     if effort > 1 and scout and fitter.trajectories:
-        estimates = scout.estimates(fitter, basis.levels)
-        likely = sorted(estimates, key=lambda pair: estimates[pair])
-        enough = (WORTH_A_LOOK_BY_PART if scout.is_part else WORTH_A_LOOK) * estimates[likely[0]]
-        choices = [
-            replace(usual, time=time, origin=origin) for time, origin in likely if estimates[time, origin] <= enough
-        ]
-    else:
-        choices = [usual]
+        choices = _likely(scout, fitter, basis, usual)
     choice = _walk(choices[0], "steps", len(STEPS), cost)
     for other in choices[1:]:
         rival = replace(other, steps=choice.steps)
-        if cost(rival) < ALMOST * cost(choice):
+        if cost(rival) < WORTH_TUNING * cost(choice):
             choice = min(choice, _walk(rival, "steps", len(STEPS), cost), key=cost)
     if effort > 1 and fitter.trajectories and choice.time != "pde":
         choice = _walk(choice, "mode_steps", len(MODE_STEPS), cost)
@@ -206,6 +197,19 @@ def forgotten(fitted: FittedGroup) -> FittedGroup:
         levels=np.zeros((0, 0), np.int64),
         functions=replace(fitted.functions, time=np.zeros((0, 3, 0)), planes=np.zeros((0, 1, 0))),
     )
+
+
+def _likely(scout: Scout, fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice) -> list[GroupChoice]:
+    """Time bases and origins that are worth a fit of the whole mesh, best first as far as is known."""
+    estimates = scout.estimates(fitter, basis.levels)
+    likely = sorted(estimates, key=lambda pair: estimates[pair])
+    best = likely[0]
+    if scout.is_part:
+        # A part tells origins apart, but not time bases: what neighbours have in common it lacks.
+        others = [time for time in TIME_BASES if time != usual.time]
+        return [replace(usual, time=time, origin=best[1]) for time in (usual.time, *others)]
+    enough = WORTH_A_LOOK * estimates[best]
+    return [replace(usual, time=time, origin=origin) for time, origin in likely if estimates[time, origin] <= enough]
 
 
 def _fit(fitter: GroupFitter, basis: SpaceBasis, choice: GroupChoice) -> FittedGroup:

@@ -41,6 +41,10 @@ MOST_POSITIONS = 2**15
 What coefficients take hardly grows with them."""
 
 
+PART_BASES: tuple[TimeBasis, ...] = ("modal",)
+"""Time bases that part of a mesh is tried with."""
+
+
 class Scout:
     """Some vertices of a mesh, with the faces among them.
 
@@ -97,7 +101,9 @@ class Scout:
         return best
 
     def estimates(self, fitter: GroupFitter, rest: Int64Array) -> dict[tuple[TimeBasis, Origin], float]:
-        """Estimated bits of a whole group in every time basis, displacements measured from either origin.
+        """Estimated bits of a whole group, displacements measured from either origin.
+
+        In every time basis where the whole mesh is looked at, in modes only where it is a part.
 
         Parameters
         ----------
@@ -112,7 +118,7 @@ class Scout:
         times = len(rest) / self._vertices.size
         found: dict[tuple[TimeBasis, Origin], float] = {}
         for origin in ORIGINS:
-            for time in TIME_BASES:
+            for time in TIME_BASES if not self.is_part else PART_BASES:
                 fitted = some.fit(self._basis, time, origin, STEPS, MODE_STEPS)
                 found[time, origin] = fitted.mode_bits + times * (fitted.bits - fitted.mode_bits)
         return found
