@@ -86,6 +86,16 @@ class Displacements:
         found: Float64Array = np.einsum("vfx,fa->vax", split, functions, optimize=True)
         return found.reshape(len(split), -1)
 
+    def spread(self, basis: TimeBasis, step: float) -> float:
+        """What coefficients of a basis with modes would take at a step if vertices had nothing in common [bits].
+
+        Half the logarithm of each function's variance over what the step leaves, for each coefficient: tells bases
+        apart by how few functions they need, without a fit.
+        """
+        energies = self.principal(basis)[0]
+        each = len(self._moved) * (1 if basis == "modal" else 3)
+        return float(0.5 * each * np.log2(1.0 + energies / (each * step * step)).sum())
+
     def explained(self, functions: int, basis: TimeBasis) -> float:
         """Share of the motion's energy that the leading functions of a basis with modes carry."""
         total = float(np.vdot(self._moved, self._moved))

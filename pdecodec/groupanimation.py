@@ -1,4 +1,4 @@
-"""Decoding of format version 2: groups of frames in modes or cosines (profile "auto")."""
+"""Decoding of format version 2: groups of frames in modes, shapes or cosines (profile "auto")."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class _DecodedGroup:
 
 
 class GroupAnimation(Animation):
-    """An animation whose motion is modes or cosines over groups of frames."""
+    """An animation whose motion is modes, shapes or cosines over groups of frames."""
 
     KNOWN_SECTIONS = frozenset({"META", "SEQN", "CONN", "ORDR", "REST", "MODL", "GRUP", *CHUNK_SECTIONS, "ATTR"})
 

@@ -39,6 +39,8 @@ points. All that at every effort but the lowest."""
 
 SPACES_OF_SMALL: tuple[tuple[SpaceKind, int], ...] = (("patch", 256), ("patch", 8))
 
+MODE_BASES: tuple[TimeBasis, ...] = ("modal", "shapes")
+
 LARGER_MUST_SAVE = 0.08
 """Of the coefficients' bits, where patches or pieces are larger than the first: making their functions takes the square
 of their number, for every reader. The highest efforts do not mind."""
@@ -49,6 +51,10 @@ SMALLEST_AT_ANY_PRICE = 8
 
 WORTH_A_LOOK = 1.25
 """Another time basis or origin of a small mesh is tried where it is estimated at less than this many times the best."""
+
+MOST_SPREAD = 2.2
+"""Shapes of a large mesh are tried where coefficients, each vertex by itself, take at most this many times those of
+trajectories: neighbours have more in common in shapes, and there are fewer numbers of modes."""
 
 WORTH_TUNING = 1.1
 """Its steps are tuned where untuned it costs less than this many times the best."""
@@ -206,7 +212,9 @@ def _likely(scout: Scout, fitter: GroupFitter, basis: SpaceBasis, usual: GroupCh
     best = likely[0]
     if scout.is_part:
         # A part tells origins apart, but not time bases: what neighbours have in common it lacks.
-        others = [time for time in TIME_BASES if time != usual.time]
+        spread = {time: fitter.spread(time, best[1], STEPS[START]) for time in MODE_BASES}
+        too_wide = spread["shapes"] > MOST_SPREAD * spread["modal"]
+        others = [time for time in TIME_BASES if time != usual.time and not (time == "shapes" and too_wide)]
         return [replace(usual, time=time, origin=best[1]) for time in (usual.time, *others)]
     enough = WORTH_A_LOOK * estimates[best]
     return [replace(usual, time=time, origin=origin) for time, origin in likely if estimates[time, origin] <= enough]

@@ -127,6 +127,10 @@ class GroupFitter:
         """Share of the motion's energy that the leading functions of a basis with modes carry."""
         return self._from(origin).explained(functions, basis)
 
+    def spread(self, time_basis: TimeBasis, origin: Origin, steps: float) -> float:
+        """:meth:`pdecodec.displacements.Displacements.spread` at a step of `steps` units."""
+        return self._from(origin).spread(time_basis, steps * self._unit)
+
     def level_bits(self, basis: SpaceBasis, steps: float, time_basis: TimeBasis, origin: Origin) -> float:
         """Bits of the coefficients alone at a step of `steps` units: to compare space bases by."""
         levels = _quantise(basis.project(self._from(origin).coefficients(time_basis)), steps * self._unit)
