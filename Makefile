@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-com
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test browser lint types bench bench-rd corpus reproduce stability paper docs vectors clean
+.PHONY: demo test browser lint types bench bench-rd figures reproduce stability paper docs vectors clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
@@ -30,9 +30,17 @@ types: $(READY)
 bench: $(INSTALLED)
 	$(BIN)/python -m pdecodec.experiments.bench
 
-# make bench-rd SEQUENCES="a.npz b.npz" OPTIONS="--tolerance 1e-3 --no-peers"
-bench-rd: $(INSTALLED)
-	$(BIN)/python -m pdecodec.experiments.rate_distortion $(if $(SEQUENCES),--sequences $(SEQUENCES)) $(OPTIONS)
+# make bench-rd SEQUENCES="a.npz b.npz" OPTIONS="--tolerance 1e-3 --no-peers"; without them a rope is simulated.
+bench-rd: $(READY)
+	mkdir -p out
+	$(if $(SEQUENCES),,$(BIN)/pdecodec simulate cube-rope -o out/rope.npz --frames 60 --overwrite)
+	$(BIN)/pdecodec report $(or $(SEQUENCES),out/rope.npz) -o out/bench-rd $(OPTIONS)
+
+# make figures DATA=folder: the corpus report, and its table in the README.
+figures: $(READY)
+	$(PIP) --editable '.[peers]'
+	$(BIN)/pdecodec report $(DATA) -o out/corpus
+	$(BIN)/python docs/make_figures.py out/corpus README.md docs/bytes-against-error.png
 
 # The paper reproduced and judged, and the atlas of stability; docs/paper keeps what the README quotes.
 reproduce: $(INSTALLED)

@@ -101,8 +101,8 @@ def _compare(first: MeshSequence, second: MeshSequence) -> dict[str, Any]:
     if (first.frame_count, first.vertex_count) == (second.frame_count, second.vertex_count):
         with progress_bar() as progress:
             measures = measure_distortion(first, second, progress=progress).to_dict()
-    for counted in ("frames", "vertices"):
-        del measures[counted]
+    for left_out in ("frames", "vertices", "within"):
+        del measures[left_out]
     return {**result, "diagonal": measures.pop("scale"), **measures}
 
 

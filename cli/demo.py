@@ -105,7 +105,7 @@ def _between_table(found: Demonstration) -> Table:
 def _sections_table(found: Demonstration) -> Table:
     from rich.table import Table
 
-    from pdecodec.experiments.demo import SECTION_TITLES
+    from pdecodec.encodereport import SECTION_TITLES
 
     names = dict.fromkeys(name for item in found.encodings for name in item.report.sections)
     table = Table("bytes", *(item.name for item in found.encodings), title="where they go", title_justify="left")

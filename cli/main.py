@@ -21,6 +21,7 @@ from pdecodec.cli.demo import demo
 from pdecodec.cli.encode import encode
 from pdecodec.cli.formats import formats
 from pdecodec.cli.info import info
+from pdecodec.cli.report import report
 from pdecodec.cli.reproduce import reproduce
 from pdecodec.cli.simulate import simulate
 from pdecodec.cli.stability import stability
@@ -49,7 +50,7 @@ def pdecodec() -> None:
     """
 
 
-for command in (encode, decode, info, compare, convert, simulate, formats, demo, reproduce, stability):
+for command in (encode, decode, info, compare, convert, simulate, formats, demo, report, reproduce, stability):
     pdecodec.add_command(command)
 
 

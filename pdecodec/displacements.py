@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.groups import TimeBasis, cosines
+from pdecodec.groups import TimeBasis
 from pdecodec.principal import principal_trajectories
 
 Float32Array = NDArray[np.float32]
@@ -72,11 +72,15 @@ class Displacements:
     def coefficients(self, basis: TimeBasis) -> Float64Array:
         """(vertices, functions or 3 functions) float64: of all functions of a basis."""
         if basis not in self._kept:
-            frames = self._frames
-            pde = basis == "pde"
-            functions = cosines(frames, min(frames, MOST_FUNCTIONS)) if pde else self.principal(basis)[1]
-            self._kept[basis] = self.along(functions, basis)
+            self._kept[basis] = self._cosines() if basis == "pde" else self.along(self.principal(basis)[1], basis)
         return self._kept[basis]
+
+    def _cosines(self) -> Float64Array:
+        from scipy.fft import dct
+
+        split = self._moved.reshape(-1, self._frames, 3)
+        waves: Float64Array = dct(split, axis=1, norm="ortho")[:, :MOST_FUNCTIONS]
+        return waves.reshape(len(split), -1)
 
     def along(self, functions: Float64Array, basis: TimeBasis) -> Float64Array:
         """Products with functions of time: one a function, or one for each of its axes after another."""

@@ -127,7 +127,7 @@ class _Encoder:
         self._still[:, self._curves.order] = self._model.rest
         self._largest_square = 0.0
         self._sum_of_squares = 0.0
-        self._corrections = 0
+        self._corrections = self._coefficients = 0
         self._entries: list[bytes] = []
 
     def run(self, path: Path | None, *, overwrite: bool) -> EncodeReport:
@@ -180,6 +180,7 @@ class _Encoder:
             # The rest shape alone does not do: the segment moves.
             levels = fit_levels(points, self._model, segment, self._step)
             chunk, exponent = encode_segment(levels, self._model), levels.exponent
+            self._coefficients += int(np.count_nonzero(levels.shape)) + int(np.count_nonzero(levels.poses))
             decoded = self._decode(chunk, segment, exponent)
         found = [NO_CORRECTIONS] * segment.frames
         if self._bound is not None:
@@ -270,6 +271,7 @@ class _Encoder:
             segments=len(self._entries),
             elements=self._model.elements.count,
             columns=self._model.elements.columns,
+            coefficients=self._coefficients,
             seconds=time.perf_counter() - self._started,
             summary=self._summary(),
             data=data,

@@ -10,6 +10,23 @@ from pdecodec import __version__
 CONSTANT_SECTIONS = frozenset({"CONN", "ORDR", "ATTR"})
 """Sections that do not grow with the motion: rates in bits per vertex and frame leave them out."""
 
+SECTION_TITLES = {
+    "container": "header and table",
+    "META": "remarks",
+    "SEQN": "times and objects",
+    "CONN": "connectivity",
+    "ORDR": "order of faces",
+    "REST": "rest shape",
+    "MODL": "model",
+    "GRUP": "groups",
+    "SEGM": "segments",
+    "TIME": "modes",
+    "COEF": "coefficients",
+    "CORR": "corrections",
+    "ATTR": "attributes",
+}
+"""Sections of a `.pdeanim` file in words."""
+
 
 @dataclass(frozen=True)
 class EncodeReport:
@@ -31,6 +48,9 @@ class EncodeReport:
         Vertices of single frames that were corrected.
     segments, elements, columns : int
         How large the model is.
+    coefficients : int
+        Numbers that the motion is made of: coefficients and moving frames other than zero, and all of the modes. The
+        rest shape and corrections are not among them.
     seconds : float
     summary : str
         In a sentence, what model was taken and why.
@@ -50,6 +70,7 @@ class EncodeReport:
     segments: int
     elements: int
     columns: int
+    coefficients: int
     seconds: float
     summary: str
     data: bytes | None = None

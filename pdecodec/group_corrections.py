@@ -12,6 +12,7 @@ gather in places as they do in time, and the code counts on both. A group is one
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from pdecodec.corrections import FrameCorrections
 from pdecodec.errors import CorruptFileError, LimitError
+from pdecodec.shares import in_shares, side_by_side
 
 if TYPE_CHECKING:
     from pdecodec.kernels.correction_model import Coding, Places, Records
@@ -119,11 +121,18 @@ def correct_group(
     from pdecodec.kernels.corrections import correct_misses, find_misses
 
     missed, counts = np.empty(points.shape[:2], np.bool_), np.empty(len(points), np.int64)
-    find_misses(points, base, bound, missed, counts)
+    in_shares(lambda first, end: find_misses(first, end, points, base, bound, missed, counts), len(points))
     starts = np.append(0, np.cumsum(counts))
     count = int(starts[-1])
     places, levels, within = np.empty(count, np.int64), np.empty((count, 3), np.int64), np.empty(count, np.bool_)
-    correct_misses(points, base, order, bound, step, missed, starts, places, levels, within)
+
+    def correct(first: int, end: int) -> None:
+        scratch = np.empty(3, np.float32)
+        correct_misses(
+            first, end, points, base, order, bound, step, missed, starts, places, levels, within, scratch
+        )  # fmt: skip
+
+    in_shares(correct, len(points))
     if within.all():
         none = no_corrections(len(points))
         return GroupCorrections(starts, places, levels, none.literal_frame_starts, none.literal_places, none.literals)
@@ -172,6 +181,36 @@ def add_frame(
         out[at] = literals
     else:
         out[at] = out[at].astype(np.float64) + weight * (literals.astype(np.float64) - base[at])
+
+
+def add_frames(out: Float32Array, corrections: GroupCorrections, first: int, order: Int64Array, *, step: float) -> None:
+    """Add the corrections of consecutive frames at full weight, in place: :func:`add_frame` of each, at once.
+
+    Parameters
+    ----------
+    out : (frames, vertices, 3) float32
+        C-contiguous.
+    corrections : GroupCorrections
+    first : int
+        Frame of the group that ``out[0]`` is.
+    order : (vertices,) int64
+        Vertex at each place.
+    step : float
+    """
+    from pdecodec.kernels.corrections import add_levels
+
+    frames, vertices, _ = out.shape
+    points = out.reshape(frames * vertices, 3)
+
+    def some(starts: Int64Array, places: Int64Array) -> tuple[slice, Int64Array]:
+        those = slice(int(starts[first]), int(starts[first + frames]))
+        frame = np.repeat(np.arange(frames), np.diff(starts[first : first + frames + 1]))
+        return those, order[places[those]] + vertices * frame
+
+    those, at = some(corrections.frame_starts, corrections.places)
+    add_levels(points, at, np.arange(at.size), corrections.levels[those], step, 1.0)
+    those, at = some(corrections.literal_frame_starts, corrections.literal_places)
+    points[at] = corrections.literals[those]
 
 
 def encode_group(corrections: GroupCorrections, starts: Int64Array) -> bytes:
@@ -289,10 +328,12 @@ def _cheapest(corrections: GroupCorrections, starts: Int64Array) -> tuple[bool, 
         return float(coding.coder[COST]) / 2.0**COST_BITS
 
     near = np.ones(corrections.frame_count, np.int64)
-    choices = [(bits(predicted, near), predicted, near) for predicted in (False, True)]
     far = _references(corrections, int(starts[-1]))
-    if (far > 1).any():
-        choices += [(bits(predicted, far), predicted, far) for predicted in (False, True)]
+    ways = [(predicted, distances) for distances in (near, far) for predicted in (False, True)]
+    if not (far > 1).any():
+        ways = ways[:2]
+    found = side_by_side(*(partial(bits, *way) for way in ways))
+    choices = [(cost, *way) for cost, way in zip(found, ways, strict=True)]
     cost, predicted, distances = min(choices, key=lambda choice: choice[0])
     return predicted, distances, cost
 

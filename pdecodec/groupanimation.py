@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -14,26 +15,33 @@ from pdecodec.connectivity_version_2 import BYTES_PER_CORNER, decode_connectivit
 from pdecodec.decodecache import DecodeCache
 from pdecodec.decoder import Animation
 from pdecodec.errors import CorruptFileError, SettingsError
-from pdecodec.group_corrections import GroupCorrections, add_frame, decode_group
+from pdecodec.expansion import Expansion
+from pdecodec.group_corrections import GroupCorrections, add_frame, add_frames, decode_group
 from pdecodec.groupmodel import GroupModelDescription
 from pdecodec.groups import (
     CHUNK_SECTIONS,
+    GroupEntry,
     GroupFunctions,
     GroupTable,
+    by_function,
     evaluate_group,
-    group_functions,
+    functions_of_time,
     read_group_table,
 )
-from pdecodec.levelcoding import decode_levels
+from pdecodec.levelcoding import decode_levels_in_parts
 from pdecodec.modes import decode_modes
 from pdecodec.paperform import PaperForm
+from pdecodec.patches import early_patches
 from pdecodec.restcoding import decode_rest
+from pdecodec.restshape import RestShape
 from pdecodec.sequence import Connectivity
+from pdecodec.shares import thread_count
 from pdecodec.spacebasis import SpaceBasis, build_space_basis
 from pdecodec.spline import FrameSpline
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
+FloatArray = NDArray[np.float32] | NDArray[np.float64]
 
 BYTES_PER_LEVEL = 40
 """Peak memory of a group, per coefficient: level, value, its share of the joints, and the value on a vertex."""
@@ -81,22 +89,33 @@ class GroupAnimation(Animation):
         self._take(BYTES_PER_LEVEL * vertices * widest, f"{widest} functions of time on {vertices} vertices")
         longest = max(entry.frames * entry.functions for entry in self._table.entries)
         self._take(BYTES_PER_MODE * longest, f"{longest} numbers of modes")
-        self._shape = decode_rest(self._container.read("REST"), self.objects)
-        self._space: SpaceBasis = build_space_basis(
-            self._description.space,
-            self.objects,
-            self._shape.levels,
-            points=self._description.points,
-            functions=self._description.functions,
-        )
+        self._shape, self._space = self._decode_space()
         if self._space.columns != self._description.columns:
             raise CorruptFileError(
                 f"its patches have {self._space.columns} functions where section MODL says {self._description.columns}"
             )
         self._order = self._space.order.astype(np.int64)
-        self._rest = np.ascontiguousarray(self._shape.points[self._space.order].T)
+        self._rest = np.ascontiguousarray(self._shape.points.T)
         self._spline = FrameSpline(self.times)
         self._cache: DecodeCache[_DecodedGroup] = DecodeCache()
+
+    def _decode_space(self) -> tuple[RestShape, SpaceBasis]:
+        description = self._description
+        is_halved = description.space == "patch"
+        # The patches of most meshes follow from connectivity alone: they are made while the rest shape is decoded.
+        with ThreadPoolExecutor(1) as pool:
+            found = pool.submit(early_patches, self.objects, description.points) if is_halved else None
+            shape = decode_rest(self._container.read("REST"), self.objects)
+            early = found.result() if found else None
+        space = build_space_basis(
+            description.space,
+            self.objects,
+            shape.levels,
+            points=description.points,
+            functions=description.functions,
+            early=early,
+        )
+        return shape, space
 
     def _take(self, needed: int, what: str) -> None:
         self._check_memory(self._limits.max_memory - self._left + needed, what)
@@ -111,53 +130,81 @@ class GroupAnimation(Animation):
         if entry.basis == "pde" and time:
             raise CorruptFileError("section TIME has modes of a group that needs none")
 
-        def beside() -> tuple[Float64Array, GroupCorrections]:
+        def beside() -> tuple[FloatArray, GroupCorrections]:
             modes = np.zeros((entry.frames, 3, 0))
             if entry.basis != "pde":
                 modes = decode_modes(time, entry.frames, entry.functions, entry.mode_step, axes=entry.mode_axes)
-            return modes, decode_group(corrected, entry.frames, self._space.starts, most_bytes=self._left)
+            corrections = decode_group(corrected, entry.frames, self._space.starts, most_bytes=self._left)
+            with np.errstate(all="ignore"):  # a thread of its own has settings of its own
+                return functions_of_time(entry, modes), corrections
 
         # The three chunks know nothing of each other, and the compiled loops let other threads run.
-        with ThreadPoolExecutor(1) as pool:
+        with ThreadPoolExecutor(max(thread_count() - 1, 1)) as pool:
             found = pool.submit(beside)
-            levels = decode_levels(coefficients, self._space, entry.width, axes=entry.axes)
-            modes, corrections = found.result()
-        return _DecodedGroup(group_functions(entry, modes, levels, self._space), corrections)
+            planes = self._decode_planes(entry, coefficients, pool)
+            weights, corrections = found.result()
+        return _DecodedGroup(GroupFunctions(weights, by_function(entry, planes)), corrections)
 
-    def _evaluate(self, times: Float64Array) -> Float32Array:
-        out = np.empty((times.size, self.vertex_count, 3), np.float32)
+    def _decode_planes(self, entry: GroupEntry, data: bytes, pool: ThreadPoolExecutor) -> FloatArray:
+        """Coefficients, and patch by patch what they make of its vertices: by other threads, while there is time."""
+        space = self._space
+        levels = np.zeros((space.columns, entry.width), np.int64)
+        coefficients = np.empty(levels.shape)
+        expansion = Expansion(space, coefficients, single=entry.single)
+
+        def expand(first: int, end: int) -> None:
+            rows = slice(int(space.coefficient_starts[first]), int(space.coefficient_starts[end]))
+            np.multiply(levels[rows], entry.step, out=coefficients[rows])
+            expansion.expand(first, end)
+
+        begun = []
+        for first, end in decode_levels_in_parts(data, space, levels, axes=entry.axes):
+            if first == 0:
+                rows = slice(0, int(space.coefficient_starts[0]))
+                np.multiply(levels[rows], entry.step, out=coefficients[rows])
+                expansion.share_out()
+            begun.append((pool.submit(expand, first, end), first, end))
+        for future, first, end in reversed(begun):
+            if future.cancel():
+                expand(first, end)
+            else:
+                future.result()
+        return expansion.planes
+
+    def _runs(self, times: Float64Array) -> Iterator[tuple[int, int, int]]:
+        """Rows of increasing times, ``(start, stop, frame)``: frames of a group in a row; frame -1 for one between."""
         left = np.searchsorted(self.times, times, side="right") - 1
         is_frame = self.times[left] == times
         group = np.searchsorted(self._table.firsts, left, side="right") - 1
-        start = 0
-        while start < times.size:
-            stop = start
-            while (
-                stop < times.size
-                and is_frame[stop]
-                and left[stop] - left[start] == stop - start
-                and group[stop] == group[start]
-            ):
-                stop += 1
-            if stop > start:
-                found = self._group(int(group[start])).functions
-                first = int(left[start] - self._table.firsts[group[start]])
-                evaluate_group(
-                    found,
-                    slice(first, first + stop - start),
-                    self._rest,
-                    self._space.order,
-                    out[start:stop],
-                )
-                start = stop
-            else:
-                moved = self._between(float(times[start]), 0) + self._rest
-                out[start, self._order] = moved.T
-                start += 1
+        goes_on = is_frame[1:] & is_frame[:-1] & (np.diff(left) == 1) & (np.diff(group) == 0)
+        starts = np.flatnonzero(np.append(True, ~goes_on)[: times.size]).tolist()
+        for start, stop in pairwise([*starts, times.size]):
+            yield start, stop, int(left[start]) if is_frame[start] else -1
+
+    def _evaluate(self, times: Float64Array) -> Float32Array:
+        out = np.empty((times.size, self.vertex_count, 3), np.float32)
+        for start, stop, frame in self._runs(times):
+            if frame < 0:
+                out[start] = (self._between(float(times[start]), 0) + self._rest).T
+                continue
+            group = self._table.group_of(frame)
+            first = frame - int(self._table.firsts[group])
+            frames = slice(first, first + stop - start)
+            evaluate_group(self._group(group).functions, frames, self._rest, out[start:stop])
         return out
 
+    def _add_corrections(self, out: Float32Array, times: Float64Array) -> None:
+        step = self._description.correction_step
+        for start, stop, frame in self._runs(times):
+            if frame < 0:
+                super()._add_corrections(out[start:stop], times[start:stop])
+                continue
+            group = self._table.group_of(frame)
+            first = frame - int(self._table.firsts[group])
+            add_frames(out[start:stop], self._group(group).corrections, first, self._order, step=step)
+
     def _between(self, time: float, derivative: Literal[0, 1, 2]) -> Float64Array:
-        """(3, vertices) float64 in patch order: displacement by the spline through all frames, or a derivative."""
+        """(3, vertices) float64: displacement by the spline through all frames, or a derivative."""
         from pdecodec.kernels.group_motion import add_group
 
         (first,), (weights,) = self._spline.weights(np.array([time]), derivative)
@@ -198,9 +245,7 @@ class GroupAnimation(Animation):
         return added
 
     def _model_derivative(self, order: int, time: float) -> Float64Array:
-        out = np.empty((self.vertex_count, 3))
-        out[self._order] = self._between(time, 1 if order == 1 else 2).T
-        return out
+        return np.ascontiguousarray(self._between(time, 1 if order == 1 else 2).T)
 
     def coefficients(self, segment: int) -> PaperForm:
         raise SettingsError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from pdecodec.groupfit import FittedGroup, GroupFitter
 from pdecodec.groups import GROUP_ENTRY, TIME_BASES, TimeBasis
 from pdecodec.scouting import Scout
 from pdecodec.sequence import MeshObject
+from pdecodec.shares import side_by_side
 from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis
 
 STEPS = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 32.0, 64.0)
@@ -142,25 +144,40 @@ def choose_group(
     """
     found: dict[GroupChoice, FittedGroup] = {}
 
-    def cost(choice: GroupChoice) -> float:
-        if choice not in found:
-            found[choice] = _fit(fitter, basis, choice)
+    def fit(choice: GroupChoice) -> FittedGroup:
+        return _fit(fitter, basis, choice)
+
+    def look(choices: Sequence[GroupChoice]) -> None:
+        """Fit those that have not been looked at, at once."""
+        new = [choice for choice in choices if choice not in found]
+        for choice in new:
+            fitter.prepare(choice.time, choice.origin)
+        for choice, fitted in zip(new, side_by_side(*(partial(fit, choice) for choice in new)), strict=True):
+            found[choice] = fitted
             best = min(found, key=lambda item: found[item].bits)
             for other in list(found):  # only the best is kept whole
                 if other != best and found[other].levels.size:
                     found[other] = forgotten(found[other])
+
+    def cost(choice: GroupChoice) -> float:
+        look([choice])
         return found[choice].bits
 
     choices = [usual]
     if effort > 1 and scout and fitter.trajectories:
         choices = _likely(scout, fitter, basis, usual)
+    look(_around(choices[0], "steps", len(STEPS)))
     choice = _walk(choices[0], "steps", len(STEPS), cost)
-    for other in choices[1:]:
-        rival = replace(other, steps=choice.steps)
+    rivals = [replace(other, steps=choice.steps) for other in choices[1:]]
+    look(rivals)
+    for rival in rivals:
         if cost(rival) < WORTH_TUNING * cost(choice):
+            look(_around(rival, "steps", len(STEPS)))
             choice = min(choice, _walk(rival, "steps", len(STEPS), cost), key=cost)
     if effort > 1 and fitter.trajectories and choice.time != "pde":
+        look(_around(choice, "mode_steps", len(MODE_STEPS)))
         choice = _walk(choice, "mode_steps", len(MODE_STEPS), cost)
+        look(_around(choice, "steps", len(STEPS)))
         choice = _walk(choice, "steps", len(STEPS), cost)
     return ChosenGroup(fitter, choice, found[choice])
 
@@ -222,6 +239,12 @@ def _likely(scout: Scout, fitter: GroupFitter, basis: SpaceBasis, usual: GroupCh
 
 def _fit(fitter: GroupFitter, basis: SpaceBasis, choice: GroupChoice) -> FittedGroup:
     return fitter.fit(basis, choice.time, choice.origin, STEPS[choice.steps], MODE_STEPS[choice.mode_steps])
+
+
+def _around(start: GroupChoice, name: str, length: int) -> list[GroupChoice]:
+    """Where a walk looks at least: its start, and the next both ways."""
+    index = getattr(start, name)
+    return [replace(start, **{name: k}) for k in (index, index + 1, index - 1) if 0 <= k < length]
 
 
 def _walk(start: GroupChoice, name: str, length: int, cost: Callable[[GroupChoice], float]) -> GroupChoice:

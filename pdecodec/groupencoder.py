@@ -20,7 +20,7 @@ from pdecodec.description import encode_attributes, encode_remarks, encode_seque
 from pdecodec.encodereport import EncodeReport, counted, generator
 from pdecodec.errors import SettingsError
 from pdecodec.framewindow import checked_frames
-from pdecodec.group_corrections import add_frame, encode_group
+from pdecodec.group_corrections import add_frames, encode_group
 from pdecodec.groupchoice import (
     FIRST_CHOICE,
     SPACES,
@@ -92,7 +92,8 @@ class GroupEncoder:
         self._rest = decode_rest(self._rest_bytes, sequence.objects)
         self._functions = min(MOST_FUNCTIONS, max(FEWEST_FUNCTIONS, BASIS_BYTES // (8 * max(1, sequence.vertex_count))))
         self._space = SPACES[0]
-        self._largest_square, self._sum_of_squares, self._corrections = 0.0, 0.0, 0
+        self._largest_square, self._sum_of_squares = 0.0, 0.0
+        self._corrections = self._coefficients = 0
         self._entries: list[bytes] = []
         self._chosen: list[FittedGroup] = []
         self._explained = 1.0
@@ -198,12 +199,12 @@ class GroupEncoder:
         time_chunk, coefficients, functions = encode_motion(fitted, basis)
         corrections = fitter.corrections(basis, functions)
         chunks = (time_chunk, coefficients, encode_group(corrections, basis.starts))
-        decoded = fitter.decoded(basis, functions)
+        decoded = fitter.decoded(functions)
         order = basis.order.astype(np.int64)
-        for f in range(fitter.frames):
-            add_frame(decoded[f], corrections, f, order, step=self._correction_step, weight=1.0)
+        add_frames(decoded, corrections, 0, order, step=self._correction_step)
         self._measure(fitter.points, decoded)
         self._corrections += corrections.count
+        self._coefficients += int(np.count_nonzero(fitted.levels)) + fitted.modes.size
         for spool, chunk in zip(spools, chunks, strict=True):
             spool.append(chunk)
         entry = replace(
@@ -288,6 +289,7 @@ class GroupEncoder:
             segments=len(self._entries),
             elements=basis.patches,
             columns=basis.columns,
+            coefficients=self._coefficients,
             seconds=time.perf_counter() - self._started,
             summary=self._summary(basis),
             data=data,

@@ -96,6 +96,10 @@ class GroupFitter:
             self._displacements[origin] = Displacements(self.points, shape, self._unit)
         return self._displacements[origin]
 
+    def prepare(self, time_basis: TimeBasis, origin: Origin) -> None:
+        """Compute what all fits of a time basis and origin share: fits in several threads would each do it."""
+        self._from(origin).coefficients(time_basis)
+
     def part(self, frames: slice) -> GroupFitter:
         """Some of its frames, as a group of their own."""
         return self._with(self.points[frames], self._rest, self._first)
@@ -183,18 +187,17 @@ class GroupFitter:
                 return self._entry(int(used.size), time_basis, step, mode_step), scaled, decoded, levels, bits
             used = used[needed]
 
-    def decoded(self, basis: SpaceBasis, functions: GroupFunctions) -> Float32Array:
+    def decoded(self, functions: GroupFunctions) -> Float32Array:
         """Positions at the frames, before corrections."""
-        rest = np.ascontiguousarray(self._rest[basis.order].T)
         out = np.empty(self.points.shape, np.float32)
-        evaluate_group(functions, slice(None), rest, basis.order, out)
+        evaluate_group(functions, slice(None), np.ascontiguousarray(self._rest.T), out)
         return out
 
     def corrections(self, basis: SpaceBasis, functions: GroupFunctions) -> GroupCorrections:
         """For the vertices that miss the bound."""
         return correct_group(
             self.points,
-            self.decoded(basis, functions),
+            self.decoded(functions),
             basis.order.astype(np.int64),
             bound=self._bound,
             step=self._correction_step,

@@ -18,14 +18,15 @@ from numpy.typing import NDArray
 
 from pdecodec.container import ContainerReader
 from pdecodec.errors import CorruptFileError
+from pdecodec.expansion import Expansion
 from pdecodec.modes import cosine_wave
 from pdecodec.quantise import LARGEST_STEP
+from pdecodec.shares import in_shares
 from pdecodec.spacebasis import SpaceBasis
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
-Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 
 TimeBasis = Literal["pde", "modal", "shapes"]
@@ -182,10 +183,7 @@ def normalised_modes(modes: Float64Array) -> Float64Array:
     Squares are added up frame after frame, x y z within each.
     """
     flat = modes.reshape(modes.shape[0] * modes.shape[1], modes.shape[2])
-    squares = np.zeros(flat.shape[1])
-    for row in flat:
-        squares += row * row
-    lengths = np.sqrt(squares)
+    lengths = np.sqrt(np.cumsum(flat * flat, axis=0)[-1])
     unit: Float64Array = modes / np.where(lengths > 0.0, lengths, 1.0)
     return unit
 
@@ -199,7 +197,7 @@ class GroupFunctions:
     time : (frames, 3, functions) float32 or float64
         Functions of time at the frames, for each axis.
     planes : (functions, 1 or 3, vertices), as `time` [scene units]
-        What each function is multiplied with at each vertex, in patch order; one plane an axis, or one for all.
+        What each function is multiplied with at each vertex; one plane an axis, or one for all.
     """
 
     time: FloatArray
@@ -222,17 +220,26 @@ def group_functions(entry: GroupEntry, modes: Float64Array, levels: Int64Array, 
         Coefficients, in steps.
     basis : SpaceBasis
     """
-    planes = basis.expand(np.multiply(levels, entry.step, dtype=np.float64), single=entry.single)
+    expansion = Expansion(basis, np.multiply(levels, entry.step, dtype=np.float64), single=entry.single)
+    expansion.share_out()
+    in_shares(expansion.expand, basis.patches)
+    return GroupFunctions(functions_of_time(entry, modes), by_function(entry, expansion.planes))
+
+
+def functions_of_time(entry: GroupEntry, modes: Float64Array) -> FloatArray:
+    """:attr:`GroupFunctions.time` from the modes."""
     time = cosines(entry.frames, entry.functions)[:, None] if entry.basis == "pde" else normalised_modes(modes)
     if entry.axes == 3:
         time = np.repeat(time, 3, axis=1)
-    by_function = planes.reshape(entry.functions, entry.axes, planes.shape[1])
-    return GroupFunctions(time.astype(np.float32) if entry.single else time, by_function)
+    return time.astype(np.float32) if entry.single else time
 
 
-def evaluate_group(
-    group: GroupFunctions, frames: slice, rest: Float64Array, order: Int32Array, out: Float32Array
-) -> None:
+def by_function(entry: GroupEntry, planes: FloatArray) -> FloatArray:
+    """:attr:`GroupFunctions.planes` from those of an expansion."""
+    return planes.reshape(entry.functions, entry.axes, planes.shape[1])
+
+
+def evaluate_group(group: GroupFunctions, frames: slice, rest: Float64Array, out: Float32Array) -> None:
     """Positions at some of its frames, before corrections.
 
     Parameters
@@ -240,10 +247,13 @@ def evaluate_group(
     group : GroupFunctions
     frames : slice
     rest : (3, vertices) float64 [scene units]
-        In patch order.
-    order : (vertices,) int32
     out : (frames, vertices, 3) float32, written
     """
-    from pdecodec.kernels.group_motion import positions
+    from pdecodec.kernels.group_motion import BLOCK, TILE, positions
 
-    positions(group.time[frames], group.planes, rest, order, out)
+    weights = group.time[frames]
+
+    def evaluate(first: int, end: int) -> None:
+        positions(first, end, weights, group.planes, rest, np.empty((3, BLOCK), weights.dtype), out)
+
+    in_shares(evaluate, -(-len(weights) // TILE))

@@ -76,6 +76,9 @@ class Distortion:
         the first extracted curve; here `scale` stands in its place, so that clips without curves have one too.
     frames, vertices : int
         How many were measured.
+    within : float or None
+        Share of all vertices of all frames whose distance is at most the limit that the measurement was given; None
+        where it was given none.
     """
 
     scale: float
@@ -89,6 +92,7 @@ class Distortion:
     e_m: float
     frames: int
     vertices: int
+    within: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Fields by name, ready for JSON: an infinite `kg_error` becomes None."""
@@ -104,13 +108,22 @@ class DistortionMeter:
     ----------
     scale : float, optional [scene units]
         Default: :func:`frame_scale` of the first reference frame added.
+    limit : float, optional [scene units]
+        Distances up to this are counted.
+
+    Attributes
+    ----------
+    average_by_frame, maximum_by_frame : list of float [scene units]
+        Mean and largest distance of each frame added so far: over `scale`, E_An and E_Mn of Eqs. 26 and 27.
     """
 
-    def __init__(self, *, scale: float | None = None) -> None:
+    def __init__(self, *, scale: float | None = None, limit: float | None = None) -> None:
         self._scale = scale
+        self._limit = limit
+        self._within = 0
         self._vertices = 0
-        self._average_by_frame: list[float] = []
-        self._maximum_by_frame: list[float] = []
+        self.average_by_frame: list[float] = []
+        self.maximum_by_frame: list[float] = []
         self._worst = (-1.0, 0, 0)
         self._square_sum = 0.0
         self._spread_sum = 0.0
@@ -137,7 +150,7 @@ class DistortionMeter:
             )
 
     def _add_chunk(self, reference: NDArray[np.float64], other: NDArray[np.float64]) -> None:
-        first = len(self._average_by_frame)
+        first = len(self.average_by_frame)
         if self._scale is None:
             self._scale = frame_scale(reference[0])
         self._vertices = reference.shape[1]
@@ -146,11 +159,13 @@ class DistortionMeter:
             frame, vertex = np.argwhere(~np.isfinite(squares))[0]
             raise InputError(f"vertex {vertex} has a position that is not a finite number", frame=first + int(frame))
         distances = np.sqrt(squares)
-        self._average_by_frame.extend(distances.mean(axis=1).tolist())
-        self._maximum_by_frame.extend(distances.max(axis=1).tolist())
+        self.average_by_frame.extend(distances.mean(axis=1).tolist())
+        self.maximum_by_frame.extend(distances.max(axis=1).tolist())
         frame, vertex = divmod(int(distances.argmax()), self._vertices)
         if distances[frame, vertex] > self._worst[0]:
             self._worst = (float(distances[frame, vertex]), first + frame, vertex)
+        if self._limit is not None:
+            self._within += int(np.count_nonzero(distances <= self._limit))
         self._square_sum += float(squares.sum())
         self._spread_sum += float(((reference - reference.mean(axis=1, keepdims=True)) ** 2).sum())
         # Non-negative floats sort as their bit patterns do, so leading bits are bins of equal relative width.
@@ -174,11 +189,11 @@ class DistortionMeter:
         InputError
             If no frame was added.
         """
-        frames = len(self._average_by_frame)
+        frames = len(self.average_by_frame)
         if frames == 0 or self._scale is None:
             raise InputError("no frame was compared; give at least one")
-        average = np.array(self._average_by_frame) / self._scale  # Eq. 26
-        maximum = np.array(self._maximum_by_frame) / self._scale  # Eq. 27
+        average = np.array(self.average_by_frame) / self._scale  # Eq. 26
+        maximum = np.array(self.maximum_by_frame) / self._scale  # Eq. 27
         return Distortion(
             scale=self._scale,
             max_error=self._worst[0],
@@ -191,6 +206,7 @@ class DistortionMeter:
             e_m=float(maximum.max()),
             frames=frames,
             vertices=self._vertices,
+            within=None if self._limit is None else self._within / (frames * self._vertices),
         )
 
 
@@ -201,7 +217,12 @@ def _kg_error(square_sum: float, spread_sum: float) -> float:
 
 
 def measure_distortion(
-    reference: MeshSequence, other: MeshSequence, *, scale: float | None = None, progress: Progress | None = None
+    reference: MeshSequence,
+    other: MeshSequence,
+    *,
+    scale: float | None = None,
+    limit: float | None = None,
+    progress: Progress | None = None,
 ) -> Distortion:
     """Distortion of `other` against `reference`, frame by frame in order, whatever their times.
 
@@ -211,6 +232,8 @@ def measure_distortion(
         Of equal frame and vertex counts.
     scale : float, optional [scene units]
         Default: :func:`frame_scale` of the reference's frame 0.
+    limit : float, optional [scene units]
+        Distances up to this are counted in `within`.
     progress : callable, optional
 
     Raises
@@ -222,7 +245,7 @@ def measure_distortion(
         counts = [getattr(item, f"{what}_count") for item in (reference, other)]
         if counts[0] != counts[1]:
             raise InputError(f"{what} counts differ: {counts[0]} and {counts[1]}; only equal counts can be compared")
-    meter = DistortionMeter(scale=scale)
+    meter = DistortionMeter(scale=scale, limit=limit)
     for start, block in reference.blocks():
         meter.add(block, other.read_frames(start, start + len(block)))
         if progress is not None:

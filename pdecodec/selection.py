@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.sequence import Float32Array, MeshSequence, check_frame_range, check_times
@@ -29,7 +30,7 @@ class FrameSelection(MeshSequence):
         self._source = source
         self._chosen = chosen
         self.objects = source.objects
-        self.times, self.fps = check_times(chosen.size, source.times[chosen], source.fps if chosen.size == 1 else None)
+        self.times, self.fps = check_times(chosen.size, source.times[chosen], _rate(chosen, source.fps))
         self.metadata = source.metadata
         self.notices = source.notices
 
@@ -44,6 +45,14 @@ class FrameSelection(MeshSequence):
 
     def close(self) -> None:
         self._source.close()
+
+
+def _rate(chosen: NDArray[np.int64], fps: float) -> float | None:
+    """Frames a second of evenly chosen frames: the source's over the step, not what rounded times say; else None."""
+    steps = np.unique(np.diff(chosen))
+    if steps.size > 1:
+        return None
+    return fps / int(steps[0]) if steps.size else fps
 
 
 class ObjectSelection(MeshSequence):

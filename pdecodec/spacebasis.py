@@ -24,9 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.basis import SPACE_FUNCTIONS, series_functions
-from pdecodec.curves import extract_curves, face_edges, morton_order, order_lonely_points
+from pdecodec.curves import extract_curves, order_lonely_points
 from pdecodec.elements import PIECE_POINTS, arc_length_parameter, piece_starts
+from pdecodec.patches import Patches, build_patches
 from pdecodec.sequence import MeshObject
+from pdecodec.shares import in_shares
 
 Float64Array = NDArray[np.float64]
 Int64Array = NDArray[np.int64]
@@ -68,6 +70,24 @@ def polynomial_exponents() -> Int64Array:
     rest = [item for item in found if item not in affine]
     rest.sort(key=lambda item: (item[0] + item[1] + NORMAL_DEGREE * item[2], -item[0], -item[1]))
     return np.array(affine + rest, np.int64)
+
+
+@lru_cache
+def polynomial_table() -> Int64Array:
+    """(n, 4) int64: how each polynomial is made of those before it.
+
+    In the columns of the axes, which polynomial has a degree less on that axis, -1 for none; then along which axis it
+    is made of that one, the first that it can be, -1 for the constant.
+    """
+    exponents = [tuple(row) for row in polynomial_exponents().tolist()]
+    place = {item: j for j, item in enumerate(exponents)}
+    table = np.full((len(exponents), 4), -1, np.int64)
+    for j, item in enumerate(exponents):
+        for axis in reversed(range(3)):
+            if item[axis]:
+                table[j, axis] = place[tuple(degree - (k == axis) for k, degree in enumerate(item))]
+                table[j, 3] = axis
+    return table
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +141,16 @@ class SpaceBasis:
     def patches(self) -> int:
         return self.starts.size - 1
 
+    @property
+    def runs(self) -> int:
+        """Runs of columns: one of the whole's affine functions, one of each set that is no patch, one of each patch."""
+        return 1 + self.children.size
+
+    @cached_property
+    def largest(self) -> int:
+        """Vertices of the largest patch."""
+        return int(np.diff(self.starts).max(initial=0))
+
     @cached_property
     def units(self) -> tuple[Int64Array, Int64Array, Int64Array]:
         """Columns in runs, as they are coded: ``(starts, kinds, parents)``.
@@ -145,14 +175,27 @@ class SpaceBasis:
     @cached_property
     def _complete(self) -> tuple[Float64Array, Int64Array]:
         """All functions of each patch: ``(basis, basis_starts)``, function after function."""
-        from pdecodec.kernels.patch_functions import build_patches
+        from pdecodec.kernels.patch_functions import build_patches, new_scratch
 
         ranks = self.affine + np.diff(self.coefficient_starts)
         basis_starts = np.concatenate([[0], np.cumsum(ranks * np.diff(self.starts))])
         basis = np.empty(int(basis_starts[-1]))
-        exponents = polynomial_exponents()
-        build_patches(self.levels, self.order, self.starts, exponents, self.given, ranks, basis, basis_starts)
+        table = polynomial_table()
+
+        def build(first: int, end: int) -> None:
+            build_patches(
+                first, end, self.levels, self.order, self.starts, table, self.given, ranks, basis, basis_starts,
+                new_scratch(self.largest, len(table)),
+            )  # fmt: skip
+
+        in_shares(build, self.patches)
         return basis, basis_starts
+
+    @property
+    def functions_made(self) -> tuple[Float64Array, Int64Array]:
+        """All functions of each patch as an encoder has made them; of none in a decoder, which makes those it needs."""
+        made: tuple[Float64Array, Int64Array] = self.__dict__.get("_complete", (np.zeros(0), np.zeros(0, np.int64)))
+        return made
 
     def project(self, values: Float64Array) -> Float64Array:
         """Coefficients of functions on the vertices: (vertices, width), mesh order, to (columns, width) float64."""
@@ -161,52 +204,28 @@ class SpaceBasis:
         width = values.shape[1]
         scaling = np.zeros((self.children.size, 4, width))
         coefficients = np.zeros((self.columns, width))
-        project_patches(
-            np.ascontiguousarray(values[self.order], dtype=np.float64),
-            self.starts,
-            *self._complete,
-            self.affine,
-            self.coefficient_starts,
-            scaling,
-            self.set_of,
-            coefficients,
-        )
+        ordered = np.ascontiguousarray(values[self.order], dtype=np.float64)
+        basis, basis_starts = self._complete
+
+        def project(first: int, end: int) -> None:
+            project_patches(
+                first, end, ordered, self.starts, basis, basis_starts, self.affine, self.coefficient_starts,
+                scaling, self.set_of, coefficients,
+            )  # fmt: skip
+
+        in_shares(project, self.patches)
         join(self.children, self.counts, self.joints, self.detail_starts, scaling, coefficients)
         return coefficients
 
-    def expand(self, coefficients: Float64Array, *, single: bool) -> NDArray[np.float32] | Float64Array:
-        """Undo :meth:`project`: (columns, width) to (width, vertices), in patch order.
-
-        Rounded to float32 at the end where `single`, float64 otherwise.
-        """
-        from pdecodec.kernels.space_transform import expand_patches, part
-
-        width = coefficients.shape[1]
-        scaling = np.zeros((self.children.size, 4, width))
-        # An encoder has made all functions before it comes here; a decoder makes those that it needs.
-        basis, basis_starts = self.__dict__.get("_complete", (np.zeros(0), np.zeros(0, np.int64)))
-        planes = np.empty((width, self.order.size), np.float32 if single else np.float64)
-        part(self.children, self.counts, self.joints, self.detail_starts, coefficients, scaling)
-        expand_patches(
-            scaling,
-            coefficients,
-            self.levels,
-            self.order,
-            self.starts,
-            polynomial_exponents(),
-            self.given,
-            basis,
-            basis_starts,
-            self.affine,
-            self.coefficient_starts,
-            self.set_of,
-            planes,
-        )
-        return planes
-
 
 def build_space_basis(
-    kind: SpaceKind, objects: Sequence[MeshObject], rest: Int64Array, *, points: int, functions: int
+    kind: SpaceKind,
+    objects: Sequence[MeshObject],
+    rest: Int64Array,
+    *,
+    points: int,
+    functions: int,
+    early: Patches | None = None,
 ) -> SpaceBasis:
     """The space basis of a mesh.
 
@@ -220,37 +239,34 @@ def build_space_basis(
         Vertices of a patch at most.
     functions : int
         Functions of a patch at most.
+    early : Patches, optional
+        What `pdecodec.patches.early_patches` gave; made again where the rest shape changes them.
     """
     if kind == "patch":
-        order, starts, children, set_of = _patches(objects, rest, points)
+        patches = build_patches(objects, rest, points, early)
         given = np.zeros((0, 0))
     else:
-        order, starts, given = _pieces(objects, rest, points)
-        children, set_of = _chain(starts.size - 1)
-    return _with_functions(order, starts, children, set_of, given, rest, functions)
+        patches, given = _pieces(objects, rest, points)
+    return _with_functions(patches, given, rest, functions)
 
 
-def _with_functions(
-    order: Int32Array,
-    starts: Int64Array,
-    children: Int64Array,
-    set_of: Int64Array,
-    given: Float64Array,
-    rest: Int64Array,
-    functions: int,
-) -> SpaceBasis:
-    from pdecodec.kernels.patch_functions import AFFINE, affine_functions, build_joints
+def _with_functions(patches: Patches, given: Float64Array, rest: Int64Array, functions: int) -> SpaceBasis:
+    from pdecodec.kernels.patch_functions import AFFINE, affine_functions, build_joints, new_scratch
 
+    table = polynomial_table()
+    order, starts, children, set_of = patches.order, patches.starts, patches.children, patches.set_of
     sizes = np.diff(starts)
     affine, patch_coordinates = np.zeros(sizes.size, np.int64), np.zeros((sizes.size, AFFINE, AFFINE))
-    affine_functions(rest, order, starts, polynomial_exponents(), given, functions, affine, patch_coordinates)
+    scratch = new_scratch(int(sizes.max(initial=0)), len(table))
+    affine_functions(rest, order, starts, table, given, functions, affine, patch_coordinates, scratch)
     # Unit vectors complete whatever polynomials leave open.
     ranks = np.minimum(sizes, functions)
     counts = np.zeros(children.size, np.int64)
     coordinates = np.zeros((children.size, AFFINE, AFFINE))
     counts[set_of], coordinates[set_of] = affine, patch_coordinates
     joints = np.zeros((children.size, 2 * AFFINE, 2 * AFFINE))
-    build_joints(children, counts, coordinates, joints)
+    scratch = new_scratch(2 * AFFINE, 0)
+    build_joints(children, counts, coordinates, joints, np.empty((2 * AFFINE, AFFINE)), scratch)
     inner = np.flatnonzero(children >= 0)
     details = np.zeros(children.size, np.int64)
     details[inner] = counts[children[inner]] + counts[children[inner] + 1] - counts[inner]
@@ -272,70 +288,17 @@ def _with_functions(
     )
 
 
-def _patches(
-    objects: Sequence[MeshObject], rest: Int64Array, points: int
-) -> tuple[Int32Array, Int64Array, Int64Array, Int64Array]:
-    """Patches by halving: ``(order, starts, children, set_of)``."""
-    from pdecodec.kernels.bisection import bisect
-
-    starts, neighbours = mesh_graph(objects, rest)
-    order = _first_order(starts, rest)
-    room = 2 * order.size
-    begins, ends, children = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64)
-    count = bisect(starts, neighbours, points, order, begins, ends, children)
-    found = np.flatnonzero(children[:count] < 0)
-    found = found[np.argsort(begins[found])]
-    patch_starts = np.append(begins[found], order.size)
-    return order, patch_starts, children[:count].copy(), found
-
-
-def mesh_graph(objects: Sequence[MeshObject], rest: Int64Array) -> tuple[Int64Array, Int32Array]:
-    """Neighbours of each vertex, as ``(starts, neighbours)``: along faces, along lines, and at the same place."""
-    from pdecodec.kernels.graph import compressed_rows
-
-    tails, heads, offset = [], [], 0
-    for item in objects:
-        tail, head = face_edges(item.connectivity)
-        lines, counts = item.connectivity.line_indices, item.connectivity.line_counts
-        inside = np.ones(max(lines.size - 1, 0), dtype=bool)
-        inside[np.cumsum(counts, dtype=np.int64)[:-1] - 1] = False
-        before, after = lines[:-1][inside], lines[1:][inside]
-        tails += [tail + offset, before + offset]
-        heads += [head + offset, after + offset]
-        offset += item.connectivity.vertex_count
-    before, after = _coincident(rest)
-    tails.append(before)
-    heads.append(after)
-    return compressed_rows(np.concatenate(tails), np.concatenate(heads), offset)
-
-
-def _coincident(rest: Int64Array) -> tuple[Int32Array, Int32Array]:
-    """Chains through the vertices at equal places: each but the last of a place, and the one after it."""
-    order = np.lexsort(rest.T)
-    same = (rest[order[1:]] == rest[order[:-1]]).all(axis=1)
-    return order[:-1][same].astype(np.int32), order[1:][same].astype(np.int32)
-
-
-def _first_order(starts: Int64Array, rest: Int64Array) -> Int32Array:
-    """Vertices by index; those without neighbours come last, along a Z-order curve."""
-    is_lonely = starts[1:] == starts[:-1]
-    lonely = np.flatnonzero(is_lonely)
-    if lonely.size:
-        lonely = lonely[morton_order(rest[lonely])]
-    return np.concatenate([np.flatnonzero(~is_lonely), lonely]).astype(np.int32)
-
-
-def _pieces(
-    objects: Sequence[MeshObject], rest: Int64Array, points: int
-) -> tuple[Int32Array, Int64Array, Float64Array]:
-    """Pieces of curves, with their functions before orthonormalisation: ``(order, starts, given)``."""
+def _pieces(objects: Sequence[MeshObject], rest: Int64Array, points: int) -> tuple[Patches, Float64Array]:
+    """Pieces of curves, and their functions before orthonormalisation."""
     curves = order_lonely_points(extract_curves(objects), rest)
     level = int(np.searchsorted(PIECE_POINTS, points))
     starts, _ = piece_starts(curves, np.full(curves.count, level))
     along = rest[curves.order].astype(np.float64)
     local = along - np.repeat(along[starts[:-1]], np.diff(starts), axis=0)
     shape = series_functions(arc_length_parameter(local, starts), 0.0, SPACE_FUNCTIONS)
-    return curves.order, starts, np.column_stack([np.ones(len(local)), local, shape])
+    children, set_of = _chain(starts.size - 1)
+    given = np.column_stack([np.ones(len(local)), local, shape])
+    return Patches(curves.order, starts, children, set_of), given
 
 
 def _chain(patches: int) -> tuple[Int64Array, Int64Array]:

@@ -1,4 +1,4 @@
-"""Node modules and a browser for the tests of glTF files; tests skip by name where they are absent."""
+"""Node modules and a browser for tests of glTF files and of pages; tests skip by name where they are absent."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import subprocess
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +102,43 @@ def _served(file: Path, modules: Path) -> Iterator[str]:
         thread.join()
 
 
+def chromium() -> str:
+    """The browser's program."""
+    found = next((path for name in CHROMIUM_NAMES if (path := shutil.which(name))), None)
+    if found is None:
+        pytest.skip("chromium is not here")
+    return found
+
+
+@dataclass(frozen=True)
+class LoadedPage:
+    """What a browser made of a page.
+
+    Attributes
+    ----------
+    charts, drawn : int
+        Places of charts, and how many of them hold one.
+    errors : list of str
+        What it wrote on the console.
+    """
+
+    charts: int
+    drawn: int
+    errors: list[str]
+
+
+def load_page(file: Path, profile: Path) -> LoadedPage:
+    """Load a page from disk in headless Chromium."""
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--virtual-time-budget=20000"]
+    command = [chromium(), *options, f"--user-data-dir={profile}", "--dump-dom", file.resolve().as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE)
+    assert "</html>" in done.stdout, done.stderr[-2000:]
+    places = re.findall(r'<div class="chart[^>]*>', done.stdout)
+    drawn = [place for place in places if 'data-drawn="yes"' in place]
+    assert done.stdout.count("marks") >= len(drawn), "a chart without marks"
+    return LoadedPage(len(places), len(drawn), re.findall(r".*CONSOLE.*", done.stderr))
+
+
 def play_in_browser(file: Path, times: Sequence[float], profile: Path) -> list[list[dict[str, Any]]]:
     """Play a glTF file with three.js in headless Chromium.
 
@@ -110,14 +148,12 @@ def play_in_browser(file: Path, times: Sequence[float], profile: Path) -> list[l
         For each time [s] a list of meshes: ``name``, and ``points`` one coordinate after the other.
     """
     modules = node_modules()
-    chromium = next((found for name in CHROMIUM_NAMES if (found := shutil.which(name))), None)
-    if chromium is None:
-        pytest.skip("chromium is not here")
+    browser = chromium()
     if not (modules / "three").is_dir():
         pytest.skip("three.js is not here; npm install --prefix tests/browser")
     with _served(file, modules) as address:
         command = [
-            chromium,
+            browser,
             "--headless",
             "--no-sandbox",
             "--disable-gpu-sandbox",

@@ -19,6 +19,7 @@ from pdecodec.group_corrections import (
     BYTES_PER_LITERAL,
     GroupCorrections,
     add_frame,
+    add_frames,
     correct_group,
     decode_group,
     encode_group,
@@ -240,6 +241,12 @@ def test_corrections_of_a_group_are_those_of_its_frames() -> None:
             add_frame(mine, group, frame, order, step=step, weight=weight, base=there)
             add_corrections(other, expected, step, weight, there)
             assert np.array_equal(mine, other)
+    for first, end in ((0, 4), (1, 3), (3, 4)):
+        together, apart = base[first:end].copy(), base[first:end].copy()
+        add_frames(together, group, first, order, step=step)
+        for frame in range(first, end):
+            add_frame(apart[frame - first], group, frame, order, step=step, weight=1.0)
+        assert np.array_equal(together, apart)
 
 
 def test_compiled_and_plain_adding_give_the_same_bits() -> None:

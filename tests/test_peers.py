@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import inspect
-import json
-import math
+import re
 import struct
 from pathlib import Path
 
@@ -16,8 +15,9 @@ from hypothesis import strategies as st
 from mesh_cases import connectivities, connectivity_of, grid
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError, MissingExtraError
+from pdecodec.errors import MissingExtraError
 from pdecodec.kernels.rangecoder import COUNT_MASK, ENCODE, EVEN, code_bit, finish, new_coder
+from pdecodec.metrics import frame_scale
 from pdecodec.peers.bspline import BSpline
 from pdecodec.peers.catalogue import all_peers, available_peers
 from pdecodec.peers.coddyac import Coddyac
@@ -26,19 +26,34 @@ from pdecodec.peers.cosine import CosineInTime
 from pdecodec.peers.delta import QuantiseDelta
 from pdecodec.peers.draco import Draco
 from pdecodec.peers.grid import Grid
-from pdecodec.peers.kept import KeptCells, sequence_digest
 from pdecodec.peers.lorenzo import Lorenzo
 from pdecodec.peers.meshopt import Meshopt
 from pdecodec.peers.peer import Encoder, Peer, UnreachableError
-from pdecodec.peers.prediction import decode_over_mesh, decode_over_time, encode_over_mesh, encode_over_time
+from pdecodec.peers.prediction import (
+    cheapest_columns,
+    cheapest_columns_reference,
+    decode_over_mesh,
+    decode_over_time,
+    encode_over_mesh,
+    encode_over_time,
+)
 from pdecodec.peers.principal import factor_steps, principal_components, quantise_columns
 from pdecodec.peers.raw import RawFloat16, RawFloat32
-from pdecodec.peers.search import MOST_TRIES, measure_peer
+from pdecodec.peers.search import CLOSE_ENOUGH, MOST_TRIES, PeerCurve, measure_peer
 from pdecodec.peers.shapes import PrincipalShapes
-from pdecodec.peers.shuffle import narrowest, squeeze, unsqueeze
+from pdecodec.peers.shuffle import LARGE, level_for, narrowest, squeeze, unsqueeze
 from pdecodec.peers.symbols import CELLS, TRUSTED, code_bands_reference, decode_bands, encode_bands
-from pdecodec.peers.traversal import add_predictions, add_predictions_reference, fans, traverse
-from pdecodec.sequence import ArraySequence, Connectivity, Float32Array, MeshObject
+from pdecodec.peers.transform import Transform
+from pdecodec.peers.traversal import (
+    add_predictions,
+    add_predictions_reference,
+    fans,
+    predictions,
+    predictions_reference,
+    traverse,
+)
+from pdecodec.peers.zfp import Zfp
+from pdecodec.sequence import Connectivity, Float32Array
 
 Int64Array = NDArray[np.int64]
 
@@ -70,6 +85,7 @@ CASES = {
     "one vertex": (Connectivity(1), noise(4, 1, 3)),
     "one still vertex": (Connectivity(1), np.ones((3, 1, 3), np.float32)),
     "far from the origin": (grid(3, 4), 1e4 + noise(4, 12, 3)),
+    "five frames of ten vertices": (grid(2, 5), noise(5, 10, 3)),
 }
 
 
@@ -102,6 +118,38 @@ def test_every_peer_keeps_the_bound_on_what_it_decodes_or_says_why_not(peer: Pee
     assert len(data) == result.size
     assert largest_distance(points, decoded) == pytest.approx(result.distortion.max_error, abs=1e-15)
     assert result.distortion.max_error <= bound
+
+
+EXTREMES = {
+    **CASES,
+    "very large": (grid(3, 4), 1e6 * noise(4, 12, 3)),
+    "very small": (grid(3, 4), 1e-6 * noise(4, 12, 3)),
+    "very far from the origin": (grid(3, 4), 1e6 + noise(4, 12, 3)),
+    "a frame far from the others": (grid(3, 4), noise(4, 12, 3) * np.array([1, 1, 1e9, 1], np.float32)[:, None, None]),
+    "all at the origin": (grid(3, 4), np.zeros((4, 12, 3), np.float32)),
+}
+
+
+@pytest.mark.parametrize("case", EXTREMES)
+@pytest.mark.parametrize("peer", all_peers(), ids=lambda peer: peer.name)
+def test_every_peer_keeps_a_tolerance_or_refuses_it_by_name_whatever_the_coordinates(peer: Peer, case: str) -> None:
+    connectivity, points = EXTREMES[case]
+    curve, scale = PeerCurve(here(peer), points, connectivity), frame_scale(points[0])
+    for tolerance in (1e-1, 1e-4, 1e-9, 0.0):
+        refusal = ""
+        try:
+            result = curve.reach(tolerance * scale)
+        except UnreachableError as error:
+            refusal = str(error)
+        if refusal:
+            assert re.match(
+                rf"{re.escape(peer.name)}: .*(is .* allowed|are more than|need more than|beyond its|off where)", refusal
+            )
+            assert tolerance < 1e-1 or isinstance(peer, RawFloat16) or case == "a frame far from the others"
+        else:
+            assert result.distortion.max_error <= tolerance * scale
+            decoded = peer.decode(peer.prepare(points, connectivity)(result.length), connectivity)
+            assert largest_distance(points, decoded) == pytest.approx(result.distortion.max_error, rel=1e-12, abs=0.0)
 
 
 @pytest.mark.parametrize("peer", [peer for peer in all_peers() if peer.adjustable], ids=lambda peer: peer.name)
@@ -262,12 +310,89 @@ def test_a_length_that_cannot_be_encoded_does_not_lose_what_was_found() -> None:
             return limited
 
     result = measure_peer(Ceiling(), noise(1, 1000, 3), Connectivity(1000), bound=0.1)
-    assert (result.tries, result.length) == (1, 0.1)
+    assert result.length == 0.1
 
 
-def test_a_peer_without_a_length_is_encoded_once() -> None:
-    result = measure_peer(RawFloat32(), wave(), SHEET, bound=1e-3)
-    assert (result.tries, result.distortion.max_error) == (1, 0.0)
+def test_a_peer_without_a_length_is_encoded_once_for_all_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    prepared = []
+    prepare = RawFloat32.prepare
+    monkeypatch.setattr(RawFloat32, "prepare", lambda *given: prepared.append(given) or prepare(*given))
+    curve = PeerCurve(RawFloat32(), wave(), SHEET)
+    assert len(prepared) == 0
+    first, second = curve.reach(1e-3), curve.reach(1e-5)
+    assert first is second
+    assert (len(prepared), len(curve.tries), first.distortion.max_error) == (1, 1, 0.0)
+
+
+def test_what_was_tried_for_one_bound_serves_the_others() -> None:
+    points, peer, bounds = noise(1, 1000, 3), Rounding(), (0.1, 0.03, 0.01, 0.003, 0.001)
+    curve = PeerCurve(peer, points, Connectivity(1000))
+    results = [curve.reach(bound) for bound in bounds]
+    assert len(peer.lengths) == len(curve.tries) <= 3 * len(bounds)
+    for result, bound in zip(results, bounds, strict=True):
+        assert 0.8 * bound <= result.distortion.max_error <= bound
+        assert curve.reach(bound).size <= result.size
+        assert result in curve.tries
+    assert len(peer.lengths) == len(curve.tries)
+    assert [made.length for made in curve.tries] == sorted(peer.lengths)
+
+
+def test_bounds_in_another_order_give_nearly_the_same_bytes() -> None:
+    bounds = (0.1, 0.01, 0.001)
+    up, down = (PeerCurve(Rounding(), noise(1, 1000, 3), Connectivity(1000)) for _ in range(2))
+    sizes = {bound: up.reach(bound).size for bound in reversed(bounds)}
+    for bound in bounds:
+        assert down.reach(bound).size == pytest.approx(sizes[bound], rel=1.1 * (1.0 - CLOSE_ENOUGH))
+
+
+def test_of_what_a_search_for_a_transform_tries_only_the_end_is_coded(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = []
+    write = CosineInTime.write
+    monkeypatch.setattr(CosineInTime, "write", lambda *given: written.append(given) or write(*given))
+    curve = PeerCurve(CosineInTime(), wave(), SHEET)
+    sizes = [curve.reach(bound).size for bound in (1e-2, 1e-3, 1e-4)]
+    assert sizes == [made.size for made in reversed(curve.tries)]
+    assert len(written) == 3
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("peer", [BSpline(), CosineInTime(), PrincipalShapes(), Coddyac()], ids=lambda peer: peer.name)
+def test_a_transform_gives_the_levels_it_wrote_and_positions_of_them_to_the_bit(
+    peer: Transform[object], case: str
+) -> None:
+    connectivity, points = CASES[case]
+    levels = peer.analyse(points, connectivity)(1e-2)
+    again = peer.read(peer.write(levels, connectivity), connectivity)
+    for name, expected in vars(levels).items():
+        assert np.array_equal(getattr(again, name), expected)
+    assert np.array_equal(peer.synthesise(again, connectivity), peer.synthesise(levels, connectivity))
+
+
+def test_zfp_sees_only_powers_of_two() -> None:
+    encode = here(Zfp()).prepare(wave(), SHEET)
+    for length in (1e-3, 0.25, 0.3, 0.499, 3e5):
+        least = Zfp().effective_length(length)
+        assert 0.5 * length < least <= length
+        assert encode(least) == encode(length) == encode(np.nextafter(2.0 * least, 0.0))
+        assert encode(2.0 * least) != encode(least)
+
+
+def test_the_coarsest_power_of_two_that_keeps_the_bound_is_found_for_zfp() -> None:
+    encode, decode = here(Zfp()).prepare(wave(), SHEET), Zfp().decode
+    curve = PeerCurve(Zfp(), wave(), SHEET)
+    lengths = [2.0**power for power in range(-20, 4)]
+    errors = [largest_distance(wave(), decode(encode(length), SHEET)) for length in lengths]
+    for bound in (1e-1, 1e-4, 7e-3, 1.7e-3, 4e-4):
+        expected = max(length for length, error in zip(lengths, errors, strict=True) if error <= bound)
+        assert curve.reach(bound).length == expected
+
+
+def test_much_data_takes_a_lower_level() -> None:
+    assert [level_for(size) for size in (0, LARGE - 1, LARGE)] == [19, 19, 17]
+    values = np.random.default_rng(0).integers(-3, 4, (30, 50))
+    strong, light = squeeze(values), squeeze(values, level=1)
+    assert len(strong) < len(light)
+    assert np.array_equal(unsqueeze(light, values.dtype, values.shape), values)
 
 
 def test_a_missing_package_is_named_with_what_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -377,6 +502,28 @@ def test_added_predictions_equal_their_plain_form() -> None:
 
 
 @settings(deadline=None)
+@given(connectivities(), st.integers(0, 3), st.integers(0, 2**32 - 1))
+def test_predictions_equal_their_plain_form(connectivity: Connectivity, columns: int, seed: int) -> None:
+    traversal = traverse(connectivity)
+    values = np.random.default_rng(seed).integers(-50, 50, (connectivity.vertex_count, columns))
+    compiled, plain = (
+        form(values, traversal.starts, traversal.corners) for form in (predictions, predictions_reference)
+    )
+    assert np.array_equal(compiled, plain)
+
+
+@pytest.mark.parametrize("shape", [(40, 7), (1, 5), (6, 0)])
+def test_the_cheapest_columns_equal_their_plain_form(shape: tuple[int, int]) -> None:
+    random = np.random.default_rng(0)
+    candidates = tuple(
+        np.rint(random.laplace(size=shape) * 10.0 ** random.integers(0, 3, shape[1])).astype(np.int64) for _ in range(3)
+    )
+    (kind, bands), (plain_kind, plain_bands) = cheapest_columns(candidates), cheapest_columns_reference(candidates)
+    assert np.array_equal(kind, plain_kind)
+    assert np.array_equal(bands, plain_bands)
+
+
+@settings(deadline=None)
 @given(connectivities(), st.integers(0, 4), st.integers(0, 2**32 - 1))
 def test_columns_come_back_over_mesh_and_time(connectivity: Connectivity, columns: int, seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -430,69 +577,3 @@ def test_integers_are_kept_in_the_fewest_bytes_and_come_back(largest: int, bytes
     narrow = narrowest(values)
     assert narrow.itemsize == bytes_each
     assert np.array_equal(unsqueeze(squeeze(narrow), narrow.dtype, narrow.shape), values)
-
-
-def sheet_sequence(points: Float32Array | None = None) -> ArraySequence:
-    return ArraySequence(wave() if points is None else points, objects=[MeshObject("sheet", SHEET)])
-
-
-def test_cells_are_measured_once_and_then_kept(tmp_path: Path) -> None:
-    sequence, path = sheet_sequence(), tmp_path / "new" / "cells.json"
-    digest = sequence_digest(sequence)
-    counts, cells = [], []
-    for fresh in (False, False, True):
-        kept = KeptCells(path, fresh=fresh)
-        cells.append(kept.cell(QuantiseDelta(), sequence, digest, 1e-3))
-        counts.append((kept.measured, kept.kept))
-    assert counts == [(1, 0), (0, 1), (1, 0)]
-    assert cells[0] == cells[1]
-    assert cells[0].bpvf == cells[2].bpvf
-    assert cells[0].max_error is not None
-    assert 0 < cells[0].max_error <= 1e-3
-
-
-def test_another_sequence_tolerance_or_peer_is_another_cell(tmp_path: Path) -> None:
-    moved = wave()
-    moved[3, 5, 1] += 0.01
-    kept = KeptCells(tmp_path / "cells.json")
-    for sequence in (sheet_sequence(), sheet_sequence(moved)):
-        for peer in (QuantiseDelta(), RawFloat16()):
-            for tolerance in (1e-2, 1e-3):
-                kept.cell(peer, sequence, sequence_digest(sequence), tolerance)
-    assert (kept.measured, kept.kept) == (8, 0)
-
-
-def test_cells_of_runs_at_the_same_time_are_all_kept(tmp_path: Path) -> None:
-    sequence, path = sheet_sequence(), tmp_path / "cells.json"
-    digest = sequence_digest(sequence)
-    first, second = KeptCells(path), KeptCells(path)
-    first.cell(QuantiseDelta(), sequence, digest, 1e-2)
-    second.cell(QuantiseDelta(), sequence, digest, 1e-3)
-    third = KeptCells(path)
-    for tolerance in (1e-2, 1e-3):
-        third.cell(QuantiseDelta(), sequence, digest, tolerance)
-    assert (third.measured, third.kept) == (0, 2)
-
-
-def test_what_a_peer_cannot_reach_is_kept_with_its_reason(tmp_path: Path) -> None:
-    sequence = sheet_sequence()
-    for _ in range(2):
-        cell = KeptCells(tmp_path / "cells.json").cell(RawFloat16(), sequence, sequence_digest(sequence), 1e-9)
-        assert cell.bpvf is None
-        assert cell.reason is not None
-        assert cell.reason.startswith("float16 + zstd: its error is")
-
-
-def test_the_digest_sees_positions_and_faces() -> None:
-    other_faces = ArraySequence(wave(), objects=[MeshObject("sheet", grid(COLUMNS, ROWS))])
-    moved = sheet_sequence(np.nextafter(wave(), np.float32(math.inf)))
-    digests = {sequence_digest(each) for each in (sheet_sequence(), sheet_sequence(), other_faces, moved)}
-    assert len(digests) == 3
-
-
-@pytest.mark.parametrize("content", ["", "[1]", '{"a": 1}', '{"a": {"size": 1}}', "\x00", json.dumps({"a": {}})])
-def test_a_file_that_holds_no_cells_is_refused_by_name(tmp_path: Path, content: str) -> None:
-    path = tmp_path / "cells.json"
-    path.write_text(content)
-    with pytest.raises(InputError, match=r"cells\.json.*delete it"):
-        KeptCells(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from mesh_cases import grid
 
 from pdecodec import ArraySequence, InputError, MeshObject, ObjectSelection, encode, open_animation
+from pdecodec.selection import FrameSelection
 
 
 def three_sheets() -> ArraySequence:
@@ -45,3 +47,10 @@ def test_a_selected_object_encodes_alone(tmp_path: Path) -> None:
 def test_a_name_that_is_not_there_is_refused_with_those_that_are(names: list[str], message: str) -> None:
     with pytest.raises(InputError, match=message):
         ObjectSelection(three_sheets(), names)
+
+
+@pytest.mark.parametrize(("frames", "fps"), [(range(20), 60.0), (range(1, 20, 2), 30.0), ([4], 60.0), ([5, 6], 60.0)])
+def test_evenly_chosen_frames_keep_the_rate_of_the_source_over_their_step(frames: Sequence[int], fps: float) -> None:
+    times = (np.arange(20) / 60).astype(np.float32).astype(np.float64)
+    source = ArraySequence(np.zeros((20, 1, 3), np.float32), times=times, fps=60.0)
+    assert FrameSelection(source, frames).fps == fps

@@ -10,10 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pdecodec.kernels.group_motion import add_group, moved_reference, positions
+from pdecodec.expansion import Expansion
+from pdecodec.kernels.group_motion import BLOCK, add_group, moved_reference, positions
 from pdecodec.kernels.patch_functions import principal_axes
+from pdecodec.patches import build_patches, early_patches, mesh_graph
 from pdecodec.sequence import Connectivity, MeshObject
-from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis, mesh_graph, polynomial_exponents
+from pdecodec.shares import in_shares
+from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis, polynomial_exponents
 
 RNG_SEED = 20
 
@@ -37,12 +40,16 @@ def points_only(rest: NDArray[np.int64]) -> MeshObject:
     return MeshObject("points", Connectivity(vertex_count=len(rest), face_counts=none, face_indices=none))
 
 
+def planes_of(basis: SpaceBasis, coefficients: NDArray[np.float64], *, single: bool) -> NDArray[np.floating]:
+    expansion = Expansion(basis, coefficients, single=single)
+    expansion.share_out()
+    in_shares(expansion.expand, basis.patches)
+    return expansion.planes
+
+
 def expanded(basis: SpaceBasis, coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
     """(vertices, width) in mesh order."""
-    planes = basis.expand(coefficients, single=False)
-    out = np.empty((basis.order.size, len(planes)))
-    out[basis.order] = planes.T
-    return out
+    return planes_of(basis, coefficients, single=False).T.astype(np.float64)
 
 
 @pytest.mark.parametrize("kind", ["patch", "curve"])
@@ -101,6 +108,20 @@ def test_vertices_at_one_place_are_neighbours() -> None:
     assert [neighbours[a:b].tolist() for a, b in itertools.pairwise(starts)] == [[2], [], [0], []]
 
 
+@pytest.mark.parametrize("scale", [97, 2**36])
+def test_patches_before_the_rest_shape_are_those_after_it_unless_vertices_coincide(scale: int) -> None:
+    item, rest = grid(23, 17, scale=scale)
+    early = early_patches([item], 16)
+    assert early is not None
+    for field, expected in vars(build_patches([item], rest, 16)).items():
+        assert np.array_equal(getattr(early, field), expected)
+    rest[390] = rest[0]  # far apart along the faces
+    welded = build_patches([item], rest, 16, early)
+    assert not np.array_equal(welded.order, early.order)
+    assert np.array_equal(welded.order, build_patches([item], rest, 16).order)
+    assert early_patches([points_only(rest)], 16) is None
+
+
 def test_principal_axes_are_eigenvectors_by_falling_eigenvalue() -> None:
     points = np.random.default_rng(RNG_SEED).normal(size=(50, 3)) * [1.0, 9.0, 3.0]
     matrix = points.T @ points
@@ -140,8 +161,9 @@ def test_functions_made_as_far_as_needed_are_those_of_the_whole_basis(kind: Spac
     for begin, end in itertools.pairwise(whole.coefficient_starts):  # only the first third of each patch's
         coefficients[begin + (end - begin) // 3 : end] = 0.0
     for single in (False, True):
-        assert np.array_equal(needed.expand(coefficients, single=single), whole.expand(coefficients, single=single))
-    assert needed.expand(coefficients, single=True).dtype == np.float32
+        made, given = (planes_of(basis, coefficients, single=single) for basis in (needed, whole))
+        assert np.array_equal(made, given)
+        assert made.dtype == (np.float32 if single else np.float64)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -152,11 +174,12 @@ def test_positions_of_many_frames_are_those_of_each_summed_up_in_order(dtype: ty
     frames, vertices = 11, 700
     weights = rng.normal(size=(frames, 3, functions)).astype(dtype)
     planes = rng.normal(size=(functions, axes, vertices)).astype(dtype)
-    rest, order = rng.normal(size=(3, vertices)), rng.permutation(vertices).astype(np.int32)
+    rest = rng.normal(size=(3, vertices))
     out = np.empty((frames, vertices, 3), np.float32)
-    positions(weights, planes, rest, order, out)
+    for first, end in ((0, 1), (1, 2)):
+        positions(first, end, weights, planes, rest, np.empty((3, BLOCK), dtype), out)
     for t in range(frames):
         moved = np.zeros((3, vertices), dtype)
         for a in range(functions):
             moved += weights[t, :, a, None] * planes[a]
-        assert np.array_equal(out[t, order], (rest + moved.astype(np.float64)).T.astype(np.float32))
+        assert np.array_equal(out[t], (rest + moved.astype(np.float64)).T.astype(np.float32))

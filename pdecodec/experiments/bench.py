@@ -9,7 +9,6 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -21,10 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pdecodec.experiments.timing import copy_seconds, median_seconds, random_frame_seconds
 from pdecodec.sequence import ArraySequence, Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range
-
-RUNS = 3
-RANDOM_FRAMES = 200
 
 OBJ_FRAMES = 8
 """Enough for threads to have work each, few enough for the plain Python loop."""
@@ -46,18 +43,6 @@ class Measurement:
     value: float | None
     unit: str
     note: str = ""
-
-
-def median_seconds(work: Callable[[], object], *, runs: int = RUNS) -> float:
-    """Median time of `runs` calls, after one that does not count."""
-    work()
-    return statistics.median(_seconds(work) for _ in range(runs))
-
-
-def _seconds(work: Callable[[], object]) -> float:
-    started = time.perf_counter()
-    work()
-    return time.perf_counter() - started
 
 
 @cache
@@ -85,14 +70,10 @@ def bench_codec() -> Iterator[Measurement]:
             seconds = median_seconds(partial(encode, clip, path, settings, overwrite=True))
             yield Measurement(label, raw / 1e6 / seconds, "MB/s raw", shape)
         encode(clip, path, EncodeSettings(tolerance=1e-3), overwrite=True)
-        target = np.empty_like(clip.points)
-        copy = median_seconds(lambda: np.copyto(target, clip.points), runs=15)
+        copy = copy_seconds(clip.points)
         with open_animation(path) as animation:
             decode = median_seconds(lambda: animation.read_frames(0, animation.frame_count))
-            random = np.random.default_rng(0)
-            times = random.uniform(animation.times[0], animation.times[-1], RANDOM_FRAMES)
-            animation.positions(float(times[0]))
-            single = statistics.median(_seconds(partial(animation.positions, float(time))) for time in times)
+            single = random_frame_seconds(animation)
         yield Measurement(
             "decode all frames", decode / copy, "times as long as np.copyto", f"{raw / 1e6 / decode:.0f} MB/s"
         )

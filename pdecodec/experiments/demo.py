@@ -32,22 +32,6 @@ TOLERANCE = 1e-3
 RATE_TOLERANCES = (1e-2, 3e-3, TOLERANCE, 3e-4)
 """Tolerances of the picture's rate chart."""
 
-SECTION_TITLES = {
-    "container": "header and table",
-    "META": "remarks",
-    "SEQN": "times and objects",
-    "CONN": "connectivity",
-    "REST": "rest shape",
-    "MODL": "model",
-    "GRUP": "groups",
-    "SEGM": "segments",
-    "TIME": "modes",
-    "COEF": "coefficients",
-    "CORR": "corrections",
-    "ATTR": "attributes",
-}
-"""Sections of a `.pdeanim` file in words."""
-
 PICTURE_FRAMES = 4
 """Frames shown in the picture, spread over the clip."""
 

@@ -5,9 +5,9 @@ Plain data, so that whatever measures need not know how its figures are drawn, p
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,6 +62,9 @@ class Exhibit:
         What pdecodec does about it; empty where there is nothing to do.
     shows_table : bool
         Whether the table is part of the page too; otherwise it is in its CSV alone.
+    chart : mapping or None
+        Instead of `draw`: the chart as a Vega-Lite view (:mod:`pdecodec.experiments.vegalite`), interactive in the
+        page.
     """
 
     name: str
@@ -72,6 +75,7 @@ class Exhibit:
     size: tuple[float, float] = (9.0, 4.5)
     consequence: str = ""
     shows_table: bool = False
+    chart: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -95,12 +99,15 @@ class Report:
     chapters : tuple of Chapter
     settings : dict
         What the run was asked for, ready for JSON.
+    links : tuple of (str, str)
+        Further pages: what they are of, and their address from this one.
     """
 
     title: str
     summary: str
     chapters: tuple[Chapter, ...]
     settings: dict[str, Cell | list[Cell]]
+    links: tuple[tuple[str, str], ...] = ()
 
     @property
     def exhibits(self) -> tuple[Exhibit, ...]:

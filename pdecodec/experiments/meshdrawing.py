@@ -1,7 +1,8 @@
-"""Drawing meshes of quads: a camera, faces from far to near, light."""
+"""Drawing meshes: a camera, faces from far to near, light."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ LIGHT = np.array([0.35, 0.8, 0.5])
 """Direction to the light, in the camera's axes: right, up, towards the viewer."""
 
 AMBIENT = 0.35
-"""Share of the colour that a face turned away from the light keeps."""
+"""Share of the colour that a face turned away from the light keeps, where colours need not be read off."""
 
 TURN, TILT = np.radians(12.0), np.radians(10.0)
 """The camera stands this far to the right of the front, and above."""
@@ -34,23 +35,56 @@ def as_seen(points: Float32Array | Float64Array) -> Float64Array:
     return np.asarray(points.astype(np.float64) @ (over @ around).T)
 
 
+def polygons_of(connectivity: Connectivity) -> list[NDArray[np.int32]]:
+    """Faces as rows of corners, one array for each number of corners."""
+    starts = np.concatenate([[0], np.cumsum(connectivity.face_counts)])[:-1]
+    return [
+        connectivity.face_indices[starts[connectivity.face_counts == corners][:, None] + np.arange(corners)]
+        for corners in np.unique(connectivity.face_counts).tolist()
+    ]
+
+
 def draw_mesh(
-    panel: Any, seen: Float64Array, quads: NDArray[np.int32], colours: Float64Array, *, lines: bool = False
+    panel: Any,
+    seen: Float64Array,
+    polygons: Sequence[NDArray[np.int32]],
+    colours: Sequence[Float64Array],
+    *,
+    lines: bool = False,
+    ambient: float = AMBIENT,
 ) -> None:
-    """Faces from far to near, shaded by the angle between their normals and the light."""
-    corners = seen[quads]
-    normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-    # An open tube shows its inside too: light both sides alike.
-    shade = AMBIENT + (1 - AMBIENT) * np.abs(normals @ (LIGHT / np.linalg.norm(LIGHT)))
-    shaded = np.clip(colours * shade[:, None], 0, 1)
-    order = np.argsort(corners[..., 2].mean(axis=1), kind="stable")
+    """Faces from far to near, shaded by the angle between their normals and the light.
+
+    Parameters
+    ----------
+    panel : Axes
+    seen : (vertices, 3) float64
+        In the camera's axes.
+    polygons : sequence of (faces, corners) int32
+    colours : sequence of (faces, 3) float64
+        0 to 1, of each face.
+    lines : bool
+        Whether faces have darker borders.
+    ambient : float
+        Share of the colour that a face turned away from the light keeps.
+    """
+    shapes: list[Float64Array] = []
+    shaded, depths = [], []
+    for rows, colour in zip(polygons, colours, strict=True):
+        corners = seen[rows]
+        # Newell's: of polygons that are not flat, too.
+        normals = np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+        # An open tube shows its inside too: light both sides alike.
+        shade = ambient + (1 - ambient) * np.abs(normals @ (LIGHT / np.linalg.norm(LIGHT)))
+        shaded.append(np.clip(colour * shade[:, None], 0, 1))
+        depths.append(corners[..., 2].mean(axis=1))
+        shapes += list(corners[..., :2])
+    order = np.argsort(np.concatenate(depths), kind="stable")
+    fill = np.concatenate(shaded)[order]
     # Edges of the faces' own colour close the hairlines between antialiased neighbours.
     panel.add_collection(
         PolyCollection(
-            list(corners[order][..., :2]),
-            facecolors=shaded[order],
-            edgecolors=0.75 * shaded[order] if lines else shaded[order],
-            linewidths=0.3,
+            [shapes[face] for face in order], facecolors=fill, edgecolors=0.75 * fill if lines else fill, linewidths=0.3
         )
     )

@@ -6,24 +6,36 @@ import base64
 import math
 from collections.abc import Mapping
 from html import escape
+from urllib.parse import quote
 
 from pdecodec.experiments.exhibit import Cell, Chapter, Exhibit, Report, Table
+from pdecodec.experiments.vegalite import for_page, page_script
 
 STYLE = """
-:root { color-scheme: light; }
-body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
+:root { color-scheme: light dark; --ink: #1a1a1a; --quiet: #555; --rule: #ddd; --paper: #fff; --mark: #0072b2;
+  --good: #005a43; --partly: #7a4b00; --bad: #a13b00; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e8e8e8; --quiet: #a8a8a8; --rule: #3a3d42; --paper: #16181c;
+  --mark: #56b4e9; --good: #5fd0a8; --partly: #f0b458; --bad: #ff9466; } }
+@media print { :root { color-scheme: light; --ink: #000; --quiet: #444; --rule: #ccc; --paper: #fff; --mark: #0072b2;
+  --good: #005a43; --partly: #7a4b00; --bad: #a13b00; } }
+body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper); max-width: 62rem;
+  margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.7rem; line-height: 1.2; } h2 { font-size: 1.35rem; margin-top: 3rem; } h3 { margin: 2.2rem 0 .3rem; }
-figure { margin: .6rem 0; } img { max-width: 100%; height: auto; display: block; }
-.consequence { border-left: 4px solid #0072b2; padding: .1rem 0 .1rem .8rem; margin: .6rem 0; }
-.files { color: #555; font-size: .85rem; margin: .2rem 0; }
+a { color: var(--mark); }
+figure { margin: .6rem 0; overflow-x: auto; } img { max-width: 100%; height: auto; display: block; background: #fff; }
+.chart svg { max-width: 100%; height: auto; }
+.consequence { border-left: 4px solid var(--mark); padding: .1rem 0 .1rem .8rem; margin: .6rem 0; }
+.files { color: var(--quiet); font-size: .85rem; margin: .2rem 0; }
+.table { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .88rem; margin: .8rem 0; font-variant-numeric: tabular-nums; }
-th, td { text-align: left; vertical-align: top; padding: .3rem .7rem .3rem 0; border-bottom: 1px solid #d0d0d0; }
-th { border-bottom: 2px solid #1a1a1a; } td.number, th.number { text-align: right; }
-.good { color: #005a43; font-weight: 600; } .partly { color: #7a4b00; font-weight: 600; }
-.bad { color: #a13b00; font-weight: 600; }
+th, td { text-align: left; vertical-align: top; padding: .3rem .7rem .3rem 0; border-bottom: 1px solid var(--rule); }
+th { border-bottom: 2px solid var(--ink); } td.number, th.number { text-align: right; }
+.good { color: var(--good); font-weight: 600; } .partly { color: var(--partly); font-weight: 600; }
+.bad { color: var(--bad); font-weight: 600; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: 0 1rem; font-size: .88rem; } dd { margin: 0; }
 @media print { body { margin: 0; max-width: none; font-size: 10.5pt; } section, tr { break-inside: avoid; }
-  h2 { break-before: page; } a { color: inherit; text-decoration: none; } }
+  h2, h3 { break-after: avoid; } a { color: inherit; text-decoration: none; } .table, figure { overflow: visible; }
+  table { font-size: 8pt; } }
 """
 
 WORD_CLASSES = {"reproduced": "good", "reproduced with a condition": "partly", "not reproduced": "bad"}
@@ -37,13 +49,18 @@ def render_page(report: Report, pictures: Mapping[str, bytes], made_with: Mappin
     ----------
     report : Report
     pictures : mapping from str to bytes
-        PNG of each exhibit that has a chart, by the exhibit's name.
+        By the exhibit's name: PNG of drawn ones, SVG of interactive charts, for readers without scripts.
     made_with : mapping from str to str
         Versions that made it.
     """
     body = [f"<h1>{escape(report.title)}</h1>", _paragraphs(report.summary)]
+    if report.links:
+        links = ", ".join(f'<a href="{quote(to)}">{escape(name)}</a>' for name, to in report.links)
+        body.append(f"<p>{links}</p>")
     body += [_chapter(chapter, pictures) for chapter in report.chapters]
     body += ["<h2>How this was made</h2>", _definitions({**report.settings, **made_with})]
+    if any(exhibit.chart is not None for exhibit in report.exhibits):
+        body.append(f"<script>{page_script()}</script>")
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
@@ -61,16 +78,24 @@ def _chapter(chapter: Chapter, pictures: Mapping[str, bytes]) -> str:
 def _exhibit(exhibit: Exhibit, picture: bytes | None) -> str:
     parts = [f'<section id="{exhibit.name}">', f"<h3>{escape(exhibit.title)}</h3>", _paragraphs(exhibit.lesson)]
     files = [f"{exhibit.name}.csv"]
-    if picture is not None:
-        data = base64.b64encode(picture).decode("ascii")
-        parts.append(f'<figure><img alt="{escape(exhibit.title)}" src="data:image/png;base64,{data}"></figure>')
+    if exhibit.chart is not None and picture is not None:
+        image = _image(exhibit.title, picture, "svg+xml")
+        parts.append(f'<figure><script type="application/json">{for_page(exhibit.chart)}</script>')
+        parts.append(f'<div class="chart" id="{exhibit.name}-chart"></div><noscript>{image}</noscript></figure>')
+        files[:0] = [f"{exhibit.name}.svg", f"{exhibit.name}.png"]
+    elif picture is not None:
+        parts.append(f"<figure>{_image(exhibit.title, picture, 'png')}</figure>")
         files.insert(0, f"{exhibit.name}.png")
-    if exhibit.shows_table:
+    if exhibit.shows_table and exhibit.table.rows:
         parts.append(_table(exhibit.table))
     if exhibit.consequence:
         parts.append(f'<p class="consequence"><b>What pdecodec does:</b> {escape(exhibit.consequence)}</p>')
     links = ", ".join(f'<a href="{name}">{name}</a>' for name in files)
     return "\n".join([*parts, f'<p class="files">{links}</p>', "</section>"])
+
+
+def _image(title: str, data: bytes, kind: str) -> str:
+    return f'<img alt="{escape(title)}" src="data:image/{kind};base64,{base64.b64encode(data).decode("ascii")}">'
 
 
 def _table(table: Table) -> str:
@@ -84,7 +109,7 @@ def _table(table: Table) -> str:
     )
     rows = ["".join(_cell(cell, is_number) for cell, is_number in zip(row, numeric, strict=True)) for row in table.rows]
     body = "\n".join(f"<tr>{row}</tr>" for row in rows)
-    return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>"
+    return f'<div class="table"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table></div>'
 
 
 def _number_class(is_number: bool) -> str:

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
-from pdecodec.experiments.demo import SECTION_TITLES, TOLERANCE, Demonstration
+from pdecodec.encodereport import SECTION_TITLES
+from pdecodec.experiments.demo import TOLERANCE, Demonstration
 from pdecodec.experiments.meshdrawing import as_seen, draw_mesh, quads_of
 from pdecodec.metrics import frame_scale
 
@@ -82,10 +83,10 @@ def _draw_meshes(demonstration: Demonstration, figure: Figure, overview: list[An
         placed = points.copy()
         placed[..., 1] += heights[:, None]
         for index in range(len(frames)):
-            draw_mesh(wide, placed[index], quads, colours[index])
+            draw_mesh(wide, placed[index], [quads], [colours[index]])
         near_vertices: NDArray[np.bool_] = np.all(np.abs(points[worst, :, :2] - centre) < reach, axis=1)
         inside = near_vertices[quads].any(axis=1)
-        draw_mesh(near, points[worst], quads[inside], colours[worst][inside], lines=True)
+        draw_mesh(near, points[worst], [quads[inside]], [colours[worst][inside]], lines=True)
         margin = 0.02 * diagonal
         _frame(wide, placed[..., :2].min(axis=(0, 1)) - margin, placed[..., :2].max(axis=(0, 1)) + margin)
         _frame(near, centre - reach, centre + reach)

@@ -1,4 +1,4 @@
-"""Writing a report: the page, a PNG and a CSV for each exhibit, and one JSON of everything.
+"""Writing a report: the page, a PNG (and SVG of interactive charts) and a CSV for each exhibit, one JSON of everything.
 
 Tables that the page shows are written as Markdown too, for documents that quote them.
 """
@@ -11,13 +11,15 @@ import io
 import json
 import math
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from pdecodec import __version__
 from pdecodec.experiments.charts import png_of
 from pdecodec.experiments.exhibit import Cell, Report, Table
 from pdecodec.experiments.page import cell_text, render_page
+from pdecodec.experiments.vegalite import as_png, as_svg
 from pdecodec.whole_output import whole_file
 
 PAGE = "index.html"
@@ -27,8 +29,15 @@ LIBRARIES = ("numpy", "scipy", "numba", "matplotlib")
 """Whose versions are recorded: those that compute and draw."""
 
 
-def write_report(report: Report, directory: Path) -> list[Path]:
+def write_report(report: Report, directory: Path, *, record: Mapping[str, Any] | None = None) -> list[Path]:
     """Write everything into `directory`, which exists; files of the same names are replaced, each as a whole.
+
+    Parameters
+    ----------
+    report : Report
+    directory : Path
+    record : mapping, optional
+        More for the JSON, ready for it.
 
     Returns
     -------
@@ -42,10 +51,14 @@ def write_report(report: Report, directory: Path) -> list[Path]:
         if exhibit.draw is not None:
             pictures[exhibit.name] = png_of(exhibit.draw, exhibit.size)
             written.append(_write(directory / f"{exhibit.name}.png", pictures[exhibit.name]))
+        if exhibit.chart is not None:
+            pictures[exhibit.name] = as_svg(exhibit.chart)
+            written.append(_write(directory / f"{exhibit.name}.svg", pictures[exhibit.name]))
+            written.append(_write(directory / f"{exhibit.name}.png", as_png(exhibit.chart)))
         written.append(_write(directory / f"{exhibit.name}.csv", as_csv(exhibit.table).encode()))
         if exhibit.shows_table:
             written.append(_write(directory / f"{exhibit.name}.md", as_markdown(exhibit.table).encode()))
-    written.append(_write(directory / RECORD, as_json(report, made_with).encode()))
+    written.append(_write(directory / RECORD, as_json(report, made_with, record or {}).encode()))
     return [_write(directory / PAGE, render_page(report, pictures, made_with).encode()), *written]
 
 
@@ -74,7 +87,7 @@ def as_markdown(table: Table) -> str:
     return "\n".join([line(table.columns), "|---" * len(table.columns) + "|", *map(line, table.rows)]) + "\n"
 
 
-def as_json(report: Report, made_with: dict[str, str]) -> str:
+def as_json(report: Report, made_with: Mapping[str, str], more: Mapping[str, Any]) -> str:
     """Every figure of a report, with the settings and versions that made it; what is not finite is null."""
     record = {
         "title": report.title,
@@ -91,6 +104,7 @@ def as_json(report: Report, made_with: dict[str, str]) -> str:
             }
             for exhibit in report.exhibits
         },
+        **more,
     }
     return json.dumps(record, indent=1, allow_nan=False) + "\n"
 

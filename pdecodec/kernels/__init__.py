@@ -3,3 +3,10 @@
 ``float(x)`` of a float32 stays a float32 in compiled code, where squares of coordinates underflow and overflow:
 they say ``np.float64(x)``.
 """
+
+from pathlib import Path
+
+from pdecodec.kernels.compiledcode import forget_stale_code
+
+_HERE = Path(__file__).parent
+forget_stale_code(_HERE, (_HERE.parent / "peers",))

@@ -2,22 +2,47 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from pdecodec.kernels.uncounted import uncounted
 
 Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 
 
-@njit(cache=True)
+class BisectionScratch(NamedTuple):
+    """Distances (vertices,), lists (vertices + 1,), components (vertices,), counts (2 vertices + 2,)."""
+
+    near: Int32Array
+    far: Int32Array
+    visited: Int32Array
+    listed: Int32Array
+    components: Int64Array
+    counts: Int64Array
+
+
+def new_scratch(vertices: int) -> BisectionScratch:
+    """Scratch for a graph of so many vertices."""
+    return BisectionScratch(
+        np.zeros(vertices, np.int32),
+        np.zeros(vertices, np.int32),
+        np.empty(vertices + 1, np.int32),
+        np.empty(vertices + 1, np.int32),
+        np.empty(vertices, np.int64),
+        np.empty(2 * vertices + 2, np.int64),
+    )
+
+
+@uncounted
 def visit(
     first: int,
     members: Int32Array,
     starts: Int64Array,
     neighbours: Int32Array,
-    owner: Int64Array,
-    distance: Int64Array,
+    distance: Int32Array,
     visited: Int32Array,
     components: Int64Array,
 ) -> int:
@@ -28,13 +53,12 @@ def visit(
     first : int
         The member to begin with; each other component begins with its first member in the order of `members`.
     members : (n,) int32
-        Vertices v of one set: those that share ``owner[v]``.
+        Vertices of one set.
     starts, neighbours
         Of vertex v: ``neighbours[starts[v]:starts[v + 1]]``.
-    owner : (vertices,) int64
-    distance : (vertices,) int64, written for members
-        Edges from the first vertex of the member's component.
-    visited : (n or more,) int32, written
+    distance : (vertices,) int32, written for members
+        Edges from the first vertex of the member's component. 0 or more for all others: these are passed over.
+    visited : (n + 1 or more,) int32, written
         Members in the order of the visit.
     components : (n or more,) int64, written
         Where in `visited` each component begins.
@@ -47,7 +71,6 @@ def visit(
     for i in range(members.size):
         distance[members[i]] = -1
     count, head, tail, next_member = 0, 0, 0, 0
-    mine = owner[first]
     while tail < members.size:
         seed = first
         if count:
@@ -62,16 +85,18 @@ def visit(
         while head < tail:
             vertex = visited[head]
             head += 1
+            farther = distance[vertex] + 1
             for e in range(starts[vertex], starts[vertex + 1]):
                 other = neighbours[e]
-                if owner[other] == mine and distance[other] < 0:
-                    distance[other] = distance[vertex] + 1
-                    visited[tail] = other
-                    tail += 1
+                known = distance[other]
+                # No branch: which neighbours are new is what a processor guesses worst.
+                visited[tail] = other
+                tail += known < 0
+                distance[other] = farther if known < 0 else known
     return count
 
 
-@njit(cache=True)
+@uncounted
 def bisect(
     starts: Int64Array,
     neighbours: Int32Array,
@@ -80,6 +105,7 @@ def bisect(
     begins: Int64Array,
     ends: Int64Array,
     children: Int64Array,
+    scratch: BisectionScratch,
 ) -> int:
     """Halve the vertices again and again until no set has more than `largest`.
 
@@ -99,6 +125,7 @@ def bisect(
         Of each set: where its run begins and ends. Set 0 is all, a set's halves come after it.
     children : (2 vertices,) int64, written
         The first half of each set, the second follows it; -1 for a patch.
+    scratch : BisectionScratch
 
     Returns
     -------
@@ -106,11 +133,7 @@ def bisect(
         Number of sets.
     """
     vertices = order.size
-    owner = np.zeros(vertices, np.int64)
-    near, far = np.empty(vertices, np.int64), np.empty(vertices, np.int64)
-    visited, scratch = np.empty(vertices, np.int32), np.empty(vertices, np.int32)
-    components = np.empty(vertices, np.int64)
-    counts = np.empty(2 * vertices + 2, np.int64)
+    near, far, visited, listed, components, counts = scratch
     begins[0], ends[0] = 0, vertices
     count = 1
     current = 0
@@ -120,9 +143,9 @@ def bisect(
         children[current] = -1
         if size > largest:
             for i in range(size):
-                scratch[i] = order[begin + i]
-            members = scratch[:size]
-            found = visit(members[0], members, starts, neighbours, owner, near, visited, components)
+                listed[i] = order[begin + i]
+            members = listed[:size]
+            found = visit(members[0], members, starts, neighbours, near, visited, components)
             cut = size // 2
             if found > 1:
                 best = 1
@@ -134,12 +157,12 @@ def bisect(
                     order[begin + i] = visited[i]
             else:
                 end_a = visited[size - 1]
-                visit(end_a, members, starts, neighbours, owner, near, visited, components)
+                visit(end_a, members, starts, neighbours, near, visited, components)
                 end_b = visited[size - 1]
                 span = near[end_b]
                 for i in range(size):
-                    scratch[i] = visited[i]
-                visit(end_b, members, starts, neighbours, owner, far, visited, components)
+                    listed[i] = visited[i]
+                visit(end_b, members, starts, neighbours, far, visited, components)
                 # A counting sort by near - far, -span to span; `members` holds the order of the visit from a.
                 for k in range(2 * span + 2):
                     counts[k] = 0
@@ -155,8 +178,6 @@ def bisect(
             for half in range(2):
                 begins[count] = begin if half == 0 else begin + cut
                 ends[count] = begin + cut if half == 0 else end
-                for i in range(begins[count], ends[count]):
-                    owner[order[i]] = count
                 count += 1
         current += 1
     return count

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
+from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 from pdecodec.quantise import LARGEST
 
 Float32Array = NDArray[np.float32]
@@ -14,7 +14,7 @@ Int64Array = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 
-@njit(cache=True)
+@uncounted_inline
 def squared_distance(point: Float32Array, other: Float32Array) -> float:
     """Squared Euclidean distance of two points, (3,) float32, in float64; NaN where one is not finite."""
     x = np.float64(point[0]) - np.float64(other[0])
@@ -23,19 +23,29 @@ def squared_distance(point: Float32Array, other: Float32Array) -> float:
     return (x * x + y * y) + z * z
 
 
-@njit(cache=True, parallel=True)
-def find_misses(points: Float32Array, base: Float32Array, bound: float, missed: BoolArray, counts: Int64Array) -> None:
+@uncounted
+def find_misses(
+    first: int,
+    end: int,
+    points: Float32Array,
+    base: Float32Array,
+    bound: float,
+    missed: BoolArray,
+    counts: Int64Array,
+) -> None:
     """Find the vertices that miss the bound.
 
     Parameters
     ----------
+    first, end : int
+        Frames to look at.
     points, base : (frames, vertices, 3) float32
     bound : float [scene units]
     missed : (frames, vertices) bool, written
     counts : (frames,) int64, written
         Misses of each frame.
     """
-    for frame in prange(points.shape[0]):
+    for frame in range(first, end):
         found = 0
         for vertex in range(points.shape[1]):
             x = np.float64(points[frame, vertex, 0]) - np.float64(base[frame, vertex, 0])
@@ -47,8 +57,10 @@ def find_misses(points: Float32Array, base: Float32Array, bound: float, missed: 
         counts[frame] = found
 
 
-@njit(cache=True, parallel=True)
+@uncounted
 def correct_misses(
+    first: int,
+    end: int,
     points: Float32Array,
     base: Float32Array,
     order: Int64Array,
@@ -59,12 +71,13 @@ def correct_misses(
     places: Int64Array,
     levels: Int64Array,
     within: BoolArray,
+    corrected: Float32Array,
 ) -> None:
     """Residuals of the vertices that miss the bound, by frame and place.
 
     Parameters
     ----------
-    points, base, bound, missed
+    first, end, points, base, bound, missed
         As in :func:`find_misses`.
     order : (vertices,) int64
     step : float
@@ -75,9 +88,10 @@ def correct_misses(
         Rounded residuals in steps.
     within : (n,) bool, filled
         Whether these keep the bound, in the float32 that comes of them.
+    corrected : (3,) float32
+        Scratch.
     """
-    for frame in prange(points.shape[0]):
-        corrected = np.empty(3, np.float32)
+    for frame in range(first, end):
         at = starts[frame]
         for place in range(order.size):
             vertex = order[place]
@@ -120,7 +134,7 @@ def _squared(difference: Float64Array) -> Float64Array:
     return squares
 
 
-@njit(cache=True)
+@uncounted
 def add_levels(
     out: Float32Array,
     order: Int64Array,

@@ -60,7 +60,7 @@ BESIDE_KNOWN = 1
 """What a vertex's rank gains from each edge of a face to a known vertex."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def link_corners(starts: Int64Array, vertex: Int32Array, faces: int, vertex_count: int) -> Corners:
     """Find out how corners hang together.
 
@@ -135,7 +135,7 @@ IS_TRIANGLE, BEFORE_COUNTS = 1, 2
 """Flags of a stencil."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def stencils(corners: Corners) -> Int32Array:
     """The vertices that a vertex can be predicted from, for each corner.
 
@@ -186,7 +186,7 @@ def stencils(corners: Corners) -> Int32Array:
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def walk(corners: Corners) -> Int32Array:
     """An order of the vertices in which each has as many complete faces around it as can be.
 

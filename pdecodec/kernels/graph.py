@@ -10,7 +10,7 @@ Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def compressed_rows(tails: Int32Array, heads: Int32Array, vertices: int) -> tuple[Int64Array, Int32Array]:
     """Neighbours of each vertex along undirected edges, each once, in the order of the edges.
 

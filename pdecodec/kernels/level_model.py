@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.kernels.bit_length import bit_length
-from pdecodec.kernels.rangecoder import code_bit, code_mixed, code_with
+from pdecodec.kernels.rangecoder import DECODE, MODE, code_bit, code_mixed, code_with
 from pdecodec.kernels.uncounted import uncounted
+from pdecodec.quantise import LARGEST
 
 UInt8Array = NDArray[np.uint8]
 Int64Array = NDArray[np.int64]
@@ -204,6 +205,8 @@ def code_level(
 
 @uncounted
 def code_levels(
+    first: int,
+    end: int,
     coder: Int64Array,
     data: UInt8Array,
     levels: Int64Array,
@@ -214,11 +217,14 @@ def code_levels(
     cells: Int64Array,
     weights: Int64Array,
     counts: Int64Array,
+    latest: Int64Array,
 ) -> bool:
-    """Code a matrix of levels; False where the bytes hold a count that cannot be.
+    """Code some runs of a matrix of levels; False where the bytes hold a count or a level that cannot be.
 
     Parameters
     ----------
+    first, end : int
+        The runs from `first` to `end` - 1; those before have been coded.
     coder, data
         See :func:`pdecodec.kernels.rangecoder.code_with`.
     levels : (rows, width) int64
@@ -231,27 +237,29 @@ def code_levels(
     weights : (MIXERS, MIXED) int64
     counts : (2, ZONES) int64
         Scratch, zero at first.
+    latest : (2,) int64
+        The latest run of a set and that of a patch, -1 at first.
     """
     width = levels.shape[1]
-    sets_before, patch_before = -1, -1
-    for run in range(kinds.size):
-        begin, end = starts[run], starts[run + 1]
+    decoding = coder[MODE] == DECODE
+    for run in range(first, end):
+        begin, past = starts[run], starts[run + 1]
         is_patch = kinds[run] < 0
         affine = -1 - kinds[run] if is_patch else 0
-        beside = patch_before if is_patch else sets_before
+        beside = latest[1 if is_patch else 0]
         above = parents[run]
         row = begin
         before = width
         zone = DEPTHS if is_patch else min(kinds[run], DEPTHS - 1)
-        while row < end:
-            stop = end
+        while row < past:
+            stop = past
             if is_patch:
                 while row - begin + affine >= ZONE_ENDS[zone - DEPTHS]:
                     zone += 1
-                if ZONE_ENDS[zone - DEPTHS] - affine < end - begin:
+                if ZONE_ENDS[zone - DEPTHS] - affine < past - begin:
                     stop = begin + ZONE_ENDS[zone - DEPTHS] - affine
             needed = 0
-            for c in range(row, stop):
+            for c in range(row, row if decoding else stop):
                 a = width
                 while a > needed and levels[c, a - 1] == 0:
                     a -= 1
@@ -290,9 +298,8 @@ def code_levels(
                         near,
                         levels[c, a],
                     )
+                    if decoding and abs(levels[c, a]) > LARGEST:
+                        return False
             row = stop
-        if is_patch:
-            patch_before = run
-        else:
-            sets_before = run
+        latest[1 if is_patch else 0] = run
     return True

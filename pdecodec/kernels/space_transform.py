@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
-from pdecodec.kernels.patch_functions import local_coordinates, patch_functions
+from pdecodec.kernels.integers import unsigned
+from pdecodec.kernels.patch_functions import Scratch, local_coordinates, patch_functions
+from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 
 Float64Array = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
@@ -14,12 +15,11 @@ Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
 
-LANES = 16
-"""Shares that patches are divided into for threads; no result depends on their number."""
 
-
-@njit(cache=True, parallel=True)
+@uncounted
 def project_patches(
+    first: int,
+    end: int,
     values: Float64Array,
     starts: Int64Array,
     basis: Float64Array,
@@ -30,7 +30,8 @@ def project_patches(
     set_of: Int64Array,
     coefficients: Float64Array,
 ) -> None:
-    """Coefficients of each patch's functions: the affine ones into `scaling`, the others into `coefficients`.
+    """Coefficients of the functions of the patches `first` to `end` - 1: the affine ones into `scaling`, the others
+    into `coefficients`.
 
     Parameters
     ----------
@@ -44,37 +45,56 @@ def project_patches(
     set_of : (patches,) int64
     coefficients : (columns, width) float64, written at the patches
     """
-    patches = starts.size - 1
     width = values.shape[1]
-    for lane in prange(LANES):
-        for p in range(patches * lane // LANES, patches * (lane + 1) // LANES):
-            size = starts[p + 1] - starts[p]
-            rank = affine[p] + coefficient_starts[p + 1] - coefficient_starts[p]
-            for k in range(rank):
-                other = coefficient_starts[p] + k - affine[p]
-                row = scaling[set_of[p], k] if k < affine[p] else coefficients[other]
-                row[:] = 0.0
-                for i in range(size):
-                    weight = basis[basis_starts[p] + k * size + i]
-                    value = values[starts[p] + i]
-                    for a in range(width):
-                        row[a] += weight * value[a]
+    for p in range(first, end):
+        size = starts[p + 1] - starts[p]
+        rank = affine[p] + coefficient_starts[p + 1] - coefficient_starts[p]
+        whole = size - size % 4
+        for k in range(rank):
+            other = coefficient_starts[p] + k - affine[p]
+            row = scaling[set_of[p], k] if k < affine[p] else coefficients[other]
+            weights = basis[basis_starts[p] + k * size : basis_starts[p] + (k + 1) * size]
+            for a in range(width):
+                row[a] = 0.0
+            for i in range(0, whole, 4):
+                weight_0, weight_1, weight_2, weight_3 = weights[i], weights[i + 1], weights[i + 2], weights[i + 3]
+                at = starts[p] + i
+                value_0, value_1, value_2, value_3 = values[at], values[at + 1], values[at + 2], values[at + 3]
+                for a in range(width):
+                    low = (row[a] + weight_0 * value_0[a]) + weight_1 * value_1[a]
+                    row[a] = (low + weight_2 * value_2[a]) + weight_3 * value_3[a]
+            for i in range(whole, size):
+                weight, value = weights[i], values[starts[p] + i]
+                for a in range(width):
+                    row[a] += weight * value[a]
 
 
-@njit(cache=True, parallel=True)
+@uncounted_inline
+def _is_zero(row: Float64Array) -> bool:
+    for a in range(row.size):  # noqa: SIM110 - compiled code knows no generators
+        if row[a] != 0.0:
+            return False
+    return True
+
+
+@uncounted
 def expand_patches(
+    first: int,
+    end: int,
     scaling: Float64Array,
     coefficients: Float64Array,
     levels: Int64Array,
     order: Int32Array,
     starts: Int64Array,
-    exponents: Int64Array,
+    polynomials: Int64Array,
     given: Float64Array,
     basis: Float64Array,
     basis_starts: Int64Array,
     affine: Int64Array,
     coefficient_starts: Int64Array,
     set_of: Int64Array,
+    sums: Float64Array,
+    scratch: Scratch,
     planes: FloatArray,
 ) -> None:
     """Undo :func:`project_patches`: values at the vertices, functions added up in order.
@@ -84,51 +104,47 @@ def expand_patches(
 
     Parameters
     ----------
-    scaling, coefficients, starts, affine, coefficient_starts, set_of
+    first, end, scaling, coefficients, starts, affine, coefficient_starts, set_of
         As in :func:`project_patches`.
-    levels, order, exponents, given
+    levels, order, polynomials, given, scratch
         As in :func:`pdecodec.kernels.patch_functions.affine_functions`.
     basis, basis_starts
         As in :func:`project_patches`; empty, functions are made.
+    sums : (width, points of a patch or more) float64
+        Scratch.
     planes : (width, vertices) float32 or float64, written
-        In patch order.
+        In the order of the mesh.
     """
-    patches = starts.size - 1
     width = planes.shape[0]
-    for lane in prange(LANES):
-        largest = 0
-        for p in range(patches * lane // LANES, patches * (lane + 1) // LANES):
-            largest = max(largest, starts[p + 1] - starts[p])
-        local, column = np.empty((3, largest)), np.empty(largest)
-        by_point, by_function = np.empty((largest, largest)), np.empty((largest, largest))
-        sums = np.empty((width, largest))
-        for p in range(patches * lane // LANES, patches * (lane + 1) // LANES):
-            begin, size = starts[p], starts[p + 1] - starts[p]
-            rank = affine[p] + coefficient_starts[p + 1] - coefficient_starts[p]
-            while rank > affine[p] and not coefficients[coefficient_starts[p] + rank - affine[p] - 1].any():
-                rank -= 1
-            if basis.size == 0:
-                local_coordinates(levels, order, begin, starts[p + 1], local)
-                patch_functions(local, size, exponents, given, begin, rank, column, by_point, by_function)
-            sums[:] = 0.0
-            for k in range(rank):
-                other = coefficient_starts[p] + k - affine[p]
-                row = scaling[set_of[p], k] if k < affine[p] else coefficients[other]
-                function = by_function[k, :size]
-                if basis.size:
-                    function = basis[basis_starts[p] + k * size : basis_starts[p] + (k + 1) * size]
-                for a in range(width):
-                    weight = row[a]
-                    if weight != 0.0:
-                        total = sums[a, :size]
-                        for i in range(size):
-                            total[i] += function[i] * weight
+    for p in range(first, end):
+        begin, size = starts[p], starts[p + 1] - starts[p]
+        rank = affine[p] + coefficient_starts[p + 1] - coefficient_starts[p]
+        while rank > affine[p] and _is_zero(coefficients[coefficient_starts[p] + rank - affine[p] - 1]):
+            rank -= 1
+        if basis.size == 0:
+            local_coordinates(levels, order, begin, starts[p + 1], scratch)
+            patch_functions(scratch, size, polynomials, given, begin, rank)
+        for a in range(width):
+            for i in range(size):
+                sums[a, i] = 0.0
+        for k in range(rank):
+            other = coefficient_starts[p] + k - affine[p]
+            row = scaling[set_of[p], k] if k < affine[p] else coefficients[other]
+            function = scratch.by_function[k]
+            if basis.size:
+                function = basis[basis_starts[p] + k * size : basis_starts[p] + (k + 1) * size]
             for a in range(width):
-                for i in range(size):
-                    planes[a, begin + i] = sums[a, i]
+                weight = row[a]
+                if weight != 0.0:
+                    total = sums[a]
+                    for i in range(size):
+                        total[i] += function[i] * weight
+        for a in range(width):
+            for i in range(size):
+                planes[a, unsigned(order[begin + i])] = sums[a, i]
 
 
-@njit(cache=True)
+@uncounted
 def join(
     children: Int64Array,
     counts: Int64Array,
@@ -156,17 +172,19 @@ def join(
         size = counts[a] + counts[a + 1]
         for k in range(size):
             row = scaling[s, k] if k < counts[s] else coefficients[detail_starts[s] + k - counts[s]]
-            row[:] = 0.0
+            for j in range(width):
+                row[j] = 0.0
             for i in range(size):
                 weight = joints[s, k, i]
                 value = scaling[a, i] if i < counts[a] else scaling[a + 1, i - counts[a]]
                 for j in range(width):
                     row[j] += weight * value[j]
     for k in range(counts[0]):
-        coefficients[k] = scaling[0, k]
+        for j in range(width):
+            coefficients[k, j] = scaling[0, k, j]
 
 
-@njit(cache=True)
+@uncounted
 def part(
     children: Int64Array,
     counts: Int64Array,
@@ -178,7 +196,8 @@ def part(
     """Undo :func:`join`: affine coefficients of every set from those of the whole and the details, downwards."""
     width = coefficients.shape[1]
     for k in range(counts[0]):
-        scaling[0, k] = coefficients[k]
+        for j in range(width):
+            scaling[0, k, j] = coefficients[k, j]
     for s in range(children.size):
         a = children[s]
         if a < 0:
@@ -186,7 +205,8 @@ def part(
         size = counts[a] + counts[a + 1]
         for i in range(size):
             value = scaling[a, i] if i < counts[a] else scaling[a + 1, i - counts[a]]
-            value[:] = 0.0
+            for j in range(width):
+                value[j] = 0.0
             for k in range(size):
                 weight = joints[s, k, i]
                 row = scaling[s, k] if k < counts[s] else coefficients[detail_starts[s] + k - counts[s]]

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.bytestream import FieldReader, FieldWriter
-from pdecodec.peers.peer import Encoder, Peer, UnreachableError
+from pdecodec.peers.peer import UnreachableError
 from pdecodec.peers.symbols import decode_bands, encode_bands
+from pdecodec.peers.transform import Transform, rounded
 from pdecodec.sequence import Connectivity, Float32Array, Float64Array
 
 if TYPE_CHECKING:
@@ -33,7 +37,26 @@ CONTROL_STEP = 0.7
 """Step of the control points over what the fit leaves of the bound; they are averaged, so it may be a large one."""
 
 
-class BSpline(Peer):
+@dataclass(frozen=True, eq=False)
+class Controls:
+    """Rounded control points.
+
+    Attributes
+    ----------
+    step : float [scene units]
+    frames, interval, choice : int
+        Of the clip; between keys; which of POINTS_PER_CONTROL.
+    levels : (keys, controls, 3) int64
+    """
+
+    step: float
+    frames: int
+    interval: int
+    choice: int
+    levels: Int64Array
+
+
+class BSpline(Transform[Controls]):
     """Curves of the codec's own extraction, parameter by point index, control points by least squares.
 
     The fewest control points that the bound allows, at every second frame if it allows that, else at every frame.
@@ -44,46 +67,62 @@ class BSpline(Peer):
     name = "B-spline curves, linear in time"
     source = "Fang et al. 2024, Mathematics 12, 3175, section 5; control points coded"
 
-    def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
+    def analyse(self, points: Float32Array, connectivity: Connectivity) -> Callable[[float], Controls]:
         curves = _curves(connectivity)
         frames = points.shape[0]
         along = points.astype(np.float64)[:, curves.order]
-        fits: dict[int, tuple[Float64Array, dict[int, float]]] = {}
 
-        def fit(choice: int) -> tuple[Float64Array, dict[int, float]]:
-            """Control points at every frame, and the largest error of each key interval."""
-            if choice not in fits:
-                pieces = _pieces(curves, POINTS_PER_CONTROL[choice])
-                controls = np.concatenate([_fit(along[:, inside], count) for inside, count in pieces], axis=1)
-                errors = {}
-                for interval in KEY_INTERVALS:
-                    found = _in_between(_evaluate(controls[_keys(frames, interval)], curves, choice), frames, interval)
-                    errors[interval] = float(np.sqrt(((found - along) ** 2).sum(axis=2).max()))
-                fits[choice] = controls, errors
-            return fits[choice]
+        @cache
+        def fit(choice: int) -> Float64Array:
+            """Control points at every frame."""
+            pieces = _pieces(curves, POINTS_PER_CONTROL[choice])
+            return np.concatenate([_fit(along[:, inside], count) for inside, count in pieces], axis=1)
 
-        def encode(length: float) -> bytes:
+        @cache
+        def error_of(interval: int, choice: int) -> float:
+            """The largest distance before anything is rounded."""
+            found = _in_between(_evaluate(fit(choice)[_keys(frames, interval)], curves, choice), frames, interval)
+            return math.sqrt(float(np.einsum("fvk,fvk->fv", found - along, found - along).max()))
+
+        def round_to(length: float) -> Controls:
+            finest = len(POINTS_PER_CONTROL) - 1
             for interval in KEY_INTERVALS:
-                for choice in range(len(POINTS_PER_CONTROL)):
-                    controls, errors = fit(choice)
-                    error = errors[interval]
+                if error_of(interval, finest) > SHARE_OF_FIT * length:
+                    continue
+                for choice in range(finest + 1):
+                    error = error_of(interval, choice)
                     if error <= SHARE_OF_FIT * length:
                         step = CONTROL_STEP * (length - error)
-                        return _write(controls[_keys(frames, interval)], step, frames, interval, choice)
+                        levels = rounded(fit(choice)[_keys(frames, interval)], step)
+                        return Controls(step, frames, interval, choice, levels)
+            error = error_of(KEY_INTERVALS[-1], finest)
             raise UnreachableError(f"every point a control point is {error:.3g} off where {length:.3g} is asked for")
 
-        return encode
+        return round_to
 
-    def decode(self, data: bytes, connectivity: Connectivity) -> Float32Array:
+    def write(self, levels: Controls, connectivity: Connectivity) -> bytes:
+        keys, width = levels.levels.shape[:2]
+        differences = np.diff(np.diff(levels.levels.transpose(0, 2, 1), axis=0, prepend=0), axis=2, prepend=0)
+        writer = FieldWriter()
+        writer.numbers("d", levels.step)
+        writer.numbers("3Q2B", levels.frames, keys, width, levels.interval, levels.choice)
+        writer.sized(encode_bands(differences.reshape(-1, width)))
+        return writer.to_bytes()
+
+    def read(self, data: bytes, connectivity: Connectivity) -> Controls:
         reader = FieldReader(data, self.name)
         (step,) = reader.reals("d")
         frames, keys, width, interval, choice = reader.integers("3Q2B")
-        levels = decode_bands(reader.sized(), 3 * keys, width).reshape(keys, 3, width)
-        summed = np.cumsum(np.cumsum(levels, axis=2), axis=0)
-        controls: Float64Array = summed.transpose(0, 2, 1).astype(np.float64) * step
+        differences = decode_bands(reader.sized(), 3 * keys, width).reshape(keys, 3, width)
+        summed = np.cumsum(np.cumsum(differences, axis=2), axis=0)
+        return Controls(step, frames, interval, choice, summed.transpose(0, 2, 1))
+
+    def synthesise(self, levels: Controls, connectivity: Connectivity) -> Float32Array:
         curves = _curves(connectivity)
-        points = np.empty((frames, connectivity.vertex_count, 3), np.float32)
-        points[:, curves.order] = _in_between(_evaluate(controls, curves, choice), frames, interval)
+        controls: Float64Array = np.ascontiguousarray(levels.levels).astype(np.float64) * levels.step
+        points = np.empty((levels.frames, connectivity.vertex_count, 3), np.float32)
+        found = _evaluate(controls, curves, levels.choice)
+        points[:, curves.order] = _in_between(found, levels.frames, levels.interval)
         return points
 
 
@@ -92,17 +131,6 @@ def _curves(connectivity: Connectivity) -> Curves:
     from pdecodec.sequence import MeshObject
 
     return extract_curves([MeshObject("mesh", connectivity)])
-
-
-def _write(controls: Float64Array, step: float, frames: int, interval: int, choice: int) -> bytes:
-    levels = np.rint(controls / step).astype(np.int64).transpose(0, 2, 1)
-    keys, _, width = levels.shape
-    differences = np.diff(np.diff(levels, axis=0, prepend=0), axis=2, prepend=0)
-    writer = FieldWriter()
-    writer.numbers("d", step)
-    writer.numbers("3Q2B", frames, keys, width, interval, choice)
-    writer.sized(encode_bands(differences.reshape(-1, width)))
-    return writer.to_bytes()
 
 
 def _pieces(curves: Curves, points_per_control: float) -> Iterator[tuple[slice, int]]:
@@ -131,14 +159,20 @@ def _fit(along: Float64Array, count: int) -> Float64Array:
     along : (frames, points, 3) float64
     count : int
     """
-    from scipy.interpolate import make_lsq_spline
+    from scipy.interpolate import BSpline as ScipyBSpline
+    from scipy.linalg import solveh_banded
 
     frames, length = along.shape[:2]
     if length <= DEGREE:
         return along
     at, knots, degree = _knots(length, count)
-    columns = along.transpose(1, 0, 2).reshape(length, -1)
-    fitted: Float64Array = make_lsq_spline(at, columns, knots, degree).c
+    design = ScipyBSpline.design_matrix(at, knots, degree)
+    # Well conditioned at these parameters, so the normal equations lose nothing that matters.
+    normal = design.T @ design
+    bands = np.zeros((degree + 1, count))
+    for above in range(degree + 1):
+        bands[degree - above, above:] = normal.diagonal(above)
+    fitted: Float64Array = solveh_banded(bands, design.T @ along.transpose(1, 0, 2).reshape(length, -1))
     controls: Float64Array = fitted.reshape(count, frames, 3).transpose(1, 0, 2)
     return controls
 
@@ -167,6 +201,8 @@ def _keys(frames: int, interval: int) -> Int64Array:
 
 def _in_between(kept: Float64Array, frames: int, interval: int) -> Float64Array:
     """Positions at all frames, by straight lines between those kept."""
+    if interval == 1:
+        return kept
     keys = _keys(frames, interval)
     at = np.arange(frames)
     left = np.clip(np.searchsorted(keys, at, side="right") - 1, 0, max(0, keys.size - 2))

@@ -5,6 +5,8 @@ No paper of the peers below has it, but what they are compared with keeps a boun
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,9 +14,10 @@ from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.peers.grid import BELOW_BOUND, CUBE_DIAGONAL
 from pdecodec.peers.peer import Encoder, Peer
 from pdecodec.peers.symbols import decode_bands, encode_bands
+from pdecodec.peers.transform import Transform, rounded
 from pdecodec.sequence import Connectivity, Float32Array
 
-COARSER = (2.0, 3.0, 4.5, 6.5, 9.0)
+COARSER = (1.5, 2.0, 3.0, 4.5)
 """Lengths given to the transform, over the bound; tried in this order until the bytes grow."""
 
 
@@ -23,33 +26,39 @@ class Corrected(Peer):
 
     Parameters
     ----------
-    transform : Peer
+    transform : Transform
     """
 
     published = False
 
-    def __init__(self, transform: Peer) -> None:
+    def __init__(self, transform: Transform[Any]) -> None:
         self._transform = transform
         self.name = f"{transform.name}, corrected"
         self.source = transform.source
 
     def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
-        encode_transform = self._transform.prepare(points, connectivity)
+        transform = self._transform
+        round_to = transform.analyse(points, connectivity)
 
         def encode(length: float) -> bytes:
-            smallest = None
+            smallest, of_transform, before = b"", b"", 0.0
             for coarser in COARSER:
-                inner = encode_transform(coarser * length)
-                levels = _corrections(points, self._transform.decode(inner, connectivity), length)
+                rounded_to = round_to(coarser * length)
+                levels = _corrections(points, transform.synthesise(rounded_to, connectivity), length)
+                corrections = encode_bands(levels.reshape(len(points), -1))
+                # A transform's bytes fall less than its length rises: often that tells without coding it.
+                least = len(corrections) + len(of_transform) * before / coarser
+                if smallest and least >= len(smallest):
+                    break
+                of_transform, before = transform.write(rounded_to, connectivity), coarser
                 writer = FieldWriter()
                 writer.numbers("d", _step(length))
-                writer.sized(inner)
-                writer.sized(encode_bands(levels.reshape(len(points), -1)))
+                writer.sized(of_transform)
+                writer.sized(corrections)
                 data = writer.to_bytes()
-                if smallest is not None and len(data) >= len(smallest):
+                if smallest and len(data) >= len(smallest):
                     break
                 smallest = data
-            assert smallest is not None
             return smallest
 
         return encode
@@ -73,6 +82,7 @@ def _step(bound: float) -> float:
 def _corrections(points: Float32Array, decoded: Float32Array, bound: float) -> NDArray[np.int64]:
     """(frames, vertices, 3) int64: zero where the bound holds already."""
     missing = points.astype(np.float64) - decoded
-    levels = np.rint(missing / _step(bound)).astype(np.int64)
-    levels[(missing**2).sum(axis=2) <= bound**2] = 0
+    beyond = np.einsum("fvk,fvk->fv", missing, missing) > bound**2
+    levels = np.zeros(points.shape, np.int64)
+    levels[beyond] = rounded(missing[beyond], _step(bound))
     return levels

@@ -7,7 +7,7 @@ import numpy as np
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.peers.grid import Grid
 from pdecodec.peers.peer import Encoder, Peer
-from pdecodec.peers.shuffle import narrowest, squeeze, unsqueeze
+from pdecodec.peers.shuffle import level_for, narrowest, squeeze, unsqueeze
 from pdecodec.sequence import Connectivity, Float32Array
 
 
@@ -27,7 +27,7 @@ class QuantiseDelta(Peer):
             for part in (np.diff(levels[:1], axis=1, prepend=0), np.diff(levels, axis=0)):
                 narrow = narrowest(part.transpose(0, 2, 1))  # an axis at a time: its numbers are alike
                 writer.numbers("Q", narrow.itemsize)
-                writer.sized(squeeze(narrow))
+                writer.sized(squeeze(narrow, level=level_for(narrow.nbytes)))
             return writer.to_bytes()
 
         return encode

@@ -8,7 +8,7 @@ import zstandard
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.peers.grid import Grid
 from pdecodec.peers.peer import Encoder, Peer, UnreachableError
-from pdecodec.peers.shuffle import LEVEL
+from pdecodec.peers.shuffle import level_for
 from pdecodec.sequence import Connectivity, Float32Array
 
 VERTEX_BYTES = 8
@@ -39,7 +39,8 @@ class Meshopt(Peer):
             writer.numbers("Q", points.shape[0])
             for frame in padded:
                 writer.sized(bytes(meshopt_encode(frame.view(np.uint8), level=CODEC_LEVEL)))
-            return zstandard.ZstdCompressor(level=LEVEL).compress(writer.to_bytes())
+            frames = writer.to_bytes()
+            return zstandard.ZstdCompressor(level=level_for(len(frames))).compress(frames)
 
         return encode
 

@@ -75,6 +75,10 @@ class Peer(ABC):
         (frames, vertices, 3) float32 [scene units]
         """
 
+    def effective_length(self, length: float) -> float:
+        """The one length that stands for all that give the same bytes as `length`; by default all differ."""
+        return length
+
     def missing(self) -> str | None:
         """Why it cannot run here, with what to do about it; None where it can."""
         if self.package is None or importlib.util.find_spec(self.package) is not None:
@@ -100,7 +104,7 @@ class Peer(ABC):
 def _shared_files() -> list[Path]:
     """The modules that several peers are made of."""
     here = Path(__file__).parent
-    shared = ("grid", "planes", "prediction", "principal", "search", "shuffle", "symbols", "traversal")
+    shared = ("grid", "planes", "prediction", "principal", "search", "shuffle", "symbols", "transform", "traversal")
     return [here / f"{name}.py" for name in shared]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from pdecodec.bytestream import FieldReader, FieldWriter
@@ -25,7 +26,7 @@ def encode_over_mesh(values: Int64Array, traversal: Traversal) -> bytes:
     """
     placed = values[traversal.order]
     differences = np.diff(placed, axis=0, prepend=0)
-    return _cheapest_columns([placed, differences, placed - traversal.predicted(placed)])
+    return _write_columns((placed, differences, placed - traversal.predicted(placed)))
 
 
 def decode_over_mesh(data: bytes, columns: int, traversal: Traversal) -> Int64Array:
@@ -45,10 +46,10 @@ def encode_over_time(values: Int64Array) -> bytes:
     ----------
     values : (frames, columns) int64
     """
-    candidates = [values]
+    candidates = [np.ascontiguousarray(values)]
     for _ in range(HIGHEST_DIFFERENCE):
         candidates.append(np.diff(candidates[-1], axis=0, prepend=0))
-    return _cheapest_columns(candidates)
+    return _write_columns(tuple(candidates))
 
 
 def decode_over_time(data: bytes, columns: int, frames: int) -> Int64Array:
@@ -59,13 +60,49 @@ def decode_over_time(data: bytes, columns: int, frames: int) -> Int64Array:
     return values
 
 
-def _cheapest_columns(candidates: list[Int64Array]) -> bytes:
+@njit(cache=True)
+def cheapest_columns(candidates: tuple[Int64Array, ...]) -> tuple[Int64Array, Int64Array]:
+    """Of each column the candidate whose numbers have the fewest bits.
+
+    Parameters
+    ----------
+    candidates : tuple of (rows, columns) int64
+
+    Returns
+    -------
+    kind : (columns,) int64
+        Which of the candidates.
+    bands : (columns, rows) int64
+    """
+    rows, columns = candidates[0].shape
+    bits = np.zeros((len(candidates), columns))
+    for number in range(len(candidates)):
+        candidate = candidates[number]
+        for i in range(rows):
+            for k in range(columns):
+                bits[number, k] += np.log2(1.0 + abs(candidate[i, k]))
+    kind = np.empty(columns, np.int64)
+    for k in range(columns):
+        kind[k] = bits[:, k].argmin()
+    bands = np.empty((columns, rows), np.int64)
+    for i in range(rows):
+        for k in range(columns):
+            bands[k, i] = candidates[kind[k]][i, k]
+    return kind, bands
+
+
+def cheapest_columns_reference(candidates: tuple[Int64Array, ...]) -> tuple[Int64Array, Int64Array]:
+    """Plain form of :func:`cheapest_columns`."""
     bits = np.stack([np.log2(1.0 + np.abs(each)).sum(axis=0) for each in candidates])
     kind = bits.argmin(axis=0)
-    residuals = np.take_along_axis(np.stack(candidates), kind[None, None, :], axis=0)[0]
+    return kind, np.take_along_axis(np.stack(candidates), kind[None, None, :], axis=0)[0].T
+
+
+def _write_columns(candidates: tuple[Int64Array, ...]) -> bytes:
+    kind, bands = cheapest_columns(candidates)
     writer = FieldWriter()
     writer.sized(encode_bands(kind[None, :]))
-    writer.sized(encode_bands(residuals.T))
+    writer.sized(encode_bands(bands))
     return writer.to_bytes()
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.peers.transform import rounded
 from pdecodec.sequence import Float64Array
 
 Int64Array = NDArray[np.int64]
@@ -40,6 +41,27 @@ class PrincipalComponents:
     coefficients: Float64Array
 
 
+@dataclass(frozen=True, eq=False)
+class RoundedComponents:
+    """Both factors and the mean as levels of their steps.
+
+    Attributes
+    ----------
+    step : float [scene units]
+        Of the coefficients; :func:`factor_steps` are those of the basis.
+    frames : int
+    mean : (columns,) int64
+    coefficients : (rows, components) int64
+    basis : (columns, components) int64
+    """
+
+    step: float
+    frames: int
+    mean: Int64Array
+    coefficients: Int64Array
+    basis: Int64Array
+
+
 def principal_components(rows: Float64Array) -> PrincipalComponents:
     """Principal components of the rows of a matrix.
 
@@ -69,7 +91,7 @@ def quantise_columns(columns: Float64Array, step: float) -> tuple[Int64Array, In
     levels : (rows, used) int64
     used : (used,) int64
     """
-    levels = np.rint(columns / step).astype(np.int64)
+    levels = rounded(columns, step)
     used = np.flatnonzero(levels.any(axis=0))
     return np.ascontiguousarray(levels[:, used]), used
 

@@ -4,27 +4,50 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from pdecodec.metrics import Distortion, DistortionMeter
-from pdecodec.peers.peer import Peer, UnreachableError
+from pdecodec.peers.peer import Encoder, Peer, UnreachableError
+from pdecodec.peers.transform import Transform
 from pdecodec.sequence import Connectivity, Float32Array
 
-MOST_TRIES = 12
-"""Encodes of one search: the steps towards the bound take four, the bisection after them the rest."""
+Preview = Callable[[float], Float32Array]
+"""From a length to what its bytes would decode to."""
+
+MOST_TRIES = 8
+"""Lengths that one bound may take: a few go towards it, and errors jump by 10 % from one length to the next."""
 
 CLOSE_ENOUGH = 0.98
 """Share of the bound that need not be improved on, and of neighbouring lengths: about 1 % of the bytes."""
 
+AIM = 0.99
+"""Share of the bound that a try is aimed at: the middle of what is close enough."""
+
+WORTH_A_TRY = 0.98
+"""Share of the bytes that a try beyond the bound must be below, for lengths between it and the bound to be tried."""
+
 FARTHEST_STEP = 16.0
 """Factor by which one step may change the length: errors of small clips jump."""
+
+SLOPE_BASE = math.log(1.5)
+"""Least distance of two lengths, as logarithms, whose errors tell a slope."""
+
+SLOPES = (0.5, 1.5)
+"""Range of slopes that are believed: the error is about proportional to the length."""
+
+LEAST_SHARE = 0.1
+"""Of a bracket's width, on a log scale: how near to its ends interpolation may go."""
+
+INTERPOLATIONS = 3
+"""Tries that follow interpolation in a bracket; where they do not come close errors jump, and halves do better."""
 
 
 @dataclass(frozen=True)
 class PeerResult:
-    """What a peer needs to stay within a bound.
+    """One encode of a peer, decoded again.
 
     Attributes
     ----------
@@ -37,8 +60,6 @@ class PeerResult:
         Of what came back from those bytes.
     encode_seconds, decode_seconds : float
         Of that one encode, preparation included, and of that one decode.
-    tries : int
-        Encodes that the search took.
     """
 
     peer: str
@@ -47,84 +68,184 @@ class PeerResult:
     distortion: Distortion
     encode_seconds: float
     decode_seconds: float
-    tries: int
 
 
-def measure_peer(peer: Peer, points: Float32Array, connectivity: Connectivity, *, bound: float) -> PeerResult:
-    """The smallest encoding found whose largest Euclidean vertex distance is at most `bound`.
+class PeerCurve:
+    """Bytes against error of one peer on one sequence: prepared once, and every length tried serves every bound.
+
+    Of a :class:`Transform` lengths are tried by what they would decode to, and only the one chosen is coded. What is
+    given back was always coded and decoded again.
+
+    The same bounds asked for in the same order give the same results. In another order a length may differ where two
+    are close enough to the bound, and the bytes with it by about 1 %.
 
     Parameters
     ----------
     peer : Peer
     points : (frames, vertices, 3) float32 [scene units]
     connectivity : Connectivity
-    bound : float [scene units]
-
-    Returns
-    -------
-    PeerResult
+        Nothing is done with them before the first bound is asked for.
 
     Raises
     ------
-    UnreachableError
-        If nothing tried stays within the bound.
     MissingExtraError
         If the peer's package is not installed.
     """
-    peer.require()
-    started = time.perf_counter()
-    encode = peer.prepare(points, connectivity)
-    prepared = time.perf_counter() - started
-    best: PeerResult | None = None
-    reason = ""
-    search = _LengthSearch(bound)
-    for tries in range(1, MOST_TRIES + 1):
-        started = time.perf_counter()
+
+    def __init__(self, peer: Peer, points: Float32Array, connectivity: Connectivity) -> None:
+        peer.require()
+        self._peer = peer
+        self._points = points
+        self._connectivity = connectivity
+        self._encode: Encoder | None = None
+        self._preview: Preview | None = None
+        self._prepare_seconds = 0.0
+        self._errors: dict[float, float] = {}
+        self._tries: dict[float, PeerResult] = {}
+
+    @property
+    def tries(self) -> tuple[PeerResult, ...]:
+        """All encodes made so far, the shortest length first: points of the curve."""
+        return tuple(self._tries[length] for length in sorted(self._tries))
+
+    def reach(self, bound: float) -> PeerResult:
+        """The smallest encoding found whose largest Euclidean vertex distance is at most `bound`.
+
+        Parameters
+        ----------
+        bound : float [scene units]
+
+        Raises
+        ------
+        UnreachableError
+            If nothing tried stays within the bound.
+        """
+        reason = ""
         try:
-            data = encode(search.length)
+            self._search(bound)
         except UnreachableError as refusal:
             reason = str(refusal)
-            break
-        encoded = time.perf_counter()
-        decoded = peer.decode(data, connectivity)
-        decode_seconds = time.perf_counter() - encoded
-        distortion = _distortion(points, decoded)
-        if distortion.max_error > bound:
-            reason = f"its error is {distortion.max_error:.3g} where {bound:.3g} is allowed"
-        elif best is None or len(data) < best.size:
-            seconds = prepared + encoded - started
-            best = PeerResult(peer.name, len(data), search.length, distortion, seconds, decode_seconds, tries)
-        if not peer.adjustable or not search.goes_on(distortion.max_error):
-            break
-    if best is None:
-        raise UnreachableError(f"{peer.name}: {reason}")
-    return best
+        able = [made for made in self._tries.values() if made.distortion.max_error <= bound]
+        if not able:
+            least = min(self._errors.values(), default=math.inf)
+            reason = reason or f"its error is {least:.3g} where {bound:.3g} is allowed"
+            raise UnreachableError(f"{self._peer.name}: {reason}")
+        return min(able, key=lambda made: made.size)
 
+    def _search(self, bound: float) -> None:
+        """Find a length for a bound and encode with it, where there is one."""
+        self._prepare()
+        try:
+            for count in range(MOST_TRIES):
+                length = self._next_length(bound, count)
+                if length is None:
+                    break
+                if self._preview is None:
+                    self._try(length)
+                else:
+                    self._errors[length] = largest_distance(self._points, self._preview(length))
+        finally:
+            coarsest = max((length for length, error in self._errors.items() if error <= bound), default=None)
+            if coarsest is not None and coarsest not in self._tries:
+                self._try(coarsest)
 
-class _LengthSearch:
-    """Which length to try next: steps as if the error were proportional to it, then bisection of its logarithm."""
-
-    def __init__(self, bound: float) -> None:
-        self.length = bound
-        self._bound = bound
-        self._kept = 0.0
-        self._refused = math.inf
-
-    def goes_on(self, error: float) -> bool:
-        """Take the error of the present length; False where no other is worth a try."""
-        if error <= self._bound:
-            self._kept = max(self._kept, self.length)
-            if error == 0.0 or error >= CLOSE_ENOUGH * self._bound:
-                return False
+    def _prepare(self) -> None:
+        if self._encode is not None:
+            return
+        started = time.perf_counter()
+        peer, connectivity = self._peer, self._connectivity
+        if isinstance(peer, Transform):
+            round_to = peer.analyse(self._points, connectivity)
+            self._encode = lambda length: peer.write(round_to(length), connectivity)
+            self._preview = lambda length: peer.synthesise(round_to(length), connectivity)
         else:
-            self._refused = min(self._refused, self.length)
-        if self._kept > 0.0 and self._refused < math.inf:
-            self.length = math.sqrt(self._kept * self._refused)
-            return self._kept < CLOSE_ENOUGH * self._refused
-        # From above, a little farther than proportion says: a second miss would cost a whole try.
-        towards = self._bound / error * (1.0 if self._kept else CLOSE_ENOUGH)
-        self.length *= min(max(towards, 1.0 / FARTHEST_STEP), FARTHEST_STEP)
-        return True
+            self._encode = peer.prepare(self._points, connectivity)
+        self._prepare_seconds = time.perf_counter() - started
+
+    def _try(self, length: float) -> None:
+        assert self._encode is not None
+        started = time.perf_counter()
+        data = self._encode(length)
+        encoded = time.perf_counter()
+        decoded = self._peer.decode(data, self._connectivity)
+        decode_seconds = time.perf_counter() - encoded
+        distortion = _distortion(self._points, decoded)
+        self._errors[length] = distortion.max_error
+        self._tries[length] = PeerResult(
+            peer=self._peer.name,
+            size=len(data),
+            length=length,
+            distortion=distortion,
+            encode_seconds=self._prepare_seconds + encoded - started,
+            decode_seconds=decode_seconds,
+        )
+
+    def _next_length(self, bound: float, count: int) -> float | None:
+        """What to try next for a bound after `count` tries for it; None where no length is worth a try."""
+        if not self._peer.adjustable:
+            return None if self._errors else bound
+        if bound <= 0.0:
+            return None
+        coarsest = max((length for length, error in self._errors.items() if error <= bound), default=None)
+        finest = min((length for length, error in self._errors.items() if error > bound), default=None)
+        if coarsest is not None and self._errors[coarsest] >= CLOSE_ENOUGH * bound:
+            return None
+        if coarsest is not None and finest is not None:
+            if coarsest >= CLOSE_ENOUGH * finest or self._saves_little(coarsest, finest):
+                return None
+            length = self._peer.effective_length(
+                math.sqrt(coarsest * finest) if count >= INTERPOLATIONS else self._between(coarsest, finest, bound)
+            )
+            if length in self._errors:  # of a peer that sees powers of two alone
+                length = self._peer.effective_length(2.0 * coarsest)
+            return None if length in self._errors or length > finest else length
+        near = finest if coarsest is None else coarsest
+        if near is None:
+            return self._peer.effective_length(bound)
+        if self._errors[near] == 0.0:  # nothing to go by; the bound is a length that most peers keep
+            length = self._peer.effective_length(bound)
+            return length if length > near else None
+        factor = (AIM * bound / self._errors[near]) ** (1.0 / self._slope(near))
+        length = near * min(max(factor, 1.0 / FARTHEST_STEP), FARTHEST_STEP)
+        if count == 0 and CLOSE_ENOUGH <= length / bound <= 1.0 / CLOSE_ENOUGH:
+            length = bound
+        length = self._peer.effective_length(length)
+        return length if length != near else self._peer.effective_length(near * (0.5 if coarsest is None else 2.0))
+
+    def _saves_little(self, within: float, beyond: float) -> bool:
+        """Whether a length that misses the bound is known to take hardly fewer bytes than one that keeps it."""
+        if within not in self._tries or beyond not in self._tries:
+            return False
+        return self._tries[beyond].size >= WORTH_A_TRY * self._tries[within].size
+
+    def _between(self, within: float, beyond: float, bound: float) -> float:
+        """A length by interpolation, both axes logarithmic."""
+        least, largest = self._errors[within], self._errors[beyond]
+        share = math.log(AIM * bound / least) / math.log(largest / least) if least > 0.0 else 0.5
+        share = min(max(share, LEAST_SHARE), 1.0 - LEAST_SHARE)
+        return within * math.exp(share * math.log(beyond / within))
+
+    def _slope(self, near: float) -> float:
+        """Of the logarithm of the error over that of the length, at a try; 1 where no other one tells."""
+        logarithms = [
+            (math.log(length / near), math.log(error / self._errors[near]))
+            for length, error in self._errors.items()
+            if error > 0.0
+        ]
+        apart = [each for each in logarithms if abs(each[0]) >= SLOPE_BASE]
+        run, rise = min(apart, key=lambda each: abs(each[0]), default=(1.0, 1.0))
+        return min(max(rise / run, SLOPES[0]), SLOPES[1])
+
+
+def measure_peer(peer: Peer, points: Float32Array, connectivity: Connectivity, *, bound: float) -> PeerResult:
+    """What :meth:`PeerCurve.reach` finds for a single bound."""
+    return PeerCurve(peer, points, connectivity).reach(bound)
+
+
+def largest_distance(points: Float32Array, decoded: Float32Array) -> float:
+    """Largest Euclidean distance [scene units] of two (frames, vertices, 3) float32 arrays."""
+    missing = points.astype(np.float64) - decoded
+    return math.sqrt(float(np.einsum("fvk,fvk->fv", missing, missing).max()))
 
 
 def _distortion(points: Float32Array, decoded: Float32Array) -> Distortion:

@@ -11,12 +11,23 @@ from numpy.typing import DTypeLike, NDArray
 LEVEL = 19
 """The strongest level that keeps to zstandard's usual memory."""
 
+LEVEL_OF_LARGE = 17
+"""Of much at a time that is compressed anew for every bound: 1 to 3 % more bytes in two thirds of the time."""
 
-def squeeze(values: NDArray[Any]) -> bytes:
+LARGE = 2**22
+"""Bytes from which on that is taken."""
+
+
+def level_for(size: int) -> int:
+    """Level at which that many bytes of differences are compressed."""
+    return LEVEL if size < LARGE else LEVEL_OF_LARGE
+
+
+def squeeze(values: NDArray[Any], *, level: int = LEVEL) -> bytes:
     """The numbers of an array, shuffled and compressed."""
     contiguous = np.ascontiguousarray(values)
     planes = contiguous.reshape(-1).view(np.uint8).reshape(-1, contiguous.itemsize).T
-    return zstandard.ZstdCompressor(level=LEVEL).compress(planes.tobytes())
+    return zstandard.ZstdCompressor(level=level).compress(planes.tobytes())
 
 
 def unsqueeze(data: bytes, number: DTypeLike, shape: tuple[int, ...]) -> NDArray[Any]:

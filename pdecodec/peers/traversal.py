@@ -44,22 +44,51 @@ class Traversal:
         values : (vertices, columns) int64
             In the order of places.
         """
-        a, b, c = self.corners.T
-        count = np.diff(self.starts)
-        known = count > 0
-        # Without a parallelogram the place before it; the first place has nothing to go by.
-        found = np.concatenate([np.zeros_like(values[:1]), values[:-1]])
-        if known.any():
-            sums = np.add.reduceat(values[a] + values[b] - values[c], self.starts[:-1][known], axis=0)
-            n = count[known][:, None]
-            found[known] = (2 * sums + n) // (2 * n)
-        return found
+        return predictions(np.ascontiguousarray(values), self.starts, self.corners)
 
     def restored(self, residuals: Int64Array) -> Int64Array:
         """Undo ``values - predicted(values)``."""
         values = np.array(residuals, order="C")
         add_predictions(values, self.starts, self.corners)
         return values
+
+
+@njit(cache=True)
+def predictions(values: Int64Array, starts: Int64Array, corners: Int64Array) -> Int64Array:
+    """Means of parallelograms; without one the place before it; the first place has nothing to go by.
+
+    Parameters
+    ----------
+    values : (vertices, columns) int64
+    starts, corners
+        As in :class:`Traversal`.
+    """
+    found = np.zeros_like(values)
+    for i in range(1, values.shape[0]):
+        n = starts[i + 1] - starts[i]
+        if n == 0:
+            found[i] = values[i - 1]
+            continue
+        for j in range(starts[i], starts[i + 1]):
+            a, b, c = corners[j]
+            for k in range(values.shape[1]):
+                found[i, k] += values[a, k] + values[b, k] - values[c, k]
+        for k in range(values.shape[1]):
+            found[i, k] = (2 * found[i, k] + n) // (2 * n)
+    return found
+
+
+def predictions_reference(values: Int64Array, starts: Int64Array, corners: Int64Array) -> Int64Array:
+    """Plain form of :func:`predictions`."""
+    a, b, c = corners.T
+    count = np.diff(starts)
+    known = count > 0
+    found = np.concatenate([np.zeros_like(values[:1]), values[:-1]])
+    if known.any():
+        sums = np.add.reduceat(values[a] + values[b] - values[c], starts[:-1][known], axis=0)
+        n = count[known][:, None]
+        found[known] = (2 * sums + n) // (2 * n)
+    return found
 
 
 @njit(cache=True)

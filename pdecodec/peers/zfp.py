@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from pdecodec.peers.peer import Encoder, Peer
 from pdecodec.peers.planes import decode_planes, encode_planes
 from pdecodec.sequence import Connectivity, Float32Array
@@ -13,6 +15,9 @@ class Zfp(Peer):
     name = "zfp"
     source = "Lindstrom 2014, Fixed-rate compressed floating-point arrays; fixed-accuracy mode"
     package = "zfpy"
+
+    def effective_length(self, length: float) -> float:
+        return math.ldexp(1.0, math.frexp(length)[1] - 1)
 
     def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
         import zfpy

@@ -10,7 +10,7 @@ from spec.decoder.shape import Vector, arc_length_parameters, dot, series_functi
 
 DEPENDENT = 2.0**-8
 COVERED = 2.0**-10
-ONCE_IS_ENOUGH = 0.25
+ONCE_IS_ENOUGH = 0.125
 SWEEPS = 6
 LARGEST_DEGREE = 10
 
@@ -144,17 +144,34 @@ def principal_axes(m: Matrix) -> Matrix:
     return axes
 
 
-def columns_of_patch(levels: list[list[int]]) -> Matrix:
-    """23.3, basis patch."""
+def add_polynomials(functions: Matrix, levels: list[list[int]], most: int) -> int:
+    """23.3, basis patch: polynomials until there are `most` functions; how many are affine."""
     local = local_coordinates(levels)
-    columns = []
-    for powers in EXPONENTS:
+    added: dict[tuple[int, int, int], Vector] = {}
+    for a, b, c in EXPONENTS:
+        if len(functions) == most:
+            break
+        less = [(a - 1, b, c), (a, b - 1, c), (a, b, c - 1)]
+        axes = [axis for axis, power in enumerate((a, b, c)) if power > 0]
+        if any(less[axis] not in added for axis in axes):
+            continue
         column = [1.0] * len(levels)
-        for coordinate, power in zip(local, powers, strict=True):
-            for _ in range(power):
-                column = [value * x for value, x in zip(column, coordinate, strict=True)]
-        columns.append(column)
-    return columns
+        if axes:
+            column = [value * x for value, x in zip(added[less[axes[0]]], local[axes[0]], strict=True)]
+        if add(functions, column, DEPENDENT):
+            added[a, b, c] = functions[-1]
+    return sum(item in added for item in EXPONENTS[:4])
+
+
+def add_columns(functions: Matrix, columns: Matrix, most: int) -> int:
+    """Given columns until there are `most` functions; how many are affine."""
+    affine = 0
+    for j, column in enumerate(columns):
+        if len(functions) == most:
+            break
+        if add(functions, column, DEPENDENT) and j < 4:
+            affine += 1
+    return affine
 
 
 def columns_of_piece(levels: list[list[int]]) -> Matrix:
@@ -176,13 +193,12 @@ def build_space(kind: int, patches: Patches, levels: list[list[int]], most: int)
     for number, patch in enumerate(patches.patches):
         own = [levels[vertex] for vertex in patch]
         functions: Matrix = []
-        affine.append(0)
-        for j, column in enumerate(columns_of_patch(own) if kind == PATCH else columns_of_piece(own)):
-            if len(functions) == min(most, len(patch)):
-                break
-            if add(functions, column, DEPENDENT) and j < 4:
-                affine[-1] += 1
-        complete(functions, len(patch), min(most, len(patch)))
+        wanted = min(most, len(patch))
+        if kind == PATCH:
+            affine.append(add_polynomials(functions, own, wanted))
+        else:
+            affine.append(add_columns(functions, columns_of_piece(own), wanted))
+        complete(functions, len(patch), wanted)
         found.append(functions)
         monomials = [[1.0] * len(own), *([float(level[axis] - levels[0][axis]) for level in own] for axis in range(3))]
         counts[patches.set_of[number]] = affine[-1]

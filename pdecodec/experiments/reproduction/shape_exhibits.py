@@ -148,10 +148,10 @@ def meshes(findings: Findings) -> Exhibit:
         near = _close_up(target)
         for (name, points), row in zip(seen.items(), panels, strict=True):
             colours = _plain(len(quads)) if name == "XPBD" else heat.to_rgba(distances[name][quads].max(axis=1))[:, :3]
-            draw_mesh(row[0], points, quads, colours)
+            draw_mesh(row[0], points, [quads], [colours])
             is_near: NDArray[np.bool_] = np.all((points[:, :2] > near[0]) & (points[:, :2] < near[1]), axis=1)
             inside = is_near[quads].any(axis=1)
-            draw_mesh(row[1], points, quads[inside], colours[inside], lines=True)
+            draw_mesh(row[1], points, [quads[inside]], [colours[inside]], lines=True)
             _frame(row[0], low - 0.6, high + 0.6)
             _frame(row[1], *near)
             mean = distances[name].mean()

@@ -1,0 +1,161 @@
+"""`pdecodec report`: how small, how exact and how fast, on your own data, beside what else could be used."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, get_args
+
+import click
+
+from pdecodec.cli.console import print_json, progress_bar, say, say_if_compiling, say_notices
+from pdecodec.cli.options import fps_option, json_option
+from pdecodec.errors import SettingsError
+
+if TYPE_CHECKING:
+    from pdecodec.sequence import ArraySequence
+
+PROFILES = ("auto", "segments", "paper")
+"""Those of :data:`pdecodec.settings.Profile`, which a help page should not load."""
+
+
+def _share(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
+    """Click callback: ``5%`` or ``5``, as 0.05."""
+    if value is None:
+        return None
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*%?", value.strip())
+    if found is None:
+        raise click.BadParameter(f"{value!r} is not a share such as 5%", context, parameter)
+    return float(found[1]) / 100.0
+
+
+@click.command()
+@click.argument("sources", metavar="IN...", nargs=-1, required=True)
+@click.option("-o", "--output", required=True, metavar="DIR", help="Folder for the page, its charts and its figures.")
+@click.option(
+    "--tolerance",
+    "tolerances",
+    type=float,
+    multiple=True,
+    metavar="X",
+    help="Measure at this tolerance; may be given repeatedly.  [default: 1e-2, 3e-3, 1e-3, 3e-4, 1e-4]",
+)
+@click.option(
+    "--profile",
+    "profiles",
+    type=click.Choice(PROFILES),
+    multiple=True,
+    help="Measure this profile; may be given repeatedly.  [default: all]",
+)
+@click.option("--peers/--no-peers", default=True, show_default=True, help="Measure other methods beside it.")
+@click.option("--effort", type=click.IntRange(1, 9), default=5, show_default=True, help="Of profile auto.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(1),
+    default=2,
+    show_default=True,
+    metavar="N",
+    help="Other methods measured at a time; profiles are measured alone.",
+)
+@click.option("--fresh", is_flag=True, help="Measure again what an earlier run into DIR has measured.")
+@click.option("--compare", metavar="OLD.json", help="Tell what got better and worse since this report.json.")
+@click.option(
+    "--fail-if-larger",
+    callback=_share,
+    metavar="P%",
+    help="With --compare: exit with 1 where a file of pdecodec's grew by more than this.",
+)
+@fps_option
+@json_option
+@click.pass_context
+def report(
+    context: click.Context,
+    *,
+    sources: tuple[str, ...],
+    output: str,
+    tolerances: tuple[float, ...],
+    profiles: tuple[str, ...],
+    peers: bool,
+    effort: int,
+    jobs: int,
+    fresh: bool,
+    compare: str | None,
+    fail_if_larger: float | None,
+    fps: float | None,
+    as_json: bool,
+) -> None:
+    """Measure how small, how exact and how fast clips become, and write a page about it.
+
+    IN is a mesh sequence, or a folder of them. DIR gets one HTML page that works offline (index.html), each of its
+    charts as PNG and SVG, its figures as CSV, everything as JSON (report.json), and a summary in Markdown (summary.md),
+    which is printed, too. Of several clips each has a page of its own in a folder of its name, and index.html is about
+    all of them. Every method is compared at equal maximum error, on positions decoded again from its bytes.
+
+    What was measured is kept in DIR (cells.json): a run that was cut off goes on where it was.
+    """
+    from pdecodec.experiments.report.comparison import read_cells, too_large
+    from pdecodec.experiments.report.making import make_report
+    from pdecodec.experiments.report.measuring import TOLERANCES, ReportPlan
+    from pdecodec.experiments.report.sources import find_clips
+    from pdecodec.formats import list_formats
+    from pdecodec.peers.catalogue import available_peers
+    from pdecodec.settings import EncodeSettings, Profile
+
+    if fail_if_larger is not None and compare is None:
+        raise SettingsError("--fail-if-larger needs --compare, to know what files were before")
+    for tolerance in tolerances:
+        EncodeSettings(tolerance=tolerance)
+    old = None if compare is None else read_cells(Path(compare))
+    readable = [entry for entry in list_formats() if entry.reads]
+    clips = find_clips(
+        [Path(source) for source in sources],
+        [extension for entry in readable for extension in entry.extensions],
+        [extension for entry in readable if entry.frame_per_file for extension in entry.extensions],
+    )
+    able, skipped = available_peers() if peers else ((), ())
+    plan = ReportPlan(
+        tolerances=tuple(sorted(set(tolerances or TOLERANCES), reverse=True)),
+        profiles=tuple(profile for profile in get_args(Profile) if profile in (profiles or PROFILES)),
+        peers=able,
+        effort=effort,
+        jobs=jobs,
+    )
+    for reason in skipped:
+        say(f"note: {reason}")
+    say_if_compiling()
+    with progress_bar() as progress:
+        result = make_report(
+            _opened(clips, fps),
+            Path(output),
+            plan,
+            several=len(clips) > 1,
+            skipped=skipped,
+            old=old,
+            fresh=fresh,
+            progress=progress,
+        )
+    if as_json:
+        print_json(result.to_dict())
+    else:
+        click.echo(result.summary, nl=False)
+    say(f"{result.page}: {result.measured} points measured, {result.kept} kept from an earlier run")
+    failures = [f"{cell.clip}, profile {cell.coder}: the bound {cell.tolerance:g} is broken" for cell in result.broken]
+    if fail_if_larger is not None:
+        failures += [str(change) for change in too_large(result.changes, fail_if_larger)]
+    for failure in failures:
+        say(f"failed: {failure}")
+    if failures:
+        context.exit(1)
+
+
+def _opened(clips: Mapping[str, Path], fps: float | None) -> Iterator[tuple[str, ArraySequence]]:
+    """Every clip in memory, one after the other."""
+    from pdecodec.formats import open_sequence
+    from pdecodec.formats.transforms import bake_transforms
+
+    for name, path in clips.items():
+        with open_sequence(path, fps=None if path.suffix.lower() == ".pdeanim" else fps) as sequence:
+            say_notices(sequence)
+            whole = bake_transforms(sequence).to_array()
+        yield name, whole

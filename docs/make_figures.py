@@ -1,0 +1,86 @@
+"""Put the tables of a corpus report into the README, between its two marks, and a chart beside it: `make figures`.
+
+``python docs/make_figures.py out/corpus README.md docs/bytes-against-error.png``
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+BEGIN, END = "<!-- corpus:begin -->", "<!-- corpus:end -->"
+
+LEFT_OUT = ("tolerance", "within %")
+"""Columns that say the same in every row."""
+
+COLOURS = 128
+"""Of the chart: lines, and what is between them and white."""
+
+
+def tables(record: Mapping[str, Any], *, made: str, machine: str) -> str:
+    """The figures in Markdown: one row a clip, and the bytes beside the best other method at every tolerance."""
+    exhibit = record["exhibits"]["table-auto"]
+    reference = exhibit["rows"][0][exhibit["columns"].index("tolerance")]
+    kept = [index for index, name in enumerate(exhibit["columns"]) if name not in LEFT_OUT]
+    merits = _markdown(
+        [exhibit["columns"][index] for index in kept], ([row[index] for index in kept] for row in exhibit["rows"])
+    )
+    beside = record["exhibits"]["beside-other-methods"]
+    shares: dict[str, dict[float, float]] = {}
+    for clip, tolerance, *_, share in beside["rows"]:
+        shares.setdefault(clip, {})[tolerance] = share
+    tolerances = sorted({tolerance for found in shares.values() for tolerance in found}, reverse=True)
+    ratios = _markdown(
+        ["ours / best other", *(f"{tolerance:g}" for tolerance in tolerances)],
+        ([clip, *(found.get(tolerance) for tolerance in tolerances)] for clip, found in shares.items()),
+    )
+    versions = record["versions"]
+    made_with = ", ".join(f"{name} {versions[name]}" for name in ("Python", "numpy", "numba"))
+    return "\n\n".join(
+        [
+            f"Profile `auto` at tolerance {reference:g}:",
+            merits,
+            "Bytes over those of the best of the other methods at the same maximum error, at every tolerance:",
+            ratios,
+            f"Measured on {made}, {machine}; {made_with}.",
+        ]
+    )
+
+
+def _markdown(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    lines = [list(columns), ["---"] * len(columns), *([_text(cell) for cell in row] for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _text(cell: Any) -> str:
+    if cell is None:
+        return "-"
+    if isinstance(cell, int | float):
+        return f"{cell:.3g}" if abs(cell) < 1000 else f"{cell:,.0f}"
+    return str(cell)
+
+
+def main(report: Path, readme: Path, chart: Path) -> None:
+    """Replace what is between the marks; the chart is that of the clip with most positions."""
+    record_file = report / "report.json"
+    record = json.loads(record_file.read_text(encoding="utf-8"))
+    largest = max(record["points"], key=lambda point: point["frames"] * point["vertices"])["clip"]
+    with Image.open(report / largest / "bytes-max-error.png") as picture:
+        picture.convert("RGB").quantize(COLOURS).save(chart, optimize=True)
+    made = time.strftime("%Y-%m-%d", time.gmtime(record_file.stat().st_mtime))
+    text = f"![Bytes against the maximum error, of {largest}]({os.path.relpath(chart, readme.parent)})\n\n"
+    text += tables(record, made=made, machine=f"a machine of {os.cpu_count()} cores")
+    before, rest = readme.read_text(encoding="utf-8").split(BEGIN)
+    after = rest.split(END)[1]
+    readme.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:4]))

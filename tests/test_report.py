@@ -1,0 +1,485 @@
+"""What a report says was measured on decoded bytes, is kept, compared and drawn; and clips of every kind have one."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser_tools import load_page
+from mesh_cases import connectivity_of, grid
+
+from pdecodec.cli.main import run
+from pdecodec.encoder import encode
+from pdecodec.errors import InputError
+from pdecodec.experiments.meshdrawing import polygons_of
+from pdecodec.experiments.report.between import (
+    INTERPOLATIONS,
+    PDECODEC,
+    cubic_spline,
+    measure_between,
+    nearest_frame,
+    straight_lines,
+)
+from pdecodec.experiments.report.cell import Cell, best_peer
+from pdecodec.experiments.report.comparison import compare_cells, comparison_text, read_cells, too_large
+from pdecodec.experiments.report.errorfield import measure_field
+from pdecodec.experiments.report.kept import KeptCells, cell_key, clip_digest
+from pdecodec.experiments.report.measurement import measure_profile
+from pdecodec.experiments.report.measuring import ReportPlan, measure_clip
+from pdecodec.experiments.report.recommendation import recommend
+from pdecodec.experiments.report.sources import find_clips
+from pdecodec.experiments.report.speed_exhibits import pareto_front
+from pdecodec.experiments.report.tables import merit_table
+from pdecodec.experiments.vegalite import for_page, log_ticks
+from pdecodec.formats import write_sequence
+from pdecodec.peers import catalogue
+from pdecodec.peers.delta import QuantiseDelta
+from pdecodec.peers.raw import RawFloat16, RawFloat32
+from pdecodec.sequence import ArraySequence, MeshObject
+
+PEERS = (RawFloat32(), RawFloat16(), QuantiseDelta())
+
+PLAN = ReportPlan(tolerances=(1e-2, 1e-3), profiles=("auto",), peers=PEERS, effort=1, jobs=1)
+
+CELL = Cell(
+    clip="a",
+    coder="auto",
+    kind="profile",
+    tolerance=1e-3,
+    frames=10,
+    vertices=20,
+    size=100,
+    constant_size=20,
+    max_error=9e-4,
+    rms_error=3e-4,
+    p99_error=8e-4,
+    within=1.0,
+    kg_error=0.1,
+    encode_seconds=2.0,
+    decode_seconds=0.5,
+    copy_seconds=0.01,
+    random_seconds=1e-3,
+)
+
+
+def wave_sequence(frames: int = 12, seed_height: float = 0.1) -> ArraySequence:
+    u, times = np.linspace(0, 1, 20), np.arange(frames) / 24.0
+    points = np.zeros((frames, 4, 20, 3))
+    points[..., 0] = u
+    points[..., 1] = 0.2 * np.arange(4)[:, None]
+    points[..., 2] = seed_height * np.sin(5 * u - 6 * times[:, None])[:, None]
+    return ArraySequence(points.reshape(frames, -1, 3), objects=[MeshObject("sheet", grid(4, 20))], times=times)
+
+
+def peer(name: str, size: int | None, **values: Any) -> Cell:
+    return replace(CELL, coder=name, kind="peer", size=size, refusal=None if size else "too coarse", **values)
+
+
+def test_what_follows_from_a_cell_is_as_it_is_defined() -> None:
+    assert CELL.reached
+    assert CELL.raw_size == 2400
+    assert CELL.bpvf == 8 * 100 / 200
+    assert CELL.ratio == 2400 / 120
+    assert CELL.encode_rate == pytest.approx(0.0012)
+    assert CELL.decode_rate == pytest.approx(0.0048)
+    assert CELL.decode_multiple == pytest.approx(50)
+    refused = peer("p", None, max_error=None, encode_seconds=None, decode_seconds=None)
+    assert not refused.reached
+    assert (refused.bpvf, refused.ratio, refused.encode_rate, refused.decode_multiple) == (None,) * 4
+    assert not replace(CELL, max_error=1.1e-3).reached
+
+
+def test_a_cell_goes_to_json_and_comes_back() -> None:
+    assert Cell.from_dict(json.loads(json.dumps(CELL.to_dict()))) == CELL
+
+
+@pytest.mark.parametrize(
+    "values", [{}, {"clip": "a"}, {**CELL.to_dict(), "size": "many"}, {**CELL.to_dict(), "x": 1}, []]
+)
+def test_values_that_are_no_cell_are_refused(values: Any) -> None:
+    with pytest.raises(InputError, match="measured point"):
+        Cell.from_dict(values)
+
+
+def test_the_best_peer_is_the_smallest_that_keeps_the_bound() -> None:
+    cells = [
+        CELL,
+        peer("coarse", None),
+        peer("plain", 500),
+        peer("better", 400, published=False),
+        peer("off", 1, max_error=1),
+    ]
+    found = [best_peer(cells, 1e-3, published=published) for published in (False, True)]
+    assert [cell and cell.coder for cell in found] == ["better", "plain"]
+    assert best_peer(cells[:2], 1e-3) is None
+
+
+def test_a_profile_is_measured_on_what_its_bytes_decode_to() -> None:
+    sequence = wave_sequence()
+    cell = measure_profile("wave", sequence, profile="auto", tolerance=2e-3, effort=1)
+    written = encode(sequence, tolerance=2e-3, effort=1)
+    constant = written.sections["CONN"] + written.sections.get("ORDR", 0)
+    assert (cell.clip, cell.frames, cell.vertices) == ("wave", 12, 80)
+    assert (cell.size, cell.constant_size) == (written.file_bytes - constant, constant)
+    assert cell.max_error == pytest.approx(written.max_error / written.scale)
+    assert 0 < (cell.rms_error or 0) < (cell.p99_error or 0) <= (cell.max_error or 0) <= 2e-3
+    assert cell.within == 1.0
+    assert (cell.coefficients or 0) > 0
+    assert sum(cell.sections.values()) == written.file_bytes
+
+
+def test_every_coder_has_a_cell_at_every_tolerance_and_peers_keep_the_bound(tmp_path: Path) -> None:
+    cells = measure_clip("wave", wave_sequence(), PLAN, KeptCells(tmp_path / "cells.json"))
+    assert [(cell.coder, cell.tolerance) for cell in cells] == [
+        (coder, tolerance) for coder in ("auto", *(item.name for item in PEERS)) for tolerance in (1e-2, 1e-3)
+    ]
+    assert all(cell.reached for cell in cells)
+    assert len({cell.constant_size for cell in cells}) == 1
+
+
+def test_cells_are_measured_once_and_then_kept(tmp_path: Path) -> None:
+    path, counts, found = tmp_path / "cells.json", [], []
+    for fresh in (False, False, True):
+        kept = KeptCells(path, fresh=fresh)
+        found.append(measure_clip("wave", wave_sequence(), PLAN, kept))
+        counts.append((kept.measured, kept.kept))
+    assert counts == [(8, 0), (0, 8), (8, 0)]
+    assert found[0] == found[1]
+    assert [cell.size for cell in found[0]] == [cell.size for cell in found[2]]
+
+
+def test_peers_beside_each_other_find_what_they_find_alone(tmp_path: Path) -> None:
+    alone = measure_clip("wave", wave_sequence(), PLAN, KeptCells(tmp_path / "one.json"))
+    beside = measure_clip("wave", wave_sequence(), replace(PLAN, jobs=2), KeptCells(tmp_path / "two.json"))
+    assert [(cell.coder, cell.size, cell.max_error) for cell in alone] == [
+        (cell.coder, cell.size, cell.max_error) for cell in beside
+    ]
+
+
+def test_cells_of_runs_at_the_same_time_are_all_kept(tmp_path: Path) -> None:
+    path = tmp_path / "cells.json"
+    first, second = KeptCells(path), KeptCells(path)
+    first.keep(cell_key("d", "v", 1e-2), CELL)
+    second.keep(cell_key("d", "v", 1e-3), CELL)
+    third = KeptCells(path)
+    assert [third.find(cell_key("d", "v", tolerance), "b") for tolerance in (1e-2, 1e-3)] == [
+        replace(CELL, clip="b")
+    ] * 2
+
+
+def test_the_digest_sees_positions_times_faces_and_names() -> None:
+    clip = wave_sequence()
+    others = [
+        ArraySequence(clip.points, objects=[MeshObject("sheet", grid(20, 4))], times=clip.times),
+        ArraySequence(clip.points, objects=[MeshObject("shirt", grid(4, 20))], times=clip.times),
+        ArraySequence(clip.points, objects=clip.objects, times=clip.times + 1),
+        ArraySequence(np.nextafter(clip.points, np.float32(9)), objects=clip.objects, times=clip.times),
+        wave_sequence(),
+    ]
+    assert len({clip_digest(item) for item in others}) == 5
+    assert clip_digest(others[-1]) == clip_digest(clip)
+
+
+@pytest.mark.parametrize("content", ["", "[1]", '{"a": 1}', '{"a": {"size": 1}}', "\x00", json.dumps({"a": {}})])
+def test_a_file_that_holds_no_cells_is_refused_by_name(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "cells.json"
+    path.write_text(content)
+    with pytest.raises(InputError, match=r"cells\.json.*delete it"):
+        KeptCells(path)
+
+
+KNOTS, TIMES = np.array([0.0, 0.5, 0.8, 1.7, 2.0]), np.array([0.1, 0.7, 1.0, 1.9])
+
+
+def test_the_spline_is_exact_on_cubic_motion_at_uneven_times() -> None:
+    def motion(t: np.ndarray) -> np.ndarray:
+        return np.stack([t**3 - t, 2 * t**2, 1 + t], axis=-1)[:, None, :]
+
+    found = cubic_spline(KNOTS, motion(KNOTS).astype(np.float32), TIMES)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, motion(TIMES), atol=2e-6)
+
+
+def test_straight_lines_are_exact_on_constant_speed_and_the_nearest_frame_is_one_of_the_kept() -> None:
+    def motion(t: np.ndarray) -> np.ndarray:
+        return np.stack([t, 2 * t, 1 + t], axis=-1)[:, None, :].astype(np.float32)
+
+    np.testing.assert_allclose(straight_lines(KNOTS, motion(KNOTS), TIMES), motion(TIMES), atol=1e-6)
+    found = nearest_frame(KNOTS, motion(KNOTS), TIMES)
+    assert np.array_equal(found, motion(np.array([0.0, 0.8, 0.8, 2.0])))
+    assert np.array_equal(nearest_frame(KNOTS, motion(KNOTS), np.array([0.25])), motion(KNOTS[:1]))
+
+
+def test_between_frames_every_way_is_measured_at_the_frames_left_out() -> None:
+    rows = list(measure_between("wave", wave_sequence(13), effort=1))
+    assert [(row.stride, row.way) for row in rows] == [
+        (stride, way) for stride in (2, 4) for way in (PDECODEC, *INTERPOLATIONS)
+    ]
+    assert [row.frames for row in rows] == [6] * 4 + [9] * 4
+    assert all(0 < row.rms_error <= row.max_error for row in rows)
+    by_way = {row.way: row.rms_error for row in rows if row.stride == 2}
+    assert by_way[PDECODEC] < by_way["straight lines"] < by_way["nearest frame (Alembic's default)"]
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+def test_clips_without_a_frame_between_two_kept_have_no_such_rows(frames: int) -> None:
+    assert list(measure_between("short", wave_sequence(frames), effort=1)) == []
+
+
+def test_the_error_field_names_the_worst_frame_and_vertex() -> None:
+    sequence = wave_sequence()
+    field = measure_field(sequence, tolerance=2e-3, effort=1)
+    found = field.distortion
+    assert field.maximum_by_frame.argmax() == found.worst_frame
+    assert field.maximum_by_vertex.argmax() == field.at_worst_frame.argmax() == found.worst_vertex
+    assert field.maximum_by_frame.max() == field.maximum_by_vertex.max() == found.max_error / found.scale
+    assert field.average_by_frame.mean() == pytest.approx(found.e_a)
+
+
+def test_the_front_is_what_nothing_beats_in_both() -> None:
+    assert pareto_front([(1, 1), (2, 2), (3, 3), (2, 4), (1, 5), (3, 3.5)]) == [0, 1, 2]
+    assert pareto_front([(1, 1), (2, 1)]) == [1]
+    assert pareto_front([]) == []
+
+
+@pytest.mark.parametrize("values", [[], [1.0], [0.003], [1e-4, 1e-2], [0.5, 700.0], [1e-7, 1e3], [3.0, 3.1]])
+def test_ticks_enclose_the_values_and_are_few(values: list[float]) -> None:
+    ticks = log_ticks(values)
+    assert ticks == sorted(set(ticks))
+    assert 2 <= len(ticks) <= 14
+    if values:
+        assert ticks[0] <= min(values) <= max(values) <= ticks[-1]
+
+
+def test_a_chart_cannot_end_the_script_that_holds_it() -> None:
+    assert "</" not in for_page({"title": "</script><script>alert(1)</script>"})
+
+
+def test_polygons_are_grouped_by_their_corners_in_order() -> None:
+    connectivity = connectivity_of(5, [[0, 1, 2], [0, 1, 2, 3], [1, 2, 3], [0, 1, 2, 3, 4]])
+    assert [rows.tolist() for rows in polygons_of(connectivity)] == [
+        [[0, 1, 2], [1, 2, 3]],
+        [[0, 1, 2, 3]],
+        [[0, 1, 2, 3, 4]],
+    ]
+
+
+def test_advice_takes_the_smallest_file_whose_bound_is_fine_enough() -> None:
+    cells = [
+        replace(CELL, tolerance=tolerance, size=size, max_error=0.9 * tolerance, coder=coder)
+        for coder, factor in (("auto", 1), ("paper", 3))
+        for tolerance, size in ((1e-2, 10 * factor), (1e-3, 100 * factor), (3e-4, 300 * factor))
+    ]
+    cells += [peer("rival", 200), peer("rival", 150, tolerance=3e-4, max_error=1e-4)]
+    background, hero, archive = recommend(cells)
+    assert background.cell is not None
+    assert (background.cell.coder, background.cell.tolerance) == ("auto", 1e-3)
+    assert hero.cell is not None
+    assert hero.cell.tolerance == 3e-4
+    assert "1.5 times the bytes" in background.text
+    assert "but rival takes 0.50 times its bytes" in hero.text
+    assert archive.cell is None
+    assert "run it with --tolerance 0.0001" in archive.text
+
+
+def test_changes_are_judged_by_the_whole_file_and_by_the_bound() -> None:
+    old = [CELL, replace(CELL, coder="paper"), peer("p", 10)]
+    new = [
+        replace(CELL, size=112),
+        replace(CELL, coder="paper", max_error=2e-3),
+        peer("p", 100),
+        replace(CELL, clip="b"),
+    ]
+    changes = compare_cells(old, new)
+    assert [(change.verdict, change.growth) for change in changes[:2]] == [
+        ("larger", pytest.approx(0.1)),
+        ("no change", 0),
+    ]
+    assert [change.new.coder for change in too_large(changes, 0.05)] == ["auto", "paper"]
+    assert [change.new.coder for change in too_large(changes, 0.2)] == ["paper"]
+    assert "1 larger, 1 no change. Most grew a under pdecodec auto at 0.001, by 10 %." in comparison_text(changes)
+    assert "no point in common" in comparison_text([])
+
+
+@pytest.mark.parametrize(
+    "content", ["", "[]", "{}", '{"points": 3}', '{"points": [1]}', '{"points": [{}]}', "[" * 9999]
+)
+def test_what_is_no_earlier_report_is_refused_by_name(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "old.json"
+    path.write_text(content)
+    with pytest.raises(InputError, match=r"old\.json"):
+        read_cells(path)
+    with pytest.raises(InputError, match=r"none\.json: cannot be read"):
+        read_cells(tmp_path / "none.json")
+
+
+def test_the_table_ends_in_medians_and_geometric_means() -> None:
+    cells = [replace(CELL, clip=clip, size=size) for clip, size in (("a", 100), ("b", 400), ("c", 200))]
+    table = merit_table(cells, coder="auto", tolerances=[1e-3], means=True)
+    assert table.column("clip") == ["a", "b", "c", "median", "geometric mean"]
+    assert table.column("bpvf") == [4, 16, 8, 8, pytest.approx(8)]
+    beside = merit_table([*cells, peer("p", 200)], coder="auto", tolerances=[1e-3], means=True)
+    assert beside.column("ours / its") == [0.5, None, None, 0.5, 0.5]
+
+
+def test_clips_are_files_patterns_and_folders_of_frames_each_by_a_name_of_its_own(tmp_path: Path) -> None:
+    for name in ("x/a.npz", "y/a.npz", "y/b.h5", "y/frames/f.0001.obj", "y/frames/f.0002.obj", "y/notes.txt", "z/t.md"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    kinds = ([".npz", ".h5", ".obj"], [".obj"])
+    assert find_clips([tmp_path / "x", tmp_path / "y"], *kinds) == {
+        "x-a.npz": tmp_path / "x/a.npz",
+        "y-a.npz": tmp_path / "y/a.npz",
+        "b": tmp_path / "y/b.h5",
+        "frames": tmp_path / "y/frames",
+    }
+    assert find_clips([tmp_path / "y/frames", tmp_path / "q.####.obj"], *kinds) == {
+        "frames": tmp_path / "y/frames",
+        "q.####": tmp_path / "q.####.obj",
+    }
+    with pytest.raises(InputError, match="no mesh sequence in this folder"):
+        find_clips([tmp_path / "z"], *kinds)
+
+
+@pytest.fixture
+def three_peers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(catalogue, "available_peers", lambda: (PEERS, ("zfp needs the package zfpy",)))
+
+
+def report(source: Path | Sequence[Path], output: Path, *more: str) -> int:
+    sources = [source] if isinstance(source, Path) else source
+    options = ("--tolerance", "1e-2", "--tolerance", "1e-3", "--effort", "1", "--jobs", "1")
+    return run(["report", *map(str, sources), "-o", str(output), *options, *more])
+
+
+@pytest.mark.usefixtures("three_peers")
+def test_a_report_has_its_page_charts_figures_and_summary(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_sequence(wave_sequence(), tmp_path / "wave.npz")
+    assert report(tmp_path / "wave.npz", tmp_path / "out") == 0
+    said = capsys.readouterr()
+    assert said.out == (tmp_path / "out" / "summary.md").read_text()
+    assert "- Hero (no vertex off by more than a pixel" in said.out
+    assert "note: zfp needs the package zfpy" in said.err
+    assert "12 points measured, 0 kept" in said.err
+    out = tmp_path / "out"
+    page = (out / "index.html").read_text()
+    record = json.loads((out / "report.json").read_text())
+    charts = re.findall(r'<div class="chart" id="(.*?)-chart">', page)
+    assert len(charts) >= 8
+    for name in charts:
+        assert (out / f"{name}.svg").read_text().startswith("<svg")
+        assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert len((out / f"{name}.csv").read_text().splitlines()) > 1
+    assert (out / "error-over-mesh.png").exists()
+    assert [(point["coder"], point["tolerance"]) for point in record["points"]][:3] == [
+        ("auto", 0.01),
+        ("auto", 0.001),
+        ("segments", 0.01),
+    ]
+    with (out / "points.csv").open() as lines:
+        assert len(list(csv.DictReader(lines))) == len(record["points"]) == 12
+    assert not re.search(r'(?:src|href)="(?:https?:)?//', page)
+
+
+@pytest.mark.usefixtures("three_peers")
+def test_a_second_report_tells_what_changed_and_fails_where_files_grew(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_sequence(wave_sequence(), tmp_path / "wave.npz")
+    assert report(tmp_path / "wave.npz", tmp_path / "out", "--profile", "auto") == 0
+    old = json.loads((tmp_path / "out" / "report.json").read_text())
+    old["points"][0]["size"] -= 60
+    (tmp_path / "old.json").write_text(json.dumps(old))
+    capsys.readouterr()
+    again = ("--profile", "auto", "--compare", str(tmp_path / "old.json"))
+    assert report(tmp_path / "wave.npz", tmp_path / "out", *again, "--json") == 0
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert (found["measured"], found["kept"]) == (0, 8)
+    assert [item["verdict"] for item in found["changes"]][:2] == ["larger", "no change"]
+    assert report(tmp_path / "wave.npz", tmp_path / "out", *again, "--fail-if-larger", "1%") == 1
+    said = capsys.readouterr()
+    assert "failed: wave, pdecodec auto at 0.01: larger by" in said.err
+    assert "1 larger, 1 no change" in said.out
+    assert report(tmp_path / "wave.npz", tmp_path / "out", *again, "--fail-if-larger", "99%") == 0
+
+
+def test_several_clips_have_a_table_of_all_and_a_page_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, height in (("calm", 0.02), ("rough", 0.3)):
+        write_sequence(wave_sequence(seed_height=height), tmp_path / f"{name}.npz")
+    assert report(tmp_path, tmp_path / "out", "--no-peers", "--profile", "auto") == 0
+    rows = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
+    assert rows == ["clip", "calm", "rough", "median", "geometric mean"]
+    page = (tmp_path / "out" / "index.html").read_text()
+    for name in ("calm", "rough"):
+        assert f'href="{name}/index.html"' in page
+        assert name in (tmp_path / "out" / name / "index.html").read_text()
+
+
+def lines_only() -> ArraySequence:
+    clip = wave_sequence()
+    wire = MeshObject("wire", connectivity_of(80, lines=[range(80)]))
+    return ArraySequence(clip.points, objects=[wire], times=clip.times)
+
+
+ODD_CLIPS = {
+    "five frames of ten vertices": lambda: ArraySequence(
+        np.random.default_rng(0).normal(size=(5, 10, 3)).astype(np.float32), times=np.arange(5) / 24
+    ),
+    "lines only": lines_only,
+    "points only": lambda: ArraySequence(wave_sequence().points, times=np.arange(12) / 24),
+    "static": lambda: ArraySequence(
+        np.repeat(wave_sequence().points[:1], 12, axis=0), objects=wave_sequence().objects, times=np.arange(12) / 24
+    ),
+    "one frame": lambda: wave_sequence(1),
+    "one vertex that stands still": lambda: ArraySequence(np.ones((6, 1, 3), np.float32), times=np.arange(6) / 24),
+}
+
+
+@pytest.mark.usefixtures("three_peers")
+@pytest.mark.parametrize("kind", ODD_CLIPS)
+def test_odd_clips_have_a_report_whose_every_chart_a_browser_draws(kind: str, tmp_path: Path) -> None:
+    write_sequence(ODD_CLIPS[kind](), tmp_path / "odd.npz")
+    assert report(tmp_path / "odd.npz", tmp_path / "out") == 0
+    record = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert all(point["max_error"] <= point["tolerance"] for point in record["points"] if point["size"] is not None)
+    page = load_page(tmp_path / "out" / "index.html", tmp_path / "profile")
+    assert page.errors == []
+    assert page.charts == page.drawn
+    assert page.charts >= 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["none.npz"], 3, "none.npz"),
+        (["wave.npz", "--fail-if-larger", "5%"], 2, "--compare"),
+        (["wave.npz", "--compare", "none.json"], 3, "none.json"),
+        (["wave.npz", "--compare", "wave.npz"], 3, "not the report.json"),
+        (["wave.npz", "--fail-if-larger", "much", "--compare", "x"], 2, "such as 5%"),
+        (["wave.npz", "--tolerance", "-1"], 2, "tolerance"),
+        (["wave.npz", "--jobs", "0"], 2, "jobs"),
+        (["empty"], 3, "no mesh sequence in this folder"),
+    ],
+)
+def test_what_cannot_be_reported_is_said_in_a_line(
+    arguments: list[str],
+    code: int,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_sequence(wave_sequence(2), tmp_path / "wave.npz")
+    (tmp_path / "empty").mkdir()
+    assert run(["report", *arguments, "-o", "out", "--no-peers", "--effort", "1"]) == code
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said in error
