@@ -6,6 +6,9 @@ import struct
 
 from pdecodec.errors import CorruptFileError, InputError
 
+COUNT_BITS = 63
+"""Of the largest count: nine bytes."""
+
 
 class FieldWriter:
     """Collects the fields of one section."""
@@ -22,15 +25,32 @@ class FieldWriter:
         self.numbers("Q", len(data))
         self._parts.append(data)
 
+    def count(self, value: int) -> None:
+        """A number of 0 or more, 7 bits a byte, low bits first."""
+        while value > 127:
+            self.numbers("B", value & 127 | 128)
+            value >>= 7
+        self.numbers("B", value)
+
     def text(self, value: str) -> None:
         """UTF-8 text after its length in bytes (u64); InputError for a lone surrogate."""
-        try:
-            self.sized(value.encode("utf-8"))
-        except UnicodeEncodeError as error:
-            raise InputError(f"the name {value!r} is not text that UTF-8 can hold; rename it") from error
+        self.sized(_utf8(value))
+
+    def short_text(self, value: str) -> None:
+        """The same after a length that is a count."""
+        data = _utf8(value)
+        self.count(len(data))
+        self._parts.append(data)
 
     def to_bytes(self) -> bytes:
         return b"".join(self._parts)
+
+
+def _utf8(value: str) -> bytes:
+    try:
+        return value.encode("utf-8")
+    except UnicodeEncodeError as error:
+        raise InputError(f"the name {value!r} is not text that UTF-8 can hold; rename it") from error
 
 
 class FieldReader:
@@ -70,10 +90,27 @@ class FieldReader:
         """A byte string after its length."""
         return self._take(self.integers("Q")[0])
 
+    def count(self) -> int:
+        """A number of 0 or more, 7 bits a byte; CorruptFileError beyond 63 bits."""
+        value = 0
+        for shift in range(0, COUNT_BITS, 7):
+            byte = self._take(1)[0]
+            value |= (byte & 127) << shift
+            if byte < 128:
+                return value
+        raise CorruptFileError(f"section {self._name} holds a count of more than {COUNT_BITS} bits")
+
     def text(self) -> str:
         """UTF-8 text after its length in bytes."""
+        return self._decoded(self.sized())
+
+    def short_text(self) -> str:
+        """The same after a length that is a count."""
+        return self._decoded(self._take(self.count()))
+
+    def _decoded(self, data: bytes) -> str:
         try:
-            return self.sized().decode("utf-8")
+            return data.decode("utf-8")
         except UnicodeDecodeError as error:
             raise CorruptFileError(f"section {self._name} holds a text that is not UTF-8") from error
 

@@ -28,8 +28,14 @@ HEADER = struct.Struct("<12sHHIII")
 ENTRY_1 = struct.Struct("<4sIQQII")
 """Of version 1: type, flags, offset, length, CRC-32, reserved (0)."""
 
-ENTRY = struct.Struct("<4sBQI")
-"""Type, flags, length, CRC-32: a section begins where the one before it ends."""
+ENTRY_HEAD = struct.Struct("<4sB")
+"""Type, and flags with sixteen times the bytes that the length takes. The length and the CRC-32 follow: a section
+begins where the one before it ends."""
+
+CHECKSUM = struct.Struct("<I")
+
+LENGTH_AT, MOST_LENGTH_BYTES = 4, 8
+"""Bit of the flags at which the bytes of a length begin to be counted, and how many they are at most."""
 
 REQUIRED = 1
 """Section flag: a decoder that does not know this type must refuse the file."""
@@ -129,31 +135,32 @@ def write_container(
 
 def container_pieces(sections: Sequence[Section], *, major: int = 1) -> Iterator[bytes]:
     """The bytes of a file, a piece at a time: header, table, sections."""
-    offset = HEADER.size + entry_size(major) * len(sections)
-    table = b""
-    for section in sections:
-        kind, flags = section.type.encode("ascii"), REQUIRED if section.required else 0
-        if major == 1:
-            table += ENTRY_1.pack(kind, flags, offset, section.length, section.checksum, 0)
-        else:
-            table += ENTRY.pack(kind, flags, section.length, section.checksum)
-        offset += section.length
+    table = b"".join(_rows(sections, major))
     unsealed = HEADER.pack(IDENTIFIER, major, MINOR_VERSION, len(sections), zlib.crc32(table), 0)[:-4]
-    yield unsealed + struct.pack("<I", zlib.crc32(unsealed))
+    yield unsealed + CHECKSUM.pack(zlib.crc32(unsealed))
     yield table
     for section in sections:
         yield from section.pieces()
 
 
-def entry_size(major: int) -> int:
-    """Bytes of a row of the table of sections."""
-    return ENTRY_1.size if major == 1 else ENTRY.size
+def _rows(sections: Sequence[Section], major: int) -> Iterator[bytes]:
+    """Rows of the table of sections."""
+    offset = HEADER.size + ENTRY_1.size * len(sections)
+    for section in sections:
+        kind, flags = section.type.encode("ascii"), REQUIRED if section.required else 0
+        if major == 1:
+            yield ENTRY_1.pack(kind, flags, offset, section.length, section.checksum, 0)
+        else:
+            size = (section.length.bit_length() + 7) // 8
+            length = section.length.to_bytes(size, "little")
+            yield ENTRY_HEAD.pack(kind, flags | size << LENGTH_AT) + length + CHECKSUM.pack(section.checksum)
+        offset += section.length
 
 
 def section_sizes(sections: Sequence[Section], *, major: int = 1) -> dict[str, int]:
     """Bytes of each section, and of header and table as ``"container"``."""
     return {
-        "container": HEADER.size + entry_size(major) * len(sections),
+        "container": HEADER.size + sum(len(row) for row in _rows(sections, major)),
         **{section.type: section.length for section in sections},
     }
 
@@ -199,13 +206,18 @@ class ContainerReader:
         self.major_version, self.minor_version = major, minor
         if count > MAX_SECTIONS:
             raise CorruptFileError(f"declares {count} sections, at most {MAX_SECTIONS} can be", path=self.path)
-        table = self._file.read(entry_size(major) * count)
-        if len(table) < entry_size(major) * count or zlib.crc32(table) != table_checksum:
+        table = [self._read_row(major) for _ in range(count)]
+        if zlib.crc32(b"".join(table)) != table_checksum:
             raise CorruptFileError("its table of sections is damaged", path=self.path, offset=HEADER.size)
         entries: dict[str, SectionEntry] = {}
-        expected = HEADER.size + len(table)
-        for row in (ENTRY_1 if major == 1 else ENTRY).iter_unpack(table):
-            raw_type, flags, offset, length, checksum = row[:5] if major == 1 else (*row[:2], expected, *row[2:])
+        expected = HEADER.size + sum(len(row) for row in table)
+        for row in table:
+            if major == 1:
+                raw_type, flags, offset, length, checksum, _ = ENTRY_1.unpack(row)
+            else:
+                raw_type, flags = ENTRY_HEAD.unpack_from(row)
+                offset, length = expected, int.from_bytes(row[ENTRY_HEAD.size : -CHECKSUM.size], "little")
+                (checksum,) = CHECKSUM.unpack(row[-CHECKSUM.size :])
             kind = raw_type.decode("ascii", "backslashreplace")
             if offset != expected:
                 raise CorruptFileError(f"section {kind} is not where the one before it ends", path=self.path)
@@ -218,6 +230,18 @@ class ContainerReader:
             message = f"{what}: {self.file_bytes} bytes where the table says {expected}; get it again"
             raise CorruptFileError(message, path=self.path, offset=min(expected, self.file_bytes))
         return entries
+
+    def _read_row(self, major: int) -> bytes:
+        """One row of the table of sections."""
+        row = self._file.read(ENTRY_1.size if major == 1 else ENTRY_HEAD.size)
+        needed = ENTRY_1.size
+        if major > 1:
+            size = row[-1] >> LENGTH_AT if row else 0
+            needed = ENTRY_HEAD.size + size + CHECKSUM.size if size <= MOST_LENGTH_BYTES else 0
+            row += self._file.read(max(needed - len(row), 0))
+        if len(row) != needed:
+            raise CorruptFileError("its table of sections is damaged", path=self.path, offset=HEADER.size)
+        return row
 
     def check_known(self, known: frozenset[str]) -> None:
         """Refuse required sections outside `known`; ignorable ones are passed over."""

@@ -33,6 +33,9 @@ TIMES_STEPPED, TIMES_COUNTED, TIMES_LISTED, TIMES_BY_PERIOD = 0, 1, 2, 3
 TIME_RULES = {1: (TIMES_COUNTED, TIMES_STEPPED), 2: (TIMES_COUNTED, TIMES_STEPPED, TIMES_BY_PERIOD)}
 """By major version of the format, in the order in which they are tried."""
 
+AT_FRAME_RATE = 4
+"""From version 2 on: added to the rule where its rate is the frame rate, which then is not stored again."""
+
 DOMAINS: tuple[AttributeDomain, ...] = ("vertex", "face", "corner", "object")
 
 VALUE_TYPES = ("<f4", "<f8", "<i4", "|u1", "<i8")
@@ -72,15 +75,29 @@ class SequenceDescription:
 def encode_sequence_description(sequence: MeshSequence, *, major: int) -> bytes:
     """Section SEQN of a major version of the format: frames, times, objects."""
     writer = FieldWriter()
-    writer.numbers("Qd", sequence.frame_count, sequence.fps)
     kind, start, rate = _time_rule(sequence.times, sequence.fps, TIME_RULES[major])
-    writer.numbers("Bdd", kind, start, rate)
-    if kind == TIMES_LISTED:
-        writer.sized(compress(sequence.times.astype("<f8").tobytes()))
-    writer.numbers("I", len(sequence.objects))
+    listed = compress(sequence.times.astype("<f8").tobytes()) if kind == TIMES_LISTED else None
+    if major == 1:
+        writer.numbers("QdBdd", sequence.frame_count, sequence.fps, kind, start, rate)
+    else:
+        writer.count(sequence.frame_count)
+        usual = listed is None and rate == sequence.fps
+        writer.numbers("dB", sequence.fps, kind | (AT_FRAME_RATE if usual else 0))
+        if listed is None:
+            writer.numbers("d" if usual else "dd", *((start,) if usual else (start, rate)))
+    if listed is not None:
+        writer.sized(listed)
+    if major == 1:
+        writer.numbers("I", len(sequence.objects))
+    else:
+        writer.count(len(sequence.objects))
     for item in sequence.objects:
-        writer.numbers("Q", item.vertex_count)
-        writer.text(item.name)
+        if major == 1:
+            writer.numbers("Q", item.vertex_count)
+            writer.text(item.name)
+        else:
+            writer.count(item.vertex_count)
+            writer.short_text(item.name)
     return writer.to_bytes()
 
 
@@ -96,12 +113,20 @@ def decode_sequence_description(data: bytes, most_frames: int, *, major: int) ->
         Version of the format.
     """
     reader = FieldReader(data, "SEQN")
-    (frames,), (fps,) = reader.integers("Q"), reader.reals("d")
+    frames, (fps,) = reader.integers("Q")[0] if major == 1 else reader.count(), reader.reals("d")
     if not 1 <= frames <= most_frames:
         raise CorruptFileError(f"section SEQN declares {frames} frames, the segments hold {most_frames} at most")
     if fps <= 0:
         raise CorruptFileError("section SEQN has a frame rate that is not positive")
-    (kind,), (start, rate) = reader.integers("B"), reader.reals("dd")
+    (kind,) = reader.integers("B")
+    start, rate = 0.0, fps
+    if major == 1:
+        start, rate = reader.reals("dd")
+    elif kind & AT_FRAME_RATE and kind != TIMES_LISTED | AT_FRAME_RATE:
+        kind -= AT_FRAME_RATE
+        (start,) = reader.reals("d")
+    elif kind in TIME_RULES[major]:
+        start, rate = reader.reals("dd")
     if kind == TIMES_LISTED:
         raw = decompress(reader.sized(), 8 * frames)
         if len(raw) != 8 * frames:
@@ -113,11 +138,11 @@ def decode_sequence_description(data: bytes, most_frames: int, *, major: int) ->
         raise CorruptFileError(f"section SEQN stores its times in an unknown way ({kind}, rate {rate})")
     if not (np.abs(times) <= LARGEST_TIME).all() or not (np.diff(times) >= SHORTEST_TIME_STEP).all():
         raise CorruptFileError("section SEQN has times that do not increase or lie out of range")
-    (count,) = reader.integers("I")
+    count = reader.integers("I")[0] if major == 1 else reader.count()
     names, vertex_counts = [], []
     for _ in range(count):
-        vertex_counts.append(reader.integers("Q")[0])
-        names.append(reader.text())
+        vertex_counts.append(reader.integers("Q")[0] if major == 1 else reader.count())
+        names.append(reader.text() if major == 1 else reader.short_text())
     reader.finish()
     if not 1 <= sum(vertex_counts) <= MAX_INDEX:
         raise CorruptFileError(f"section SEQN declares {sum(vertex_counts)} vertices, 1 to {MAX_INDEX} can be")

@@ -1,4 +1,4 @@
-"""Decoding of format version 2: groups of frames in modes or cosines (profile "auto")."""
+"""Decoding of format version 2: groups of frames in modes, shapes or cosines (profile "auto")."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class _DecodedGroup:
 
 
 class GroupAnimation(Animation):
-    """An animation whose motion is modes or cosines over groups of frames."""
+    """An animation whose motion is modes, shapes or cosines over groups of frames."""
 
     KNOWN_SECTIONS = frozenset({"META", "SEQN", "CONN", "ORDR", "REST", "MODL", "GRUP", *CHUNK_SECTIONS, "ATTR"})
 
@@ -127,13 +127,13 @@ class GroupAnimation(Animation):
     def _decode(self, index: int) -> _DecodedGroup:
         entry = self._table.entries[index]
         time, coefficients, corrected = self._table.read_chunks(self._container, index)
-        if entry.basis != "modal" and time:
+        if entry.basis == "pde" and time:
             raise CorruptFileError("section TIME has modes of a group that needs none")
 
         def beside() -> tuple[FloatArray, GroupCorrections]:
             modes = np.zeros((entry.frames, 3, 0))
-            if entry.basis == "modal":
-                modes = decode_modes(time, entry.frames, entry.functions, entry.mode_step)
+            if entry.basis != "pde":
+                modes = decode_modes(time, entry.frames, entry.functions, entry.mode_step, axes=entry.mode_axes)
             corrections = decode_group(corrected, entry.frames, self._space.starts, most_bytes=self._left)
             with np.errstate(all="ignore"):  # a thread of its own has settings of its own
                 return functions_of_time(entry, modes), corrections

@@ -9,8 +9,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.displacements import Origin
 from pdecodec.groupfit import FittedGroup, GroupFitter
 from pdecodec.groups import GROUP_ENTRY, TIME_BASES, TimeBasis
+from pdecodec.scouting import Scout
 from pdecodec.sequence import MeshObject
 from pdecodec.shares import side_by_side
 from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis
@@ -33,6 +35,14 @@ SPACES: tuple[tuple[SpaceKind, int], ...] = (
 )
 """Space bases to choose from; the quick efforts look at the first ones only."""
 
+SMALL_MESH = 2048
+"""Vertices up to which two more are looked at, and corrections count too: larger patches have fewer functions than
+points. All that at every effort but the lowest."""
+
+SPACES_OF_SMALL: tuple[tuple[SpaceKind, int], ...] = (("patch", 256), ("patch", 8))
+
+MODE_BASES: tuple[TimeBasis, ...] = ("modal", "shapes")
+
 LARGER_MUST_SAVE = 0.08
 """Of the coefficients' bits, where patches or pieces are larger than the first: making their functions takes the square
 of their number, for every reader. The highest efforts do not mind."""
@@ -41,9 +51,15 @@ SMALLEST_AT_ANY_PRICE = 8
 """Effort from which on size alone counts."""
 
 
-OTHER_WORTH_A_LOOK = 1.25
-"""Another time basis is tuned where untuned it costs less than this many times the best."""
+WORTH_A_LOOK = 1.25
+"""Another time basis or origin of a small mesh is tried where it is estimated at less than this many times the best."""
 
+MOST_SPREAD = 2.2
+"""Shapes of a large mesh are tried where coefficients, each vertex by itself, take at most this many times those of
+trajectories: neighbours have more in common in shapes, and there are fewer numbers of modes."""
+
+WORTH_TUNING = 1.1
+"""Its steps are tuned where untuned it costs less than this many times the best."""
 
 BITS_OF_A_GROUP = 8 * GROUP_ENTRY.size
 """What a group costs besides its chunks."""
@@ -59,14 +75,15 @@ SHORTEST_PART = 8
 
 @dataclass(frozen=True)
 class GroupChoice:
-    """Time basis, and indices of STEPS and MODE_STEPS."""
+    """Time basis, what displacements are measured from, and indices of STEPS and MODE_STEPS."""
 
     time: TimeBasis
+    origin: Origin
     steps: int
     mode_steps: int
 
 
-FIRST_CHOICE = GroupChoice("modal", START, 1)
+FIRST_CHOICE = GroupChoice("modal", "rest", START, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +96,7 @@ class ChosenGroup:
 
 
 def choose_space(
-    groups: Sequence[tuple[GroupFitter, TimeBasis]],
+    groups: Sequence[tuple[GroupFitter, GroupChoice]],
     objects: Sequence[MeshObject],
     rest: NDArray[np.int64],
     *,
@@ -90,7 +107,7 @@ def choose_space(
 
     Parameters
     ----------
-    groups : sequence of (GroupFitter, TimeBasis)
+    groups : sequence of (GroupFitter, GroupChoice)
     objects : sequence of MeshObject
     rest : (vertices, 3) int64
         Rest shape in steps.
@@ -99,12 +116,18 @@ def choose_space(
     effort : int
         1 to 9.
     """
-    moving = [(fitter, time) for fitter, time in groups if fitter.trajectories]
+    moving = [(fitter, choice) for fitter, choice in groups if fitter.trajectories]
     looked_at = SPACES[: 1 + effort // 2] if moving else SPACES[:1]
+    is_small = effort > 1 and len(rest) <= SMALL_MESH
+    if moving and is_small:
+        looked_at += SPACES_OF_SMALL
     found: list[tuple[float, SpaceBasis, tuple[SpaceKind, int]]] = []
     for kind, points in looked_at:
         basis = build_space_basis(kind, objects, rest, points=points, functions=functions)
-        bits = sum(fitter.level_bits(basis, STEPS[START], time) for fitter, time in moving)
+        if is_small:
+            bits = sum(_fit(fitter, basis, choice).bits for fitter, choice in moving)
+        else:
+            bits = sum(fitter.level_bits(basis, STEPS[START], choice.time, choice.origin) for fitter, choice in moving)
         if points > SPACES[0][1] and effort < SMALLEST_AT_ANY_PRICE:
             bits /= 1.0 - LARGER_MUST_SAVE
         found.append((bits, basis, (kind, points)))
@@ -112,16 +135,23 @@ def choose_space(
     return basis, chosen
 
 
-def choose_group(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, *, effort: int) -> ChosenGroup:
-    """Time basis and steps that cost least, walking downhill from those of the group before."""
+def choose_group(
+    fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, *, effort: int, scout: Scout | None = None
+) -> ChosenGroup:
+    """Time basis and steps that cost least, walking downhill from those of the group before.
+
+    Without a scout the time basis and the origin stay as they are.
+    """
     found: dict[GroupChoice, FittedGroup] = {}
 
     def fit(choice: GroupChoice) -> FittedGroup:
-        return fitter.fit(basis, choice.time, STEPS[choice.steps], MODE_STEPS[choice.mode_steps])
+        return _fit(fitter, basis, choice)
 
     def look(choices: Sequence[GroupChoice]) -> None:
         """Fit those that have not been looked at, at once."""
         new = [choice for choice in choices if choice not in found]
+        for choice in new:
+            fitter.prepare(choice.time, choice.origin)
         for choice, fitted in zip(new, side_by_side(*(partial(fit, choice) for choice in new)), strict=True):
             found[choice] = fitted
             best = min(found, key=lambda item: found[item].bits)
@@ -133,50 +163,52 @@ def choose_group(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, *, 
         look([choice])
         return found[choice].bits
 
-    look(_around(usual, "steps", len(STEPS)))
-    choice = _walk(usual, "steps", len(STEPS), cost)
-    if effort > 1 and fitter.trajectories:
-        other: TimeBasis = "pde" if choice.time == "modal" else "modal"
-        rival = replace(choice, time=other)
-        look([rival, *(_around(choice, "mode_steps", len(MODE_STEPS)) if choice.time == "modal" else [])])
-        if cost(rival) < OTHER_WORTH_A_LOOK * cost(choice):
+    choices = [usual]
+    if effort > 1 and scout and fitter.trajectories:
+        choices = _likely(scout, fitter, basis, usual)
+    look(_around(choices[0], "steps", len(STEPS)))
+    choice = _walk(choices[0], "steps", len(STEPS), cost)
+    rivals = [replace(other, steps=choice.steps) for other in choices[1:]]
+    look(rivals)
+    for rival in rivals:
+        if cost(rival) < WORTH_TUNING * cost(choice):
             look(_around(rival, "steps", len(STEPS)))
-            rival = _walk(rival, "steps", len(STEPS), cost)
-            choice = min(choice, rival, key=cost)
-        if choice.time == "modal":
-            choice = _walk(choice, "mode_steps", len(MODE_STEPS), cost)
-            look(_around(choice, "steps", len(STEPS)))
-            choice = _walk(choice, "steps", len(STEPS), cost)
+            choice = min(choice, _walk(rival, "steps", len(STEPS), cost), key=cost)
+    if effort > 1 and fitter.trajectories and choice.time != "pde":
+        look(_around(choice, "mode_steps", len(MODE_STEPS)))
+        choice = _walk(choice, "mode_steps", len(MODE_STEPS), cost)
+        look(_around(choice, "steps", len(STEPS)))
+        choice = _walk(choice, "steps", len(STEPS), cost)
     return ChosenGroup(fitter, choice, found[choice])
 
 
-def divided(group: ChosenGroup, basis: SpaceBasis, *, effort: int) -> list[ChosenGroup]:
+def divided(group: ChosenGroup, basis: SpaceBasis, *, effort: int, scout: Scout) -> list[ChosenGroup]:
     """The group, or parts of it that cost less together: halves, halves of halves, and so on."""
     fitter, bits = group.fitter, group.fitted.bits
     frames, vertices = fitter.points.shape[:2]
     if effort < LEAST_EFFORT_TO_DIVIDE or bits < WORTH_DIVIDING * frames * vertices:
         return [group]
-    _, lengths = _division(fitter, basis)
+    _, lengths = _division(fitter, basis, replace(FIRST_CHOICE, origin=group.choice.origin))
     if len(lengths) == 1:
         return [group]
     parts: list[ChosenGroup] = []
     begin = 0
     for length in lengths:
         part = fitter.part(slice(begin, begin + length))
-        parts.append(choose_group(part, basis, parts[-1].choice if parts else FIRST_CHOICE, effort=effort))
+        parts.append(choose_group(part, basis, parts[-1].choice if parts else FIRST_CHOICE, effort=effort, scout=scout))
         begin += length
     together = sum(part.fitted.bits + BITS_OF_A_GROUP for part in parts)
     return parts if together < bits + BITS_OF_A_GROUP else [group]
 
 
-def _division(fitter: GroupFitter, basis: SpaceBasis) -> tuple[float, list[int]]:
+def _division(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice) -> tuple[float, list[int]]:
     """The division that costs least with untuned steps: bits, and the lengths of the parts."""
-    fits = [fitter.fit(basis, time, STEPS[START], MODE_STEPS[1]).bits for time in TIME_BASES]
+    fits = [_fit(fitter, basis, replace(usual, time=time)).bits for time in TIME_BASES]
     best = (min(fits) + BITS_OF_A_GROUP, [fitter.frames])
     middle = fitter.frames // 2
     if middle < SHORTEST_PART:
         return best
-    halves = [_division(fitter.part(part), basis) for part in (slice(0, middle), slice(middle, fitter.frames))]
+    halves = [_division(fitter.part(part), basis, usual) for part in (slice(0, middle), slice(middle, fitter.frames))]
     return min(best, (halves[0][0] + halves[1][0], halves[0][1] + halves[1][1]), key=lambda item: item[0])
 
 
@@ -188,6 +220,25 @@ def forgotten(fitted: FittedGroup) -> FittedGroup:
         levels=np.zeros((0, 0), np.int64),
         functions=replace(fitted.functions, time=np.zeros((0, 3, 0)), planes=np.zeros((0, 1, 0))),
     )
+
+
+def _likely(scout: Scout, fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice) -> list[GroupChoice]:
+    """Time bases and origins that are worth a fit of the whole mesh, best first as far as is known."""
+    estimates = scout.estimates(fitter, basis.levels)
+    likely = sorted(estimates, key=lambda pair: estimates[pair])
+    best = likely[0]
+    if scout.is_part:
+        # A part tells origins apart, but not time bases: what neighbours have in common it lacks.
+        spread = {time: fitter.spread(time, best[1], STEPS[START]) for time in MODE_BASES}
+        too_wide = spread["shapes"] > MOST_SPREAD * spread["modal"]
+        others = [time for time in TIME_BASES if time != usual.time and not (time == "shapes" and too_wide)]
+        return [replace(usual, time=time, origin=best[1]) for time in (usual.time, *others)]
+    enough = WORTH_A_LOOK * estimates[best]
+    return [replace(usual, time=time, origin=origin) for time, origin in likely if estimates[time, origin] <= enough]
+
+
+def _fit(fitter: GroupFitter, basis: SpaceBasis, choice: GroupChoice) -> FittedGroup:
+    return fitter.fit(basis, choice.time, choice.origin, STEPS[choice.steps], MODE_STEPS[choice.mode_steps])
 
 
 def _around(start: GroupChoice, name: str, length: int) -> list[GroupChoice]:

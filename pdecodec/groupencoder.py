@@ -25,6 +25,7 @@ from pdecodec.groupchoice import (
     FIRST_CHOICE,
     SPACES,
     ChosenGroup,
+    GroupChoice,
     choose_group,
     choose_space,
     divided,
@@ -32,10 +33,11 @@ from pdecodec.groupchoice import (
 )
 from pdecodec.groupfit import FittedGroup, GroupFitter, encode_motion
 from pdecodec.groupmodel import GroupModelDescription
-from pdecodec.groups import CHUNK_SECTIONS, TimeBasis
+from pdecodec.groups import CHUNK_SECTIONS
 from pdecodec.metrics import frame_scale
 from pdecodec.restcoding import decode_rest, encode_rest
 from pdecodec.restshape import quantise_rest
+from pdecodec.scouting import USUAL_STEP, Scout
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
 from pdecodec.spacebasis import MOST_FUNCTIONS, SpaceBasis
@@ -44,11 +46,12 @@ Float32Array = NDArray[np.float32]
 
 MAJOR_VERSION = 2
 
-REST_STEP = 0.5
-"""Quantisation step of the rest shape, in units: its error stays in every frame."""
-
 REST_STEP_OF_ONE_FRAME = 1.1
-"""The same where there is one frame: the largest that keeps the bound (2 / sqrt 3 = 1.15) but for float32."""
+"""Quantisation step of the rest shape, in units, where there is one frame: the largest that keeps the bound
+(2 / sqrt 3 = 1.15) but for float32."""
+
+LEAST_EFFORT_FOR_REST = 2
+"""Effort from which on the rest shape's step is chosen by what it does to the cost."""
 
 GROUP_BYTES = 2**28
 """Memory for the displacements of a group, float64."""
@@ -82,8 +85,10 @@ class GroupEncoder:
         # Where float32 is coarser than the bound, a finer model would describe its rounding.
         self._unit = max(bound, float(np.spacing(np.float32(min(largest, LAST_BINADE)))))
         self._correction_step = correction_step(bound, largest)
-        share = REST_STEP_OF_ONE_FRAME if sequence.frame_count == 1 else REST_STEP
-        self._rest_bytes = encode_rest(quantise_rest(first, share * self._unit), sequence.objects)
+        self._first = first
+        self._scout = Scout(sequence.objects)
+        self._first_group: Float32Array | None = None
+        self._rest_bytes = encode_rest(quantise_rest(first, self._rest_step() * self._unit), sequence.objects)
         self._rest = decode_rest(self._rest_bytes, sequence.objects)
         self._functions = min(MOST_FUNCTIONS, max(FEWEST_FUNCTIONS, BASIS_BYTES // (8 * max(1, sequence.vertex_count))))
         self._space = SPACES[0]
@@ -92,6 +97,21 @@ class GroupEncoder:
         self._entries: list[bytes] = []
         self._chosen: list[FittedGroup] = []
         self._explained = 1.0
+
+    def _rest_step(self) -> float:
+        """Quantisation step of the rest shape, in units."""
+        if self._sequence.frame_count == 1:
+            return REST_STEP_OF_ONE_FRAME
+        if self._settings.effort < LEAST_EFFORT_FOR_REST:
+            return USUAL_STEP
+        self._first_group = self._read(*self._group_ranges()[0])
+        return self._scout.choose_rest_step(
+            self._first_group,
+            frames=self._sequence.frame_count,
+            bound=self._bound,
+            unit=self._unit,
+            correction_step=self._correction_step,
+        )
 
     def run(self, path: Path | None, *, overwrite: bool) -> EncodeReport:
         """Encode group after group and write the file."""
@@ -104,8 +124,8 @@ class GroupEncoder:
                 if basis is None:
                     basis, parts = self._first_groups(fitter)
                 else:
-                    group = choose_group(fitter, basis, usual, effort=effort)
-                    parts = divided(group, basis, effort=effort)
+                    group = choose_group(fitter, basis, usual, effort=effort, scout=self._scout)
+                    parts = divided(group, basis, effort=effort, scout=self._scout)
                 usual = parts[-1].choice
                 for part in parts:
                     self._write_group(part, basis, spools)
@@ -131,12 +151,17 @@ class GroupEncoder:
         edges = [frames * k // count for k in range(count + 1)]
         return list(itertools.pairwise(edges))
 
-    def _fitter(self, begin: int, end: int) -> GroupFitter:
+    def _read(self, begin: int, end: int) -> Float32Array:
         block = self._sequence.frames_per_block
         parts = [checked_frames(self._sequence, at, min(at + block, end)) for at in range(begin, end, block)]
+        return np.concatenate(parts)
+
+    def _fitter(self, begin: int, end: int) -> GroupFitter:
+        points, self._first_group = self._first_group, None
         return GroupFitter(
-            np.concatenate(parts),
+            self._read(begin, end) if points is None else points,
             self._rest.points,
+            self._first,
             bound=self._bound,
             unit=self._unit,
             correction_step=self._correction_step,
@@ -145,17 +170,18 @@ class GroupEncoder:
     def _first_groups(self, fitter: GroupFitter) -> tuple[SpaceBasis, list[ChosenGroup]]:
         """The space basis, and the groups that the first frames are divided into."""
         effort = self._settings.effort
-        basis = self._choose_space([(fitter, "modal")])
-        parts = divided(choose_group(fitter, basis, FIRST_CHOICE, effort=effort), basis, effort=effort)
-        if len(parts) > 1 or parts[0].choice.time != "modal":
+        basis = self._choose_space([(fitter, FIRST_CHOICE)])
+        group = choose_group(fitter, basis, FIRST_CHOICE, effort=effort, scout=self._scout)
+        parts = divided(group, basis, effort=effort, scout=self._scout)
+        if len(parts) > 1 or (parts[0].choice.time, parts[0].choice.origin) != (FIRST_CHOICE.time, FIRST_CHOICE.origin):
             # What is left to space is another thing now.
             usual = self._space
-            basis = self._choose_space([(part.fitter, part.choice.time) for part in parts])
+            basis = self._choose_space([(part.fitter, part.choice) for part in parts])
             if self._space != usual:
                 parts = [choose_group(part.fitter, basis, part.choice, effort=effort) for part in parts]
         return basis, parts
 
-    def _choose_space(self, groups: Sequence[tuple[GroupFitter, TimeBasis]]) -> SpaceBasis:
+    def _choose_space(self, groups: Sequence[tuple[GroupFitter, GroupChoice]]) -> SpaceBasis:
         basis, self._space = choose_space(
             groups,
             self._sequence.objects,
@@ -167,8 +193,8 @@ class GroupEncoder:
 
     def _write_group(self, group: ChosenGroup, basis: SpaceBasis, spools: Sequence[Spool]) -> None:
         fitter, fitted = group.fitter, group.fitted
-        if not self._chosen:
-            self._explained = fitter.explained(fitted.entry.functions)
+        if not self._chosen and group.choice.time != "pde":
+            self._explained = fitter.explained(fitted.entry.functions, group.choice.time, group.choice.origin)
         # From the bytes, as the decoder does it: what is measured is what the file gives.
         time_chunk, coefficients, functions = encode_motion(fitted, basis)
         corrections = fitter.corrections(basis, functions)
@@ -211,9 +237,10 @@ class GroupEncoder:
         remarks = {
             "generator": generator(),
             "settings": self._settings.changed(),
-            "metadata": dict(sequence.metadata),
             "summary": self._summary(basis),
         }
+        if sequence.metadata:
+            remarks["metadata"] = dict(sequence.metadata)
         connectivity, order = encode_connectivity([item.connectivity for item in sequence.objects])
         sections = [
             Section("META", encode_remarks(remarks), required=False),
@@ -238,9 +265,10 @@ class GroupEncoder:
         if not bases:
             return f"static: the rest shape keeps the bound; {corrected}"
         most = max(entry.functions for entry in entries)
-        if bases == ["modal"]:
+        if bases in (["modal"], ["shapes"]):
+            what = counted(most, "trajectory", "ies", 1) if bases == ["modal"] else counted(most, "shape")
             carry = "carries" if most == 1 else "carry"
-            carried = f"{counted(most, 'trajectory', 'ies', 1)} {carry} {100 * self._explained:.4g} % of the motion"
+            carried = f"{what} {carry} {100 * self._explained:.4g} % of the motion"
         else:
             carried = f"{most} functions of time"
         groups = "" if len(entries) == 1 else f" in {len(entries)} groups of frames"

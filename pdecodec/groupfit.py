@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.displacements import Displacements, Origin
 from pdecodec.group_corrections import GroupCorrections, correct_group, measure_group
 from pdecodec.groups import (
     SINGLE_IS_ENOUGH,
@@ -20,7 +20,6 @@ from pdecodec.groups import (
 )
 from pdecodec.levelcoding import encode_levels, measure_levels
 from pdecodec.modes import encode_modes, measure_modes
-from pdecodec.principal import principal_trajectories
 from pdecodec.spacebasis import SpaceBasis
 
 Float32Array = NDArray[np.float32]
@@ -29,16 +28,6 @@ Int64Array = NDArray[np.int64]
 
 ROUND_UP_AT = 0.6
 """A coefficient this far (in steps) beyond a level goes to the next: zeros and small levels are cheaper."""
-
-TAIL = 0.06
-"""What trajectories that are left out may add to the error, as root mean square over the bound."""
-
-MOST_FUNCTIONS = 768
-"""Functions of time at most: decoding costs their number."""
-
-FARTHEST_STEPS = 2.0**26
-"""Displacements beyond so many bounds are no motion to be fitted: they are left to corrections."""
-
 
 ALIKE = 1e-2
 """Trajectories that differ by less than this share (of their squared length) count as one in the fit."""
@@ -52,13 +41,13 @@ class FittedGroup:
     ----------
     entry : GroupEntry
         Sizes and checksum still zero.
-    modes : (frames, 3, functions) float64
+    modes : (frames, 3 or 1, functions) float64
         Before coding, scaled; empty under basis "pde".
     levels : (columns, width) int64
     functions : GroupFunctions
         As the decoder gets them.
-    bits : float
-        Of all three chunks, measured.
+    bits, mode_bits : float
+        Of all three chunks, measured, and of the modes alone.
     """
 
     entry: GroupEntry
@@ -66,6 +55,7 @@ class FittedGroup:
     levels: Int64Array
     functions: GroupFunctions
     bits: float
+    mode_bits: float
 
 
 class GroupFitter:
@@ -76,6 +66,8 @@ class GroupFitter:
     points : (frames, vertices, 3) float32 [scene units]
     rest : (vertices, 3) float64 [scene units]
         Decoded.
+    first : (vertices, 3) float32 [scene units]
+        Frame 0 of the clip, which the rest shape was made of.
     bound : float [scene units]
         Largest distance of a vertex.
     unit : float [scene units]
@@ -84,22 +76,43 @@ class GroupFitter:
     """
 
     def __init__(
-        self, points: Float32Array, rest: Float64Array, *, bound: float, unit: float, correction_step: float
+        self,
+        points: Float32Array,
+        rest: Float64Array,
+        first: Float32Array,
+        *,
+        bound: float,
+        unit: float,
+        correction_step: float,
     ) -> None:
-        self.points, self._rest = points, rest
+        self.points, self._rest, self._first = points, rest, first
         self._bound, self._unit, self._correction_step = bound, unit, correction_step
-        frames, vertices, _ = points.shape
-        moved = points.astype(np.float64) - rest
-        moved[np.abs(moved) > FARTHEST_STEPS * unit] = 0.0
-        largest = float(np.abs(moved).max(initial=0.0))
-        self._single = unit >= SINGLE_IS_ENOUGH * largest
-        self._moved = np.ascontiguousarray(moved.transpose(1, 0, 2)).reshape(vertices, 3 * frames)
+        self._displacements: dict[Origin, Displacements] = {}
+        self._single = unit >= SINGLE_IS_ENOUGH * self._from("rest").largest
+
+    def _from(self, origin: Origin) -> Displacements:
+        if origin not in self._displacements:
+            shape = self._rest if origin == "rest" else self._first.astype(np.float64)
+            self._displacements[origin] = Displacements(self.points, shape, self._unit)
+        return self._displacements[origin]
+
+    def prepare(self, time_basis: TimeBasis, origin: Origin) -> None:
+        """Compute what all fits of a time basis and origin share: fits in several threads would each do it."""
+        self._from(origin).coefficients(time_basis)
 
     def part(self, frames: slice) -> GroupFitter:
         """Some of its frames, as a group of their own."""
+        return self._with(self.points[frames], self._rest, self._first)
+
+    def of_vertices(self, vertices: Int64Array) -> GroupFitter:
+        """Some of its vertices, as a mesh of their own."""
+        return self._with(np.ascontiguousarray(self.points[:, vertices]), self._rest[vertices], self._first[vertices])
+
+    def _with(self, points: Float32Array, rest: Float64Array, first: Float32Array) -> GroupFitter:
         return GroupFitter(
-            self.points[frames],
-            self._rest,
+            points,
+            rest,
+            first,
             bound=self._bound,
             unit=self._unit,
             correction_step=self._correction_step,
@@ -109,81 +122,69 @@ class GroupFitter:
     def frames(self) -> int:
         return len(self.points)
 
-    @cached_property
-    def _principal(self) -> tuple[Float64Array, Float64Array]:
-        """The principal trajectories that are worth looking at: energies (n,), falling, and trajectories."""
-        least = (TAIL * self._unit) ** 2 * self._moved.shape[0] * self.frames
-        energies, axes = principal_trajectories(self._moved, least)
-        return energies[:MOST_FUNCTIONS], axes[:, :MOST_FUNCTIONS]
-
     @property
     def trajectories(self) -> int:
         """How many trajectories are worth looking at."""
-        return int(self._principal[0].size)
+        return int(self._from("rest").trajectories[0].size)
 
-    @cached_property
-    def _modal_coefficients(self) -> Float64Array:
-        return self._moved @ self._principal[1]
+    def explained(self, functions: int, basis: TimeBasis, origin: Origin) -> float:
+        """Share of the motion's energy that the leading functions of a basis with modes carry."""
+        return self._from(origin).explained(functions, basis)
 
-    @cached_property
-    def _cosine_coefficients(self) -> Float64Array:
-        from scipy.fft import dct
+    def spread(self, time_basis: TimeBasis, origin: Origin, steps: float) -> float:
+        """:meth:`pdecodec.displacements.Displacements.spread` at a step of `steps` units."""
+        return self._from(origin).spread(time_basis, steps * self._unit)
 
-        frames = self.frames
-        used = min(frames, MOST_FUNCTIONS)
-        split = self._moved.reshape(-1, frames, 3)
-        waves: Float64Array = dct(split, axis=1, norm="ortho")[:, :used]
-        return waves.reshape(len(split), -1)
-
-    def explained(self, functions: int) -> float:
-        """Share of the motion's energy that the leading trajectories carry."""
-        total = float(np.vdot(self._moved, self._moved))
-        return float(self._principal[0][:functions].sum()) / total if total > 0 else 1.0
-
-    def level_bits(self, basis: SpaceBasis, steps: float, time_basis: TimeBasis) -> float:
+    def level_bits(self, basis: SpaceBasis, steps: float, time_basis: TimeBasis, origin: Origin) -> float:
         """Bits of the coefficients alone at a step of `steps` units: to compare space bases by."""
-        modal = time_basis == "modal"
-        values = self._modal_coefficients if modal else self._cosine_coefficients
-        levels = _quantise(basis.project(values), steps * self._unit)
-        return measure_levels(levels, basis, axes=1 if modal else 3)
+        levels = _quantise(basis.project(self._from(origin).coefficients(time_basis)), steps * self._unit)
+        return measure_levels(levels, basis, axes=1 if time_basis == "modal" else 3)
 
-    def fit(self, basis: SpaceBasis, time_basis: TimeBasis, steps: float, mode_steps: float) -> FittedGroup:
+    def fit(
+        self, basis: SpaceBasis, time_basis: TimeBasis, origin: Origin, steps: float, mode_steps: float
+    ) -> FittedGroup:
         """Fit with a step of `steps` units for coefficients, and `mode_steps` times that for modes."""
         step = steps * self._unit
-        if time_basis == "modal":
-            entry, modes, decoded_modes, levels, bits = self._fit_modal(basis, step, step * mode_steps)
+        moved = self._from(origin)
+        if time_basis != "pde":
+            entry, modes, decoded_modes, levels, bits = self._fit_modes(
+                moved, basis, time_basis, step, step * mode_steps
+            )
         else:
             modes = decoded_modes = np.zeros((self.frames, 3, 0))
-            levels = _quantise(basis.project(self._cosine_coefficients), step)
+            levels = _quantise(basis.project(moved.coefficients("pde")), step)
             used = np.flatnonzero(levels.any(axis=0))
             count = int(used[-1]) // 3 + 1 if used.size else 0
             levels = np.ascontiguousarray(levels[:, : 3 * count])
             entry = self._entry(count, "pde", step, step)
             bits = 0.0
+        mode_bits = bits
         if entry.width:
             bits += measure_levels(levels, basis, axes=entry.axes)
         functions = group_functions(entry, decoded_modes, levels, basis)
         corrections = self.corrections(basis, functions)
-        return FittedGroup(entry, modes, levels, functions, bits + measure_group(corrections, basis.starts))
+        return FittedGroup(entry, modes, levels, functions, bits + measure_group(corrections, basis.starts), mode_bits)
 
     def _entry(self, functions: int, basis: TimeBasis, step: float, mode_step: float) -> GroupEntry:
         return GroupEntry(self.frames, functions, basis, self._single, step, mode_step, (0, 0, 0), 0)
 
-    def _fit_modal(
-        self, basis: SpaceBasis, step: float, mode_step: float
+    def _fit_modes(
+        self, moved: Displacements, basis: SpaceBasis, time_basis: TimeBasis, step: float, mode_step: float
     ) -> tuple[GroupEntry, Float64Array, Float64Array, Int64Array, float]:
-        energies, axes = self._principal
-        used = np.flatnonzero(_quantise(basis.project(self._modal_coefficients), step).any(axis=0))
+        energies, axes = moved.principal(time_basis)
+        each = 1 if time_basis == "modal" else 3
+        levels = _quantise(basis.project(moved.coefficients(time_basis)), step)
+        used = _needed(levels, each)
         while True:
-            scaled = (axes[:, used] * np.sqrt(energies[used])).reshape(self.frames, 3, used.size)
+            scaled = (axes[:, used] * np.sqrt(energies[used])).reshape(self.frames, len(axes) // self.frames, used.size)
             bits, decoded = measure_modes(scaled, mode_step) if used.size else (0.0, scaled)
-            unit = normalised_modes(decoded).reshape(3 * self.frames, used.size)
+            unit = normalised_modes(decoded).reshape(len(axes), used.size)
             # Decoded trajectories are no longer quite orthogonal, and coarse ones may coincide: least squares.
             inverse = np.linalg.pinv(unit.T @ unit, rcond=ALIKE, hermitian=True) if used.size else np.zeros((0, 0))
-            levels = _quantise(basis.project((self._moved @ unit) @ inverse), step)
-            needed = levels.any(axis=0)
-            if needed.all():
-                return self._entry(int(used.size), "modal", step, mode_step), scaled, decoded, levels, bits
+            levels = _quantise(basis.project(moved.along(unit @ inverse, time_basis)), step)
+            needed = _needed(levels, each)
+            if needed.size == used.size:
+                return self._entry(int(used.size), time_basis, step, mode_step), scaled, decoded, levels, bits
             used = used[needed]
 
     def decoded(self, functions: GroupFunctions) -> Float32Array:
@@ -203,6 +204,11 @@ class GroupFitter:
         )
 
 
+def _needed(levels: Int64Array, each: int) -> NDArray[np.intp]:
+    """Functions of time, of `each` columns one, that have a level."""
+    return np.flatnonzero(levels.reshape(len(levels), -1, each).any(axis=(0, 2)))
+
+
 def _quantise(values: Float64Array, step: float) -> Int64Array:
     return np.copysign(np.floor(np.abs(values) / step + (1.0 - ROUND_UP_AT)), values).astype(np.int64)
 
@@ -211,7 +217,7 @@ def encode_motion(fitted: FittedGroup, basis: SpaceBasis) -> tuple[bytes, bytes,
     """A group's chunks of TIME and COEF, and the functions that a decoder makes of these bytes."""
     entry = fitted.entry
     time, modes = b"", np.zeros((entry.frames, 3, 0))
-    if entry.basis == "modal" and entry.functions:
+    if entry.basis != "pde" and entry.functions:
         time, modes = encode_modes(fitted.modes, entry.mode_step)
     coefficients = encode_levels(fitted.levels, basis, axes=entry.axes) if entry.width else b""
     return time, coefficients, group_functions(entry, modes, fitted.levels, basis)

@@ -29,12 +29,14 @@ Float64Array = NDArray[np.float64]
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
 Int64Array = NDArray[np.int64]
 
-TimeBasis = Literal["pde", "modal"]
-TIME_BASES: tuple[TimeBasis, ...] = ("pde", "modal")
-"""By their number in the file: the lowest bit of a group's kind."""
+TimeBasis = Literal["pde", "modal", "shapes"]
+TIME_BASES: dict[TimeBasis, int] = {"pde": 0, "modal": 1, "shapes": 5}
+"""With their bits in a group's kind: 1 where it has modes, 4 more where these are the same on all axes."""
+
+BASES_BY_KIND = {kind: basis for basis, kind in TIME_BASES.items()}
 
 DOUBLE = 2
-"""The other bit of a group's kind: its positions are added up in float64, not in float32."""
+"""The bit of a group's kind between them: its positions are added up in float64, not in float32."""
 
 SINGLE_IS_ENOUGH = 2.0**-16
 """Displacements are added up in float32 where the bound is at least this share of the largest: the sum of some
@@ -55,7 +57,7 @@ class GroupEntry:
     Attributes
     ----------
     frames, functions : int
-    basis : {"pde", "modal"}
+    basis : {"pde", "modal", "shapes"}
     single : bool
         Positions are added up in float32, not in float64.
     step, mode_step : float [scene units]
@@ -77,7 +79,12 @@ class GroupEntry:
     @property
     def axes(self) -> int:
         """Coefficients that a function of time has for each of space: one, or one an axis."""
-        return 3 if self.basis == "pde" else 1
+        return 1 if self.basis == "modal" else 3
+
+    @property
+    def mode_axes(self) -> int:
+        """Values that a mode has at a frame: one an axis, or one for all."""
+        return 3 if self.basis == "modal" else 1
 
     @property
     def width(self) -> int:
@@ -87,7 +94,7 @@ class GroupEntry:
         return GROUP_ENTRY.pack(
             self.frames,
             self.functions,
-            TIME_BASES.index(self.basis) + (0 if self.single else DOUBLE),
+            TIME_BASES[self.basis] + (0 if self.single else DOUBLE),
             self.step,
             self.mode_step,
             *self.sizes,
@@ -146,9 +153,9 @@ def read_group_table(data: bytes) -> GroupTable:
     for frames, functions, kind, step, mode_step, *sizes, checksum in GROUP_ENTRY.iter_unpack(data):
         if not 1 <= frames <= MAX_GROUP_FRAMES:
             raise CorruptFileError(f"section GRUP has a group of {frames} frames; 1 to {MAX_GROUP_FRAMES} can be")
-        if kind >= 2 * DOUBLE:
+        if kind & ~DOUBLE not in BASES_BY_KIND:
             raise CorruptFileError(f"section GRUP has a group of kind {kind}, which is unknown")
-        basis, single = TIME_BASES[kind % DOUBLE], kind < DOUBLE
+        basis, single = BASES_BY_KIND[kind & ~DOUBLE], not kind & DOUBLE
         if functions > (3 * frames if basis == "modal" else frames):
             raise CorruptFileError(f"section GRUP has {functions} functions of time for {frames} frames")
         if not (0 < step <= LARGEST_STEP and 0 < mode_step <= LARGEST_STEP):
@@ -171,7 +178,7 @@ def cosines(frames: int, functions: int) -> Float64Array:
 
 
 def normalised_modes(modes: Float64Array) -> Float64Array:
-    """Modes of unit length, (frames, 3, functions) float64; those that are all zero stay so.
+    """Modes of unit length, (frames, axes, functions) float64; those that are all zero stay so.
 
     Squares are added up frame after frame, x y z within each.
     """
@@ -207,7 +214,7 @@ def group_functions(entry: GroupEntry, modes: Float64Array, levels: Int64Array, 
     Parameters
     ----------
     entry : GroupEntry
-    modes : (frames, 3, functions) float64
+    modes : (frames, 3 or 1, functions) float64
         Decoded; not looked at under basis "pde".
     levels : (columns, width) int64
         Coefficients, in steps.
@@ -221,10 +228,9 @@ def group_functions(entry: GroupEntry, modes: Float64Array, levels: Int64Array, 
 
 def functions_of_time(entry: GroupEntry, modes: Float64Array) -> FloatArray:
     """:attr:`GroupFunctions.time` from the modes."""
-    if entry.basis == "modal":
-        time = normalised_modes(modes)
-    else:
-        time = np.repeat(cosines(entry.frames, entry.functions)[:, None], 3, axis=1)
+    time = cosines(entry.frames, entry.functions)[:, None] if entry.basis == "pde" else normalised_modes(modes)
+    if entry.axes == 3:
+        time = np.repeat(time, 3, axis=1)
     return time.astype(np.float32) if entry.single else time
 
 

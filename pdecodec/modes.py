@@ -43,7 +43,7 @@ FIRST_BYTES = 64
 
 @dataclass(frozen=True)
 class _Coded:
-    """Modes by one method: levels (count, frames, 3) int64 and what they decode to, (frames, 3, count) float64."""
+    """Modes by one method: levels (count, frames, axes) int64 and what they decode to, (frames, axes, count)."""
 
     method: int
     levels: Int64Array
@@ -60,7 +60,8 @@ def encode_modes(scaled: Float64Array, step: float) -> tuple[bytes, Float64Array
 
     Parameters
     ----------
-    scaled : (frames, 3, count) float64
+    scaled : (frames, axes, count) float64
+        Axes 3, or 1 where all three move alike.
         Trajectories by falling energy, each times its singular value; finite.
     step : float
         Quantisation step, in the same unit. The mean squared error comes out near step^2 / 12, or below where
@@ -70,7 +71,7 @@ def encode_modes(scaled: Float64Array, step: float) -> tuple[bytes, Float64Array
     -------
     data : bytes
         Empty where all that is left is zero.
-    decoded : (frames, 3, count) float64
+    decoded : (frames, axes, count) float64
         What :func:`decode_modes` gives, to the last bit.
 
     Raises
@@ -93,7 +94,7 @@ def measure_modes(scaled: Float64Array, step: float) -> tuple[float, Float64Arra
     return (8.0 + bits if best.levels.any() else 0.0), best.decoded
 
 
-def decode_modes(data: bytes, frames: int, count: int, step: float) -> Float64Array:
+def decode_modes(data: bytes, frames: int, count: int, step: float, *, axes: int = 3) -> Float64Array:
     """Undo :func:`encode_modes`.
 
     Parameters
@@ -103,10 +104,12 @@ def decode_modes(data: bytes, frames: int, count: int, step: float) -> Float64Ar
         0 or more; memory and time are bounded by their product, which the caller has held against its limits.
     step : float
         That of the encoder.
+    axes : int
+        3, or 1 where all three move alike.
 
     Returns
     -------
-    (frames, 3, count) float64
+    (frames, axes, count) float64
         Finite for every step below 2^900.
 
     Raises
@@ -118,7 +121,7 @@ def decode_modes(data: bytes, frames: int, count: int, step: float) -> Float64Ar
     from pdecodec.kernels.rangecoder import is_finished, new_decoder
 
     if not data:
-        return np.zeros((frames, 3, count))
+        return np.zeros((frames, axes, count))
     if frames * count == 0:
         raise CorruptFileError(f"{len(data)} bytes of modes stand where there are none; get the file again")
     method = data[0]
@@ -126,7 +129,7 @@ def decode_modes(data: bytes, frames: int, count: int, step: float) -> Float64Ar
         raise CorruptFileError(f"modes are coded by an unknown method, {method}; get the file again")
     if method == TRANSFORMED and frames > LONGEST_TRANSFORM:
         raise CorruptFileError(f"{frames} frames of modes are transformed at once; get the file again")
-    levels = np.zeros((count, frames, 3), np.int64)
+    levels = np.zeros((count, frames, axes), np.int64)
     coded = np.frombuffer(data, np.uint8)[1:].copy()  # the compiled coder takes no read-only array
     coder = new_decoder(coded)
     code_levels(coder, coded, levels, *new_model(frames))
@@ -175,8 +178,8 @@ def _transform_back(levels: Int64Array, step: float) -> Float64Array:
     """Modes from their levels by the method TRANSFORMED."""
     from pdecodec.kernels.modes import sum_cosines
 
-    count, frames, _ = levels.shape
-    values = np.zeros((count, 3, frames))
+    count, frames, axes = levels.shape
+    values = np.zeros((count, axes, frames))
     sum_cosines(levels, cosine_wave(frames), np.empty(frames), values)
     return np.ascontiguousarray(values.transpose(2, 1, 0)) * step
 

@@ -44,7 +44,7 @@ class EncodeSettings:
     max_error : float or None [scene units]
         The same bound in scene units; instead of `tolerance`.
     profile : {"auto", "segments", "paper"}
-        "auto": modes or cosines over groups of frames, on patches or curves: what costs least.
+        "auto": modes, shapes or cosines over groups of frames, on patches or curves: what costs least.
         "segments": the paper's functions in closed form (Fang et al. 2024, Eq. 18), on curve pieces and time
         segments as long as the bound allows.
         "paper": the same on whole curves over fixed segments: 32 functions.

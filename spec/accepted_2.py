@@ -101,6 +101,10 @@ SEQUENCES: dict[str, tuple[Callable[[], MeshSequence], Choices]] = {
     "modes_followed": (lambda: sheet(12), Choices()),
     "modes_transformed": (lambda: in_cosines(40), Choices(settings={"tolerance": 1e-4})),
     "cosines": (lambda: sheet(12), Choices(time="pde")),
+    "shapes_followed": (lambda: sheet(12), Choices(time="shapes")),
+    "shapes_transformed": (lambda: in_cosines(40), Choices(time="shapes", settings={"tolerance": 1e-4})),
+    "shapes_in_double": (lambda: sheet(6), Choices(time="shapes", settings={"tolerance": 1e-6})),
+    "groups_of_shapes": (lambda: sheet(11), Choices(time="shapes", longest_group=4)),
     "groups": (lambda: sheet(11), Choices(longest_group=4)),
     "groups_of_cosines": (lambda: sheet(11), Choices(time="pde", longest_group=4)),
     "groups_of_one_frame": (lambda: sheet(3), Choices(longest_group=1)),
@@ -122,6 +126,7 @@ SEQUENCES: dict[str, tuple[Callable[[], MeshSequence], Choices]] = {
     "corrections": (lambda: rough(6, 3, 6), Choices(settings={"tolerance": 3e-3})),
     "explosion": (lambda: clip(wave(6, 3, 5) + 1e20 * np.eye(6, 1, -3)[:, :, None], grid(3, 5)), Choices()),
     "irregular_times": (lambda: sheet(9, times=IRREGULAR), Choices()),
+    "times_at_another_rate": (lambda: sheet(9, times=np.arange(9) / 25, fps=24), Choices()),
     "times_by_period": (lambda: sheet(9, times=np.arange(9) * (1 / 24), fps=24), Choices()),
     "long_clip": (lambda: clip(wave(120, 2, 2), grid(2, 2)), Choices(longest_group=40)),
 }
@@ -157,8 +162,8 @@ def accepted() -> Iterator[tuple[str, bytes]]:
         chunk = encode_group(corrections, np.array([0, 24]))
         yield name, seal(with_first_group(still, "CORR", chunk), major=2)
     parts = take_apart(encoded(sheet(), Choices(longest_group=4)))
-    unknown = [Part("XYZW", b"anything", 0), *parts, Part("\xff\x00ab", b"", 0xFE)]
-    flagged = [replace(part, flags=part.flags | 0x80) for part in unknown]
+    unknown = [Part("XYZW", b"anything", 0), *parts, Part("\xff\x00ab", b"", 0x0E)]
+    flagged = [replace(part, flags=part.flags | 0x08) for part in unknown]
     yield "unknown_ignorable_sections", seal(flagged, major=2, minor=7)
     yield "sections_in_another_order", seal(parts[::-1], major=2)
     yield "without_remarks", seal([part for part in parts if part.kind != "META"], major=2)

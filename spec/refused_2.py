@@ -22,11 +22,13 @@ from spec.sealing import (
     GROUP,
     Part,
     content,
+    count,
     counted,
     even_bits,
     group_chunks,
     seal,
     sized,
+    table_end,
     take_apart,
     with_first_group,
     with_group_section,
@@ -83,10 +85,10 @@ def _container(base: Base) -> Iterator[Refused]:
     yield Refused("major_version_3", seal(parts, major=3), "a major version that is not known (2)")
     yield Refused("table_of_version_1", seal(parts), "the sections of version 2 in a file of version 1 (3)")
     yield Refused("table_of_65_rows", seal([Part(f"A{k:03}", b"", 0) for k in range(65)], major=2), "65 sections (2)")
-    at = 28 + 17 * 2 + 5
+    at = table_end(parts[:2], 2) + 5
     changed = whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :]
     yield Refused("row_checksum", changed, "CRC of the table (2)")
-    yield Refused("row_cut", whole[: 28 + 17 * len(parts) - 1], "ends inside its table (3)")
+    yield Refused("row_cut", whole[: table_end(parts, 2) - 1], "ends inside its table (3)")
     yield Refused("last_section_cut", whole[:-1], "ends before its last section does (3)")
     yield Refused("last_section_checksum", whole[:-1] + bytes([whole[-1] ^ 1]), "CRC of section CORR (3)")
     segments = seal([*parts, Part("SEGM", b"")], major=2)
@@ -100,11 +102,18 @@ def _sequence(base: Base) -> Iterator[Refused]:
     for name, at, new, reason in (
         ("frames_fewer_than_in_groups", 0, b"\x05", "5 frames where the groups have 6 (5)"),
         ("frames_more_than_in_groups", 0, b"\x07", "7 frames where the groups have 6 (5)"),
-        ("rule_of_times_4", 16, b"\x04", "rule 4 of times (5)"),
-        ("period_of_rate_zero", 16, b"\x03" + _real(0.0) + _real(0.0), "times by a period at rate 0 (5)"),
-        ("period_infinite", 16, b"\x03" + _real(0.0) + _real(5e-324), "a period that is not finite (5)"),
+        ("rule_of_times_6", 9, b"\x06", "rule 6 of times (5)"),
+        ("rule_of_times_8", 9, b"\x08", "rule 8 of times (5)"),
     ):
         yield Refused(name, base.overwritten("SEQN", at, new), reason)
+    data = content(base.parts, "SEQN")
+    # Rule and start, without the rate that the frame rate stands for.
+    zero = data[:9] + b"\x03" + _real(0.0) + _real(0.0) + data[18:]
+    yield Refused("period_of_rate_zero", base.section("SEQN", zero), "times by a period at rate 0 (5)")
+    tiny = data[:9] + b"\x03" + _real(0.0) + _real(5e-324) + data[18:]
+    yield Refused("period_infinite", base.section("SEQN", tiny), "a period that is not finite (5)")
+    long_count = b"\xff" * 9 + data[1:]
+    yield Refused("count_of_ten_bytes", base.section("SEQN", long_count), "a count of frames beyond 63 bits (4.1)")
 
 
 def _connectivity(base: Base) -> Iterator[Refused]:
@@ -161,6 +170,8 @@ def _groups(base: Base) -> Iterator[Refused]:
         ("group_of_4097_frames", 0, struct.pack("<I", 4097), "a group of 4097 frames (21.2)"),
         ("group_of_ten_modes", 4, b"\x0a", "10 modes of 3 frames (21.2)"),
         ("group_of_kind_4", 8, b"\x04", "kind 4 (21.2)"),
+        ("group_of_kind_8", 8, b"\x08", "kind 8 (21.2)"),
+        ("group_of_four_shapes", 4, b"\x04\0\0\0\x05", "4 modes the same on all axes, of 3 frames (21.2)"),
         ("step_zero", 9, _real(0.0), "a step of 0 (21.2)"),
         ("step_nan", 9, _real(math.nan), "a step that is no number (1)"),
         ("step_infinite", 9, _real(math.inf), "a step that is not finite (1)"),
@@ -221,8 +232,7 @@ def _modes(base: Base) -> Iterator[Refused]:
         seal(with_group_section(none, "GRUP", no_functions), major=2),
         "bytes of TIME where there are no modes (26)",
     )
-    frames = struct.pack("<Q", 1025 + 3)
-    longer = with_group_section(base.parts, "SEQN", frames + content(base.parts, "SEQN")[8:])
+    longer = with_group_section(base.parts, "SEQN", count(1025 + 3) + content(base.parts, "SEQN")[1:])
     long_group = with_group_section(longer, "GRUP", struct.pack("<I", 1025) + table[4:])
     yield Refused(
         "transformed_modes_of_1025_frames",
@@ -261,18 +271,18 @@ def _corrections(base: Base) -> Iterator[Refused]:
 
 def _sizes(base: Base) -> Iterator[Refused]:
     sequence, table = content(base.parts, "SEQN"), content(base.parts, "GRUP")
-    second = sequence.index(b"p") - 16
-    crowd = sequence[:second] + struct.pack("<Q", 2**30) + sequence[second + 8 :]
+    second = sequence.index(b"p") - 2
+    crowd = sequence[:second] + count(2**30) + sequence[second + 1 :]
     yield Refused("limit_vertices_of_groups", base.section("SEQN", crowd), "2^30 vertices (15)", "limit")
     bare = base.parts
     for kind in CHUNKS:
         bare = with_group_section(bare, kind, b"", sizes=[0, 0])
-    longest = with_group_section(bare, "SEQN", struct.pack("<Q", 4096) + sequence[8:])
+    longest = with_group_section(bare, "SEQN", count(4096) + sequence[1:])
     row = GROUP.pack(4096, 3 * 4096, 1, *GROUP.unpack_from(table)[3:5], 0, 0, 0, 0)
     modes = with_group_section(longest, "GRUP", row)
     yield Refused("limit_modes", seal(modes, major=2), "12288 modes of 4096 frames (15)", "limit")
-    many = sequence[:second] + struct.pack("<Q", 100_000) + sequence[second + 8 :]
-    wide = with_group_section(bare, "SEQN", struct.pack("<Q", 512) + many[8:])
+    many = sequence[:second] + count(100_000) + sequence[second + 1 :]
+    wide = with_group_section(bare, "SEQN", count(512) + many[1:])
     row = GROUP.pack(512, 3 * 512, 1, *GROUP.unpack_from(table)[3:5], 0, 0, 0, 0)
     columns = seal(with_group_section(wide, "GRUP", row), major=2)
     yield Refused("limit_columns", columns, "1536 columns of 100006 vertices (15)", "limit")

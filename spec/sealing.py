@@ -14,7 +14,6 @@ import zstandard
 IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
 HEADER = struct.Struct("<12sHHIII")
 ENTRY_1 = struct.Struct("<4sIQQII")
-ENTRY = struct.Struct("<4sBQI")
 SEGMENT = struct.Struct("<IfhHIII")
 GROUP = struct.Struct("<IIBddIIII")
 CHUNKS = ("TIME", "COEF", "CORR")
@@ -37,31 +36,46 @@ def take_apart(data: bytes) -> list[Part]:
     """The sections of a sound file, in order."""
     _, major, _, count, _, _ = HEADER.unpack_from(data)
     parts = []
-    offset = table_end(count, major)
-    for index in range(count):
-        row = (ENTRY_1 if major == 1 else ENTRY).unpack_from(data, table_end(index, major))
-        kind, flags, length = row[0], row[1], row[3 if major == 1 else 2]
-        parts.append(Part(kind.decode("latin-1"), data[offset : offset + length], flags))
-        offset += length
+    rows, at = [], HEADER.size
+    for _ in range(count):
+        kind, flags = data[at : at + 4].decode("latin-1"), data[at + 4]
+        if major == 1:
+            rows.append((kind, flags, ENTRY_1.unpack_from(data, at)[3]))
+            at += ENTRY_1.size
+        else:
+            size = flags >> 4
+            rows.append((kind, flags & 15, int.from_bytes(data[at + 5 : at + 5 + size], "little")))
+            at += 9 + size
+    for kind, flags, length in rows:
+        parts.append(Part(kind, data[at : at + length], flags))
+        at += length
     return parts
 
 
-def table_end(count: int, major: int) -> int:
-    """Where a table of so many sections ends."""
-    return HEADER.size + count * (ENTRY_1 if major == 1 else ENTRY).size
+def row_of_version_2(part: Part) -> bytes:
+    """A row of the table of sections."""
+    size = (len(part.content).bit_length() + 7) // 8
+    head = part.kind.encode("latin-1") + bytes([part.flags | size << 4])
+    return head + len(part.content).to_bytes(size, "little") + struct.pack("<I", zlib.crc32(part.content))
+
+
+def table_end(parts: list[Part], major: int) -> int:
+    """Where the table of these sections ends."""
+    rows = (ENTRY_1.size if major == 1 else len(row_of_version_2(part)) for part in parts)
+    return HEADER.size + sum(rows)
 
 
 def seal(parts: list[Part], *, major: int = 1, minor: int = 0) -> bytes:
     """A file of these sections, every checksum right."""
-    offset = table_end(len(parts), major)
+    offset = table_end(parts, major)
     table = b""
     for part in parts:
-        kind, length, checksum = part.kind.encode("latin-1"), len(part.content), zlib.crc32(part.content)
         if major == 1:
+            kind, length, checksum = part.kind.encode("latin-1"), len(part.content), zlib.crc32(part.content)
             table += ENTRY_1.pack(kind, part.flags, offset, length, checksum, 0)
         else:
-            table += ENTRY.pack(kind, part.flags, length, checksum)
-        offset += length
+            table += row_of_version_2(part)
+        offset += len(part.content)
     header = HEADER.pack(IDENTIFIER, major, minor, len(parts), zlib.crc32(table), 0)[:-4]
     return header + struct.pack("<I", zlib.crc32(header)) + table + b"".join(part.content for part in parts)
 
@@ -122,6 +136,12 @@ def with_first_group(parts: list[Part], kind: str, chunk: bytes) -> list[Part]:
     """The same sections, another chunk of TIME, COEF or CORR for the first group."""
     chunks = [chunk, *group_chunks(parts, kind)[1:]]
     return with_group_section(parts, kind, b"".join(chunks), sizes=[len(each) for each in chunks])
+
+
+def count(number: int) -> bytes:
+    """A count: 7 bits a byte, low bits first."""
+    more = number >> 7
+    return bytes([number & 127 | 128]) + count(more) if more else bytes([number])
 
 
 def even_bits(bits: str) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +19,7 @@ from sequence_cases import rich_sequence
 
 from pdecodec.bytestream import FieldWriter
 from pdecodec.description import (
+    AT_FRAME_RATE,
     BYTES_PER_INDEX,
     BYTES_PER_JSON_BYTE,
     BYTES_PER_VALUE_BYTE,
@@ -55,8 +57,9 @@ def clip(times: NDArray[np.float64], fps: float | None = None) -> ArraySequence:
 
 
 def times_kind(data: bytes) -> int:
-    """How the times are stored: the byte after frames and fps."""
-    return data[16]
+    """How the times are stored in version 2: the byte after frames and fps."""
+    rule = data[8 + next(at + 1 for at, byte in enumerate(data) if byte < 128)]
+    return rule - AT_FRAME_RATE if rule & AT_FRAME_RATE else rule
 
 
 def assert_times_come_back(sequence: ArraySequence) -> int:
@@ -87,9 +90,23 @@ def test_a_rate_other_than_the_nominal_one_is_found() -> None:
 def test_whole_periods_added_up_are_a_rule_of_version_2_only() -> None:
     sequence = clip(1 / 24 + np.arange(200) * (1 / 24), 24.0)
     assert assert_times_come_back(sequence) == TIMES_BY_PERIOD
-    assert times_kind(encode_sequence_description(sequence, major=1)) == TIMES_LISTED
+    assert encode_sequence_description(sequence, major=1)[16] == TIMES_LISTED
+    by_period = struct.pack("<QdBddIQQ", 200, 24.0, TIMES_BY_PERIOD, 1 / 24, 24.0, 1, 1, 0)
     with pytest.raises(CorruptFileError, match="unknown way"):
-        decode_sequence_description(encode_sequence_description(sequence, major=2), 200, major=1)
+        decode_sequence_description(by_period, 200, major=1)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 300])
+def test_both_versions_say_the_same_of_times_and_objects(frames: int) -> None:
+    objects = [MeshObject("one", Connectivity(3)), MeshObject("two", Connectivity(200))]
+    times = np.arange(frames) / 25
+    sequence = ArraySequence(np.zeros((frames, 203, 3), np.float32), objects=objects, times=times, fps=25.0)
+    found = []
+    for major in (1, 2):
+        data = encode_sequence_description(sequence, major=major)
+        found.append(decode_sequence_description(data, frames, major=major))
+    assert found[0].times.tobytes() == found[1].times.tobytes() == times.tobytes()
+    assert (found[0].names, found[0].vertex_counts) == (found[1].names, found[1].vertex_counts)
 
 
 def test_times_that_a_rule_would_give_but_for_one_bit_are_listed() -> None:
@@ -140,13 +157,19 @@ def described(
 ) -> bytes:  # fmt: skip
     """Section SEQN of any numbers."""
     writer = FieldWriter()
-    writer.numbers("QdBdd", frames, fps, kind, start, rate)
+    writer.count(frames)
+    writer.numbers("dB", fps, kind)
+    if kind in (TIMES_COUNTED | AT_FRAME_RATE, TIMES_LISTED | AT_FRAME_RATE):
+        writer.numbers("d", start)
+    elif kind != TIMES_LISTED:
+        writer.numbers("dd", start, rate)
     if listed is not None:
         writer.sized(compress(np.array(listed, "<f8").tobytes()))
-    writer.numbers("I", len(vertices))
+    writer.count(len(vertices))
     for count in vertices:
-        writer.numbers("Q", count)
-        writer.sized(name)
+        writer.count(count)
+        writer.count(len(name))
+        writer.numbers(f"{len(name)}s", name)
     return writer.to_bytes()
 
 
@@ -155,12 +178,15 @@ def described(
     [
         (described(frames=0), "0 frames"),
         (described(frames=101), "101 frames"),
-        (described(frames=2**64 - 1), f"{2**64 - 1} frames"),
+        (described(frames=2**63 - 1), f"{2**63 - 1} frames"),
+        (described(frames=2**63), "count of more than 63 bits"),
         (described(fps=0.0), "frame rate"),
         (described(fps=-24.0), "frame rate"),
         (described(fps=float("nan")), "not finite"),
         (described(fps=float("inf")), "not finite"),
-        (described(kind=4), "unknown way"),
+        (described(kind=TIMES_LISTED | AT_FRAME_RATE), "unknown way"),
+        (described(kind=8), "unknown way"),
+        (described(kind=TIMES_COUNTED | AT_FRAME_RATE, start=1e300), "out of range"),
         (described(rate=0.0), "unknown way"),
         (described(rate=-1.0), "unknown way"),
         (described(start=float("inf")), "not finite"),
@@ -175,7 +201,7 @@ def described(
         (described(kind=TIMES_LISTED, listed=[-1e308, 0, 1e308]), "out of range"),
         (described(vertices=()), "0 vertices"),
         (described(vertices=(0, 0)), "0 vertices"),
-        (described(vertices=(2**64 - 1, 2**64 - 1)), "vertices"),
+        (described(vertices=(2**63 - 1, 2**63 - 1)), "vertices"),
         (described(vertices=(MAX_INDEX, 1)), f"{MAX_INDEX + 1} vertices"),
         (described(name=b"\xff\xfe"), "not UTF-8"),
     ],

@@ -56,7 +56,7 @@ def swings(frames: int, count: int) -> Float64Array:
 
 @st.composite
 def any_modes(draw: st.DrawFn) -> Float64Array:
-    shape = (draw(st.integers(0, 14)), 3, draw(st.integers(0, 4)))
+    shape = (draw(st.integers(0, 14)), draw(st.sampled_from([1, 3])), draw(st.integers(0, 4)))
     size = draw(st.sampled_from([0.3, 3.0, 1e3, MOST_STEPS]))
     return draw(arrays.arrays(np.float64, shape, elements=st.floats(-size, size) | st.just(0.0)))
 
@@ -66,7 +66,7 @@ def any_modes(draw: st.DrawFn) -> Float64Array:
 def test_modes_come_back_to_the_bit_and_within_the_step(scaled: Float64Array, step: float) -> None:
     scaled = scaled * step * (1.0 - 2.0**-50)
     data, decoded = encode_modes(scaled, step)
-    assert_same_bits(decode_modes(data, *scaled.shape[::2], step), decoded)
+    assert_same_bits(decode_modes(data, *scaled.shape[::2], step, axes=scaled.shape[1]), decoded)
     error = (decoded - scaled) / step
     # of the transformed ones the error of a wave is bounded, and the transform keeps sums of squares
     assert np.sum(error * error) <= LARGEST_ERROR**2 * error.size * (1.0 + 1e-6)

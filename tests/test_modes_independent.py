@@ -16,16 +16,16 @@ from spec.decoder import modes as independent
 from spec.decoder.fields import CorruptFileError as IndependentCorruptFileError
 
 
-def independently_decoded(data: bytes, frames: int, count: int, step: float) -> Float64Array:
-    decoded = np.array(independent.decode_modes(data, frames, count, step)).reshape(count, 3, frames)
+def independently_decoded(data: bytes, frames: int, count: int, step: float, axes: int = 3) -> Float64Array:
+    decoded = np.array(independent.decode_modes(data, frames, count, step, axes)).reshape(count, axes, frames)
     return np.ascontiguousarray(decoded.transpose(2, 1, 0))
 
 
 def assert_both_methods_agree(scaled: Float64Array, step: float) -> None:
-    frames, _, count = scaled.shape
+    frames, axes, count = scaled.shape
     for item in modes._candidates(scaled, step):
         data = bytes([item.method]) + modes._write(item.levels) if item.levels.size else b""
-        assert_same_bits(independently_decoded(data, frames, count, step), item.decoded)
+        assert_same_bits(independently_decoded(data, frames, count, step, axes), item.decoded)
 
 
 @settings(max_examples=25, deadline=None)
@@ -34,7 +34,11 @@ def test_it_decodes_any_modes_by_both_methods(scaled: Float64Array) -> None:
     assert_both_methods_agree(scaled, 1.0)
 
 
-@pytest.mark.parametrize("scaled", [wanderings(60, 5), swings(60, 5)], ids=["wanderings", "swings"])
+@pytest.mark.parametrize(
+    "scaled",
+    [wanderings(60, 5), swings(60, 5), wanderings(60, 5)[:, :1], swings(60, 5)[:, 1:2]],
+    ids=["wanderings", "swings", "wanderings the same on all axes", "swings the same on all axes"],
+)
 def test_it_decodes_modes_from_which_much_was_learnt(scaled: Float64Array) -> None:
     assert_both_methods_agree(scaled, 0.37)
 

@@ -220,12 +220,12 @@ def code_levels(
     ----------
     coder, data
         As in :func:`pdecodec.kernels.rangecoder.code_with`.
-    levels : (modes, places, 3) int64
+    levels : (modes, places, 1 or 3) int64
         Read when encoding or measuring, magnitudes at most 2^40 - 2; written when decoding, always within that.
     cells, weights, sign_cells, sign_weights, sums
         From :func:`new_model`.
     """
-    modes, places, _ = levels.shape
+    modes, places, axes = levels.shape
     decoding = coder[MODE] == DECODE
     for k in range(modes):
         own, before, second_before = sums[k % 3], sums[(k + 2) % 3], sums[(k + 1) % 3]
@@ -237,7 +237,7 @@ def code_levels(
             wide = 10 * last + 8 * second_last + 12 * same + 5 * around + 8 * second_before[f + 2]
             place_context = ALL_SIZES + grade(f) * GRADES + grade((2 * same + around) // 3)
             here = 0
-            for x in range(3):
+            for x in range(axes):
                 first = levels[k, f - 1, x] if f > 0 else 0
                 second = levels[k, f - 2, x] if f > 1 else 0
                 fourth = levels[k, f - 4, x] if f > 3 else 0
@@ -267,7 +267,7 @@ def code_levels(
                 else:
                     levels[k, f, x] = magnitude
                 here += magnitude
-            own[f + 2] = here
+            own[f + 2] = here if axes == 3 else 3 * here
 
 
 @uncounted_inline
@@ -326,11 +326,11 @@ def follow_modes(
 
     Parameters
     ----------
-    levels : (modes, frames, 3) int64
+    levels : (modes, frames, axes) int64
         Differences to the prediction in whole steps; written when encoding, read otherwise.
-    values : (modes, frames, 3) float64, written
+    values : (modes, frames, axes) float64, written
         In steps, what a decoder gets.
-    wanted : (modes, frames, 3) float64
+    wanted : (modes, frames, axes) float64
         In steps, what should come out; looked at only when encoding.
     encoding : bool
     rounding : float
@@ -338,13 +338,13 @@ def follow_modes(
     weights, covariance, past, gains : (4,), (4, 4), (4,), (4,) float64
         Scratch.
     """
-    modes, frames, _ = levels.shape
+    modes, frames, axes = levels.shape
     start_learning(weights, covariance)
     for k in range(modes):
         spread = 1.0
         for t in range(frames):
             energy = 0.0
-            for x in range(3):
+            for x in range(axes):
                 prediction = 0.0
                 if t > 0:
                     for j in range(ORDER):
@@ -366,7 +366,7 @@ def follow_modes(
                 energy += miss * miss
                 if t > 1:
                     learn(weights, covariance, past, gains, miss, max(spread, LEAST_SPREAD))
-            spread += (energy / 3.0 - spread) / 8.0
+            spread += (energy / axes - spread) / 8.0
 
 
 @uncounted
@@ -375,22 +375,22 @@ def sum_cosines(levels: Int64Array, wave: Float64Array, row: Float64Array, value
 
     Parameters
     ----------
-    levels : (modes, frames, 3) int64
+    levels : (modes, frames, axes) int64
         One for each frequency.
     wave : (4 frames,) float64
         ``cos(2 pi j / (4 frames))``.
     row : (frames,) float64
         Scratch.
-    values : (modes, 3, frames) float64, changed
+    values : (modes, axes, frames) float64, changed
         In steps; zeros at first.
     """
-    modes, frames, _ = levels.shape
+    modes, frames, axes = levels.shape
     for f in range(frames):
         scale = np.sqrt((2.0 if f > 0 else 1.0) / frames)
         for t in range(frames):
             row[t] = wave[(2 * t + 1) * f % (4 * frames)]
         for k in range(modes):
-            for x in range(3):
+            for x in range(axes):
                 if levels[k, f, x] != 0:
                     amplitude = levels[k, f, x] * scale
                     for t in range(frames):

@@ -47,15 +47,22 @@ def read_container(data: bytes) -> Container:
     require(zlib.crc32(data[:24]) == header_checksum, "the header is damaged")
     require(major in KNOWN, f"format version {major} is neither 1 nor 2")
     require(count <= MOST_SECTIONS, f"{count} sections")
-    row_bytes = 32 if major == 1 else 17
-    table = data[28 : 28 + row_bytes * count]
-    require(len(table) == row_bytes * count and zlib.crc32(table) == table_checksum, "the table is damaged")
+    rows, end = [], 28
+    for _ in range(count):
+        require(end + 5 <= len(data), "the table is cut short")
+        size = data[end + 4] >> 4
+        require(major == 1 or size <= 8, "a length of more than 8 bytes")
+        rows.append(data[end : end + (32 if major == 1 else 9 + size)])
+        end += 32 if major == 1 else 9 + size
+    require(end <= len(data) and zlib.crc32(data[28:end]) == table_checksum, "the table is damaged")
     sections: dict[str, bytes] = {}
     types = set()
-    end = 28 + len(table)
-    for row in struct.iter_unpack("<4sIQQII" if major == 1 else "<4sBQI", table):
-        kind, flags = row[0].decode("latin-1"), row[1]
-        offset, length, checksum = row[2:5] if major == 1 else (end, *row[2:])
+    for row in rows:
+        kind, flags = row[:4].decode("latin-1"), row[4]
+        if major == 1:
+            offset, length, checksum = struct.unpack_from("<QQI", row, 8)
+        else:
+            offset, length, checksum = end, int.from_bytes(row[5:-4], "little"), int.from_bytes(row[-4:], "little")
         require(offset == end, f"section {kind} does not begin where the one before it ends")
         require(kind not in types, f"section {kind} stands twice")
         types.add(kind)
@@ -97,12 +104,21 @@ class Fields:
         require(value - value == 0, "a number is not finite")
         return float(value)
 
+    def count(self) -> int:
+        value = 0
+        for shift in range(0, 63, 7):
+            byte = self.u8()
+            value |= (byte & 127) << shift
+            if byte < 128:
+                return value
+        raise CorruptFileError("a count has more than 9 bytes")
+
     def sized(self) -> bytes:
         return self._take(self.u64())
 
-    def text(self) -> str:
+    def text(self, *, short: bool = False) -> str:
         try:
-            return self.sized().decode("utf-8")
+            return self._take(self.count() if short else self.u64()).decode("utf-8")
         except UnicodeDecodeError:
             raise CorruptFileError("a text is not UTF-8") from None
 

@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float32] | NDArray[np.float64]
 MODEL = struct.Struct("<BHHdQ")
 GROUP = struct.Struct("<IIBddIIII")
 MOST_POINTS, MOST_FUNCTIONS, MOST_FRAMES = 256, 128, 4096
-PDE, MODAL = 0, 1
+PDE, MODAL, SHAPES = 0, 1, 5
 DOUBLE = 2
 
 
@@ -72,15 +72,15 @@ def read_groups(table: bytes, sections: list[bytes]) -> list[GroupFields]:
     groups = []
     for frames, functions, kind, step, mode_step, *sizes, checksum in GROUP.iter_unpack(table):
         require(1 <= frames <= MOST_FRAMES, "a group of no frames, or too many")
-        require(kind < 2 * DOUBLE, "an unknown kind of group")
-        basis, is_single = kind % DOUBLE, kind < DOUBLE
+        basis, is_single = kind & ~DOUBLE, not kind & DOUBLE
+        require(basis in (PDE, MODAL, SHAPES), "an unknown kind of group")
         require(functions <= (3 * frames if basis == MODAL else frames), "more functions of time than there can be")
         require(0 < step <= LARGEST_STEP and 0 < mode_step <= LARGEST_STEP, "a step out of range")
         chunks = [section[:size] for section, size in zip(sections, sizes, strict=True)]
         sections = [section[size:] for section, size in zip(sections, sizes, strict=True)]
         require([len(chunk) for chunk in chunks] == sizes, "a group is cut short")
         require(zlib.crc32(b"".join(chunks)) == checksum, "a group is damaged")
-        require(basis == MODAL or not chunks[0], "modes of a group that has none")
+        require(basis != PDE or not chunks[0], "modes of a group that has none")
         groups.append(GroupFields(frames, functions, basis, is_single, step, mode_step, chunks))
     require(not any(sections), "TIME, COEF or CORR is longer than its groups")
     return groups
@@ -115,14 +115,16 @@ def cosine_functions(frames: int, functions: int) -> list[list[Vector]]:
 
 
 def mode_functions(group: GroupFields) -> list[list[Vector]]:
-    """Section 21.3, basis modal."""
-    modes = decode_modes(group.chunks[0], group.frames, group.functions, group.mode_step)
+    """Section 21.3, bases modal and shapes."""
+    axes = 3 if group.basis == MODAL else 1
+    modes = decode_modes(group.chunks[0], group.frames, group.functions, group.mode_step, axes)
     time: list[list[Vector]] = [[[] for _ in range(3)] for _ in range(group.frames)]
     for mode in modes:
-        in_order = [mode[x][t] for t in range(group.frames) for x in range(3)]
+        in_order = [mode[x][t] for t in range(group.frames) for x in range(axes)]
         length = math.sqrt(dot(in_order, in_order)) or 1.0
-        for i, value in enumerate(in_order):
-            time[i // 3][i % 3].append(value / length)
+        for t in range(group.frames):
+            for x in range(3):
+                time[t][x].append(mode[x % axes][t] / length)
     return time
 
 
@@ -144,10 +146,10 @@ class GroupMotion:
 
     def _decode(self, index: int) -> Group:
         group = self._groups[index]
-        axes = 3 if group.basis == PDE else 1
+        axes = 1 if group.basis == MODAL else 3
         levels = read_levels(group.chunks[1], self._space.runs, axes * group.functions, axes)
         values = [self._space.expand([row[a] * group.step for row in levels]) for a in range(axes * group.functions)]
-        time = cosine_functions(group.frames, group.functions) if axes == 3 else mode_functions(group)
+        time = cosine_functions(group.frames, group.functions) if group.basis == PDE else mode_functions(group)
         precision = np.float32 if group.is_single else np.float64
         by_column = np.array(values, precision).reshape(axes * group.functions, len(self._order))
         planes = [by_column[x::3] for x in range(3)] if axes == 3 else [by_column] * 3

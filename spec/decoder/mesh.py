@@ -52,9 +52,16 @@ class Description:
 def read_description(data: bytes, major: int) -> Description:
     """Section 5: SEQN."""
     fields = Fields(data)
-    frames, fps = fields.u64(), fields.f64()
+    frames, fps = fields.u64() if major == 1 else fields.count(), fields.f64()
     require(frames >= 1 and fps > 0, "no frames, or no frame rate")
-    rule, start, rate = fields.u8(), fields.f64(), fields.f64()
+    rule, start, rate = fields.u8(), 0.0, fps
+    at_frame_rate = major > 1 and rule in (4, 5, 7)
+    if major == 1 or rule != 2:
+        start = fields.f64()
+    if at_frame_rate:
+        rule -= 4
+    elif major == 1 or rule != 2:
+        rate = fields.f64()
     if rule == 2:
         content = decompress(fields.sized(), 8 * frames)
         require(len(content) == 8 * frames, "not as many times as frames")
@@ -66,9 +73,9 @@ def read_description(data: bytes, major: int) -> Description:
     require(all(abs(time) <= 2.0**53 for time in times), "a time is out of range")
     require(all(b - a >= 2.0**-53 for a, b in pairwise(times)), "times do not increase")
     meshes = []
-    for _ in range(fields.u32()):
-        vertices = fields.u64()
-        meshes.append(Mesh(fields.text(), vertices))
+    for _ in range(fields.u32() if major == 1 else fields.count()):
+        vertices = fields.u64() if major == 1 else fields.count()
+        meshes.append(Mesh(fields.text(short=major > 1), vertices))
     fields.finish()
     require(1 <= sum(mesh.vertices for mesh in meshes) <= LARGEST_INDEX, "no vertices, or too many")
     return Description(fps, times, meshes)

@@ -26,16 +26,16 @@ Levels = list[list[list[int]]]
 Modes = list[list[list[float]]]
 
 
-def decode_modes(data: bytes, frames: int, count: int, step: float) -> Modes:
+def decode_modes(data: bytes, frames: int, count: int, step: float, axes: int = 3) -> Modes:
     """Modes, axes and frames, in that order: ``modes[k][x][t]``."""
     if not data:
-        return [[[0.0] * frames for _ in range(3)] for _ in range(count)]
+        return [[[0.0] * frames for _ in range(axes)] for _ in range(count)]
     require(frames * count > 0, "bytes of modes where there are none")
     method = data[0]
     require(method in (0, 1), "an unknown method of modes")
     require(method == 0 or frames <= LONGEST_TRANSFORM, "too many frames for a transform")
-    levels = read_levels(data[1:], frames, count)
-    modes = followed(levels, frames) if method == 0 else transformed(levels, frames)
+    levels = read_levels(data[1:], frames, count, axes)
+    modes = followed(levels, frames, axes) if method == 0 else transformed(levels, frames, axes)
     return [[[value * step for value in axis] for axis in mode] for mode in modes]
 
 
@@ -45,17 +45,17 @@ def grade(number: int) -> int:
     return min(2 * shift + (number >> shift), GRADES - 1)
 
 
-def read_levels(data: bytes, frames: int, count: int) -> Levels:
+def read_levels(data: bytes, frames: int, count: int, axes: int) -> Levels:
     """All levels, ``levels[k][f][x]``, mode after mode, place after place, axis after axis."""
     coder = RangeDecoder(data)
     magnitudes, signs = MagnitudeReader(coder), SignReader(coder)
-    levels: Levels = [[[0, 0, 0] for _ in range(frames)] for _ in range(count)]
+    levels: Levels = [[[0] * axes for _ in range(frames)] for _ in range(count)]
 
     def level(k: int, f: int, x: int) -> int:
         return levels[k][f][x] if k >= 0 and 0 <= f < frames else 0
 
     def total(k: int, f: int) -> int:
-        return sum(abs(level(k, f, x)) for x in range(3))
+        return sum(abs(level(k, f, x)) for x in range(axes)) * 3 // axes
 
     for k in range(count):
         for f in range(frames):
@@ -63,7 +63,7 @@ def read_levels(data: bytes, frames: int, count: int) -> Levels:
             around = total(k - 1, f - 1) + total(k - 1, f + 1)
             wide = 10 * last + 8 * second_last + 12 * same + 5 * around + 8 * total(k - 2, f)
             here = 0
-            for x in range(3):
+            for x in range(axes):
                 size = wide if x == 0 else (3 * wide + 48 * here) // 4 if x == 1 else (wide + 8 * here) // 2
                 contexts = (
                     grade(size // 24) * 3 + x,
@@ -164,16 +164,16 @@ def ordered_sum(terms: Iterable[float]) -> float:
     return total
 
 
-def followed(levels: Levels, frames: int) -> Modes:
+def followed(levels: Levels, frames: int, axes: int = 3) -> Modes:
     """In steps, each number predicted from the four frames before it."""
     prediction = Prediction()
     modes: Modes = []
     for mode in levels:
-        values: list[list[float]] = [[], [], []]
+        values: list[list[float]] = [[] for _ in range(axes)]
         spread = 1.0
         for t in range(frames):
             energy = 0.0
-            for x in range(3):
+            for x in range(axes):
                 axis, miss = values[x], float(mode[t][x])
                 expected, past = 0.0, [axis[max(t - 1 - j, 0)] for j in range(4)] if t > 0 else []
                 if t == 1:
@@ -187,12 +187,12 @@ def followed(levels: Levels, frames: int) -> Modes:
                 energy += miss * miss
                 if t > 1:
                     prediction.learn(past, miss, max(spread, LEAST_SPREAD))
-            spread += (energy / 3.0 - spread) / 8.0
+            spread += (energy / axes - spread) / 8.0
         modes.append(values)
     return modes
 
 
-def transformed(levels: Levels, frames: int) -> Modes:
+def transformed(levels: Levels, frames: int, axes: int) -> Modes:
     """In steps, a sum of cosines of the frequencies in order."""
     quarter = []
     for j in range(frames + 1):
@@ -204,7 +204,7 @@ def transformed(levels: Levels, frames: int) -> Modes:
         j = min(j, 4 * frames - j)
         return quarter[j] if j <= frames else -quarter[2 * frames - j]
 
-    modes = [[[0.0] * frames for _ in range(3)] for _ in levels]
+    modes = [[[0.0] * frames for _ in range(axes)] for _ in levels]
     for f in range(frames):
         scale = math.sqrt((2.0 if f > 0 else 1.0) / frames)
         row = [cosine((2 * t + 1) * f) for t in range(frames)]
