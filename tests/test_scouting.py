@@ -28,18 +28,19 @@ def blend_shapes(frames: int = 60, rows: int = 12) -> ArraySequence:
     return ArraySequence(points.astype(np.float32), objects=[MeshObject("sheet", grid(rows, rows))])
 
 
-def turning_pieces(frames: int = 100) -> ArraySequence:
-    """Two hundred triangles, each turning about an axis of its own."""
+def turning_pieces(frames: int = 200) -> ArraySequence:
+    """Twenty solid pieces of thirty vertices, each tumbling about three axes at speeds of its own."""
     random = np.random.default_rng(6)
-    corners = random.uniform(size=(200, 1, 3)) * 10 + random.normal(size=(200, 3, 3))
-    axes = random.normal(size=(200, 1, 3))
-    axes /= np.linalg.norm(axes, axis=2, keepdims=True)
-    middles = corners.mean(axis=1, keepdims=True)
-    arms = corners - middles
-    along = axes * (arms * axes).sum(axis=2, keepdims=True)
-    angle = (np.arange(frames) * 0.1)[:, None, None, None]
-    points = middles + along + np.cos(angle) * (arms - along) + np.sin(angle) * np.cross(axes, arms)
-    faces = np.arange(600).reshape(-1, 3).tolist()
+    moved = random.normal(size=(1, 20, 30, 3))
+    for x, y in ((0, 1), (1, 2), (2, 0)):
+        angle = np.arange(frames)[:, None, None] * random.uniform(0.05, 0.3, (1, 20, 1))
+        one, other = moved[..., x], moved[..., y]
+        turned = np.broadcast_to(moved, (frames, 20, 30, 3)).copy()
+        turned[..., x] = np.cos(angle) * one - np.sin(angle) * other
+        turned[..., y] = np.sin(angle) * one + np.cos(angle) * other
+        moved = turned
+    points = random.uniform(size=(20, 1, 3)) * 50 + moved
+    faces = [[30 * piece + k, 30 * piece + k + 1, 30 * piece + k + 2] for piece in range(20) for k in range(28)]
     mesh = MeshObject("pieces", connectivity_of(600, faces))
     return ArraySequence(points.reshape(frames, 600, 3).astype(np.float32), objects=[mesh])
 
@@ -67,17 +68,8 @@ def test_blend_shapes_are_shapes_and_come_back_within_the_bound() -> None:
 
 
 def test_a_rest_shape_whose_parts_turn_is_made_finer() -> None:
-    rest = np.random.default_rng(8).normal(size=(600, 3)) * 10
-    angle = np.arange(100)[:, None] * 0.1
-    points = np.stack(
-        [
-            np.cos(angle) * rest[:, 0] - np.sin(angle) * rest[:, 1],
-            np.sin(angle) * rest[:, 0] + np.cos(angle) * rest[:, 1],
-            np.broadcast_to(rest[:, 2], (100, 600)),
-        ],
-        axis=-1,
-    )
-    assert rest_step(points.astype(np.float32), [MeshObject("cloud", connectivity_of(600))], 0.5) in FINER_STEPS
+    sequence = turning_pieces()
+    assert rest_step(sequence.read_frames(0, 200), list(sequence.objects), 0.1) in FINER_STEPS
 
 
 def test_a_rest_shape_that_only_bends_a_little_and_shortly_is_not_made_finer() -> None:
