@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.basis import TIME_FUNCTIONS
+from pdecodec.blasthreads import one_blas_thread
 from pdecodec.coefficients import decode_segment, dequantise_segment, encode_segment
 from pdecodec.connectivity_version_1 import encode_connectivity
 from pdecodec.container import Section, Spool, container_pieces, section_sizes, write_container
@@ -94,7 +95,8 @@ def encode(
     if chosen.profile == "auto":
         from pdecodec.groupencoder import GroupEncoder
 
-        return GroupEncoder(sequence, chosen, progress).run(target, overwrite=overwrite)
+        with one_blas_thread():
+            return GroupEncoder(sequence, chosen, progress).run(target, overwrite=overwrite)
     return _Encoder(sequence, chosen, progress).run(target, overwrite=overwrite)
 
 

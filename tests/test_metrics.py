@@ -102,7 +102,7 @@ def test_blocks_of_any_length_give_what_one_block_gives(lengths: list[int]) -> N
     random = np.random.default_rng(frames)
     reference = random.normal(size=(frames, 5, 3)).astype(np.float32)
     other = reference + random.normal(scale=0.01, size=reference.shape).astype(np.float32)
-    whole, parts = DistortionMeter(), DistortionMeter()
+    whole, parts = DistortionMeter(limit=0.05), DistortionMeter(limit=0.05)
     whole.add(reference, other)
     start = 0
     for length in lengths:
@@ -166,3 +166,17 @@ def test_progress_ends_at_the_number_of_frames() -> None:
     seen: list[tuple[int, int, str]] = []
     measure_distortion(points, points, progress=lambda done, total, what: seen.append((done, total, what)))
     assert seen[-1] == (4, 4, "comparing")
+
+
+def test_the_share_within_a_limit_counts_every_position_once() -> None:
+    reference = np.zeros((2, 4, 3), np.float32)
+    other = reference.copy()
+    other[0, 1, 0], other[1, 2, 1] = 0.5, 0.25
+    meter = DistortionMeter(scale=1.0, limit=0.25)
+    meter.add(reference, other)
+    assert meter.result().within == 7 / 8
+    assert meter.maximum_by_frame == [0.5, 0.25]
+    assert meter.average_by_frame == [0.125, 0.0625]
+    free = DistortionMeter(scale=1.0)
+    free.add(reference, other)
+    assert free.result().within is None
