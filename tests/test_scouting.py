@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mesh_cases import connectivity_of, grid
 from numpy.typing import NDArray
 
 from pdecodec.decoder import open_animation
@@ -12,7 +13,6 @@ from pdecodec.encoder import encode
 from pdecodec.encodereport import EncodeReport
 from pdecodec.scouting import COARSER_STEP, FINER_STEPS, MOST_VERTICES, USUAL_STEP, Scout, _part_of, _sampled
 from pdecodec.sequence import ArraySequence, MeshObject
-from tests.mesh_cases import connectivity_of, grid
 
 Float32Array = NDArray[np.float32]
 
