@@ -68,4 +68,6 @@ def squared_error(window: Window, model: Model) -> float:
 
 def decode_alone(model: Model, segment: Segment, coefficients: SegmentCoefficients) -> Float32Array:
     """Positions at the frames of one segment, from it alone."""
-    return model.evaluate(terms_at([segment], segment.times), segment.frames, lambda _: coefficients)
+    out = np.empty((segment.frames, len(model.rest), 3), np.float32)
+    model.evaluate(terms_at([segment], segment.times), lambda _: coefficients, out)
+    return out

@@ -165,8 +165,14 @@ class Animation(MeshSequence):
         """Read the rest shape and the model; `left` bytes of memory are still free."""
 
     @abstractmethod
-    def _evaluate(self, times: Float64Array) -> Float32Array:
-        """Positions at increasing times inside the clip, without corrections."""
+    def _evaluate(self, times: Float64Array, out: Float32Array) -> None:
+        """Write positions at increasing times inside the clip, without corrections; `out` is contiguous."""
+
+    def _model_at_frame(self, frame: int) -> Float32Array:
+        """Positions (vertices, 3) at a frame, without corrections."""
+        out = np.empty((1, self.vertex_count, 3), np.float32)
+        self._evaluate(self.times[frame : frame + 1], out)
+        return out[0]
 
     @abstractmethod
     def _add_frame_corrections(self, out: Float32Array, frame: int, weight: float) -> None:
@@ -249,7 +255,7 @@ class Animation(MeshSequence):
         times : (n,) array [s]
             In any order.
         out : (n, vertices, 3) float32, optional
-            Written and returned.
+            Written and returned; after an error it may hold anything.
         outside : {"clamp", "loop", "refuse"}
             As in :meth:`positions`.
 
@@ -262,10 +268,14 @@ class Animation(MeshSequence):
         if out is not None and (out.shape != shape or out.dtype != np.float32):
             raise SettingsError(f"the array to write to must be float32 {shape}, not {out.dtype} {out.shape}")
         order = np.argsort(inside, kind="stable")
+        is_in_order = np.array_equal(order, np.arange(order.size))
+        # Page by page, memory that is new costs as much as decoding into it: the caller's is taken where it can be.
+        is_direct = is_in_order and out is not None and out.flags.c_contiguous
+        found = out if is_direct and out is not None else np.empty(shape, np.float32)
         with self._naming_the_file():
-            found = self._evaluate(inside[order])
+            self._evaluate(inside[order], found)
             self._add_corrections(found, inside[order])
-        if out is None and np.array_equal(order, np.arange(order.size)):
+        if is_direct or (is_in_order and out is None):
             return found
         result = np.empty_like(found) if out is None else out
         result[order] = found

@@ -181,8 +181,7 @@ class GroupAnimation(Animation):
         for start, stop in pairwise([*starts, times.size]):
             yield start, stop, int(left[start]) if is_frame[start] else -1
 
-    def _evaluate(self, times: Float64Array) -> Float32Array:
-        out = np.empty((times.size, self.vertex_count, 3), np.float32)
+    def _evaluate(self, times: Float64Array, out: Float32Array) -> None:
         for start, stop, frame in self._runs(times):
             if frame < 0:
                 out[start] = (self._between(float(times[start]), 0) + self._rest).T
@@ -191,7 +190,6 @@ class GroupAnimation(Animation):
             first = frame - int(self._table.firsts[group])
             frames = slice(first, first + stop - start)
             evaluate_group(self._group(group).functions, frames, self._rest, out[start:stop])
-        return out
 
     def _add_corrections(self, out: Float32Array, times: Float64Array) -> None:
         step = self._description.correction_step
@@ -229,7 +227,7 @@ class GroupAnimation(Animation):
         base = None
         starts = corrections.literal_frame_starts
         if weight < 1.0 and starts[inside] < starts[inside + 1]:
-            base = self._evaluate(self.times[frame : frame + 1])[0]
+            base = self._model_at_frame(frame)
         add_frame(
             out, corrections, inside, self._order, step=self._description.correction_step, weight=weight, base=base
         )
@@ -240,7 +238,7 @@ class GroupAnimation(Animation):
         added = np.zeros((self.vertex_count, 3))
         added[found.vertices] = found.levels * self._description.correction_step
         if found.literal_vertices.size:
-            base = self._evaluate(self.times[frame : frame + 1])[0]
+            base = self._model_at_frame(frame)
             added[found.literal_vertices] = found.literals.astype(np.float64) - base[found.literal_vertices]
         return added
 

@@ -155,29 +155,22 @@ class Model:
         return TIME_FUNCTIONS * (3 * self.elements.columns + POSE_NUMBERS * self.posed_elements)
 
     def evaluate(
-        self, terms: Sequence[Term], times: int, coefficients: Callable[[int], SegmentCoefficients]
-    ) -> Float32Array:
+        self, terms: Sequence[Term], coefficients: Callable[[int], SegmentCoefficients], out: Float32Array
+    ) -> None:
         """Positions at several times.
 
         Parameters
         ----------
         terms : sequence of Term
             What each segment contributes at which times.
-        times : int
-            Number of times.
         coefficients : callable
             Segment index to its coefficients.
-
-        Returns
-        -------
-        (times, vertices, 3) float32 [scene units]
+        out : (times, vertices, 3) float32 [scene units], written
         """
-        out = np.empty((times, len(self.rest), 3), np.float32)
         numbers = 3 * self.elements.columns + (POSE_NUMBERS + 12) * self.posed_elements
         batch = max(1, BATCH_BYTES // (8 * max(1, numbers)))
-        for start in range(0, times, batch):
+        for start in range(0, len(out), batch):
             self._evaluate_batch(terms, out[start : start + batch], start, coefficients)
-        return out
 
     def derivative(
         self, order: int, terms: Sequence[Sequence[Term]], coefficients: Callable[[int], SegmentCoefficients]

@@ -88,7 +88,7 @@ class SegmentAnimation(Animation):
         added = np.zeros((self.vertex_count, 3))
         added[corrections.vertices] = corrections.levels * self._description.correction_step
         if corrections.literal_vertices.size:
-            base = self._evaluate(self.times[frame : frame + 1])[0]
+            base = self._model_at_frame(frame)
             at = corrections.literal_vertices
             added[at] = corrections.literals.astype(np.float64) - base[at]
         return added
@@ -99,9 +99,8 @@ class SegmentAnimation(Animation):
         with self._naming_the_file():
             return paper_form(self._model, self._segments[segment], self._coefficients(segment), self._description.r)
 
-    def _evaluate(self, times: Float64Array) -> Float32Array:
-        terms = terms_at(self._segments, times)
-        return self._model.evaluate(terms, times.size, self._coefficients)
+    def _evaluate(self, times: Float64Array, out: Float32Array) -> None:
+        self._model.evaluate(terms_at(self._segments, times), self._coefficients, out)
 
     def _coefficients(self, index: int) -> SegmentCoefficients:
         return self._segment(index).coefficients
@@ -111,7 +110,7 @@ class SegmentAnimation(Animation):
         corrections = self._segment(index).corrections[frame - self._segments[index].first]
         base = None
         if corrections.literal_vertices.size and weight < 1.0:
-            base = self._evaluate(self.times[frame : frame + 1])[0]
+            base = self._model_at_frame(frame)
         add_corrections(out, corrections, self._description.correction_step, weight, base)
 
     def _segment(self, index: int) -> _DecodedSegment:

@@ -59,7 +59,9 @@ def random_motion(model: Model, seed: int = 4) -> Float64Array:
 def evaluate(model: Model, segment: Segment, found: SegmentCoefficients) -> Float64Array:
     """(frames, vertices, 3) in curve order: what the decoder makes of coefficients at the segment's frames."""
     terms = [Term(0, slice(0, segment.frames), segment.weights(segment.times))]
-    return model.evaluate(terms, segment.frames, lambda _: found)[:, model.elements.order].astype(np.float64)
+    out = np.empty((segment.frames, len(model.rest), 3), np.float32)
+    model.evaluate(terms, lambda _: found, out)
+    return out[:, model.elements.order].astype(np.float64)
 
 
 def functions_of(model: Model, element: int) -> Float64Array:
