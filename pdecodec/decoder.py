@@ -170,9 +170,9 @@ class Animation(MeshSequence):
 
     def _model_at_frame(self, frame: int) -> Float32Array:
         """Positions (vertices, 3) at a frame, without corrections."""
-        out = np.empty((1, self.vertex_count, 3), np.float32)
+        out: Float32Array = np.empty((1, self.vertex_count, 3), np.float32)
         self._evaluate(self.times[frame : frame + 1], out)
-        return out[0]
+        return out.reshape(-1, 3)
 
     @abstractmethod
     def _add_frame_corrections(self, out: Float32Array, frame: int, weight: float) -> None:
