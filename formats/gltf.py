@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats.gltf_animation import FLOAT32_ROUNDING, Clip, Nodes, Pose, read_clip
 from pdecodec.formats.gltf_file import GltfFile, read_gltf
 from pdecodec.formats.gltf_mesh import Block, GltfMesh, read_mesh
@@ -108,7 +108,11 @@ class GltfSequence(MeshSequence):
             return snapped_times(times, float(noted), FLOAT32_ROUNDING * float(times[-1]) + 1e-9), float(noted), ()
         rate, notices = rate_or_default(None, fps)
         first, last = min(float(one[0]) for one in keys), max(float(one[-1]) for one in keys)
-        return times_at_rate(first, last + FLOAT32_ROUNDING * last, rate), rate, notices
+        try:
+            return times_at_rate(first, last + FLOAT32_ROUNDING * last, rate), rate, notices
+        except SettingsError as error:
+            # Nobody asked for so many frames: the file's own times do.
+            raise InputError(error.message) from error
 
     def _object(self, file: GltfFile, part: _Part) -> MeshObject:
         steps = []

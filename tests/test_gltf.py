@@ -417,6 +417,16 @@ def test_what_is_no_gltf_file_is_refused(tmp_path: Path, content: bytes, message
         open_sequence(tmp_path / "x.gltf")
 
 
+def test_a_clip_of_billions_of_frames_is_refused_as_bad_input(tmp_path: Path) -> None:
+    made = Scene()
+    target = made.builder.floats([[0, 0, 1]] * 3, bounds=True)
+    node = made.builder.add("nodes", {"mesh": made.mesh(TRIANGLE, targets=[{"POSITION": target}])})
+    made.animate(node, "weights", [0, 1e9], [0, 1])
+    (tmp_path / "x.gltf").write_bytes(made.builder.to_gltf())
+    with pytest.raises(InputError, match=r"frames from 0 to 1e\+09 s"):
+        open_sequence(tmp_path / "x.gltf", fps=2)
+
+
 @settings(max_examples=200, deadline=None)
 @given(st.data())
 def test_a_file_with_any_number_of_its_json_changed_gives_frames_or_our_error(data: st.DataObject) -> None:
