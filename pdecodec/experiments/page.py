@@ -18,8 +18,9 @@ STYLE = """
   --mark: #56b4e9; --good: #5fd0a8; --partly: #f0b458; --bad: #ff9466; } }
 @media print { :root { color-scheme: light; --ink: #000; --quiet: #444; --rule: #ccc; --paper: #fff; --mark: #0072b2;
   --good: #005a43; --partly: #7a4b00; --bad: #a13b00; } }
-body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper); max-width: 62rem;
+body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper); max-width: 76rem;
   margin: 2rem auto; padding: 0 1rem; }
+p, dl { max-width: 60rem; }
 h1 { font-size: 1.7rem; line-height: 1.2; } h2 { font-size: 1.35rem; margin-top: 3rem; } h3 { margin: 2.2rem 0 .3rem; }
 a { color: var(--mark); }
 figure { margin: .6rem 0; overflow-x: auto; } img { max-width: 100%; height: auto; display: block; background: #fff; }
