@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from pdecodec.encoder import encode
 from pdecodec.encodereport import CONSTANT_SECTIONS
 from pdecodec.experiments.report.cell import Cell
 from pdecodec.experiments.timing import copy_seconds, median_seconds, random_frame_seconds
-from pdecodec.metrics import frame_scale, measure_distortion
+from pdecodec.metrics import Distortion, frame_scale, measure_distortion
 from pdecodec.peers.peer import Peer, UnreachableError
 from pdecodec.peers.search import PeerCurve
 from pdecodec.selection import FrameSelection
@@ -59,7 +60,6 @@ def measure_profile(
         scale = frame_scale(sequence.points[0])
         found = measure_distortion(sequence, animation, scale=scale, limit=tolerance * scale)
         random_seconds = random_frame_seconds(animation)
-    measures = found.to_dict()
     constant = sum(size for section, size in report.sections.items() if section in CONSTANT_SECTIONS)
     return Cell(
         clip=clip,
@@ -70,11 +70,8 @@ def measure_profile(
         vertices=sequence.vertex_count,
         size=report.file_bytes - constant,
         constant_size=constant,
-        max_error=found.max_error / scale,
-        rms_error=found.rms_error / scale,
-        p99_error=found.p99_error / scale,
         within=found.within,
-        kg_error=measures["kg_error"],
+        **_errors(found, scale),
         encode_seconds=encode_seconds,
         decode_seconds=decode_seconds,
         copy_seconds=copy_seconds(decoded),
@@ -120,16 +117,23 @@ def _peer_cell(empty: Cell, curve: PeerCurve, tolerance: float, scale: float, co
     return replace(
         empty,
         size=result.size,
-        max_error=found.max_error / scale,
-        rms_error=found.rms_error / scale,
-        p99_error=found.p99_error / scale,
         # The search takes nothing that is not within the bound everywhere.
         within=1.0,
-        kg_error=found.to_dict()["kg_error"],
+        **_errors(found, scale),
         encode_seconds=result.encode_seconds,
         decode_seconds=result.decode_seconds,
         copy_seconds=copied,
     )
+
+
+def _errors(found: Distortion, scale: float) -> dict[str, Any]:
+    """A cell's errors, lengths over the diagonal `scale`."""
+    return {
+        "max_error": found.max_error / scale,
+        "rms_error": found.rms_error / scale,
+        "p99_error": found.p99_error / scale,
+        "kg_error": found.to_dict()["kg_error"],
+    }
 
 
 def warm_up(sequence: ArraySequence, *, profile: Profile, tolerances: Sequence[float], effort: int) -> None:
