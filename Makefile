@@ -2,12 +2,23 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+CORE := $(shell find core -name '*.hpp' -o -name '*.cpp' -o -name CMakeLists.txt)
+# The system's C++ compiler; where there is none, the one in the package ziglang, through two scripts.
+ifeq ($(shell command -v c++),)
+COMPILER := .venv/compiler
+INSTALL := CC=$(CURDIR)/$(BIN)/zig-cc CXX=$(CURDIR)/$(BIN)/zig-c++ $(PIP) --no-build-isolation
+else
+INSTALL := $(PIP) --no-build-isolation
+endif
+BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3' \
+	$(if $(shell command -v cmake),,'cmake>=3.20') $(if $(shell command -v ninja),,ninja)
 INSTALLED := .venv/installed
+DRAWING := .venv/drawing
 READY := .venv/ready
 
 .PHONY: demo test browser lint types bench bench-rd figures reproduce stability paper docs vectors clean
 
-demo: $(INSTALLED)
+demo: $(DRAWING)
 	$(BIN)/pdecodec demo -o out
 
 test: lint types browser
@@ -21,32 +32,32 @@ lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-# mypy sees all three folders only where they lie as they are installed: nested in one package.
+# mypy sees all four folders only where they lie as they are installed: nested in one package.
 types: $(READY)
-	rm -rf build
-	$(PIP) --no-deps --target build/types .
+	rm -rf build/types
+	$(INSTALL) --no-deps --target build/types .
 	cd build/types && ../../$(BIN)/mypy --config-file ../../pyproject.toml -p pdecodec
 
 bench: $(INSTALLED)
-	$(BIN)/python -m pdecodec.experiments.bench
+	$(BIN)/python -m pdecodec.report.bench
 
-# make bench-rd SEQUENCES="a.npz b.npz" OPTIONS="--tolerance 1e-3 --no-peers"; without them a rope is simulated.
+# make bench-rd SEQUENCES="a.npz b.npz" OPTIONS="--tolerance 1e-3 --no-baselines"; without them a rope is simulated.
 bench-rd: $(READY)
 	mkdir -p out
 	$(if $(SEQUENCES),,$(BIN)/pdecodec simulate cube-rope -o out/rope.npz --frames 60 --overwrite)
 	$(BIN)/pdecodec report $(or $(SEQUENCES),out/rope.npz) -o out/bench-rd $(OPTIONS)
 
-# make figures DATA=folder: the corpus report, and its table in the README.
+# make figures DATA=folder: the corpus report, and its tables in docs/results.md.
 figures: $(READY)
-	$(PIP) --editable '.[peers]'
+	$(INSTALL) --editable '.[report,baselines]'
 	$(BIN)/pdecodec report $(DATA) -o out/corpus
-	$(BIN)/python docs/make_figures.py out/corpus README.md docs/bytes-against-error.png
+	$(BIN)/python docs/make_figures.py out/corpus docs/results.md docs/bytes-against-error.png
 
 # The paper reproduced and judged, and the atlas of stability; docs/paper keeps what the README quotes.
-reproduce: $(INSTALLED)
+reproduce: $(DRAWING)
 	$(BIN)/pdecodec reproduce -o out/paper
 
-stability: $(INSTALLED)
+stability: $(DRAWING)
 	$(BIN)/pdecodec stability -o out/stability
 
 paper: reproduce stability
@@ -60,16 +71,31 @@ vectors: $(INSTALLED)
 	$(BIN)/python -m spec.make_vectors
 
 # Without --no-compile, pip compiles every module of every dependency: as long again as the whole installation.
-$(INSTALLED): pyproject.toml
+.venv/tools:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "pdecodec needs Python 3.11 or newer")'
 	$(PYTHON) -m venv .venv
-	$(PIP) --editable .
+	$(PIP) $(BUILD_TOOLS)
+	touch $@
+
+.venv/compiler: .venv/tools
+	@echo 'there is no C++ compiler here: taking the package ziglang (400 MB); its first build takes minutes'
+	$(PIP) 'ziglang>=0.15'
+	for name in cc c++; do printf '#!/bin/sh\nexec "%s" -m ziglang %s "$$@"\n' "$(CURDIR)/$(BIN)/python" $$name > $(BIN)/zig-$$name; done
+	chmod +x $(BIN)/zig-cc $(BIN)/zig-c++
+	touch $@
+
+$(INSTALLED): pyproject.toml $(CORE) .venv/tools $(COMPILER)
+	$(INSTALL) --editable .
 	touch $(INSTALLED)
 
-# The build backend comes along for the test that builds a wheel.
+# What draws charts and pictures.
+$(DRAWING): $(INSTALLED)
+	$(INSTALL) --editable '.[report]'
+	touch $(DRAWING)
+
 $(READY): $(INSTALLED)
-	$(PIP) --editable '.[dev]' 'setuptools>=77'
+	$(INSTALL) --editable '.[dev]'
 	touch $(READY)
 
 clean:
-	rm -rf .venv build dist out *.egg-info
+	rm -rf .venv build dist out

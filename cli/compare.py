@@ -45,7 +45,7 @@ def compare(
     an error bound given here is exceeded.
     """
     from pdecodec.formats import open_sequence
-    from pdecodec.formats.transforms import bake_transforms
+    from pdecodec.formats.scene_space import bake_transforms
 
     for name, value in (("--tolerance", tolerance), ("--max-error", max_error)):
         if value is not None and not value >= 0:

@@ -57,8 +57,7 @@ def convert(
     file's own, else central differences.
     """
     from pdecodec.formats import open_sequence, write_sequence
-    from pdecodec.formats.scene_space import place
-    from pdecodec.formats.velocities import velocities_of
+    from pdecodec.formats.scene_space import place, velocities_of
 
     started = time.perf_counter()
     if (target is None) == (output is None):

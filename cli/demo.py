@@ -14,7 +14,7 @@ from pdecodec.cli.options import json_option
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from pdecodec.experiments.demo import Demonstration, Encoding
+    from pdecodec.report.demo import Demonstration, Encoding
 
 
 @click.command()
@@ -23,19 +23,25 @@ if TYPE_CHECKING:
 def demo(*, output: str, as_json: bool) -> None:
     """Simulate, encode, decode and measure the cube-rope.
 
-    It is decoded at its frames and between them; a table and a picture show what that costs.
+    It is decoded at its frames and between them; a table shows what that costs, and a picture where matplotlib is there
+    (the extra `report`).
     Files of an earlier demonstration in DIR are replaced.
     """
     say("simulating, encoding and decoding; the first run also compiles")
-    from pdecodec.experiments.demo import demonstrate
-    from pdecodec.experiments.picture import draw
+    from pdecodec.errors import MissingExtraError
+    from pdecodec.report.demo import demonstrate, draw
 
     started = time.perf_counter()
     directory = Path(output)
     directory.mkdir(parents=True, exist_ok=True)
     with progress_bar() as progress:
         found = demonstrate(directory, progress=progress)
-    draw(found, directory / "demo.png")
+    picture = directory / "demo.png"
+    try:
+        draw(found, picture)
+        drawn = f"picture: {picture}"
+    except MissingExtraError as error:
+        drawn = f"note: there is no picture: {error}"
     seconds = time.perf_counter() - started
     if as_json:
         print_json(_as_json(found, seconds))
@@ -46,7 +52,7 @@ def demo(*, output: str, as_json: bool) -> None:
     first = found.encodings[0]
     for encoding in found.encodings:
         say(f"{encoding.report.path}: {encoding.report.summary}")
-    say(f"picture: {directory / 'demo.png'}")
+    say(drawn)
     say(
         f"in {byte_size(first.report.raw_bytes)} -> out {byte_size(first.report.file_bytes)} "
         f"({ratio(first.report.raw_bytes, first.report.file_bytes)}), max error {first.distortion.max_error:.3g} "
@@ -66,8 +72,8 @@ def _encodings_table(found: Demonstration) -> Table:
         title_justify="left",
     )
 
-    def row(label: str, *cells: str) -> None:
-        table.add_row(label, *cells)
+    def row(label: str, *values: str) -> None:
+        table.add_row(label, *values)
 
     each = found.encodings
     row("profile", *("paper" if item.report.bound is None else "auto, tolerance 0.001" for item in each))

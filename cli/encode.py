@@ -27,7 +27,7 @@ from pdecodec.errors import SettingsError, naming_file
 
 if TYPE_CHECKING:
     from pdecodec.encodereport import EncodeReport
-    from pdecodec.sequence import MeshSequence
+    from pdecodec.settings import EncodeSettings
 
 
 @click.command()
@@ -56,44 +56,42 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--profile",
-    type=click.Choice(["auto", "segments", "paper"]),
+    type=click.Choice(["auto", "paper"]),
     default="auto",
     show_default=True,
-    help="auto: what costs least at the asked accuracy. segments: the paper's functions in closed form over time "
-    "segments. paper: 32 coefficients per curve, axis and segment.",
+    help="auto: what costs least at the asked accuracy. paper: the functions of Fang et al. 2024 in closed form, "
+    "32 coefficients per curve, axis and segment of time.",
+)
+@click.option("--segment-frames", type=int, metavar="N", help="Frames of a time segment, 11 by default. Profile paper.")
+@click.option(
+    "--piece-points", type=int, metavar="N", help="Points of a curve piece, whole curves by default. Profile paper."
 )
 @click.option(
-    "--alignment",
-    type=click.Choice(["auto", "none", "affine", "rotation"]),
-    default="auto",
+    "--alpha", type=float, metavar="X", help="Rate of the time functions (Eq. 12); chosen by error. Profile paper."
+)
+@click.option(
+    "--r", type=float, metavar="X", help="Rate of the space functions (Eqs. 14, 16); chosen by error. Profile paper."
+)
+@click.option(
+    "--uv-tolerance",
+    type=float,
+    metavar="X",
+    help="How far texture coordinates may be off, such as 1e-4 (of the texture); they are kept exactly by default.",
+)
+@click.option(
+    "--order",
+    type=click.Choice(["keep", "free"]),
+    default="keep",
     show_default=True,
-    help="How rigid motion is taken out first (Eqs. 19 to 23); profiles segments and paper.",
+    help="keep: vertices and faces come back in the order they have. free: in one that costs no bytes.",
 )
 @click.option(
-    "--segment-frames",
-    type=int,
-    metavar="N",
-    help="Frames of a time segment; the motion decides. Profiles segments and paper.",
+    "--effort",
+    type=click.Choice(["fast", "default", "best"]),
+    default="default",
+    show_default=True,
+    help="fast: one basis, for previews. best: all bases, for archives. Profile auto.",
 )
-@click.option(
-    "--piece-points",
-    type=int,
-    metavar="N",
-    help="Points of a curve piece; the motion decides. Profiles segments and paper.",
-)
-@click.option(
-    "--alpha",
-    type=float,
-    metavar="X",
-    help="Rate of the time functions (Eq. 12); chosen by error. Profiles segments and paper.",
-)
-@click.option(
-    "--r",
-    type=float,
-    metavar="X",
-    help="Rate of the space functions (Eqs. 14, 16); chosen by error. Profiles segments and paper.",
-)
-@click.option("--effort", type=int, default=5, show_default=True, metavar="1-9", help="1 is quick, 9 is thorough.")
 @frames_option
 @objects_option
 @read_options
@@ -117,6 +115,10 @@ def encode(
     as_json: bool,
     rms: float | None,
     size: int | None,
+    segment_frames: int | None,
+    piece_points: int | None,
+    alpha: float | None,
+    r: float | None,
     **settings: Any,
 ) -> None:
     """Encode the mesh sequence IN into a .pdeanim file.
@@ -127,11 +129,13 @@ def encode(
     from pdecodec.formats import open_sequence
     from pdecodec.formats.scene_space import place
     from pdecodec.ratecontrol import encode_to_rms, encode_to_size
-    from pdecodec.settings import EncodeSettings
+    from pdecodec.settings import EncodeSettings, PaperSettings
 
     if sum(value is not None for value in (settings["tolerance"], settings["max_error"], rms, size)) > 1:
         raise SettingsError("give one of --tolerance, --max-error, --rms and --size, not several")
-    checked = EncodeSettings(**settings)
+    paper = {"segment_frames": segment_frames, "piece_points": piece_points, "alpha": alpha, "r": r}
+    given: dict[str, Any] = {name: value for name, value in paper.items() if value is not None}
+    checked = EncodeSettings(**settings, paper=PaperSettings(**given))
     if not output.lower().endswith(".pdeanim"):
         raise SettingsError(f"{output}: encode writes .pdeanim files; for other formats use pdecodec convert")
     check_output(output, overwrite=overwrite)
@@ -151,7 +155,7 @@ def encode(
                 report = encode_sequence(sequence, output, checked, overwrite=overwrite, progress=progress)
         source_bytes = stored_bytes(input_files(source))
         if as_json:
-            print_json(_as_json(report, sequence, output, source_bytes, checked.profile))
+            print_json(_as_json(report, output, source_bytes, checked))
     say(report.summary)
     if report.bound is not None and (rms is not None or size is not None):
         say(f"tolerance {report.bound / report.scale:.4g} taken, rms error {report.rms_error / report.scale:.3g}")
@@ -164,17 +168,11 @@ def encode(
     )
 
 
-def _as_json(
-    report: EncodeReport, sequence: MeshSequence, output: str, input_size: int, profile: str
-) -> dict[str, Any]:
-    """The report with the names and ratios that scripts want; errors are those of the file, decoded again."""
-    from pdecodec.decoder import open_animation
+def _as_json(report: EncodeReport, output: str, input_size: int, settings: EncodeSettings) -> dict[str, Any]:
+    """The report with the names and ratios that scripts want."""
     from pdecodec.encodereport import CONSTANT_SECTIONS
-    from pdecodec.metrics import bits_per_vertex_frame, measure_distortion
+    from pdecodec.metrics import bits_per_vertex_frame
 
-    with open_animation(output) as animation, progress_bar() as progress:
-        distortion = measure_distortion(sequence, animation, progress=progress).to_dict()
-        model = animation.model_info()
     constant = sum(report.sections.get(name, 0) for name in CONSTANT_SECTIONS)
     return {
         "output": output,
@@ -187,13 +185,15 @@ def _as_json(
         "bpvf": bits_per_vertex_frame(report.file_bytes - constant, vertices=report.vertices, frames=report.frames),
         "bound": report.bound,
         "diagonal": report.scale,
-        "max_error": distortion["max_error"],
-        "rms_error": distortion["rms_error"],
-        "kg_error": distortion["kg_error"],
+        "max_error": report.max_error,
+        "rms_error": report.rms_error,
         "seconds": report.seconds,
-        "profile": profile,
-        "model": model,
-        "corrections": report.corrections,
+        "profile": settings.profile,
+        "groups": report.groups,
+        "patches": report.patches,
+        "functions_of_space": report.functions_of_space,
+        "coefficients": report.coefficients,
+        "residuals": report.residuals,
         "sections": report.sections,
         "summary": report.summary,
     }

@@ -24,7 +24,8 @@ def info(*, source: str, all_frames: bool, as_json: bool, skip_unsupported: bool
     """Tell what a mesh sequence or a .pdeanim file holds.
 
     Objects, faces, frames, times, attributes and bounds, and whether connectivity is constant: objects whose is not
-    are listed with the first frame that changes it. Of a .pdeanim file its sections, settings and model too.
+    are listed with the first frame that changes it. Of a .pdeanim file its sections, settings and model too; its
+    positions and attributes are decoded for --all-frames alone.
     """
     from pdecodec.formats import open_sequence
 
@@ -32,7 +33,11 @@ def info(*, source: str, all_frames: bool, as_json: bool, skip_unsupported: bool
     with open_sequence(source, skip_unsupported=True, **reading) as sequence:
         say_notices(sequence)
         files = input_files(source)
-        facts = {**_facts(sequence), "source_bytes": stored_bytes(files), **_connectivity_facts(sequence, len(files))}
+        facts = {
+            **_facts(sequence, all_frames=all_frames),
+            "source_bytes": stored_bytes(files),
+            **_connectivity_facts(sequence, len(files)),
+        }
         if all_frames:
             facts["bounds"] = _bounds(sequence)
     if as_json:
@@ -79,14 +84,11 @@ def _bounds(sequence: MeshSequence) -> list[list[float]]:
     return [low.tolist(), high.tolist()] if np.isfinite(low).all() else []
 
 
-def _facts(sequence: MeshSequence) -> dict[str, Any]:
-    import numpy as np
-
+def _facts(sequence: MeshSequence, *, all_frames: bool) -> dict[str, Any]:
     from pdecodec.decoder import Animation
-    from pdecodec.metrics import frame_scale
 
-    first = sequence.read_frames(0, 1)[0]
-    finite = bool(np.isfinite(first).all())
+    is_decoded = all_frames or not isinstance(sequence, Animation)
+    objects = sequence.objects if is_decoded or not isinstance(sequence, Animation) else sequence.meshes
     facts: dict[str, Any] = {
         "frames": sequence.frame_count,
         "fps": sequence.fps,
@@ -94,18 +96,33 @@ def _facts(sequence: MeshSequence) -> dict[str, Any]:
         "last_time": float(sequence.times[-1]),
         "duration": float(sequence.times[-1] - sequence.times[0]),
         "vertices": sequence.vertex_count,
-        "faces": sequence.connectivity.face_count,
-        "lines": sequence.connectivity.line_count,
+        "faces": sum(item.connectivity.face_count for item in objects),
+        "lines": sum(item.connectivity.line_count for item in objects),
         "raw_bytes": 12 * sequence.frame_count * sequence.vertex_count,
-        "finite_at_first_frame": finite,
-        "bounds_at_first_frame": [first.min(axis=0).tolist(), first.max(axis=0).tolist()] if finite else None,
-        "diagonal": frame_scale(first) if finite else None,
+        **_first_frame(sequence, is_read=is_decoded),
         "metadata": dict(sequence.metadata),
-        "objects": [_object_facts(item) for item in sequence.objects],
+        "objects": [_object_facts(item, has_attributes=is_decoded) for item in objects],
     }
     if isinstance(sequence, Animation):
         facts.update(_animation_facts(sequence.info()))
     return facts
+
+
+def _first_frame(sequence: MeshSequence, *, is_read: bool) -> dict[str, Any]:
+    """Bounds and diagonal of the first frame; None where it is not finite, or not read."""
+    import numpy as np
+
+    from pdecodec.metrics import frame_scale
+
+    if not is_read:
+        return dict.fromkeys(("finite_at_first_frame", "bounds_at_first_frame", "diagonal"))
+    first = sequence.read_frames(0, 1)[0]
+    finite = bool(np.isfinite(first).all())
+    return {
+        "finite_at_first_frame": finite,
+        "bounds_at_first_frame": [first.min(axis=0).tolist(), first.max(axis=0).tolist()] if finite else None,
+        "diagonal": frame_scale(first) if finite else None,
+    }
 
 
 def _animation_facts(found: dict[str, Any]) -> dict[str, Any]:
@@ -118,12 +135,13 @@ def _animation_facts(found: dict[str, Any]) -> dict[str, Any]:
     return {"profile": settings.get("profile", usual) if isinstance(settings, Mapping) else None, **found}
 
 
-def _object_facts(item: MeshObject) -> dict[str, Any]:
+def _object_facts(item: MeshObject, *, has_attributes: bool) -> dict[str, Any]:
     import numpy as np
 
     corners, counts = np.unique(item.connectivity.face_counts, return_counts=True)
     kinds = {3: "triangles", 4: "quads"}
     by_kind: dict[str, int] = {}
+    attributes = [f"{attribute.name} per {attribute.domain}" for attribute in item.attributes]
     for size, count in zip(corners.tolist(), counts.tolist(), strict=True):
         kind = kinds.get(size, "n-gons")
         by_kind[kind] = by_kind.get(kind, 0) + count
@@ -132,7 +150,7 @@ def _object_facts(item: MeshObject) -> dict[str, Any]:
         "vertices": item.vertex_count,
         "faces": by_kind,
         "lines": item.connectivity.line_count,
-        "attributes": [f"{attribute.name} per {attribute.domain}" for attribute in item.attributes],
+        "attributes": attributes if has_attributes else None,
     }
 
 
@@ -142,9 +160,8 @@ def _print(facts: Mapping[str, Any]) -> None:
     objects = Table("object", "vertices", "faces", "lines", "attributes", box=None)
     for item in facts["objects"]:
         faces = ", ".join(counted(count, kind.removesuffix("s")) for kind, count in item["faces"].items()) or "none"
-        objects.add_row(
-            item["name"], f"{item['vertices']:,}", faces, f"{item['lines']:,}", ", ".join(item["attributes"]) or "none"
-        )
+        attributes = "not decoded" if item["attributes"] is None else ", ".join(item["attributes"]) or "none"
+        objects.add_row(item["name"], f"{item['vertices']:,}", faces, f"{item['lines']:,}", attributes)
     print_table(objects)
     table = Table(box=None, show_header=False)
     table.add_row("frames", f"{facts['frames']} at {facts['fps']:g} a second")
@@ -154,7 +171,7 @@ def _print(facts: Mapping[str, Any]) -> None:
         low, high = facts["bounds_at_first_frame"]
         spans = ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True))
         table.add_row("first frame", f"{spans}; diagonal {facts['diagonal']:g}")
-    else:
+    elif facts["finite_at_first_frame"] is False:
         table.add_row("first frame", "holds positions that are not finite numbers")
     if facts.get("bounds"):
         low, high = facts["bounds"]

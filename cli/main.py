@@ -14,6 +14,7 @@ from types import TracebackType
 import click
 
 from pdecodec import __version__
+from pdecodec.cli.coefficients import coefficients
 from pdecodec.cli.compare import compare
 from pdecodec.cli.convert import convert
 from pdecodec.cli.decode import decode
@@ -50,7 +51,20 @@ def pdecodec() -> None:
     """
 
 
-for command in (encode, decode, info, compare, convert, simulate, formats, demo, report, reproduce, stability):
+for command in (
+    encode,
+    decode,
+    info,
+    compare,
+    convert,
+    coefficients,
+    simulate,
+    formats,
+    demo,
+    report,
+    reproduce,
+    stability,
+):
     pdecodec.add_command(command)
 
 

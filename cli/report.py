@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,9 +15,10 @@ from pdecodec.errors import SettingsError
 
 if TYPE_CHECKING:
     from pdecodec.sequence import ArraySequence
+    from pdecodec.settings import EffortName
 
-PROFILES = ("auto", "segments", "paper")
-"""Those of :data:`pdecodec.settings.Profile`, which a help page should not load."""
+NAMED_PROFILES = ("auto", "paper")
+"""Those of :data:`pdecodec.report.clips.measuring.PROFILES`, which a help page should not load."""
 
 
 def _share(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
@@ -44,12 +45,18 @@ def _share(context: click.Context, parameter: click.Parameter, value: str | None
 @click.option(
     "--profile",
     "profiles",
-    type=click.Choice(PROFILES),
+    type=click.Choice(NAMED_PROFILES),
     multiple=True,
     help="Measure this profile; may be given repeatedly.  [default: all]",
 )
-@click.option("--peers/--no-peers", default=True, show_default=True, help="Measure other methods beside it.")
-@click.option("--effort", type=click.IntRange(1, 9), default=5, show_default=True, help="Of profile auto.")
+@click.option("--baselines/--no-baselines", default=True, show_default=True, help="Measure other methods beside it.")
+@click.option(
+    "--effort",
+    type=click.Choice(["fast", "default", "best"]),
+    default="default",
+    show_default=True,
+    help="Of profile auto.",
+)
 @click.option(
     "--jobs",
     type=click.IntRange(1),
@@ -76,8 +83,8 @@ def report(
     output: str,
     tolerances: tuple[float, ...],
     profiles: tuple[str, ...],
-    peers: bool,
-    effort: int,
+    baselines: bool,
+    effort: EffortName,
     jobs: int,
     fresh: bool,
     compare: str | None,
@@ -92,32 +99,31 @@ def report(
     which is printed, too. Of several clips each has a page of its own in a folder of its name, and index.html is about
     all of them. Every method is compared at equal maximum error, on positions decoded again from its bytes.
 
-    What was measured is kept in DIR (cells.json): a run that was cut off goes on where it was.
+    What was measured is kept in DIR (measurements.json): a run that was cut off goes on where it was.
     """
-    from pdecodec.experiments.report.comparison import read_cells, too_large
-    from pdecodec.experiments.report.making import make_report
-    from pdecodec.experiments.report.measuring import TOLERANCES, ReportPlan
-    from pdecodec.experiments.report.sources import find_clips
     from pdecodec.formats import list_formats
-    from pdecodec.peers.catalogue import available_peers
-    from pdecodec.settings import EncodeSettings, Profile
+    from pdecodec.report.baselines import available_baselines
+    from pdecodec.report.clips.comparison import read_measurements, too_large
+    from pdecodec.report.clips.making import find_clips, make_report
+    from pdecodec.report.clips.measuring import PROFILES, TOLERANCES, ReportPlan
+    from pdecodec.settings import EncodeSettings
 
     if fail_if_larger is not None and compare is None:
         raise SettingsError("--fail-if-larger needs --compare, to know what files were before")
     for tolerance in tolerances:
         EncodeSettings(tolerance=tolerance)
-    old = None if compare is None else read_cells(Path(compare))
+    old = None if compare is None else read_measurements(Path(compare))
     readable = [entry for entry in list_formats() if entry.reads]
     clips = find_clips(
         [Path(source) for source in sources],
         [extension for entry in readable for extension in entry.extensions],
         [extension for entry in readable if entry.frame_per_file for extension in entry.extensions],
     )
-    able, skipped = available_peers() if peers else ((), ())
+    able, skipped = available_baselines() if baselines else ((), ())
     plan = ReportPlan(
         tolerances=tuple(sorted(set(tolerances or TOLERANCES), reverse=True)),
-        profiles=tuple(profile for profile in get_args(Profile) if profile in (profiles or PROFILES)),
-        peers=able,
+        profiles=tuple(profile for profile in PROFILES if profile in (profiles or PROFILES)),
+        baselines=able,
         effort=effort,
         jobs=jobs,
     )
@@ -140,7 +146,7 @@ def report(
     else:
         click.echo(result.summary, nl=False)
     say(f"{result.page}: {result.measured} points measured, {result.kept} kept from an earlier run")
-    failures = [f"{cell.clip}, profile {cell.coder}: the bound {cell.tolerance:g} is broken" for cell in result.broken]
+    failures = [f"{item.clip}, profile {item.coder}: the bound {item.tolerance:g} is broken" for item in result.broken]
     if fail_if_larger is not None:
         failures += [str(change) for change in too_large(result.changes, fail_if_larger)]
     for failure in failures:
@@ -152,7 +158,7 @@ def report(
 def _opened(clips: Mapping[str, Path], fps: float | None) -> Iterator[tuple[str, ArraySequence]]:
     """Every clip in memory, one after the other."""
     from pdecodec.formats import open_sequence
-    from pdecodec.formats.transforms import bake_transforms
+    from pdecodec.formats.scene_space import bake_transforms
 
     for name, path in clips.items():
         with open_sequence(path, fps=None if path.suffix.lower() == ".pdeanim" else fps) as sequence:

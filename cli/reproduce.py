@@ -26,12 +26,14 @@ def reproduce(*, output: str, rings: int, sides: int, fps: float, as_json: bool)
     """
     from rich.table import Table
 
-    from pdecodec.experiments.report_files import write_report
-    from pdecodec.experiments.reproduction.findings import measure
-    from pdecodec.experiments.reproduction.report import make_report
-    from pdecodec.experiments.reproduction.rope import RopeSettings
-    from pdecodec.experiments.reproduction.verdicts import judge
+    from pdecodec.report.charts import require_drawing
+    from pdecodec.report.page import write_report
+    from pdecodec.report.reproduction.findings import measure
+    from pdecodec.report.reproduction.report import make_report
+    from pdecodec.report.reproduction.rope import RopeSettings
+    from pdecodec.report.reproduction.verdicts import judge
 
+    require_drawing()
     started = time.perf_counter()
     settings = RopeSettings(rings=rings, sides=sides, fps=fps)
     directory = Path(output)

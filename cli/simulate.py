@@ -9,8 +9,7 @@ import click
 
 from pdecodec.cli.console import extent, print_json, progress_bar, say
 from pdecodec.cli.options import check_output, json_option, output_option, overwrite_option, refuse_pdeanim
-from pdecodec.xpbd.options import OptionInfo
-from pdecodec.xpbd.scenes import SCENES
+from pdecodec.xpbd.scenes import SCENES, OptionInfo
 
 
 @click.group(subcommand_metavar="SCENE -o OUT [OPTIONS]")

@@ -10,13 +10,13 @@ import click
 from pdecodec.cli.console import print_json, progress_bar, say
 from pdecodec.cli.options import json_option
 
-CHAPTERS = ("fit", "parametrisation", "alignment", "simulation", "codec")
-"""Those of :data:`pdecodec.experiments.stability.report.CHAPTERS`, which a help page should not load."""
+SECTIONS = ("fit", "parametrisation", "alignment", "simulation", "codec")
+"""Those of :data:`pdecodec.report.stability.atlas.SECTIONS`, which a help page should not load."""
 
 
 @click.command()
 @click.option("-o", "--output", required=True, metavar="DIR", help="Folder for the page, its charts and its figures.")
-@click.option("--only", type=click.Choice(CHAPTERS), multiple=True, help="Only this chapter; may be given repeatedly.")
+@click.option("--only", type=click.Choice(SECTIONS), multiple=True, help="Only this section; may be given repeatedly.")
 @click.option("--quick", is_flag=True, help="Coarser axes and smaller clips: a look in seconds.")
 @json_option
 def stability(*, output: str, only: tuple[str, ...], quick: bool, as_json: bool) -> None:
@@ -26,8 +26,8 @@ def stability(*, output: str, only: tuple[str, ...], quick: bool, as_json: bool)
     page that works offline (index.html), and a PNG and a CSV for each of its charts. Files of an earlier atlas in DIR
     are replaced.
     """
-    from pdecodec.experiments.report_files import write_report
-    from pdecodec.experiments.stability.report import make_atlas
+    from pdecodec.report.page import write_report
+    from pdecodec.report.stability.atlas import make_atlas
 
     started = time.perf_counter()
     directory = Path(output)
@@ -37,9 +37,9 @@ def stability(*, output: str, only: tuple[str, ...], quick: bool, as_json: bool)
         page = write_report(report, directory)[0]
     seconds = time.perf_counter() - started
     if as_json:
-        lessons = {exhibit.name: exhibit.lesson for exhibit in report.exhibits}
-        print_json({"page": str(page), "seconds": seconds, "exhibits": lessons})
+        lessons = {figure.name: figure.lesson for figure in report.figures}
+        print_json({"page": str(page), "seconds": seconds, "figures": lessons})
     else:
-        for exhibit in report.exhibits:
-            click.echo(f"{exhibit.title}\n  {exhibit.lesson}\n")
-    say(f"{page}: {len(report.exhibits)} entries, {seconds:.0f} s")
+        for figure in report.figures:
+            click.echo(f"{figure.title}\n  {figure.lesson}\n")
+    say(f"{page}: {len(report.figures)} entries, {seconds:.0f} s")

@@ -1,6 +1,6 @@
-"""Put the tables of a corpus report into the README, between its two marks, and a chart beside it: `make figures`.
+"""Put the tables of a corpus report into docs/results.md, between its two marks, and a chart beside it: `make figures`.
 
-``python docs/make_figures.py out/corpus README.md docs/bytes-against-error.png``
+``python docs/make_figures.py out/corpus docs/results.md docs/bytes-against-error.png``
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ COLOURS = 128
 
 def tables(record: Mapping[str, Any], *, made: str, machine: str) -> str:
     """The figures in Markdown: one row a clip, and the bytes beside the best other method at every tolerance."""
-    exhibit = record["exhibits"]["table-auto"]
-    reference = exhibit["rows"][0][exhibit["columns"].index("tolerance")]
-    kept = [index for index, name in enumerate(exhibit["columns"]) if name not in LEFT_OUT]
-    merits = _markdown(
-        [exhibit["columns"][index] for index in kept], ([row[index] for index in kept] for row in exhibit["rows"])
+    merits = record["figures"]["table-auto"]
+    reference = merits["rows"][0][merits["columns"].index("tolerance")]
+    kept = [index for index, name in enumerate(merits["columns"]) if name not in LEFT_OUT]
+    table = _markdown(
+        [merits["columns"][index] for index in kept], ([row[index] for index in kept] for row in merits["rows"])
     )
-    beside = record["exhibits"]["beside-other-methods"]
+    beside = record["figures"]["beside-other-methods"]
     shares: dict[str, dict[float, float]] = {}
     for clip, tolerance, *_, share in beside["rows"]:
         shares.setdefault(clip, {})[tolerance] = share
@@ -46,7 +46,7 @@ def tables(record: Mapping[str, Any], *, made: str, machine: str) -> str:
     return "\n\n".join(
         [
             f"Profile `auto` at tolerance {reference:g}:",
-            merits,
+            table,
             "Bytes over those of the best of the other methods at the same maximum error, at every tolerance:",
             ratios,
             f"Measured on {made}, {machine}; {made_with}.",
@@ -55,19 +55,19 @@ def tables(record: Mapping[str, Any], *, made: str, machine: str) -> str:
 
 
 def _markdown(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    lines = [list(columns), ["---"] * len(columns), *([_text(cell) for cell in row] for row in rows)]
+    lines = [list(columns), ["---"] * len(columns), *([_text(value) for value in row] for row in rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _text(cell: Any) -> str:
-    if cell is None:
+def _text(value: Any) -> str:
+    if value is None:
         return "-"
-    if isinstance(cell, int | float):
-        return f"{cell:.3g}" if abs(cell) < 1000 else f"{cell:,.0f}"
-    return str(cell)
+    if isinstance(value, int | float):
+        return f"{value:.3g}" if abs(value) < 1000 else f"{value:,.0f}"
+    return str(value)
 
 
-def main(report: Path, readme: Path, chart: Path) -> None:
+def main(report: Path, page: Path, chart: Path) -> None:
     """Replace what is between the marks; the chart is that of the clip with most positions."""
     record_file = report / "report.json"
     record = json.loads(record_file.read_text(encoding="utf-8"))
@@ -75,11 +75,11 @@ def main(report: Path, readme: Path, chart: Path) -> None:
     with Image.open(report / largest / "bytes-max-error.png") as picture:
         picture.convert("RGB").quantize(COLOURS).save(chart, optimize=True)
     made = time.strftime("%Y-%m-%d", time.gmtime(record_file.stat().st_mtime))
-    text = f"![Bytes against the maximum error, of {largest}]({os.path.relpath(chart, readme.parent)})\n\n"
+    text = f"![Bytes against the maximum error, of {largest}]({os.path.relpath(chart, page.parent)})\n\n"
     text += tables(record, made=made, machine=f"a machine of {os.cpu_count()} cores")
-    before, rest = readme.read_text(encoding="utf-8").split(BEGIN)
+    before, rest = page.read_text(encoding="utf-8").split(BEGIN)
     after = rest.split(END)[1]
-    readme.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
+    page.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -27,6 +27,9 @@ CONVENTIONS = """\
   row share it again afterwards, so seams stay. The origin is at the bottom (glTF's is turned).
 - **Colours** are `color` and `color:NAME`, of vertices, faces, corners or the object. **Face sets** are `group`, one
   number a face with names, or `group:NAME`, one or zero a face, where sets share faces; **materials** are `material`.
+- **Hard edges** are `normal_group`, a number a corner: corners of a vertex with equal numbers share a normal. Normals
+  themselves are computed anew from the positions of each frame, and written where a source had normals. glTF cuts
+  vertices at hard edges and UV seams: there they stay apart, each smooth.
 - **Faces** run counterclockwise seen from outside; Alembic's, and those of left-handed USD meshes, are turned around.
 - **Time** is in seconds. The frame rate is the file's, else `--fps`, else 24, and then a line says so. Irregular times
   stay irregular. glTF animations are curves: they are sampled at `--fps`.

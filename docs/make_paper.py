@@ -1,6 +1,6 @@
 """Keep a run of `pdecodec reproduce` and `pdecodec stability` for the README: `make paper`.
 
-``python docs/make_paper.py out/paper out/stability docs/paper`` copies the verdicts, the figures behind them and a few
+``python docs/make_paper.py out/paper out/stability docs/paper`` copies the verdicts, the values behind them and a few
 charts, with palettes in place of full colours, and leaves the rest: it is made again by the same commands.
 """
 
@@ -31,10 +31,10 @@ def keep(reproduction: Path, stability: Path, target: Path) -> None:
         (stability, STABILITY_CHARTS, "stability.json"),
     ):
         record = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-        for key, exhibit in record["exhibits"].items():
-            # Figures of charts alone are many, and are made again by the command.
-            if len(exhibit["rows"]) > MOST_ROWS:
-                del record["exhibits"][key]["columns"], record["exhibits"][key]["rows"]
+        for key, figure in record["figures"].items():
+            # Values of charts alone are many, and are made again by the command.
+            if len(figure["rows"]) > MOST_ROWS:
+                del record["figures"][key]["columns"], record["figures"][key]["rows"]
         (target / name).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
         for chart in charts:
             with Image.open(folder / f"{chart}.png") as picture:

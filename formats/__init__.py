@@ -7,9 +7,10 @@ loads none of them: a format's module, and what it depends on, loads when a file
 if __name__ != "pdecodec.formats":
     raise ImportError(f"import this package as pdecodec.formats, not as {__name__}")
 
-from pdecodec.formats.catalogue import register_built_in_formats
+from pdecodec.formats.catalogue import BUILT_IN
 from pdecodec.formats.registry import Format, list_formats, open_sequence, register_format, write_sequence
 
-register_built_in_formats()
+for _entry in BUILT_IN:
+    register_format(_entry)
 
 __all__ = ["Format", "list_formats", "open_sequence", "register_format", "write_sequence"]

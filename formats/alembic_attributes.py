@@ -1,24 +1,47 @@
-"""What an Alembic shape carries beside positions: UVs, colours, face sets and constant parameters, as attributes."""
+"""What an Alembic shape carries beside positions: UVs, colours, face sets and constant parameters, in and out.
+
+Arrays of the Python binding become NumPy's and back without a loop over their elements where there is a way: arrays of
+floats, ints and their vectors share memory with NumPy. Colours and unsigned integers have no buffer: colours go channel
+by channel, unsigned integers through doubles one way and one by one the other.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import imath
 import numpy as np
-from alembic3d import AbcGeom
-from numpy.typing import NDArray
+from alembic3d import AbcCoreAbstract, AbcGeom
+from numpy.typing import ArrayLike, NDArray
 
-from pdecodec.formats.alembic_arrays import to_numpy
-from pdecodec.formats.alembic_scene import Geometry
-from pdecodec.formats.attribute_roles import COLOR, GROUP, MATERIAL, UV, face_groups, role_name
-from pdecodec.sequence import Attribute, AttributeDomain, Connectivity
+from pdecodec.formats.attribute_roles import (
+    COLOR,
+    GROUP,
+    MATERIAL,
+    UV,
+    indexed_rows,
+    is_by_vertex,
+    reversed_corners,
+    role_name,
+    source_name,
+    uv_sets,
+)
+from pdecodec.formats.scene_reading import Extras
+from pdecodec.formats.scene_writing import Drawn, Parameter, named_face_sets, write_parameters
+from pdecodec.sequence import Attribute, AttributeDomain, Connectivity, Float32Array, Int32Array, MeshObject
+
+FPS_PROPERTY, METADATA_PROPERTY = "pdecodec_fps", "pdecodec_metadata"
+"""Properties of the top object that our writer leaves: Alembic has no place for either."""
 
 OWN = "pdecodec_"
 """Beginning of the names of parameters that only we write and read."""
 
 KIND, LABEL = "pdecodec_kind", "pdecodec_label"
 """Metadata of a face set: what it stands for, and its name where Alembic could not hold it."""
+
+METADATA_MARKS = frozenset(";=")
+"""Characters that Alembic's metadata cannot hold."""
 
 _PARAMETERS = (
     AbcGeom.IFloatGeomParam,
@@ -35,11 +58,7 @@ _PARAMETERS = (
 )
 """Types of parameters that an attribute can hold."""
 
-_COLORS = (AbcGeom.IC3fGeomParam, AbcGeom.IC4fGeomParam)
-
-_UV_PARAMETERS = (AbcGeom.IV2fGeomParam,)
-
-_SCOPES = {
+_DOMAINS: dict[str, AttributeDomain] = {
     "kConstantScope": "object",
     "kUniformScope": "face",
     "kVaryingScope": "vertex",
@@ -47,86 +66,150 @@ _SCOPES = {
     "kFacevaryingScope": "corner",
 }
 
+SCOPES = {
+    "vertex": AbcGeom.GeometryScope.kVertexScope,
+    "face": AbcGeom.GeometryScope.kUniformScope,
+    "corner": AbcGeom.GeometryScope.kFacevaryingScope,
+    "object": AbcGeom.GeometryScope.kConstantScope,
+}
 
-@dataclass
-class Extras:
-    """Attributes of a shape, parameters of our own, and names of what is left out."""
+_KINDS = {
+    ("f", 4, 1): "Float",
+    ("f", 4, 2): "V2f",
+    ("f", 4, 3): "V3f",
+    ("f", 8, 1): "Double",
+    ("i", 4, 1): "Int32",
+    ("u", 1, 1): "Uchar",
+}
+"""Alembic's types of values: by NumPy kind, bytes, and columns."""
 
-    attributes: list[Attribute] = field(default_factory=list)
-    own: dict[str, NDArray[Any]] = field(default_factory=dict)
-    left_out: list[str] = field(default_factory=list)
+
+def to_numpy(array: Any) -> NDArray[Any]:
+    """A copy of an imath array: (n,) or (n, k)."""
+    channels = {imath.C3fArray: "rgb", imath.C4fArray: "rgba"}.get(type(array))
+    if channels is not None:
+        return np.stack([np.asarray(getattr(array, channel)) for channel in channels], axis=1)
+    if isinstance(array, imath.UnsignedIntArray):
+        return np.fromiter(array, np.int64, len(array))
+    return np.array(array)
 
 
-def read_extras(shape: Geometry, connectivity: Connectivity, order: NDArray[np.int64]) -> Extras:
-    """Everything constant that the shape carries.
+def float_array(values: ArrayLike) -> Any:
+    """(n,) as imath.FloatArray."""
+    return imath.FloatArrayFromBuffer(np.ascontiguousarray(values, np.float32))
 
-    Parameters
-    ----------
-    shape : Geometry
-    connectivity : Connectivity
-        Faces already turned around.
-    order : (corners,) int64
-        Corner of the file that each corner of `connectivity` was.
-    """
-    extras = Extras()
-    schema = shape.schema
-    if shape.kind in ("mesh", "subdivision"):
-        _read_uvs(schema.getUVsParam(), connectivity, order, extras)
-        if shape.kind == "mesh" and schema.getNormalsParam().valid():
-            extras.left_out.append("normals")
-        _read_face_sets(shape, connectivity.face_count, extras)
+
+def int_array(values: ArrayLike) -> Any:
+    """(n,) as imath.IntArray."""
+    return imath.IntArrayFromBuffer(np.ascontiguousarray(values, np.int32))
+
+
+def double_array(values: ArrayLike) -> Any:
+    """(n,) as imath.DoubleArray."""
+    return imath.DoubleArrayFromBuffer(np.ascontiguousarray(values, np.float64))
+
+
+def byte_array(values: ArrayLike) -> Any:
+    """(n,) as imath.UnsignedCharArray."""
+    bytes_ = np.ascontiguousarray(values, np.uint8)
+    array = imath.UnsignedCharArray(bytes_.size)
+    np.asarray(array)[:] = bytes_
+    return array
+
+
+def string_array(values: Sequence[str]) -> Any:
+    """Texts as imath.StringArray."""
+    array = imath.StringArray(len(values))
+    for index, text in enumerate(values):
+        array[index] = str(text)
+    return array
+
+
+def unsigned_array(values: ArrayLike) -> Any:
+    """(n,) as imath.UnsignedIntArray."""
+    return imath.UnsignedIntArray(double_array(values))
+
+
+def vector_array(values: ArrayLike) -> Any:
+    """(n, 2) or (n, 3) as imath.V2fArray or V3fArray."""
+    rows = np.ascontiguousarray(values, np.float32)
+    return imath.V3fArrayFromBuffer(rows) if rows.shape[1] == 3 else imath.V2fArrayFromBuffer(rows)
+
+
+def color_array(values: ArrayLike) -> Any:
+    """(n, 3) or (n, 4) as imath.C3fArray or C4fArray."""
+    rows = np.ascontiguousarray(values, np.float32)
+    array = imath.C3fArray(len(rows)) if rows.shape[1] == 3 else imath.C4fArray(len(rows))
+    for channel, column in zip("rgba", rows.T, strict=False):
+        # A channel is a view of the array, so that writing to it fills the array.
+        np.asarray(getattr(array, channel))[:] = column
+    return array
+
+
+def matrix_rows(matrix: Any) -> NDArray[np.float64]:
+    """imath.M44d as (4, 4) float64."""
+    return np.array([list(row) for row in matrix], np.float64)
+
+
+def matrix_of(rows: NDArray[np.float64]) -> Any:
+    """(4, 4) float64 as imath.M44d."""
+    return imath.M44d(*rows.reshape(-1).tolist())
+
+
+_ARRAYS: dict[str, Callable[[Any], Any]] = {
+    "Float": float_array,
+    "Double": double_array,
+    "Int32": int_array,
+    "Uchar": byte_array,
+    "V2f": vector_array,
+    "V3f": vector_array,
+    "C3f": color_array,
+    "C4f": color_array,
+    "String": string_array,
+}
+
+
+def read_extras(kind: str, schema: Any, node: Any, connectivity: Connectivity, order: NDArray[np.int64]) -> Extras:
+    """Everything constant that a shape carries; `connectivity` has faces already turned around, from `order`."""
+    extras = Extras(connectivity, order)
+    if kind in ("mesh", "subdivision"):
+        uvs = schema.getUVsParam()
+        if uvs.valid() and uvs.getNumSamples():
+            name = role_name(UV, uvs.getHeader().getMetaData().getSourceName() or UV, ("st",))
+            extras.add(name, *_first_sample(uvs))
+            if not uvs.isConstant():
+                extras.left_out.append(f"{name} after its first sample")
+        if kind == "mesh" and schema.getNormalsParam().valid() and schema.getNormalsParam().getNumSamples():
+            extras.add_normals(*_first_sample(schema.getNormalsParam()))
+        _read_face_sets(node, extras)
     if schema.getVelocitiesProperty().valid():
         extras.left_out.append("velocities")
     parameters = schema.getArbGeomParams()
     if parameters.valid():
         for index in range(parameters.getNumProperties()):
-            _read_parameter(parameters, parameters.getPropertyHeader(index), connectivity, order, extras)
+            _read_parameter(parameters, parameters.getPropertyHeader(index), extras)
     return extras
 
 
-def _read_uvs(param: Any, connectivity: Connectivity, order: NDArray[np.int64], extras: Extras) -> None:
-    if not param.valid() or param.getNumSamples() == 0:
-        return
-    name = param.getHeader().getMetaData().getSourceName()
-    attribute = _attribute(param, role_name(UV, name or UV, ("st",)), connectivity, order)
-    if attribute is None:
-        extras.left_out.append(UV)
-        return
-    if not param.isConstant():
-        extras.left_out.append(f"{attribute.name} after its first sample")
-    extras.attributes.append(as_corners(attribute, connectivity))
-
-
-def as_corners(attribute: Attribute, connectivity: Connectivity) -> Attribute:
-    """An attribute of vertices as one of corners, the same rows shared."""
-    if attribute.domain != "vertex":
-        return attribute
-    rows = np.arange(connectivity.vertex_count, dtype=np.int32) if attribute.indices is None else attribute.indices
-    return Attribute(attribute.name, "corner", attribute.values, rows[connectivity.face_indices], attribute.labels)
-
-
-def _read_face_sets(shape: Geometry, faces: int, extras: Extras) -> None:
-    sets: dict[str, list[tuple[str, NDArray[np.integer]]]] = {GROUP: [], MATERIAL: []}
+def _read_face_sets(node: Any, extras: Extras) -> None:
+    found = []
     # By the tree: the schema's own list of names is sorted.
-    for index in range(shape.node.getNumChildren()):
-        if not AbcGeom.IFaceSet.matches(shape.node.getChildHeader(index)):
+    for index in range(node.getNumChildren()):
+        if not AbcGeom.IFaceSet.matches(node.getChildHeader(index)):
             continue
-        name = shape.node.getChildHeader(index).getName()
-        face_set = AbcGeom.IFaceSet(shape.node, name)
+        name = node.getChildHeader(index).getName()
+        face_set = AbcGeom.IFaceSet(node, name)
         members = to_numpy(face_set.getSchema().getValue().getFaces())
-        if members.size and not 0 <= members.min() <= members.max() < faces:
+        if members.size and not 0 <= members.min() <= members.max() < extras.connectivity.face_count:
             extras.left_out.append(f"face set {name} (it names faces that are not there)")
             continue
         metadata = face_set.getMetaData()
-        kind = MATERIAL if metadata.get(KIND) == MATERIAL else GROUP
-        sets[kind].append((metadata.get(LABEL) or name, members))
-    for kind, found in sets.items():
-        extras.attributes += face_groups(kind, found, faces)
+        role = MATERIAL if metadata.get(KIND) == MATERIAL else GROUP
+        found.append((role, metadata.get(LABEL) or name, members))
+    extras.add_face_sets(found)
 
 
-def _read_parameter(
-    parent: Any, header: Any, connectivity: Connectivity, order: NDArray[np.int64], extras: Extras
-) -> None:
+def _read_parameter(parent: Any, header: Any, extras: Extras) -> None:
     name = header.getName()
     kind = next((one for one in _PARAMETERS if one.matches(header)), None)
     if kind is None:
@@ -139,50 +222,106 @@ def _read_parameter(
     if name.startswith(OWN):
         extras.own[name.removeprefix(OWN)] = to_numpy(param.getIndexedValue().getVals())
         return
-    if kind in _COLORS:
+    if kind in (AbcGeom.IC3fGeomParam, AbcGeom.IC4fGeomParam):
         name = role_name(COLOR, name, ())
-    elif kind in _UV_PARAMETERS and header.getMetaData().isUV():
+    elif kind is AbcGeom.IV2fGeomParam and header.getMetaData().isUV():
         name = role_name(UV, name, ())
-    attribute = _attribute(param, name, connectivity, order)
-    if attribute is None:
-        extras.left_out.append(name)
-    else:
-        extras.attributes.append(attribute)
+    domain, values, indices = _first_sample(param)
+    labels = tuple(map(str, values)) if kind is AbcGeom.IStringGeomParam else ()
+    extras.add(name, domain, np.arange(len(labels), dtype=np.int32) if labels else values, indices, labels)
 
 
-def _attribute(param: Any, name: str, connectivity: Connectivity, order: NDArray[np.int64]) -> Attribute | None:
-    """A parameter's first sample as an attribute; None where it does not fit the shape."""
+def _first_sample(param: Any) -> tuple[AttributeDomain, NDArray[Any], Int32Array | None]:
+    """Domain, values and indices of a parameter of numbers."""
     sample = param.getIndexedValue()
-    domain: AttributeDomain = _SCOPES.get(str(param.getScope()), "object")  # type: ignore[assignment]
-    labels: tuple[str, ...] = ()
-    if isinstance(param, AbcGeom.IStringGeomParam):
-        labels = tuple(str(text) for text in sample.getVals())
-        values: NDArray[Any] = np.arange(len(labels), dtype=np.int32)
-    else:
-        values = to_numpy(sample.getVals())
-        extent = param.getArrayExtent()
-        if extent > 1 and values.ndim == 1 and values.size % extent == 0:
-            values = values.reshape(-1, extent)
-    rows = {
-        "vertex": connectivity.vertex_count,
-        "face": connectivity.face_count,
-        "corner": connectivity.face_indices.size,
-        "object": None,
-    }[domain]
+    values = to_numpy(sample.getVals())
+    extent = param.getArrayExtent()
+    if extent > 1 and values.ndim == 1 and values.size % extent == 0:
+        values = values.reshape(-1, extent)
     indices = to_numpy(sample.getIndices()).astype(np.int32) if param.isIndexed() else None
-    given = len(values) if indices is None else indices.size
-    if rows is not None and given != rows:
-        return None
-    if indices is not None and indices.size and not 0 <= indices.min() <= indices.max() < len(values):
-        return None
-    if domain == "corner":
-        if indices is None:
-            values = values[order]
-        else:
-            indices = indices[order]
-    if labels and indices is not None:
-        # Labels are told apart by the values themselves.
-        values, indices = values[indices], None
-    if domain == "object" and indices is not None:
-        values, indices = values[indices], None
-    return Attribute(name, domain, values, indices, labels)
+    return _DOMAINS.get(str(param.getScope()), "object"), values, indices
+
+
+def uv_sample(uv: Attribute, connectivity: Connectivity, order: NDArray[np.int64]) -> Any:
+    """The main UV set as Alembic's sample: by vertex where it is, else by corner, rows shared as they are."""
+    values, indices, _ = indexed_rows(uv)
+    sample = AbcGeom.OV2fGeomParamSample
+    if is_by_vertex(uv, connectivity):
+        return sample(vector_array(values[:, :2]), SCOPES["vertex"])
+    if indices is None:
+        return sample(vector_array(values[order, :2]), SCOPES["corner"])
+    return sample(vector_array(values[:, :2]), unsigned_array(indices[order]), SCOPES["corner"])
+
+
+def normal_sample(rows: Float32Array, indices: Any) -> Any:
+    """Normals as Alembic's sample: by vertex, or by corner where there are indices (an imath array)."""
+    if indices is None:
+        return AbcGeom.ON3fGeomParamSample(vector_array(rows), SCOPES["vertex"])
+    return AbcGeom.ON3fGeomParamSample(vector_array(rows), indices, SCOPES["corner"])
+
+
+def write_extras(item: MeshObject, drawn: Drawn, handle: Any, written: Sequence[str]) -> list[str]:
+    """Write what an object carries, but for attributes that samples hold, under a shape's handle; what had no place.
+
+    The shape has its first sample already.
+    """
+    notices = []
+    parent = handle.getSchema().getArbGeomParams()
+    if drawn.kind == "mesh":
+        _write_face_sets(item, handle)
+        for uv in uv_sets(item)[:1]:
+            if uv.values.shape[1] == 3:
+                notices.append(f"the third number of {uv.name!r} is not kept: UVs have two in Alembic")
+            if uv.indices is not None and (uv.indices < 0).any():
+                notices.append(f"corners without a row of {uv.name!r} have (0, 0) in Alembic")
+    notices += write_parameters(item, drawn, "Alembic", lambda one: _put_parameter(parent, item, one), written)
+    if drawn.gather is not None:
+        _put(parent, "Int32", f"{OWN}vertex", "vertex", drawn.gather, None)
+    if drawn.hidden_lines:
+        _put(parent, "Int32", f"{OWN}line_counts", "object", item.connectivity.line_counts, None)
+        _put(parent, "Int32", f"{OWN}line_indices", "object", item.connectivity.line_indices, None)
+    return notices
+
+
+def _write_face_sets(item: MeshObject, handle: Any) -> None:
+    for role, label, name, members in named_face_sets(item, lambda label: label.replace("/", "_")):
+        metadata = AbcCoreAbstract.MetaData()
+        metadata.set(KIND, role)
+        if name != label and not set(label) & METADATA_MARKS:
+            metadata.set(LABEL, label)
+        face_set = AbcGeom.OFaceSet(handle, name, metadata)
+        face_set.getSchema().set(AbcGeom.OFaceSetSchemaSample(int_array(members)))
+
+
+def _put_parameter(parent: Any, item: MeshObject, one: Parameter) -> bool:
+    """Whether there was a type of parameter for it."""
+    attribute, values, indices = one.attribute, one.values, one.indices
+    name, kind = attribute.name, _KINDS.get(one.kind)
+    if one.role == COLOR:
+        name, kind = source_name(attribute, COLOR, COLOR), "C3f" if one.width == 3 else "C4f"
+    elif one.role == UV and one.width == 2:
+        name = source_name(attribute, UV, UV)
+    elif one.role == "label":
+        kind = "String"
+    if indices is not None and (indices < 0).any():
+        if one.role != UV:
+            return False
+        values, indices, _ = indexed_rows(attribute)
+    if kind is None:
+        return False
+    if attribute.domain == "corner":
+        order = reversed_corners(item.connectivity.face_counts)
+        values, indices = (values[order], None) if indices is None else (values, indices[order])
+    flat = values.reshape(-1) if one.width == 1 else values
+    _put(parent, kind, name.replace("/", "_"), attribute.domain, flat, indices)
+    return True
+
+
+def _put(parent: Any, kind: str, name: str, domain: str, values: NDArray[Any], indices: NDArray[Any] | None) -> None:
+    array, scope = _ARRAYS[kind](values), SCOPES[domain]
+    sample_type = getattr(AbcGeom, f"O{kind}GeomParamSample")
+    sample = sample_type(array, scope) if indices is None else sample_type(array, unsigned_array(indices), scope)
+    metadata = AbcCoreAbstract.MetaData()
+    if kind == "V2f" and domain == "corner":
+        metadata.setIsUV(True)
+    getattr(AbcGeom, f"O{kind}GeomParam")(parent, name, indices is not None, scope, 1, metadata).set(sample)

@@ -9,10 +9,11 @@
 ``object``
 ``group:NAME``         face                 uint8, 1 where a face is in a set that shares faces with others
 ``smoothing``          face                 int32, OBJ's smoothing groups
+``normal_group``       corner               see :mod:`pdecodec.formats.normals`
 ``subdivision``        object               one of `labels`: the scheme of a subdivision surface
 ``curve_basis``        object               one of `labels`: what the points of its lines control, ``cubic bspline``
 ``curve_wrap``         object               one of `labels`: ``periodic`` where lines close
-``transform``          object               see :mod:`pdecodec.formats.transforms`
+``transform``          object               see :mod:`pdecodec.formats.scene_space`
 =====================  ===================  ==================================================================
 
 Where a format has one main UV set, it is called ``uv``; its other sets keep their names behind a colon. So with
@@ -27,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.sequence import Attribute, Float32Array, Int32Array, MeshObject, MeshSequence
+from pdecodec.sequence import Attribute, Connectivity, Float32Array, Int32Array, MeshObject, MeshSequence
 
 UV, COLOR, GROUP, MATERIAL = "uv", "color", "group", "material"
 SUBDIVISION, CURVE_BASIS, CURVE_WRAP = "subdivision", "curve_basis", "curve_wrap"
@@ -74,21 +75,9 @@ def label_attribute(name: str, label: str) -> Attribute:
 
 
 def face_groups(name: str, sets: Sequence[tuple[str, NDArray[np.integer]]], faces: int) -> list[Attribute]:
-    """Attributes of named sets of faces.
+    """Attributes of named sets of faces, each a name and its faces (n,), of an object of so many faces.
 
-    Parameters
-    ----------
-    name : str
-        Of the attribute: ``group``, ``material``.
-    sets : sequence of (str, (n,) integer)
-        Each set's name and its faces.
-    faces : int
-        Faces of the object.
-
-    Returns
-    -------
-    list of Attribute
-        One, with a label for each set, where no face is in two of them; else one of ones and zeros for each.
+    One, with a label for each set, where no face is in two of them; else one of ones and zeros for each.
     """
     if not sets:
         return []
@@ -149,6 +138,15 @@ def indexed_rows(attribute: Attribute) -> tuple[Float32Array, Int32Array | None,
     return values, np.where(attribute.indices < 0, len(values) - 1, attribute.indices).astype(np.int32), True
 
 
+def is_by_vertex(uv: Attribute, connectivity: Connectivity) -> bool:
+    """Whether a UV set has a row for each vertex, which all corners there share."""
+    return (
+        uv.indices is not None
+        and len(uv.values) == connectivity.vertex_count
+        and np.array_equal(uv.indices, connectivity.face_indices)
+    )
+
+
 def reversed_corners(counts: Int32Array) -> NDArray[np.int64]:
     """Order of corners that turns every face around: ``rows[reversed_corners(counts)]``, twice as it was."""
     ends = np.cumsum(counts, dtype=np.int64)
@@ -156,29 +154,49 @@ def reversed_corners(counts: Int32Array) -> NDArray[np.int64]:
     return np.repeat(starts + ends - 1, counts) - np.arange(int(ends[-1]) if ends.size else 0)
 
 
+def vertex_color(item: MeshObject) -> Attribute | None:
+    """The main colours of an object's vertices."""
+    return next((one for one in colors(item) if one.domain == "vertex"), None)
+
+
+def joined_colors(sequence: MeshSequence) -> Float32Array | None:
+    """(vertices, 3 or 4) float32: colours of the vertices of all objects; None unless every object has some."""
+    parts = []
+    for item in sequence.objects:
+        color = vertex_color(item)
+        if color is None:
+            return None
+        values, indices, _ = indexed_rows(color)
+        parts.append(values if indices is None else values[indices])
+    width = max(part.shape[1] for part in parts)
+    opaque = (np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=1) for part in parts)
+    return np.concatenate(list(opaque))
+
+
 def left_out(
     sequence: MeshSequence, title: str, held: Callable[[MeshObject, Attribute], bool], metadata: Iterable[str] = ()
 ) -> tuple[str, ...]:
     """A line that names the attributes, and one that names the metadata, which a format does not hold.
 
-    Parameters
-    ----------
-    sequence : MeshSequence
-    title : str
-        Of the format.
-    held : callable
-        Whether an attribute is written.
-    metadata : iterable of str
-        Keys of the metadata that are written.
+    `held` says whether an attribute is written, `metadata` are the keys that are.
     """
     names = dict.fromkeys(one.name for item in sequence.objects for one in item.attributes if not held(item, one))
-    keys = [key for key in sequence.metadata if key not in set(metadata)]
-    notices = []
-    if names:
-        notices.append(f"{title} has no place for attributes: {', '.join(names)}")
-    if keys:
-        notices.append(f"{title} has no place for metadata: {', '.join(keys)}")
-    return tuple(notices)
+    keys = dict.fromkeys(key for key in sequence.metadata if key not in set(metadata))
+    return tuple(
+        f"{title} has no place for {kind}: {', '.join(lost)}"
+        for kind, lost in (("attributes", names), ("metadata", keys))
+        if lost
+    )
+
+
+def lost_by_joining(
+    sequence: MeshSequence, title: str, joined: str, colors: Float32Array | None = None
+) -> tuple[str, ...]:
+    """Lines for a format that joins objects to one thing, and holds at most :func:`joined_colors`."""
+    notices: tuple[str, ...] = ()
+    if len(sequence.objects) > 1 or sequence.objects[0].name != "mesh":
+        notices = (f"{title} has no names: objects are one {joined}",)
+    return notices + left_out(sequence, title, lambda item, one: colors is not None and one is vertex_color(item))
 
 
 def _width(attribute: Attribute) -> int:

@@ -80,10 +80,7 @@ def is_blank(byte: int) -> bool:
 def scale_decimal(mantissa: np.int64, exponent: np.int64) -> tuple[np.float32, bool]:
     """``mantissa * 10**exponent`` as float32, and whether it is certain to be the correctly rounded one.
 
-    Parameters
-    ----------
-    mantissa : int64, 0 to 10**MAX_DIGITS
-    exponent : int64
+    The mantissa is from 0 to ``10**MAX_DIGITS``.
     """
     if mantissa == 0:
         return np.float32(0.0), True
@@ -129,21 +126,11 @@ def _keep_digits(text: ByteArray, at: int, end: int) -> tuple[np.int64, np.int64
 
 @njit(cache=True, nogil=True)
 def parse_decimals(text: ByteArray, starts: Int64Array, values: Float32Array, certain: BoolArray) -> None:
-    """Parse the numbers that start at given bytes.
+    """Parse the numbers whose tokens start at bytes (n,) of a text that ends with a line feed.
 
-    One loop over all of them without a call that passes an array: numba counts references to an array around
-    each call, which costs more than parsing a number.
-
-    Parameters
-    ----------
-    text : (bytes,) uint8
-        Ends with a line feed.
-    starts : (n,) int64
-        First byte of each token; negative for none, which gives 0.
-    values : (n,) float32
-        Receives the numbers.
-    certain : (n,) bool
-        Receives whether each is the token's value; where it is not, ask :func:`float32_of_token`.
+    `values` (n,) receives the numbers, 0 where a start is negative, and `certain` (n,) whether each is the token's
+    value; where it is not, :func:`float32_of_token` finds it. One loop over all of them without a call that passes an
+    array: numba counts references to an array around each call, which costs more than parsing a number.
     """
     for index in range(starts.size):
         at = starts[index]
@@ -198,17 +185,10 @@ def parse_decimals(text: ByteArray, starts: Int64Array, values: Float32Array, ce
 
 @njit(cache=True, nogil=True)
 def shortest_decimal(value: np.float32) -> tuple[np.int64, np.int64]:
-    """Mantissa and power of ten, of at most nine digits, that read back to `value`.
+    """Mantissa, of at most nine digits without zeros at its end, and power of ten that read back to `value`.
 
-    Parameters
-    ----------
-    value : float32, finite, not negative
-
-    Returns
-    -------
-    mantissa : int64
-        Without trailing zeros; -1 if nine digits were not enough, which does not happen for normal numbers.
-    exponent : int64
+    The value is finite and not negative. The mantissa is -1 if nine digits were not enough, which does not happen for
+    normal numbers.
     """
     if value == 0:
         return np.int64(0), np.int64(0)
@@ -242,15 +222,9 @@ def _count_digits(number: np.int64) -> int:
 
 @njit(cache=True, nogil=True)
 def format_rows(rows: Float32Array, prefix: int, out: ByteArray) -> int:
-    """Write ``prefix number number ...`` lines; return the bytes written, or -1 for the plain form.
+    """Write ``prefix number number ...`` lines; the number of bytes written, or -1 for the plain form.
 
-    Parameters
-    ----------
-    rows : (n, k) float32, finite
-    prefix : int
-        The byte that starts every line.
-    out : (bytes,) uint8
-        At least ``n * (2 + k * NUMBER_WIDTH)`` bytes.
+    Rows (n, k) are finite, `prefix` is a byte, `out` has room for at least ``n * (2 + k * NUMBER_WIDTH)``.
     """
     at = 0
     for row in range(rows.shape[0]):

@@ -13,39 +13,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.sample_times import rate_or_default, round_rate
-from pdecodec.sequence import Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range, check_times
+from pdecodec.formats.frame_files import join_cells
+from pdecodec.formats.times import rate_or_default, timing_of_stored
+from pdecodec.sequence import Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range
 
 FACES = ("TRI", "QUAD", "SHELL")
 LINES = ("BAR", "BEAM", "TRUSS", "EDGE")
 
-AXES = "XYZ"
+AXES, DISPLACEMENTS = "XYZ", ("DISPL", "DISP", "DISP_", "DISPLACEMENT_", "U")
+"""Axes and beginnings of the names of displacements."""
 
 _DAMAGE = (OSError, KeyError, ValueError, TypeError, IndexError, RuntimeError, AttributeError)
 """What h5py, SciPy and NumPy raise on damaged or missing parts."""
 
 
-def open_exodus(path: Path, *, fps: float | None) -> MeshSequence:
-    """Open an Exodus II file of shells, surfaces or bars.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-    fps : float, optional
-        Nominal rate; the file stores its times.
+class ExodusSequence(MeshSequence):
+    """Shells, surfaces or bars of an Exodus II file, moved by their displacements.
 
     Raises
     ------
     InputError
         If it is damaged, or has elements that are neither faces nor lines.
     """
-    return ExodusSequence(path, fps=fps)
 
-
-class ExodusSequence(MeshSequence):
-    """Coordinates of an Exodus file, moved by its displacements."""
-
-    def __init__(self, path: Path, *, fps: float | None = None) -> None:
+    def __init__(self, path: Path, *, fps: float | None) -> None:
         self._path = path
         try:
             self._variables = _open_variables(path)
@@ -59,32 +50,26 @@ class ExodusSequence(MeshSequence):
 
     def _open(self, fps: float | None) -> None:
         if "coord" in self._variables:
-            coordinates = np.asarray(self._variables["coord"][:], np.float64)
+            coordinates = self._numbers("coord")
         else:
             coordinates = np.stack(
-                [
-                    np.asarray(self._variables[f"coord{axis}"][:], np.float64)
-                    for axis in "xyz"
-                    if f"coord{axis}" in self._variables
-                ]
+                [self._numbers(f"coord{axis}") for axis in "xyz" if f"coord{axis}" in self._variables]
             )
         self._rest = np.zeros((coordinates.shape[1], 3))
         self._rest[:, : len(coordinates)] = coordinates.T
-        stored = np.asarray(self._variables["time_whole"][:], np.float64) if "time_whole" in self._variables else None
+        times = self._numbers("time_whole") if "time_whole" in self._variables else np.zeros(0)
         self._moving = self._displacements()
-        notices: tuple[str, ...] = ()
-        if stored is None or stored.size == 0 or not self._moving:
-            times, rate = np.zeros(1), rate_or_default(None, fps)[0]
-            if stored is not None and stored.size > 1:
-                notices = ("no displacements (DISPLX, ...) are in it: its shape stays",)
+        if times.size and self._moving:
+            self.times, self.fps, self.notices = timing_of_stored(times, fps)
         else:
-            times = stored
-            found = round_rate((times.size - 1) / float(times[-1] - times[0])) if times.size > 1 else None
-            rate, notices = rate_or_default(found, fps)
-        self.times, self.fps = check_times(times.size, times, rate)
+            self.times, self.fps, self.notices = np.zeros(1), rate_or_default(None, fps)[0], ()
+            if times.size > 1:
+                self.notices = ("no displacements (DISPLX, ...) are in it: its shape stays",)
         self.objects = (MeshObject("mesh", self._connectivity()),)
         self.metadata = {}
-        self.notices = notices
+
+    def _numbers(self, name: str) -> NDArray[np.float64]:
+        return np.asarray(self._variables[name][:], np.float64)
 
     def _displacements(self) -> dict[int, Any]:
         """The variable of each axis."""
@@ -94,21 +79,13 @@ class ExodusSequence(MeshSequence):
         found = {}
         for number, name in enumerate(names, 1):
             for axis, letter in enumerate(AXES):
-                if name in (
-                    f"DISPL{letter}",
-                    f"DISP{letter}",
-                    f"DISP_{letter}",
-                    f"DISPLACEMENT_{letter}",
-                    f"U{letter}",
-                ):
+                if name in {f"{start}{letter}" for start in DISPLACEMENTS}:
                     found[axis] = self._variables[f"vals_nod_var{number}"]
         return found
 
     def _connectivity(self) -> Connectivity:
-        face_counts: list[NDArray[Any]] = []
-        faces: list[NDArray[Any]] = []
-        line_counts: list[NDArray[Any]] = []
-        lines: list[NDArray[Any]] = []
+        faces: list[NDArray[np.int64]] = []
+        lines: list[NDArray[np.int64]] = []
         number = 1
         while f"connect{number}" in self._variables:
             block = self._variables[f"connect{number}"]
@@ -116,24 +93,15 @@ class ExodusSequence(MeshSequence):
             kind = _text(np.asarray(_kind_of(block)).reshape(-1)).upper().rstrip("0123456789")
             number += 1
             if kind in FACES and rows.shape[1] in (3, 4):
-                face_counts.append(np.full(len(rows), rows.shape[1], np.int32))
-                faces.append(rows.reshape(-1))
+                faces.append(rows)
             elif kind in LINES and rows.shape[1] == 2:
-                line_counts.append(np.full(len(rows), 2, np.int32))
-                lines.append(rows.reshape(-1))
+                lines.append(rows)
             else:
                 raise InputError(
                     f"holds elements of type {kind}{rows.shape[1]}; extract the surface as polygons first",
                     path=self._path,
                 )
-        none = [np.zeros(0, np.int32)]
-        return Connectivity(
-            len(self._rest),
-            np.concatenate(none + face_counts),
-            np.concatenate(none + faces),
-            np.concatenate(none + line_counts),
-            np.concatenate(none + lines),
-        )
+        return join_cells(len(self._rest), faces, lines)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)

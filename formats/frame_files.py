@@ -1,8 +1,10 @@
-"""Frame patterns and folders: which files are the frames of a sequence, and which numbers they carry."""
+"""One file a frame: which files are the frames of a sequence, reading them one by one, writing all or none."""
 
 from __future__ import annotations
 
+import os
 import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,26 +13,24 @@ import numpy as np
 from fileseq.constants import PAD_STYLE_HASH1
 from fileseq.exceptions import FileSeqException
 from fileseq.filesequence import FileSequence
+from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
+from pdecodec.formats.registry import Output
+from pdecodec.formats.times import Timing, timing_of_numbers
+from pdecodec.sequence import Attribute, Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range
+from pdecodec.whole_output import partial_folder, write_errors
 
 FRAME_FIELD = re.compile(r"#+|@+|%0?\d*d|\$F\d*")
 """Where a name carries its frame number: hashes, at signs, printf's and Houdini's notation."""
 
 FOLDER_PADDING = "####"
-"""Digits of frame numbers in a folder we name ourselves: what render farms and players expect."""
+"""Digits of frame numbers in names we choose ourselves: what render farms and players expect."""
 
 
 @dataclass(frozen=True)
 class FrameFiles:
-    """The files of a sequence, in order.
-
-    Parameters
-    ----------
-    paths : tuple of pathlib.Path
-    numbers : tuple of int, or None
-        Frame number of each path; None for a single file given by its own name.
-    """
+    """The files of a sequence, in order, and their frame numbers: None for a single file given by its own name."""
 
     paths: tuple[Path, ...]
     numbers: tuple[int, ...] | None
@@ -82,10 +82,8 @@ def frames_there(pattern: Path) -> list[Path]:
     """Files that a reader of the pattern would take for its frames, in any padding: what a writer would replace."""
     parsed = parse_pattern(pattern)
     start, end = parsed.basename(), parsed.extension()
-    if not pattern.parent.is_dir():
-        return []
     found = []
-    for item in pattern.parent.iterdir():
+    for item in pattern.parent.iterdir() if pattern.parent.is_dir() else ():
         number = item.name.removeprefix(start).removesuffix(end)
         if item.name == f"{start}{number}{end}" and number.removeprefix("-").isdecimal():
             found.append(item)
@@ -126,8 +124,7 @@ def _checked(sequence: Any, path: Path, *, wanted: Any) -> FrameFiles:
         missing = np.setdiff1d(numbers, there)
     else:
         numbers = there
-        before_gap = np.flatnonzero(np.diff(there) > 1)
-        missing = there[before_gap] + 1
+        missing = there[np.flatnonzero(np.diff(there) > 1)] + 1
     if missing.size:
         raise InputError(
             f"frame number {missing[0]} is missing; restore the file, "
@@ -137,3 +134,137 @@ def _checked(sequence: Any, path: Path, *, wanted: Any) -> FrameFiles:
     return FrameFiles(
         tuple(Path(sequence.frame(int(number))) for number in numbers), tuple(int(number) for number in numbers)
     )
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """What one file holds: positions (vertices, 3) float32, and what must be the same in every frame."""
+
+    points: Float32Array
+    connectivity: Connectivity
+    attributes: tuple[Attribute, ...] = ()
+    notices: tuple[str, ...] = ()
+
+
+class FrameSequence(MeshSequence):
+    """Files whose frames are read, and compared with the first, when they are asked for.
+
+    `read` gives the mesh of a file, or raises InputError.
+    """
+
+    def __init__(self, paths: Sequence[Path], timing: Timing, read: Callable[[Path], MeshFile]) -> None:
+        self._paths, self._read = tuple(paths), read
+        first = read(self._paths[0])
+        if len(first.points) == 0:
+            raise InputError("there are no vertices; check the file", path=self._paths[0])
+        self._connectivity = first.connectivity
+        self.objects = (MeshObject("mesh", first.connectivity, first.attributes),)
+        self.times, self.fps, notices = timing
+        self.metadata = {}
+        self.notices = (*notices, *first.notices)
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        points = np.empty((stop - start, self.vertex_count, 3), np.float32)
+        for frame in range(start, stop):
+            found = self._read(self._paths[frame])
+            if not found.connectivity.same_as(self._connectivity):
+                raise InputError(
+                    f"{_difference(found.connectivity, self._connectivity)}; every frame must have the connectivity of "
+                    "the first",
+                    path=self._paths[frame],
+                    frame=frame,
+                )
+            points[frame - start] = found.points
+        return points
+
+
+def open_frames(path: Path, extension: str, read: Callable[[Path], MeshFile], fps: float | None) -> MeshSequence:
+    """A file, a frame pattern or a folder as a sequence; errors as of :func:`find_frames` and the first frame."""
+    files = find_frames(path, extension)
+    return FrameSequence(files.paths, timing_of_numbers(files.numbers, fps), read)
+
+
+def _difference(mine: Connectivity, first: Connectivity) -> str:
+    if mine.vertex_count != first.vertex_count:
+        return f"there are {mine.vertex_count} vertices, the first frame has {first.vertex_count}"
+    if mine.face_count != first.face_count or mine.line_count != first.line_count:
+        return f"there are {mine.face_count} faces and {mine.line_count} lines, the first frame has others"
+    return "faces or lines join other vertices than in the first frame"
+
+
+def join_cells(
+    vertices: int, faces: Sequence[NDArray[np.integer]], lines: Sequence[NDArray[np.integer]]
+) -> Connectivity:
+    """The connectivity of blocks of cells of one size, (cells, corners), or of single ones, (corners,)."""
+    joined = []
+    for blocks in (faces, lines):
+        rows = [np.atleast_2d(block) for block in blocks]
+        joined.append(np.concatenate([np.zeros(0, np.int32), *(np.full(len(row), row.shape[1]) for row in rows)]))
+        joined.append(np.concatenate([np.zeros(0, np.int64), *(row.reshape(-1) for row in rows)]))
+    return Connectivity(vertices, *joined)
+
+
+def write_frames(
+    sequence: MeshSequence,
+    output: Output,
+    what: str,
+    frame_bytes: Callable[[Float32Array, int], bytes],
+    *,
+    new_folder: bool = False,
+) -> list[Path]:
+    """Write a file for each frame, all of them or none; the paths.
+
+    The frames are written to a hidden folder beside their place, and moved after the last one was written. Of frames
+    that are replaced, those that the new sequence does not have are removed.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    output : Output
+        A pattern, ``name.####.ply``; for one frame also a plain name.
+    what : str
+        The format.
+    frame_bytes : callable
+        The bytes of a file: of positions (vertices, 3) and the index of the frame.
+    new_folder : bool
+        Whether the pattern's folder is new, and appears at once when all is written.
+
+    Raises
+    ------
+    InputError
+        If the place is taken or not writable, or several frames are to go to one file.
+    """
+    pattern = output.path
+    if not is_frame_pattern(pattern):
+        if sequence.frame_count > 1:
+            name = f"{pattern.stem}.{FOLDER_PADDING}{pattern.suffix}"
+            raise InputError(f"{sequence.frame_count} frames do not fit one {what} file; name it {name}", path=pattern)
+        with output.whole_file() as partial:
+            partial.write_bytes(frame_bytes(sequence.read_frames(0, 1)[0], 0))
+        return [pattern]
+    old = frames_there(pattern)
+    if old and not output.overwrite:
+        raise InputError(
+            f"frames are there already ({old[0].name}); choose another name, or overwrite them (--overwrite)",
+            path=pattern,
+        )
+    parsed = parse_pattern(pattern)
+    # Frames carry the numbers of their times where those follow each other, else they count up from the first.
+    numbers = np.rint(sequence.times * output.rate)
+    if not (np.diff(numbers) == 1).all():
+        numbers = numbers[0] + np.arange(sequence.frame_count)
+    paths = [pattern.with_name(Path(parsed.frame(int(number))).name) for number in numbers]
+    place = pattern.parent if new_folder else pattern
+    with partial_folder(place) as partial, write_errors(place):
+        for start, block in output.blocks(sequence, what):
+            for frame, points in enumerate(block, start):
+                (partial / paths[frame].name).write_bytes(frame_bytes(points, frame))
+        if new_folder:
+            os.replace(partial, place)
+            return paths
+        for path in paths:
+            os.replace(partial / path.name, path)
+        for path in set(old) - set(paths):
+            path.unlink()
+    return paths

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,14 +11,11 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.gltf_file import GltfFile
+from pdecodec.formats.times import FLOAT32_ROUNDING
 from pdecodec.sequence import Float64Array
 
 MOST_LEVELS = 1024
 """Depth of the tree of nodes; deeper ones hold themselves."""
-
-
-FLOAT32_ROUNDING = 2.0**-23
-"""Relative error of a key's time after float32, with a bit to spare."""
 
 
 @dataclass(frozen=True)
@@ -52,45 +49,33 @@ class Sampler:
         span = self.times[second] - self.times[first]
         share = np.where(span > 0, (inside - self.times[first]) / np.where(span > 0, span, 1), 0.0)[:, None]
         if self.interpolation == "STEP":
-            found = self.values[np.where(share[:, 0] >= 1, second, first)]
+            found: Float64Array = self.values[np.where(share[:, 0] >= 1, second, first)]
         elif self.interpolation == "CUBICSPLINE":
             found = self._hermite(first, second, share, span[:, None])
         elif self.is_rotation:
-            return _slerp(self.values[first], self.values[second], share)
+            found = _slerp(self.values[first], self.values[second], share)
         else:
             found = (1 - share) * self.values[first] + share * self.values[second]
-        if self.is_rotation:
-            found = found / np.linalg.norm(found, axis=1, keepdims=True)
-        result: Float64Array = found
-        return result
+        return found / np.linalg.norm(found, axis=1, keepdims=True) if self.is_rotation else found
 
     def _hermite(self, first: NDArray[Any], second: NDArray[Any], s: Float64Array, span: Float64Array) -> Float64Array:
         start, leave = self.values[first, 1], span * self.values[first, 2]
         end, arrive = self.values[second, 1], span * self.values[second, 0]
-        found: Float64Array = (
-            (2 * s**3 - 3 * s**2 + 1) * start
-            + (s**3 - 2 * s**2 + s) * leave
-            + (-2 * s**3 + 3 * s**2) * end
-            + (s**3 - s**2) * arrive
-        )
+        whole = (2 * s**3 - 3 * s**2 + 1) * start + (-2 * s**3 + 3 * s**2) * end
+        found: Float64Array = whole + (s**3 - 2 * s**2 + s) * leave + (s**3 - s**2) * arrive
         return found
 
 
 def _slerp(a: Float64Array, b: Float64Array, share: Float64Array) -> Float64Array:
-    """Rotations between two, the short way round."""
+    """Rotations between two, the short way round, of any length."""
     cosine = (a * b).sum(axis=1, keepdims=True)
     b = np.where(cosine < 0, -b, b)
     angle = np.arccos(np.clip(np.abs(cosine), 0, 1))
-    sine = np.sin(angle)
-    near = sine < 1e-6
-    safe = np.where(near, 1, sine)
-    found = np.where(
-        near,
-        (1 - share) * a + share * b,
-        np.sin((1 - share) * angle) / safe * a + np.sin(share * angle) / safe * b,
-    )
-    result: Float64Array = found / np.linalg.norm(found, axis=1, keepdims=True)
-    return result
+    near = np.sin(angle) < 1e-6
+    of_a, of_b = np.sin((1 - share) * angle), np.sin(share * angle)
+    # But for a factor, which does not matter of a rotation.
+    found: Float64Array = np.where(near, (1 - share) * a + share * b, of_a * a + of_b * b)
+    return found
 
 
 @dataclass(frozen=True)
@@ -107,13 +92,7 @@ class Clip:
 
 
 def read_clip(file: GltfFile, index: int) -> Clip:
-    """An animation of the file.
-
-    Raises
-    ------
-    InputError
-        If it is damaged.
-    """
+    """An animation of the file; InputError where it is damaged."""
     entry = file.listed("animations")[index]
     samplers: dict[tuple[int, str], Sampler] = {}
     try:
@@ -139,18 +118,7 @@ def _sampler(file: GltfFile, stored: Mapping[str, Any], path: str) -> Sampler:
 
 
 class Nodes:
-    """The tree of nodes and where each is.
-
-    Parameters
-    ----------
-    file : GltfFile
-    clip : Clip or None
-
-    Raises
-    ------
-    InputError
-        If a node is under itself.
-    """
+    """The tree of nodes and where each is under a clip; InputError where a node is under itself."""
 
     def __init__(self, file: GltfFile, clip: Clip | None) -> None:
         self.entries = file.listed("nodes")
@@ -173,20 +141,6 @@ class Nodes:
                 raise InputError(f"node {index} lies under itself, or too deep; export the file again")
         return chain
 
-    def world(self, index: int, times: Float64Array) -> Float64Array:
-        """As :meth:`Pose.world`."""
-        return Pose(self, times).world(index)
-
-    def is_placed(self, index: int) -> bool:
-        """Whether a node or one above it moves or stands away from the origin."""
-        zero = np.zeros(1)
-        moves = self._clip is not None and any(
-            (node, path) in self._clip.samplers
-            for node in self.above(index)
-            for path in ("translation", "rotation", "scale")
-        )
-        return moves or not np.array_equal(self.world(index, zero)[0], np.eye(4))
-
     def local(self, index: int, times: Float64Array) -> Float64Array:
         """(times, 4, 4) float64: from a node's space to that of the one above it."""
         node = self.entries[index]
@@ -202,30 +156,20 @@ class Nodes:
         matrices[:, 3, 3] = 1
         return matrices
 
-    def _property(self, index: int, path: str, times: Float64Array, default: tuple[float, ...]) -> Float64Array:
+    def _property(self, index: int, path: str, times: Float64Array, default: Sequence[float]) -> Float64Array:
         sampler = None if self._clip is None else self._clip.samplers.get((index, path))
-        if sampler is not None:
+        if sampler is not None and sampler.values.shape[-1] == len(default):
             return sampler.at(times)
         value = np.array(self.entries[index].get(path, default), np.float64)
         return np.broadcast_to(value, (times.size, value.size))
 
     def weights(self, index: int, times: Float64Array, default: Float64Array) -> Float64Array:
         """(times, targets): weights of the morph targets of a node's mesh."""
-        sampler = None if self._clip is None else self._clip.samplers.get((index, "weights"))
-        if sampler is not None and sampler.values.shape[-1] == default.size:
-            return sampler.at(times)
-        value = np.array(self.entries[index].get("weights", default), np.float64)
-        return np.broadcast_to(value, (times.size, value.size))
+        return self._property(index, "weights", times, default.tolist())
 
 
 class Pose:
-    """Where nodes are at some times, each found once.
-
-    Parameters
-    ----------
-    nodes : Nodes
-    times : (times,) float64 [s]
-    """
+    """Where nodes are at times (times,) float64 [s], each found once."""
 
     def __init__(self, nodes: Nodes, times: Float64Array) -> None:
         self._nodes, self.times = nodes, times

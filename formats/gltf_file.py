@@ -1,4 +1,4 @@
-"""glTF files: the JSON, the binary chunk of a GLB, and numbers out of accessors, sparse ones too."""
+"""glTF files: the JSON, the binary chunk of a GLB, and numbers in accessors, in and out."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError
+from pdecodec.formats.registry import read_errors
+from pdecodec.sequence import Float32Array
 
 GLB_HEADER = struct.Struct("<4sII")
 CHUNK_HEADER = struct.Struct("<I4s")
@@ -30,6 +32,19 @@ WIDTHS: Mapping[str, int] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2
 
 READABLE_EXTENSIONS = frozenset({"KHR_mesh_quantization", "KHR_materials_unlit", "KHR_texture_transform"})
 """Extensions that may be required: those that change nothing about positions, but for their types."""
+
+
+POINTS, LINES, LINE_LOOP, LINE_STRIP, TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = range(7)
+"""Modes of primitives."""
+
+MOST_ZEROS = 2**30
+"""Bytes that an accessor without data may take: numbers that are all zero take none in a file."""
+
+VERTEX_DATA, INDEX_DATA = 34962, 34963
+"""Targets of buffer views: what of a mesh they hold."""
+
+_ALIGNMENT = 4
+"""Bytes that parts of a file begin at multiples of."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +80,8 @@ class GltfFile:
         if "bufferView" in entry:
             values = self._rows(entry["bufferView"], int(entry.get("byteOffset", 0)), dtype, width, count)
         else:
-            self._check_size(count * width * dtype.itemsize)
+            if count * width * dtype.itemsize > MOST_ZEROS:
+                raise ValueError(f"{count} rows of zeros")
             values = np.zeros((count, width), dtype)
         if "sparse" in entry:
             sparse = entry["sparse"]
@@ -77,11 +93,6 @@ class GltfFile:
         if entry.get("normalized") and dtype.kind in "iu":
             values = np.maximum(values.astype(np.float32) / np.float32(np.iinfo(dtype).max), np.float32(-1))
         return values[:, 0] if width == 1 else values
-
-    def _check_size(self, size: int) -> None:
-        """Numbers that are all zero take no bytes in a file: a damaged count must not fill the memory."""
-        if size > MOST_ZEROS:
-            raise ValueError(f"{size} bytes of zeros")
 
     def _rows(self, view_index: int, offset: int, dtype: np.dtype[Any], width: int, count: int) -> NDArray[Any]:
         view = self.root["bufferViews"][view_index]
@@ -100,10 +111,6 @@ class GltfFile:
         return rows.reshape(count, width)
 
 
-MOST_ZEROS = 2**30
-"""Bytes that an accessor without data may take."""
-
-
 def read_gltf(path: Path) -> GltfFile:
     """Read a ``.gltf`` or ``.glb`` file and the buffers that it names.
 
@@ -112,10 +119,8 @@ def read_gltf(path: Path) -> GltfFile:
     InputError
         If it is no glTF 2.0 file, is damaged, or needs an extension that is not read.
     """
-    try:
+    with read_errors(path):
         data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror}); check the file", path=path) from error
     text, chunk = _split_glb(data, path) if data.startswith(GLB_MAGIC) else (data, None)
     try:
         root = json.loads(text)
@@ -171,3 +176,93 @@ def _buffer(entry: Any, index: int, chunk: bytes | None, path: Path) -> bytes:
         return beside.read_bytes()
     except OSError as error:
         raise InputError(f"its buffer {beside.name} cannot be read ({error.strerror})", path=path) from error
+
+
+class GltfBuilder:
+    """Collects nodes, meshes and numbers."""
+
+    def __init__(self) -> None:
+        self.root: dict[str, Any] = {"asset": {"version": "2.0", "generator": "pdecodec"}}
+        self._data = bytearray()
+
+    def add(self, kind: str, entry: dict[str, Any]) -> int:
+        """Put an entry at the end of a list of the root; its index."""
+        entries = self.root.setdefault(kind, [])
+        entries.append(entry)
+        return len(entries) - 1
+
+    def view(self, data: NDArray[Any], target: int | None = None) -> int:
+        """A buffer view of an array; its index."""
+        self._data += bytes(-len(self._data) % _ALIGNMENT)
+        entry: dict[str, Any] = {"buffer": 0, "byteOffset": len(self._data), "byteLength": data.nbytes}
+        if target is not None:
+            entry["target"] = target
+        self._data += data.tobytes()
+        return self.add("bufferViews", entry)
+
+    def floats(self, values: ArrayLike, *, target: int | None = None, bounds: bool = False) -> int:
+        """An accessor of float32 rows, with their bounds where they are asked for; its index."""
+        rows = np.ascontiguousarray(values, "<f4")
+        table = rows.reshape(len(rows), -1) if rows.size else rows.reshape(len(rows), 1)
+        limits = {"min": table.min(axis=0).tolist(), "max": table.max(axis=0).tolist()} if bounds else {}
+        kind = next(name for name, numbers in WIDTHS.items() if numbers == table.shape[1])
+        return self._accessor("<f4", len(rows), kind, bufferView=self.view(rows, target), **limits)
+
+    def zeros(self, count: int) -> int:
+        """An accessor of so many rows of three zeros, which take no bytes; its index."""
+        return self._accessor("<f4", count, "VEC3", min=[0.0] * 3, max=[0.0] * 3)
+
+    def integers(self, values: ArrayLike, *, target: int | None = None) -> int:
+        """An accessor of unsigned 32-bit numbers; its index."""
+        numbers = np.ascontiguousarray(values, "<u4")
+        return self._accessor("<u4", numbers.size, "SCALAR", bufferView=self.view(numbers, target))
+
+    def unit_rows(self, frames: int) -> int:
+        """An accessor of ``frames x (frames - 1)`` numbers: row k has a one at k - 1; its index."""
+        places = (np.arange(1, frames) * (frames - 1) + np.arange(frames - 1)).astype("<u4")
+        sparse = {
+            "count": frames - 1,
+            "indices": {"bufferView": self.view(places), "componentType": _component("<u4")},
+            "values": {"bufferView": self.view(np.ones(frames - 1, "<f4"))},
+        }
+        return self._accessor("<f4", frames * (frames - 1), "SCALAR", sparse=sparse)
+
+    def _accessor(self, dtype: str, count: int, kind: str, **entry: Any) -> int:
+        found = {"componentType": _component(dtype), "count": count, "type": kind}
+        return self.add("accessors", {**entry, **found})
+
+    def to_glb(self) -> bytes:
+        """The file as one binary."""
+        self._data += bytes(-len(self._data) % _ALIGNMENT)
+        self.root["buffers"] = [{"byteLength": len(self._data)}]
+        text = self._json()
+        text += b" " * (-len(text) % _ALIGNMENT)
+        length = GLB_HEADER.size + 2 * CHUNK_HEADER.size + len(text) + len(self._data)
+        parts = (
+            GLB_HEADER.pack(GLB_MAGIC, 2, length),
+            CHUNK_HEADER.pack(len(text), b"JSON"),
+            text,
+            CHUNK_HEADER.pack(len(self._data), b"BIN\0"),
+            self._data,
+        )
+        return b"".join(parts)
+
+    def to_gltf(self) -> bytes:
+        """The file as JSON, the numbers in it as text."""
+        uri = "data:application/octet-stream;base64," + base64.b64encode(self._data).decode("ascii")
+        self.root["buffers"] = [{"byteLength": len(self._data), "uri": uri}]
+        return self._json()
+
+    def _json(self) -> bytes:
+        return json.dumps(self.root, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+
+
+def _component(dtype: str) -> int:
+    return next(number for number, name in COMPONENTS.items() if name == dtype)
+
+
+def flipped(uv: Float32Array) -> Float32Array:
+    """UVs with the second number from the other side: glTF counts it from the top, the others from the bottom."""
+    turned = uv.astype(np.float32)
+    turned[:, 1] = np.float32(1) - turned[:, 1]
+    return turned

@@ -1,15 +1,18 @@
 """NPZ: a NumPy archive of ``points`` and, where known, faces, times and everything else.
 
 The arrays are those of :mod:`pdecodec.formats.object_arrays`. Points stored without compression, as our writer
-and ``numpy.savez`` store them, are read by blocks; compressed ones are loaded whole.
+and ``numpy.savez`` store them, are read by blocks; compressed ones are loaded whole. Headers are checked before a byte
+of an array is believed.
 """
 
 from __future__ import annotations
 
+import math
 import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -17,123 +20,56 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.npy_member import StoredArray, read_array, read_header, write_header
-from pdecodec.formats.object_arrays import arrays_of, is_layout_name, metadata_of, objects_of, padded_faces
-from pdecodec.formats.stored_times import times_of_arrays
-from pdecodec.sequence import Float32Array, MeshSequence, Progress, check_frame_range
-from pdecodec.whole_output import whole_file
+from pdecodec.formats.object_arrays import LaidOutSequence, arrays_of, check_has_points
+from pdecodec.formats.registry import Output, read_errors
+from pdecodec.sequence import MeshSequence
 
 EARLIEST_DATE = (1980, 1, 1, 0, 0, 0)
 """The first date a zip file can say: same input, same bytes."""
 
-_DAMAGE = (
-    zipfile.BadZipFile,
-    zlib.error,
-    ValueError,
-    EOFError,
-    KeyError,
-    NotImplementedError,
-    RuntimeError,
-    SyntaxError,
-    TypeError,
-    OverflowError,
-    MemoryError,
-)
+DEFLATE_FACTOR = 1032
+"""Bytes that deflate can make of one: a member that claims more is damaged, or a bomb."""
+
+LOCAL_HEADER_BYTES = 30
+"""A zip member's own header, before its name."""
+
+_DAMAGE = (zipfile.BadZipFile, zlib.error, ArithmeticError, EOFError, LookupError, MemoryError, RuntimeError)
 """What zipfile and numpy raise on damaged, encrypted or unsupported members, and on headers that are not Python."""
 
 
-def open_npz(path: Path, *, fps: float | None) -> MeshSequence:
-    """Open an archive that holds at least ``points`` (frames, vertices, 3).
+class NpzSequence(LaidOutSequence):
+    """A mesh sequence in a NumPy archive, which holds at least ``points`` (frames, vertices, 3).
 
     Raises
     ------
     InputError
         If it is not an archive, is damaged, or its arrays do not fit together.
     """
-    return NpzSequence(path, fps=fps)
 
-
-class NpzSequence(MeshSequence):
-    """A mesh sequence in a NumPy archive.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-    fps : float, optional
-        See :func:`pdecodec.formats.open_sequence`.
-    """
-
-    def __init__(self, path: Path, *, fps: float | None = None) -> None:
+    def __init__(self, path: Path, *, fps: float | None) -> None:
         with _archive_errors(path), zipfile.ZipFile(path) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-            if "points" not in members:
-                found = ", ".join(members) or "nothing"
-                raise InputError(f"there is no array named points (it holds {found}); add it", path=path)
-            self._points = _open_points(archive, members["points"], path)
-            arrays = {
-                name: read_array(archive, info)
-                for name, info in members.items()
-                if name != "points" and is_layout_name(name)
-            }
-        frames, vertices = self._points.shape[:2]
-        self.objects = objects_of(arrays, vertices)
-        self.metadata = metadata_of(arrays)
-        self.times, self.fps, time_notices = times_of_arrays(arrays, frames, fps)
-        other = [name for name in members if not is_layout_name(name)]
-        self.notices = (*time_notices, f"arrays not kept: {', '.join(other)}") if other else time_notices
-
-    def read_frames(self, start: int, stop: int) -> Float32Array:
-        check_frame_range(self, start, stop)
-        with np.errstate(over="ignore"):
-            return np.array(self._points[start:stop], np.float32, order="C")
+            check_has_points(list(members), "array")
+            header = _read_header(archive, members["points"])
+            stored = members["points"].compress_type == zipfile.ZIP_STORED and not header.fortran_order
+            self._points = (
+                _StoredArray(path, members["points"], header) if stored else _read(archive, members["points"])
+            )
+            self._take(list(members), lambda name: _read(archive, members[name]), fps, "array")
 
 
-def write_npz(
-    sequence: MeshSequence,
-    path: Path,
-    *,
-    overwrite: bool = False,
-    fps: float | None = None,
-    progress: Progress | None = None,
-) -> tuple[str, ...]:
-    """Write a sequence as an uncompressed archive, block by block; the same sequence gives the same bytes.
-
-    Raises
-    ------
-    InputError
-        If the place is taken or cannot be written to.
-    """
-    arrays: dict[str, NDArray[Any]] = {
-        "times": sequence.times,
-        "fps": np.asarray(sequence.fps if fps is None else fps, np.float64),
-    }
-    faces = padded_faces(sequence.objects)
-    if faces is not None:
-        arrays["faces"] = faces
-    arrays.update(arrays_of(sequence.objects, sequence.metadata))
-    with whole_file(path, overwrite=overwrite) as partial, zipfile.ZipFile(partial, "w") as archive:
+def write_npz(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
+    """Write an uncompressed archive, block by block; the same sequence gives the same bytes."""
+    shape = (sequence.frame_count, sequence.vertex_count, 3)
+    with output.whole_file() as partial, zipfile.ZipFile(partial, "w") as archive:
         with _new_member(archive, "points") as member:
-            write_header(member, (sequence.frame_count, sequence.vertex_count, 3), np.dtype("<f4"))
-            for start, block in sequence.blocks():
+            np.lib.format.write_array_header_1_0(member, {"descr": "<f4", "fortran_order": False, "shape": shape})
+            for _, block in output.blocks(sequence, "NPZ"):
                 member.write(np.ascontiguousarray(block, "<f4").data)
-                if progress is not None:
-                    progress(start + len(block), sequence.frame_count, "writing NPZ")
-        for name, array in arrays.items():
+        for name, array in arrays_of(sequence, output.rate).items():
             with _new_member(archive, name) as member:
                 np.lib.format.write_array(member, np.asarray(array, order="C"), version=(1, 0), allow_pickle=False)
     return ()
-
-
-def _open_points(archive: zipfile.ZipFile, info: zipfile.ZipInfo, path: Path) -> StoredArray | NDArray[Any]:
-    header = read_header(archive, info)
-    shape, dtype = header.shape, header.dtype
-    if len(shape) != 3 or shape[2] != 3 or dtype.kind not in "fiu":
-        raise InputError(f"points must be numbers of shape (frames, vertices, 3), not {dtype} {shape}", path=path)
-    if shape[1] == 0:
-        raise InputError("points have no vertices; give at least one", path=path)
-    if info.compress_type == zipfile.ZIP_STORED and not header.fortran_order:
-        return StoredArray(path, info, header)
-    return read_array(archive, info)
 
 
 def _new_member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
@@ -142,11 +78,77 @@ def _new_member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
     return archive.open(info, "w", force_zip64=True)
 
 
+@dataclass(frozen=True)
+class _Header:
+    """What an array in NumPy's own format says of itself; `length` bytes stand before the numbers."""
+
+    shape: tuple[int, ...]
+    fortran_order: bool
+    dtype: np.dtype[Any]
+    length: int
+
+
+def _read_header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Header:
+    """Read and check the header of a member; ValueError where it is not an array at all."""
+    with archive.open(info) as member:
+        version = np.lib.format.read_magic(member)
+        if version == (1, 0):
+            found = np.lib.format.read_array_header_1_0(member)
+        elif version == (2, 0):
+            found = np.lib.format.read_array_header_2_0(member)
+        else:
+            raise InputError(f"{info.filename} has version {version} of NumPy's format; write it as version 1 or 2")
+        header = _Header(*found, member.tell())
+    if header.dtype.hasobject:
+        raise InputError(f"{info.filename} holds Python objects, which are never loaded; store numbers or text")
+    length = header.length + math.prod(header.shape) * header.dtype.itemsize
+    if any(size < 0 for size in header.shape) or length != info.file_size:
+        raise InputError(f"{info.filename} is damaged: its length is not what its header says; write it again")
+    if info.file_size > DEFLATE_FACTOR * info.compress_size:
+        raise InputError(f"{info.filename} is damaged: it claims more than its bytes can hold; write it again")
+    return header
+
+
+def _read(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
+    """Read a whole member; never runs what a file holds."""
+    _read_header(archive, info)
+    with archive.open(info) as member:
+        array: NDArray[Any] = np.lib.format.read_array(member, allow_pickle=False)
+    return array
+
+
+class _StoredArray:
+    """An uncompressed member in C order whose first dimension is read piece by piece, straight from the file.
+
+    Its checksum covers the whole member and is not looked at.
+    """
+
+    def __init__(self, path: Path, info: zipfile.ZipInfo, header: _Header) -> None:
+        self.shape, self.dtype, self._path = header.shape, header.dtype, path
+        # A member's bytes start behind its own header, whose name and extra field may differ in length.
+        with path.open("rb") as file:
+            file.seek(info.header_offset)
+            local = file.read(LOCAL_HEADER_BYTES)
+        name, extra = (int.from_bytes(local[at : at + 2], "little") for at in (26, 28))
+        self._start = info.header_offset + LOCAL_HEADER_BYTES + name + extra + header.length
+        self._row = math.prod(header.shape[1:])
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        start, stop, _ = rows.indices(self.shape[0])
+        count = (stop - start) * self._row
+        offset = self._start + start * self._row * self.dtype.itemsize
+        with read_errors(self._path), self._path.open("rb") as file:
+            file.seek(offset)
+            numbers = np.fromfile(file, self.dtype, count)
+        if numbers.size < count:
+            raise InputError("the file ends early; write it again", path=self._path, frame=start, offset=offset)
+        return numbers.reshape(stop - start, *self.shape[1:])
+
+
 @contextmanager
 def _archive_errors(path: Path) -> Iterator[None]:
     try:
-        yield
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error}); check the file", path=path) from error
-    except _DAMAGE as error:
+        with read_errors(path):
+            yield
+    except (*_DAMAGE, SyntaxError, TypeError, ValueError) as error:
         raise InputError(f"is not a readable NumPy archive ({error}); write it again", path=path) from error

@@ -102,13 +102,9 @@ def _count_tokens(text: ByteArray, at: int) -> int:
 
 @njit(cache=True, nogil=True)
 def count_statements(text: ByteArray) -> Int64Array:
-    """How much of everything a file holds.
+    """How many vertices, texture vertices, normals, elements, corners of elements and other statements a file holds.
 
-    Returns
-    -------
-    (7,) int64
-        Vertices, texture vertices, normals, elements, corners of elements, other statements, and vertices
-        with more than three numbers. A point statement is as many elements as it has points.
+    The seventh is that of vertices with more than three numbers. A point statement is as many elements as points.
     """
     counts = np.zeros(7, np.int64)
     at = 0
@@ -164,37 +160,44 @@ def _parse_index(text: ByteArray, at: int) -> tuple[int, int, bool]:
 
 
 @njit(cache=True, nogil=True)
-def _parse_corner(text: ByteArray, at: int, vertices_before: int, textures_before: int) -> tuple[int, int, int, int]:
-    """One ``v``, ``v/vt``, ``v//vn`` or ``v/vt/vn``: 0-based vertex and texture vertex (-1 for none), end, outcome."""
+def _parse_corner(
+    text: ByteArray, at: int, vertices_before: int, textures_before: int, normals_before: int
+) -> tuple[int, int, int, int, int]:
+    """One ``v``, ``v/vt``, ``v//vn`` or ``v/vt/vn``: 0-based vertex, texture vertex and normal, end, outcome.
+
+    Texture vertex and normal are -1 for none; a normal is not looked for.
+    """
     texture = -1
+    normal = -1
     vertex, at, good = _parse_index(text, at)
     if not good:
-        return 0, 0, at, BAD_INDEX
+        return 0, 0, 0, at, BAD_INDEX
     if vertex == 0:
-        return 0, 0, at, ZERO_INDEX
+        return 0, 0, 0, at, ZERO_INDEX
     vertex = vertex - 1 if vertex > 0 else vertices_before + vertex
     if text[at] == 47:
         at += 1
         if 48 <= text[at] <= 57 or text[at] == 45:
             texture, at, good = _parse_index(text, at)
             if not good:
-                return 0, 0, at, BAD_INDEX
+                return 0, 0, 0, at, BAD_INDEX
             if texture == 0:
-                return 0, 0, at, ZERO_INDEX
+                return 0, 0, 0, at, ZERO_INDEX
             texture = texture - 1 if texture > 0 else textures_before + texture
             if texture < 0:
-                return 0, 0, at, TEXTURE_OUTSIDE
+                return 0, 0, 0, at, TEXTURE_OUTSIDE
         if text[at] == 47:
             at += 1
             if text[at] != 10 and not is_blank(text[at]):
                 normal, at, good = _parse_index(text, at)
                 if not good:
-                    return 0, 0, at, BAD_INDEX
+                    return 0, 0, 0, at, BAD_INDEX
                 if normal == 0:
-                    return 0, 0, at, ZERO_INDEX
+                    return 0, 0, 0, at, ZERO_INDEX
+                normal = max(-1, normal - 1 if normal > 0 else normals_before + normal)
     if text[at] != 10 and not is_blank(text[at]):
-        return 0, 0, at, BAD_INDEX
-    return vertex, texture, at, FINE
+        return 0, 0, 0, at, BAD_INDEX
+    return vertex, texture, normal, at, FINE
 
 
 @njit(cache=True, nogil=True)
@@ -204,40 +207,31 @@ def fill_statements(
     vertex_sizes: Int32Array,
     texture_starts: Int64Array,
     texture_sizes: Int32Array,
+    normal_starts: Int64Array,
     element_kinds: Int32Array,
     element_sizes: Int32Array,
     corners: Int32Array,
     others: Int64Array,
 ) -> tuple[int, int]:
-    """Fill arrays that :func:`count_statements` sized.
+    """Fill arrays that :func:`count_statements` sized; FINE or what is wrong, and the byte where it is.
 
     Parameters
     ----------
     text : (bytes,) uint8
-    vertex_starts : (vertices, 3 or 7) int64
-        Receives the byte where each number of each ``v`` line starts.
-    vertex_sizes : (vertices,) int32
-        Numbers that stood on each ``v`` line.
-    texture_starts : (texture vertices, 3) int64
-    texture_sizes : (texture vertices,) int32
-    element_kinds : (elements,) int32
-        FACE, LINE or POINT.
-    element_sizes : (elements,) int32
-        Corners of each element.
-    corners : (corners, 2) int32
-        Vertex and texture vertex, 0-based; -1 for no texture vertex.
+    vertex_starts, texture_starts, normal_starts : (rows, 3 or 7) int64
+        The byte where each number of each ``v``, ``vt`` or ``vn`` line starts.
+    vertex_sizes, texture_sizes : (rows,) int32
+        Numbers that stood on each such line.
+    element_kinds, element_sizes : (elements,) int32
+        FACE, LINE or POINT, and how many corners.
+    corners : (corners, 3) int32
+        Vertex, texture vertex and normal, 0-based; -1 for none.
     others : (other statements, 3) int64
         Where each starts, and how many vertices and elements stand before it.
-
-    Returns
-    -------
-    outcome : int
-        FINE, or what is wrong.
-    at : int
-        The byte where it is wrong.
     """
     vertices = 0
     textures = 0
+    normals = 0
     elements = 0
     filled = 0
     other = 0
@@ -258,11 +252,14 @@ def fill_statements(
                 return BAD_COORDINATES, start
             texture_sizes[textures] = count
             textures += 1
+        elif kind == NORMAL:
+            _find_numbers(text, at, normal_starts, normals)
+            normals += 1
         elif kind in (FACE, LINE, POINT):
             size = 0
             at = _skip_blanks(text, at)
             while not _at_end(text[at]):
-                vertex, texture, end, outcome = _parse_corner(text, at, vertices, textures)
+                vertex, texture, normal, end, outcome = _parse_corner(text, at, vertices, textures, normals)
                 if outcome != FINE:
                     return outcome, at
                 if not 0 <= vertex < vertex_sizes.size:
@@ -271,6 +268,7 @@ def fill_statements(
                     return TEXTURE_OUTSIDE, at
                 corners[filled, 0] = vertex
                 corners[filled, 1] = texture
+                corners[filled, 2] = normal
                 filled += 1
                 size += 1
                 if kind == POINT:
@@ -295,29 +293,16 @@ def fill_statements(
 
 @njit(cache=True, nogil=True)
 def _is_structure(kind: int) -> bool:
-    """Whether a line must be the same in every frame: all but numbers, comments and ``mtllib``.
-
-    Exporters name the material library after the frame's file, so it is not compared.
-    """
+    """Whether a line must be the same in every frame: not ``mtllib``, which exporters name after the frame's file."""
     return kind in (FACE, LINE, POINT, OTHER)
 
 
 @njit(cache=True, nogil=True)
 def copy_structure(text: ByteArray, structure: ByteArray, before: Int32Array) -> tuple[int, int]:
-    """Copy the lines that must not change from frame to frame.
+    """Copy the lines that must not change from frame to frame; what was used of `structure` and of `before`.
 
-    Parameters
-    ----------
-    text : (bytes,) uint8
-    structure : (bytes,) uint8
-        Room for the lines: as long as `text`.
-    before : (lines, 2) int32
-        Receives the vertices and texture vertices before each such line, which relative indices count from.
-
-    Returns
-    -------
-    length, lines : int
-        What was used of `structure` and of `before`.
+    `structure` has room for them, as long as the text; `before` (lines, 2) receives the vertices and texture vertices
+    before each such line, which relative indices count from.
     """
     vertices = 0
     textures = 0
@@ -346,20 +331,9 @@ def copy_structure(text: ByteArray, structure: ByteArray, before: Int32Array) ->
 def find_positions(text: ByteArray, structure: ByteArray, before: Int32Array, starts: Int64Array) -> bool:
     """Find the positions of another frame, and compare everything else with the first.
 
-    No call in it passes an array, for the reason given in `decimal_text.parse_decimals`.
-
-    Parameters
-    ----------
-    text : (bytes,) uint8
-    structure, before
-        From :func:`copy_structure`, cut to length.
-    starts : (3 * vertices,) int64
-        Receives the byte where each coordinate starts.
-
-    Returns
-    -------
-    bool
-        Whether vertices and structure are those of the first frame, byte for byte; if not, `starts` is unfinished.
+    No call in it passes an array, for the reason given in `decimal_text.parse_decimals`. `structure` and `before` are
+    from :func:`copy_structure`, cut to length; `starts` (3 * vertices,) receives the byte where each coordinate starts.
+    False where vertices or structure are not those of the first frame, byte for byte; `starts` is unfinished then.
     """
     found = 0
     textures = 0

@@ -21,14 +21,23 @@ that know no more than that ``faces`` (rows, widest) int32 padded with -1, where
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.sequence import Attribute, AttributeDomain, Connectivity, MeshObject
+from pdecodec.formats.times import timing_of_arrays
+from pdecodec.sequence import (
+    Attribute,
+    AttributeDomain,
+    Connectivity,
+    Float32Array,
+    MeshObject,
+    MeshSequence,
+    check_frame_range,
+)
 
 PADDING_FACTOR = 4
 """``faces`` is left out where padding would make it this many times as large as the indices: one n-gon of a
@@ -39,10 +48,44 @@ _CONNECTIVITY = ("face_counts", "face_indices", "line_counts", "line_indices")
 Arrays = Mapping[str, NDArray[Any]]
 
 
-def arrays_of(objects: Sequence[MeshObject], metadata: Mapping[str, str]) -> dict[str, NDArray[Any]]:
-    """Objects and metadata as arrays by name; text as ``<U`` arrays."""
-    arrays: dict[str, NDArray[Any]] = {}
-    for number, item in enumerate(objects):
+class LaidOutSequence(MeshSequence):
+    """A sequence out of arrays of this layout, wherever they are stored."""
+
+    _points: Any
+
+    def _take(self, names: Sequence[str], read: Callable[[str], NDArray[Any]], fps: float | None, what: str) -> None:
+        """Check the points, and take everything else; `read` gives an array by its name, `what` is its kind."""
+        shape, dtype = self._points.shape, self._points.dtype
+        if len(shape) != 3 or shape[2] != 3 or dtype.kind not in "fiu":
+            raise InputError(f"points must be numbers of shape (frames, vertices, 3), not {dtype} {shape}")
+        if shape[1] == 0:
+            raise InputError("points have no vertices; give at least one")
+        arrays = {name: read(name) for name in names if name != "points" and _is_ours(name)}
+        self.objects = _objects_of(arrays, shape[1])
+        self.metadata = _metadata_of(arrays)
+        self.times, self.fps, notices = timing_of_arrays(arrays, shape[0], fps)
+        other = [name for name in names if not _is_ours(name)]
+        self.notices = (*notices, f"{what}s not kept: {', '.join(other)}") if other else notices
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        with np.errstate(over="ignore"):
+            return np.array(self._points[start:stop], np.float32, order="C")
+
+
+def check_has_points(names: Sequence[str], what: str) -> None:
+    """Raise InputError unless one of the names is ``points``."""
+    if "points" not in names:
+        raise InputError(f"there is no {what} named points (it holds {', '.join(names) or 'nothing'}); add it")
+
+
+def arrays_of(sequence: MeshSequence, fps: float) -> dict[str, NDArray[Any]]:
+    """Everything but points as arrays by name; text as ``<U`` arrays."""
+    arrays: dict[str, NDArray[Any]] = {"times": sequence.times, "fps": np.asarray(fps, np.float64)}
+    faces = _padded_faces(sequence.connectivity)
+    if faces is not None:
+        arrays["faces"] = faces
+    for number, item in enumerate(sequence.objects):
         place = f"objects/{number}"
         arrays[f"{place}/name"] = np.asarray(item.name)
         arrays[f"{place}/vertex_count"] = np.asarray(item.vertex_count, np.int64)
@@ -57,19 +100,35 @@ def arrays_of(objects: Sequence[MeshObject], metadata: Mapping[str, str]) -> dic
                 arrays[f"{inner}/indices"] = attribute.indices
             if attribute.labels:
                 arrays[f"{inner}/labels"] = np.asarray(attribute.labels)
-    if metadata:
-        arrays["metadata"] = np.asarray(sorted(metadata.items()))
+    if sequence.metadata:
+        arrays["metadata"] = np.asarray(sorted(sequence.metadata.items()))
     return arrays
 
 
-def objects_of(arrays: Arrays, vertex_count: int) -> tuple[MeshObject, ...]:
-    """The objects that arrays describe: by ``objects/``, else by padded ``faces``, else points alone.
+def _padded_faces(whole: Connectivity) -> NDArray[np.int32] | None:
+    """Faces, then lines of two and points, as rows padded with -1; None where rows cannot say it or grow too large.
 
-    Raises
-    ------
-    InputError
-        If an array is missing or does not fit the others.
+    A line of three points or more would be read as a face.
     """
+    counts = np.concatenate([whole.face_counts, whole.line_counts])
+    indices = np.concatenate([whole.face_indices, whole.line_indices])
+    if counts.size == 0 or whole.line_counts.max(initial=0) > 2:
+        return None
+    width = int(counts.max())
+    if width * counts.size > PADDING_FACTOR * indices.size:
+        return None
+    padded = np.full((counts.size, width), -1, np.int32)
+    padded[np.arange(width) < counts[:, None]] = indices
+    return padded
+
+
+def _is_ours(name: str) -> bool:
+    """Whether an array of this name is part of the layout."""
+    return name in ("points", "faces", "times", "fps", "metadata") or name.startswith("objects/")
+
+
+def _objects_of(arrays: Arrays, vertex_count: int) -> tuple[MeshObject, ...]:
+    """The objects that arrays describe: by ``objects/``, else by padded ``faces``, else points alone."""
     if "objects/0/name" not in arrays:
         faces = arrays.get("faces")
         connectivity = Connectivity(vertex_count) if faces is None else Connectivity.from_padded(vertex_count, faces)
@@ -83,43 +142,13 @@ def objects_of(arrays: Arrays, vertex_count: int) -> tuple[MeshObject, ...]:
     return tuple(objects)
 
 
-def is_layout_name(name: str) -> bool:
-    """Whether an array of this name is part of the layout."""
-    return name in ("points", "faces", "times", "fps", "metadata") or name.startswith("objects/")
-
-
-def metadata_of(arrays: Arrays) -> dict[str, str]:
-    """The metadata that arrays hold."""
+def _metadata_of(arrays: Arrays) -> dict[str, str]:
     if "metadata" not in arrays:
         return {}
     entries = arrays["metadata"]
     if entries.ndim != 2 or entries.shape[1] != 2 or entries.dtype.kind != "U":
         raise InputError(f"metadata must be pairs of text, not {entries.dtype} {entries.shape}")
     return {str(key): str(value) for key, value in entries}
-
-
-def padded_faces(objects: Sequence[MeshObject]) -> NDArray[np.int32] | None:
-    """Faces, then lines of two and points, as rows padded with -1; None where rows cannot say it or grow too large.
-
-    Indices run through all objects. A line of three points or more would be read as a face.
-    """
-    shifts = np.cumsum([0, *(item.vertex_count for item in objects)])
-    parts = [item.connectivity for item in objects]
-    counts = np.concatenate([*(part.face_counts for part in parts), *(part.line_counts for part in parts)])
-    indices = np.concatenate(
-        [
-            *(part.face_indices + shift for part, shift in zip(parts, shifts, strict=False)),
-            *(part.line_indices + shift for part, shift in zip(parts, shifts, strict=False)),
-        ]
-    )
-    if counts.size == 0 or any(part.line_counts.max(initial=0) > 2 for part in parts):
-        return None
-    width = int(counts.max())
-    if width * counts.size > PADDING_FACTOR * indices.size:
-        return None
-    padded = np.full((counts.size, width), -1, np.int32)
-    padded[np.arange(width) < counts[:, None]] = indices
-    return padded
 
 
 def _object_of(arrays: Arrays, place: str) -> MeshObject:

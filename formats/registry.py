@@ -4,41 +4,66 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 from pdecodec.errors import InputError, MissingExtraError, SettingsError, naming_file
-from pdecodec.formats.transforms import bake_transforms
-from pdecodec.sequence import MeshSequence, Progress
+from pdecodec.formats.scene_space import bake_transforms
+from pdecodec.sequence import Float32Array, MeshSequence, Progress
+from pdecodec.whole_output import whole_file
 
 Transforms = Literal["bake", "keep"]
 """What becomes of transforms above an object: applied to its positions, or kept as its attribute ``transform``."""
 
 
-class Reader(Protocol):
-    """What a format's ``reader`` names. It is given those options of :func:`open_sequence` that the format lists."""
+Reader = Callable[..., MeshSequence]
+"""What a format's ``reader`` names, a sequence's class or a function that gives one.
 
-    def __call__(self, path: Path, *, fps: float | None, **options: Any) -> MeshSequence: ...
+It takes a path, ``fps``, and those options of :func:`open_sequence` that the format lists.
+"""
 
 
-class Writer(Protocol):
-    """What a format's ``writer`` names: gives a line for each thing that the format cannot hold.
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """Where and how a sequence is written.
 
-    ``velocities`` is given to formats that hold them, and only where the caller has them.
+    Attributes
+    ----------
+    path : pathlib.Path
+    rate : float
+        Nominal frame rate to record and to number frames by [1/s].
+    overwrite : bool
+        Whether what is there already is replaced.
+    velocities : MeshSequence or None
+        [scene units / s] at the same times; only for formats that hold them.
+    progress : callable or None
     """
 
-    def __call__(
-        self,
-        sequence: MeshSequence,
-        path: Path,
-        *,
-        overwrite: bool,
-        fps: float | None,
-        progress: Progress | None,
-        **velocities: MeshSequence,
-    ) -> tuple[str, ...]: ...
+    path: Path
+    rate: float
+    overwrite: bool = False
+    velocities: MeshSequence | None = None
+    progress: Progress | None = None
+
+    def whole_file(self) -> AbstractContextManager[Path]:
+        """A path to write to, which becomes :attr:`path` when the block ends well."""
+        return whole_file(self.path, overwrite=self.overwrite)
+
+    def blocks(
+        self, sequence: MeshSequence, what: str, frames: int | None = None
+    ) -> Iterator[tuple[int, Float32Array]]:
+        """The sequence's blocks, at most `frames` long; progress is reported as each is done with."""
+        for start, block in sequence.blocks(frames):
+            yield start, block
+            if self.progress is not None:
+                self.progress(start + len(block), sequence.frame_count, f"writing {what}")
+
+
+Writer = Callable[[MeshSequence, Output], tuple[str, ...]]
+"""What a format's ``writer`` names: gives a line for each thing that the format cannot hold."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,18 +72,14 @@ class Format:
 
     Parameters
     ----------
-    name : str
-        Short and unique: ``"obj"``.
-    title : str
-        What a list of formats shows.
+    name, title : str
+        Short and unique, ``"obj"``; and what a list of formats shows.
     extensions : tuple of str
         Lower case, with the dot.
-    magic : tuple of bytes
-        What files of this format begin with; empty where nothing tells them apart.
-    shared_magic : tuple of bytes
-        What some of them begin with that is another format's too: a zip archive, an HDF5 file.
+    magic, shared_magic : tuple of bytes
+        What files of this format begin with; and what some of them begin with that is another format's too.
     reader, writer : str or None
-        ``"module:function"``, imported at first use (:class:`Reader`, :class:`Writer`).
+        ``"module:function"``, imported at first use (:data:`Reader`, :data:`Writer`).
     write_with : str
         What to use where there is no `writer`.
     extra : str or None
@@ -69,10 +90,8 @@ class Format:
         Options of :func:`open_sequence` beside ``fps`` that the reader takes.
     holds_transforms, holds_velocities : bool
         Whether the writer can put transforms above objects, and velocities beside positions.
-    keeps : str
-        What comes back after writing and reading, beside positions.
-    loses : str
-        What does not.
+    keeps, loses : str
+        What comes back after writing and reading, beside positions; what does not.
     """
 
     name: str
@@ -149,7 +168,7 @@ def open_sequence(
         Name of the animation to take where a file has several (glTF). Default: the first.
     transforms : {"bake", "keep"}
         Formats with transforms above objects: apply them to the positions, or keep them as the attribute
-        ``transform`` (:mod:`pdecodec.formats.transforms`). Others have none.
+        ``transform`` (:mod:`pdecodec.formats.scene_space`). Others have none.
     skip_unsupported : bool
         Leave out objects that cannot be read, with a notice each, instead of refusing the file.
 
@@ -226,10 +245,22 @@ def write_sequence(
     if velocities is not None and not entry.holds_velocities:
         users = ", ".join(other.title for other in _formats.values() if other.holds_velocities)
         raise SettingsError(f"velocities are held by {users}; leave them out, or write them apart", path=where)
-    extra = {} if velocities is None else {"velocities": velocities}
     placed = sequence if entry.holds_transforms else bake_transforms(sequence)
+    rate = sequence.fps if fps is None else fps
+    output = Output(path=where, rate=rate, overwrite=overwrite, velocities=velocities, progress=progress)
     with naming_file(where):
-        return writer(placed, where, overwrite=overwrite, fps=fps, progress=progress, **extra)
+        return writer(placed, output)
+
+
+@contextmanager
+def read_errors(path: Path, *, frame: int | None = None) -> Iterator[None]:
+    """Turn the operating system's refusals into one line that names `path`."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or error
+        message = f"cannot be read ({reason}); check the file and its permissions"
+        raise InputError(message, path=path, frame=frame) from error
 
 
 def _check_fps(fps: float | None) -> None:
@@ -244,11 +275,8 @@ def _by_extension(path: Path) -> Format | None:
 
 def _by_magic(path: Path) -> Format | None:
     longest = max(len(magic) for entry in _formats.values() for magic in (*entry.magic, b""))
-    try:
-        with path.open("rb") as file:
-            head = file.read(longest)
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror}); check its permissions", path=path) from error
+    with read_errors(path), path.open("rb") as file:
+        head = file.read(longest)
     return next((entry for entry in _formats.values() if any(head.startswith(magic) for magic in entry.magic)), None)
 
 
@@ -278,10 +306,8 @@ def _format_to_read(path: Path) -> Format:
 
 
 def _format_of_folder(folder: Path) -> Format:
-    try:
+    with read_errors(folder):
         suffixes = {item.suffix.lower() for item in folder.iterdir()}
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror}); check its permissions", path=folder) from error
     found = [entry for entry in _formats.values() if entry.frame_per_file and suffixes & set(entry.extensions)]
     if not found:
         wanted = _extensions(lambda item: item.frame_per_file)
@@ -315,3 +341,24 @@ def _load(entry: Format, where: str | None, action: str, path: Path) -> Any:
         raise MissingExtraError(
             f"{entry.title} needs the package {error.name}; run: pip install 'pdecodec[{entry.extra}]'", path=path
         ) from error
+
+
+def open_pdeanim(path: Path, *, fps: float | None) -> MeshSequence:
+    """Open an animation: the frames of the sequence that it was encoded from.
+
+    Raises
+    ------
+    SettingsError
+        If `fps` is given: the file stores its own times.
+    CorruptFileError
+        If the file is damaged.
+    """
+    if fps is not None:
+        raise SettingsError(
+            "a .pdeanim file stores its own times; leave out the frame rate, or decode it at the times you want",
+            path=path,
+        )
+    # pdecodec.decoder is imported when a file is opened: the command line starts without it.
+    from pdecodec.decoder import open_animation
+
+    return open_animation(path)

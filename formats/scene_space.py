@@ -1,7 +1,12 @@
-"""The space positions are in: which axis is up and how long a unit is, as the metadata says, and changing both.
+"""The space positions are in: transforms above objects, which axis is up, how long a unit is; and velocities.
 
-``up_axis`` is ``X``, ``Y`` or ``Z``. ``unit`` is ``mm``, ``cm``, ``dm``, ``m``, ``km``, ``in``, ``ft``, ``yd`` or a
-number of metres, as ``2.5 m``. Neither is there where the source did not say it.
+The metadata ``up_axis`` is ``X``, ``Y`` or ``Z``; ``unit`` is ``mm``, ``cm``, ``dm``, ``m``, ``km``, ``in``, ``ft``,
+``yd`` or a number of metres, as ``2.5 m``. Neither is there where the source did not say it.
+
+An object whose transform was kept has positions in its own space, and the attribute ``transform`` of domain
+``object``: rows of 17 float64, a time [s] and the 16 numbers of a matrix row by row. A point is a row:
+``world = [x y z 1] M``, so the translation stands in the last row. Between its times a matrix is the straight line
+of its numbers, as Alembic and USD have it; before the first and after the last it stands still.
 """
 
 from __future__ import annotations
@@ -10,11 +15,10 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from pdecodec.errors import SettingsError
-from pdecodec.formats.transforms import COLUMNS, TRANSFORM, transform_of
-from pdecodec.sequence import Attribute, Float32Array, MeshObject, MeshSequence
+from pdecodec.errors import InputError, SettingsError
+from pdecodec.sequence import Attribute, Float32Array, Float64Array, MeshObject, MeshSequence, check_frame_range
 
 UP_AXIS, UNIT = "up_axis", "unit"
 
@@ -24,12 +28,28 @@ UNITS = {"mm": 0.001, "cm": 0.01, "dm": 0.1, "m": 1.0, "km": 1000.0, "in": 0.025
 SAME_UNIT = 1e-9
 """Relative difference at which a unit is the named one."""
 
+TRANSFORM, TRANSFORM_COLUMNS = "transform", 17
+"""Name of the attribute; a time and a matrix."""
+
 _TO_Y: Mapping[str, NDArray[np.int64]] = {
     "X": np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
     "Y": np.eye(3, dtype=np.int64),
     "Z": np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]),
 }
 """Quarter turns that bring an axis up to Y, for points that are rows: ``point @ turn``."""
+
+
+class _DerivedSequence(MeshSequence):
+    """Another sequence, changed."""
+
+    def __init__(self, source: MeshSequence) -> None:
+        self._source = source
+        self.objects = source.objects
+        self.times, self.fps = source.times, source.fps
+        self.metadata, self.notices = source.metadata, source.notices
+
+    def close(self) -> None:
+        self._source.close()
 
 
 def up_axis_of(sequence: MeshSequence) -> str | None:
@@ -85,28 +105,27 @@ def place(sequence: MeshSequence, *, up_axis: str | None = None, scale: float = 
     return PlacedSequence(sequence, None if up_axis is None else up_axis.upper(), scale)
 
 
-class PlacedSequence(MeshSequence):
+class PlacedSequence(_DerivedSequence):
     """Another sequence, turned by quarters and scaled; made by :func:`place`."""
 
     def __init__(self, source: MeshSequence, up_axis: str | None, scale: float) -> None:
-        known = up_axis_of(source)
+        super().__init__(source)
+        known, metres = up_axis_of(source), metres_per_unit(source)
         turn = np.eye(3, dtype=np.int64)
-        if up_axis is not None and known is not None:
-            turn = _TO_Y[known] @ _TO_Y[up_axis].T
-        self._source = source
-        self._turn = turn.astype(np.float64) * scale
-        self._kept = [transform_of(item) is not None for item in source.objects]
-        self.objects = tuple(self._placed(item) for item in source.objects)
-        self.times, self.fps = source.times, source.fps
         metadata = dict(source.metadata)
         if up_axis is not None:
             metadata[UP_AXIS] = up_axis
-        metres = metres_per_unit(source)
+            if known is not None:
+                turn = _TO_Y[known] @ _TO_Y[up_axis].T
+            else:
+                unsaid = f"which axis is up is not recorded; it is taken to be {up_axis}, nothing is turned"
+                self.notices = (*source.notices, unsaid)
         if metres is not None and scale != 1.0:
             metadata[UNIT] = unit_text(metres / scale)
         self.metadata = metadata
-        unsaid = f"which axis is up is not recorded; it is taken to be {up_axis}, nothing is turned"
-        self.notices = (*source.notices, unsaid) if up_axis is not None and known is None else source.notices
+        self._turn = turn.astype(np.float64) * scale
+        self._kept = [transform_of(item) is not None for item in source.objects]
+        self.objects = tuple(self._placed(item) for item in source.objects)
 
     def _placed(self, item: MeshObject) -> MeshObject:
         """An object whose kept transform does the turning."""
@@ -114,14 +133,12 @@ class PlacedSequence(MeshSequence):
         if transform is None:
             return item
         rows = transform.values.astype(np.float64)
-        matrices = rows[:, 1:].reshape(-1, 4, 4)
         turn = np.eye(4)
         turn[:3, :3] = self._turn
-        rows[:, 1:] = (matrices @ turn).reshape(-1, COLUMNS - 1)
+        rows[:, 1:] = (rows[:, 1:].reshape(-1, 4, 4) @ turn).reshape(-1, 16)
         placed = Attribute(TRANSFORM, "object", rows)
-        return MeshObject(
-            item.name, item.connectivity, tuple(placed if one is transform else one for one in item.attributes)
-        )
+        attributes = tuple(placed if one is transform else one for one in item.attributes)
+        return MeshObject(item.name, item.connectivity, attributes)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         points = self._source.read_frames(start, stop)
@@ -137,5 +154,118 @@ class PlacedSequence(MeshSequence):
             first += item.vertex_count
         return placed
 
-    def close(self) -> None:
-        self._source.close()
+
+def transform_attribute(times: ArrayLike, matrices: ArrayLike) -> Attribute:
+    """The attribute of matrices (samples, 4, 4) at times [s]; repeated matrices at its ends are kept once."""
+    flat = np.asarray(matrices, np.float64).reshape(-1, 16)
+    rows = np.column_stack([np.asarray(times, np.float64), flat])
+    moving = np.flatnonzero((np.diff(flat, axis=0) != 0).any(axis=1))
+    rows = rows[:1] if moving.size == 0 else rows[moving[0] : moving[-1] + 2]
+    return Attribute(TRANSFORM, "object", np.ascontiguousarray(rows))
+
+
+def transform_of(item: MeshObject) -> Attribute | None:
+    """The object's transform, if it was kept.
+
+    Raises
+    ------
+    InputError
+        If the attribute of that name holds something else.
+    """
+    found = next((one for one in item.attributes if one.name == TRANSFORM and one.domain == "object"), None)
+    if found is None:
+        return None
+    rows = found.values
+    if rows.ndim != 2 or rows.shape[1] != TRANSFORM_COLUMNS or not len(rows) or (np.diff(rows[:, 0]) <= 0).any():
+        raise InputError(
+            f"attribute {TRANSFORM!r} of object {item.name!r} is no list of times and matrices; remove or rename it"
+        )
+    return found
+
+
+def matrices_at(transform: Attribute, times: ArrayLike) -> Float64Array:
+    """(times, 4, 4) float64: the matrices at given times [s]."""
+    rows = transform.values.astype(np.float64)
+    wanted = np.atleast_1d(np.asarray(times, np.float64))
+    columns = [np.interp(wanted, rows[:, 0], rows[:, column]) for column in range(1, TRANSFORM_COLUMNS)]
+    return np.stack(columns, axis=1).reshape(-1, 4, 4)
+
+
+def apply_matrices(points: Float32Array, matrices: Float64Array) -> Float32Array:
+    """Points moved by matrices, in float64 and rounded once.
+
+    Parameters
+    ----------
+    points : (frames, vertices, 3) float32
+    matrices : (frames, 4, 4) float64
+
+    Returns
+    -------
+    (frames, vertices, 3) float32
+        `points` itself where every matrix is the identity.
+    """
+    if np.array_equal(matrices, np.broadcast_to(np.eye(4), matrices.shape)):
+        return points
+    moved = points.astype(np.float64) @ matrices[:, :3, :3] + matrices[:, None, 3, :3]
+    with np.errstate(over="ignore"):
+        return moved.astype(np.float32)
+
+
+def bake_transforms(sequence: MeshSequence) -> MeshSequence:
+    """The sequence with every kept transform applied to its positions; itself where there is none."""
+    return BakedTransforms(sequence) if any(transform_of(item) for item in sequence.objects) else sequence
+
+
+class BakedTransforms(_DerivedSequence):
+    """Another sequence in the space of the scene: kept transforms are applied, and no longer attributes."""
+
+    def __init__(self, source: MeshSequence) -> None:
+        super().__init__(source)
+        self._transforms = [transform_of(item) for item in source.objects]
+        self.objects = tuple(
+            MeshObject(item.name, item.connectivity, tuple(one for one in item.attributes if one is not transform))
+            for item, transform in zip(source.objects, self._transforms, strict=True)
+        )
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        points = self._source.read_frames(start, stop).copy()
+        first = 0
+        for item, transform in zip(self.objects, self._transforms, strict=True):
+            own = points[:, first : first + item.vertex_count]
+            if transform is not None:
+                own[:] = apply_matrices(own, matrices_at(transform, self.times[start:stop]))
+            first += item.vertex_count
+        return points
+
+
+def velocities_of(sequence: MeshSequence) -> MeshSequence:
+    """Velocities at a sequence's frames [scene units / s]: an animation's own, else differences of its positions."""
+    from pdecodec.decoder import Animation
+    from pdecodec.resample import SampledAnimation
+
+    if isinstance(sequence, Animation):
+        return SampledAnimation(sequence, sequence.times, quantity="velocities")
+    return DifferencedVelocities(sequence)
+
+
+class DifferencedVelocities(_DerivedSequence):
+    """Velocities of another sequence at its frames, exact where vertices move by quadratics of time.
+
+    Inside, the slope at a frame of the parabola through it and its neighbours; at the ends, of the line to the next
+    frame; zero where there is one frame alone.
+    """
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        """(stop - start, vertices, 3) float32 [scene units / s]."""
+        check_frame_range(self, start, stop)
+        if start == stop or self.frame_count == 1:
+            return np.zeros((stop - start, self.vertex_count, 3), np.float32)
+        low, high = max(0, start - 1), min(self.frame_count, stop + 1)
+        points = self._source.read_frames(low, high).astype(np.float64)
+        steps = np.diff(self.times[low:high])[:, None, None]
+        slopes = np.diff(points, axis=0) / steps
+        inner = (steps[1:] * slopes[:-1] + steps[:-1] * slopes[1:]) / (steps[1:] + steps[:-1])
+        every = np.concatenate([slopes[:1], inner, slopes[-1:]])
+        with np.errstate(over="ignore"):
+            return every[start - low : stop - low].astype(np.float32)

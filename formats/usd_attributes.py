@@ -1,17 +1,36 @@
-"""What a USD prim carries beside points: primvars, face subsets and materials, as attributes."""
+"""What a USD prim carries beside points: primvars, face subsets and materials, in and out; and names of prims."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, UsdGeom, UsdShade
+from pxr import Sdf, Tf, UsdGeom, UsdShade, Vt
 
-from pdecodec.formats.attribute_roles import COLOR, GROUP, MATERIAL, UV, face_groups, role_name
-from pdecodec.formats.usd_names import NAME, OWN
-from pdecodec.sequence import Attribute, AttributeDomain, Connectivity, Int32Array
+from pdecodec.formats.attribute_roles import (
+    COLOR,
+    GROUP,
+    MATERIAL,
+    UV,
+    face_sets,
+    is_by_vertex,
+    role_name,
+    source_name,
+)
+from pdecodec.formats.scene_reading import Extras
+from pdecodec.formats.scene_writing import Drawn, Parameter, named_face_sets, write_parameters
+from pdecodec.sequence import AttributeDomain, Connectivity, MeshObject
+
+OWN = "pdecodec"
+"""Namespace of attributes that only we write and read."""
+
+NAME, ADDED = f"{OWN}:name", f"{OWN}:added"
+"""Custom data of a prim: the name it stands for where USD could not hold it; whether the tree did not have it."""
+
+METADATA, ASSUMED = f"{OWN}Metadata", f"{OWN}Assumed"
+"""Custom data of a layer: metadata that USD has no place for; what of the stage nobody said, but USD asks for."""
 
 _DOMAINS: dict[str, AttributeDomain] = {
     "constant": "object",
@@ -21,147 +40,142 @@ _DOMAINS: dict[str, AttributeDomain] = {
     "faceVarying": "corner",
 }
 
+_INTERPOLATIONS = {"vertex": "vertex", "face": "uniform", "corner": "faceVarying", "object": "constant"}
+
 _UV_NAMES = ("st", "uv", "UVMap", "map1")
 """Names under which float2 primvars are UVs, though their type does not say so."""
+
+NORMALS = "normals"
+"""Name of the primvar that goes before the attribute of that name."""
 
 _OTHERS_OWN = ("skel:",)
 """Beginnings of primvars that belong to something else: what they do is in the points."""
 
+_TYPES = {
+    ("f", 4, 1): (Sdf.ValueTypeNames.FloatArray, Vt.FloatArray),
+    ("f", 4, 2): (Sdf.ValueTypeNames.Float2Array, Vt.Vec2fArray),
+    ("f", 4, 3): (Sdf.ValueTypeNames.Float3Array, Vt.Vec3fArray),
+    ("f", 4, 4): (Sdf.ValueTypeNames.Float4Array, Vt.Vec4fArray),
+    ("f", 8, 1): (Sdf.ValueTypeNames.DoubleArray, Vt.DoubleArray),
+    ("f", 8, 2): (Sdf.ValueTypeNames.Double2Array, Vt.Vec2dArray),
+    ("f", 8, 3): (Sdf.ValueTypeNames.Double3Array, Vt.Vec3dArray),
+    ("f", 8, 4): (Sdf.ValueTypeNames.Double4Array, Vt.Vec4dArray),
+    ("i", 4, 1): (Sdf.ValueTypeNames.IntArray, Vt.IntArray),
+    ("i", 4, 2): (Sdf.ValueTypeNames.Int2Array, Vt.Vec2iArray),
+    ("i", 4, 3): (Sdf.ValueTypeNames.Int3Array, Vt.Vec3iArray),
+    ("i", 4, 4): (Sdf.ValueTypeNames.Int4Array, Vt.Vec4iArray),
+    ("i", 8, 1): (Sdf.ValueTypeNames.Int64Array, Vt.Int64Array),
+    ("u", 1, 1): (Sdf.ValueTypeNames.UCharArray, Vt.UCharArray),
+}
+"""USD's types of values: by NumPy kind, bytes, and columns."""
 
-@dataclass
-class UsdExtras:
-    """Attributes of a prim, arrays of our own, and names of what is left out."""
+_ROLE_TYPES = {
+    (COLOR, 3): (Sdf.ValueTypeNames.Color3fArray, Vt.Vec3fArray),
+    (COLOR, 4): (Sdf.ValueTypeNames.Color4fArray, Vt.Vec4fArray),
+    (UV, 2): (Sdf.ValueTypeNames.TexCoord2fArray, Vt.Vec2fArray),
+    (UV, 3): (Sdf.ValueTypeNames.TexCoord3fArray, Vt.Vec3fArray),
+}
+"""Types of colours and UVs, by numbers in a row."""
 
-    attributes: list[Attribute] = field(default_factory=list)
-    own: dict[str, Int32Array] = field(default_factory=dict)
-    left_out: list[str] = field(default_factory=list)
+
+def valid_name(step: str) -> str:
+    """What a prim is called for a step of a path."""
+    return step if Sdf.Path.IsValidIdentifier(step) else str(Tf.MakeValidIdentifier(step))
 
 
-def read_extras(prim: Any, connectivity: Connectivity, order: NDArray[np.int64]) -> UsdExtras:
-    """Everything constant that the prim carries.
+def object_name(prim: Any) -> str:
+    """The path of an object: names from the root, without the leading slash."""
+    steps = []
+    while prim and not prim.IsPseudoRoot():
+        if not prim.GetCustomDataByKey(ADDED):
+            steps.append(str(prim.GetCustomDataByKey(NAME) or prim.GetName()))
+        prim = prim.GetParent()
+    return "/".join(reversed(steps))
 
-    Parameters
-    ----------
-    prim : Usd.Prim
-    connectivity : Connectivity
-    order : (corners,) int64
-        Corner of the file that each corner of `connectivity` was.
-    """
-    extras = UsdExtras()
+
+def int_array(values: NDArray[np.integer]) -> Any:
+    """(n,) as Vt.IntArray."""
+    return Vt.IntArray.FromNumpy(np.ascontiguousarray(values, np.int32))
+
+
+def read_extras(prim: Any, connectivity: Connectivity, order: NDArray[np.int64]) -> Extras:
+    """Everything constant that the prim carries; `order` as of :class:`Extras`."""
+    extras = Extras(connectivity, order)
     for primvar in UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithAuthoredValues():
         name = str(primvar.GetPrimvarName())
-        if not name.startswith(_OTHERS_OWN):
-            _read_primvar(primvar, name, connectivity, order, extras)
+        if not name.startswith(_OTHERS_OWN) and not (name == NORMALS and connectivity.face_count):
+            _read_primvar(primvar, name, extras)
     for attribute in prim.GetAuthoredAttributes():
         if attribute.GetNamespace() == OWN:
             extras.own[attribute.GetBaseName()] = np.array(attribute.Get(), np.int32)
     if connectivity.face_count:
-        _read_subsets(prim, connectivity.face_count, extras)
+        _read_normals(UsdGeom.Mesh(prim), extras)
+        _read_subsets(prim, extras)
     return extras
 
 
-def _role(name: str, type_name: Any, taken: set[str]) -> str:
-    """Name of the attribute for a primvar."""
-    if type_name.role == Sdf.ValueRoleNames.TextureCoordinate or (
-        type_name in (Sdf.ValueTypeNames.Float2Array, Sdf.ValueTypeNames.TexCoord2fArray) and name in _UV_NAMES
-    ):
-        wanted = role_name(UV, name, ("st",))
-        return f"{UV}:{name}" if wanted in taken else wanted
-    if type_name.role == Sdf.ValueRoleNames.Color:
-        return role_name(COLOR, name, ("displayColor",))
-    return name
+def first_value(attribute: Any) -> Any:
+    """An attribute's value at its first sample, else its default."""
+    codes = attribute.GetTimeSamples()
+    return attribute.Get(codes[0]) if codes else attribute.Get()
 
 
-def _read_primvar(
-    primvar: Any, name: str, connectivity: Connectivity, order: NDArray[np.int64], extras: UsdExtras
-) -> None:
+def _read_normals(mesh: Any, extras: Extras) -> None:
+    attribute, interpolation, indices = mesh.GetNormalsAttr(), mesh.GetNormalsInterpolation(), None
+    primvar = UsdGeom.PrimvarsAPI(mesh).GetPrimvar(NORMALS)
+    if primvar and primvar.HasAuthoredValue():
+        attribute, interpolation = primvar.GetAttr(), primvar.GetInterpolation()
+        if primvar.IsIndexed():
+            indices = np.array(first_value(primvar.GetIndicesAttr()), np.int32)
+    found = first_value(attribute) if attribute.HasAuthoredValue() else None
+    if found is not None:
+        extras.add_normals(_DOMAINS.get(str(interpolation), "object"), np.array(found, np.float32), indices)
+
+
+def _read_primvar(primvar: Any, name: str, extras: Extras) -> None:
     if primvar.ValueMightBeTimeVarying():
         extras.left_out.append(f"{name} (it changes with time)")
         return
-    stored = primvar.Get()
+    stored, type_name = primvar.Get(), primvar.GetTypeName()
     labels: tuple[str, ...] = ()
-    if primvar.GetTypeName().scalarType in (Sdf.ValueTypeNames.String, Sdf.ValueTypeNames.Token):
+    if type_name.scalarType in (Sdf.ValueTypeNames.String, Sdf.ValueTypeNames.Token):
         texts = [stored] if isinstance(stored, str) else list(stored or ())
         labels, values = tuple(map(str, texts)), np.arange(len(texts), dtype=np.int32)
     else:
         values = np.atleast_1d(np.array(stored))
-    domain = _DOMAINS.get(str(primvar.GetInterpolation()), "object")
-    indices = None
-    if primvar.IsIndexed():
-        indices = np.array(primvar.GetIndices(), np.int32)
-    attribute = _attribute(
-        _role(name, primvar.GetTypeName(), {one.name for one in extras.attributes}),
-        domain,
-        values,
-        indices,
-        labels,
-        connectivity,
-        order,
-    )
-    if attribute is None:
-        extras.left_out.append(name)
-    else:
-        extras.attributes.append(attribute)
-
-
-def _attribute(
-    name: str,
-    domain: AttributeDomain,
-    values: NDArray[Any],
-    indices: Int32Array | None,
-    labels: tuple[str, ...],
-    connectivity: Connectivity,
-    order: NDArray[np.int64],
-) -> Attribute | None:
-    """An attribute; None where it is of a type or a number of rows that we cannot hold."""
     if values.dtype == np.float16:
         values = values.astype(np.float32)
-    if values.dtype.kind not in "fiu" or values.dtype.itemsize > 8 or values.ndim > 2:
-        return None
-    if values.dtype not in (np.float32, np.float64, np.int32, np.int64, np.uint8):
-        return None
-    rows = {
-        "vertex": connectivity.vertex_count,
-        "face": connectivity.face_count,
-        "corner": connectivity.face_indices.size,
-        "object": None,
-    }[domain]
-    given = len(values) if indices is None else indices.size
-    if rows is not None and given != rows:
-        return None
-    if indices is not None and indices.size and not -1 <= indices.min() <= indices.max() < len(values):
-        return None
-    if domain == "corner":
-        values, indices = (values[order], None) if indices is None else (values, indices[order])
-    if indices is not None and (labels or domain == "object"):
-        values, indices = values[indices], None
-    if name.partition(":")[0] == UV and domain == "vertex":
-        shared = np.arange(len(values), dtype=np.int32) if indices is None else indices
-        domain, indices = "corner", shared[connectivity.face_indices]
-    return Attribute(name, domain, values, indices, labels)
+    if values.dtype not in (np.float32, np.float64, np.int32, np.int64, np.uint8) or values.ndim > 2:
+        extras.left_out.append(name)
+        return
+    if type_name.role == Sdf.ValueRoleNames.TextureCoordinate or (
+        type_name == Sdf.ValueTypeNames.Float2Array and name in _UV_NAMES
+    ):
+        wanted = role_name(UV, name, ("st",))
+        name = f"{UV}:{name}" if any(one.name == wanted for one in extras.attributes) else wanted
+    elif type_name.role == Sdf.ValueRoleNames.Color:
+        name = role_name(COLOR, name, ("displayColor",))
+    indices = np.array(primvar.GetIndices(), np.int32) if primvar.IsIndexed() else None
+    extras.add(name, _DOMAINS.get(str(primvar.GetInterpolation()), "object"), values, indices, labels)
 
 
-def _read_subsets(prim: Any, faces: int, extras: UsdExtras) -> None:
-    sets: dict[str, list[tuple[str, NDArray[np.integer]]]] = {GROUP: [], MATERIAL: []}
+def _read_subsets(prim: Any, extras: Extras) -> None:
+    found: list[tuple[str, str, NDArray[np.integer]]] = []
+    faces = extras.connectivity.face_count
     for subset in UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Imageable(prim)):
         name = str(subset.GetPrim().GetCustomDataByKey(NAME) or subset.GetPrim().GetName())
         members = np.array(subset.GetIndicesAttr().Get() or [], np.int64)
         inside = not members.size or 0 <= members.min() <= members.max() < faces
         if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face or not inside:
             extras.left_out.append(f"subset {name}")
-            continue
-        family = str(subset.GetFamilyNameAttr().Get() or "")
-        if family == UsdShade.Tokens.materialBind:
-            bound = _material_name(subset.GetPrim())
-            sets[MATERIAL].append((bound or name, members))
+        elif str(subset.GetFamilyNameAttr().Get() or "") == UsdShade.Tokens.materialBind:
+            found.append((MATERIAL, _material_name(subset.GetPrim()) or name, members))
         else:
-            sets[GROUP].append((name, members))
-    if not sets[MATERIAL]:
-        bound = _material_name(prim)
-        if bound:
-            sets[MATERIAL].append((bound, np.arange(faces)))
-    for role, found in sets.items():
-        extras.attributes += face_groups(role, found, faces)
+            found.append((GROUP, name, members))
+    bound = _material_name(prim)
+    if bound and not any(role == MATERIAL for role, _, _ in found):
+        found.append((MATERIAL, bound, np.arange(faces)))
+    extras.add_face_sets(found)
 
 
 def _material_name(prim: Any) -> str | None:
@@ -169,3 +183,52 @@ def _material_name(prim: Any) -> str | None:
     if not material:
         return None
     return str(material.GetPrim().GetCustomDataByKey(NAME) or material.GetPrim().GetName())
+
+
+def write_extras(prim: Any, item: MeshObject, drawn: Drawn, written: Sequence[str]) -> list[str]:
+    """Write what an object carries beside points, but for attributes of these names; what had no place."""
+    if drawn.kind == "mesh":
+        _write_subsets(UsdGeom.Imageable(prim), item)
+    api = UsdGeom.PrimvarsAPI(prim)
+    return write_parameters(item, drawn, "USD", lambda one: _put_primvar(api, item, one), written)
+
+
+def _put_primvar(api: Any, item: MeshObject, one: Parameter) -> bool:
+    """Whether there was a type of primvar for it."""
+    attribute, values, indices = one.attribute, one.values, one.indices
+    name, interpolation = attribute.name, _INTERPOLATIONS[attribute.domain]
+    if one.role == "label":
+        type_name, array = Sdf.ValueTypeNames.StringArray, Vt.StringArray(values.tolist())
+    else:
+        found = _ROLE_TYPES.get((one.role, one.width)) or _TYPES.get(one.kind)
+        if found is None or attribute.labels:
+            return False
+        type_name = found[0]
+        array = found[1].FromNumpy(np.ascontiguousarray(values.reshape(-1) if one.width == 1 else values))
+    if one.role == COLOR:
+        name = source_name(attribute, COLOR, "displayColor" if one.width == 3 else COLOR)
+    elif one.role == UV:
+        name = source_name(attribute, UV, "st")
+        if is_by_vertex(attribute, item.connectivity):
+            interpolation, indices = "vertex", None
+    primvar = api.CreatePrimvar(":".join(map(valid_name, name.split(":"))), type_name, interpolation)
+    primvar.Set(array)
+    if indices is not None:
+        primvar.SetIndices(int_array(indices))
+    return True
+
+
+def _write_subsets(mesh: Any, item: MeshObject) -> None:
+    families = {GROUP: "pdecodecGroup", MATERIAL: str(UsdShade.Tokens.materialBind)}
+    for role, label, name, members in named_face_sets(item, valid_name):
+        indices = int_array(members)
+        subset = UsdGeom.Subset.CreateGeomSubset(mesh, name, UsdGeom.Tokens.face, indices, families[role])
+        if name != label:
+            subset.GetPrim().SetCustomDataByKey(NAME, label)
+    for role, family in families.items():
+        sizes = [members.size for _, members in face_sets(item, role)]
+        if sizes:
+            kind = UsdGeom.Tokens.nonOverlapping
+            if sum(sizes) > item.connectivity.face_count:
+                kind = UsdGeom.Tokens.unrestricted
+            UsdGeom.Subset.SetFamilyType(mesh, family, kind)

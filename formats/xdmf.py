@@ -8,7 +8,6 @@ size, lines, points, and mixed ones. Written: one topology, a dataset of positio
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -19,17 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.attribute_roles import left_out
-from pdecodec.formats.sample_times import rate_or_default, round_rate
-from pdecodec.sequence import (
-    Connectivity,
-    Float32Array,
-    MeshObject,
-    MeshSequence,
-    Progress,
-    check_frame_range,
-    check_times,
-)
+from pdecodec.formats.attribute_roles import lost_by_joining
+from pdecodec.formats.frame_files import join_cells
+from pdecodec.formats.registry import Output
+from pdecodec.formats.times import rate_or_default, timing_of_stored
+from pdecodec.sequence import Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range, check_times
 from pdecodec.whole_output import check_writable, partial_folder, write_errors
 
 _SIZES = {"triangle": 3, "quadrilateral": 4}
@@ -47,27 +40,18 @@ _DAMAGE = (OSError, KeyError, ValueError, TypeError, IndexError, RuntimeError, A
 """What ElementTree, h5py and NumPy raise on damaged or missing parts."""
 
 
-def open_xdmf(path: Path, *, fps: float | None) -> MeshSequence:
-    """Open an XDMF file.
+class XdmfSequence(MeshSequence):
+    """Grids of an XDMF file; its HDF5 files stay open until :meth:`close`.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-    fps : float, optional
-        Nominal rate where grids have times; else frames are counted at it.
+    `fps` is the nominal rate where grids have times; else frames are counted at it.
 
     Raises
     ------
     InputError
         If it is damaged, uses what is not read, or its connectivity changes.
     """
-    return XdmfSequence(path, fps=fps)
 
-
-class XdmfSequence(MeshSequence):
-    """Grids of an XDMF file; its HDF5 files stay open until :meth:`close`."""
-
-    def __init__(self, path: Path, *, fps: float | None = None) -> None:
+    def __init__(self, path: Path, *, fps: float | None) -> None:
         self._path = path
         self._files: dict[str, Any] = {}
         try:
@@ -89,11 +73,11 @@ class XdmfSequence(MeshSequence):
     def _open(self, root: ElementTree.Element, fps: float | None) -> None:
         stored = [self._time(grid) for grid in self._grids]
         times = np.array([time for time in stored if time is not None], np.float64)
-        known = times.size == len(self._grids)
-        spacing = float(times[-1] - times[0]) if known and times.size > 1 else 0.0
-        found = round_rate((times.size - 1) / spacing) if spacing > 0 else None
-        rate, notices = rate_or_default(found, fps)
-        self.times, self.fps = check_times(len(self._grids), times if known else None, rate)
+        if times.size == len(self._grids):
+            self.times, self.fps, notices = timing_of_stored(times, fps)
+        else:
+            rate, notices = rate_or_default(None, fps)
+            self.times, self.fps = check_times(len(self._grids), None, rate)
         # Time steps may refer to a grid beside their collection (xi:include); there is one, then.
         self._shared, self._shared_geometry = root.find(".//Topology"), root.find(".//Geometry")
         first = self._points(0)
@@ -117,10 +101,8 @@ class XdmfSequence(MeshSequence):
 
     def _moving(self, frame: int) -> ElementTree.Element | None:
         """The vectors that a frame's geometry is moved by, where all frames share one geometry."""
-        return next(
-            (one for one in self._grids[frame].findall("Attribute") if str(one.get("Name")).lower() in DISPLACEMENTS),
-            None,
-        )
+        named = ((str(one.get("Name")).lower(), one) for one in self._grids[frame].findall("Attribute"))
+        return next((one for name, one in named if name in DISPLACEMENTS), None)
 
     def _points(self, frame: int) -> Float32Array:
         geometry = self._grids[frame].find("Geometry")
@@ -166,11 +148,9 @@ class XdmfSequence(MeshSequence):
         if kind == "mixed":
             return _mixed(indices, vertices, self._path)
         if kind in ("triangle", "quadrilateral", "polygon") and size >= 3:
-            return Connectivity(vertices, np.full(indices.size // size, size, np.int32), indices)
+            return join_cells(vertices, [indices.reshape(-1, size)], [])
         if kind in ("polyline", "polyvertex"):
-            size = size or 1
-            none = np.zeros(0, np.int32)
-            return Connectivity(vertices, none, none, np.full(indices.size // size, size, np.int32), indices)
+            return join_cells(vertices, [], [indices.reshape(-1, size or 1)])
         raise InputError(f"topology of type {kind} is not read; extract the surface as polygons", path=self._path)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
@@ -183,11 +163,8 @@ class XdmfSequence(MeshSequence):
                 if len(points) != self.vertex_count or not (
                     same or self._connectivity(self._grids[frame], len(points)).same_as(self.connectivity)
                 ):
-                    raise InputError(
-                        "its connectivity is another; every frame must have that of the first",
-                        path=self._path,
-                        frame=frame,
-                    )
+                    message = "its connectivity is another; every frame must have that of the first"
+                    raise InputError(message, path=self._path, frame=frame)
             except _DAMAGE as error:
                 raise InputError(f"this frame cannot be read ({error})", path=self._path, frame=frame) from error
             found[frame - start] = points
@@ -224,51 +201,28 @@ def _mixed(numbers: NDArray[np.int64], vertices: int, path: Path) -> Connectivit
             raise InputError("its mixed topology ends inside a cell", path=path)
         (faces if kind in (3, 4, 5) else lines).append(numbers[at : at + size])
         at += size
-    return Connectivity(vertices, *_joined(faces), *_joined(lines))
+    return join_cells(vertices, faces, lines)
 
 
-def _joined(rows: Sequence[NDArray[np.int64]]) -> tuple[NDArray[np.int32], NDArray[Any]]:
-    counts = np.array([row.size for row in rows], np.int32)
-    return counts, np.concatenate(rows) if rows else np.zeros(0, np.int64)
-
-
-def write_xdmf(
-    sequence: MeshSequence,
-    path: Path,
-    *,
-    overwrite: bool = False,
-    fps: float | None = None,
-    progress: Progress | None = None,
-) -> tuple[str, ...]:
-    """Write ``name.xdmf`` and ``name.h5`` beside it; objects are joined to one grid.
-
-    Raises
-    ------
-    InputError
-        If a place is taken or cannot be written to.
-    """
+def write_xdmf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
+    """Write ``name.xdmf`` and ``name.h5`` beside it; objects are joined to one grid."""
+    path = output.path
     data_path = path.with_suffix(".h5")
     for one in (path, data_path):
-        check_writable(one, overwrite=overwrite)
-    whole = sequence.connectivity
+        check_writable(one, overwrite=output.overwrite)
     with partial_folder(path) as folder, write_errors(path):
         with h5py.File(folder / data_path.name, "w") as file:
-            topology = _write_topology(file, whole, data_path.name)
+            topology = _write_topology(file, sequence.connectivity, data_path.name)
             rows = []
-            for start, block in sequence.blocks():
+            for start, block in output.blocks(sequence, "XDMF"):
                 for frame, points in enumerate(block, start):
                     name = f"points/{frame:06d}"
                     file.create_dataset(name, data=np.ascontiguousarray(points, "<f4"), track_times=False)
                     rows.append(_grid_text(topology, name, data_path.name, len(points), float(sequence.times[frame])))
-                if progress is not None:
-                    progress(start + len(block), sequence.frame_count, "writing XDMF")
         (folder / path.name).write_text(_HEAD + "".join(rows) + _TAIL, encoding="utf-8")
         os.replace(folder / data_path.name, data_path)
         os.replace(folder / path.name, path)
-    notices = []
-    if len(sequence.objects) > 1 or sequence.objects[0].name != "mesh":
-        notices.append("XDMF is written without names: objects are one grid")
-    return (*notices, *left_out(sequence, "XDMF", lambda item, one: False))
+    return lost_by_joining(sequence, "XDMF", "grid")
 
 
 _HEAD = (

@@ -9,13 +9,7 @@ Names below are imported when they are first used, so that ``import pdecodec`` s
 from __future__ import annotations
 
 import importlib
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-_here = Path(__file__).resolve().parent
-if not (_here / "formats").is_dir():
-    # A checkout keeps formats/ and cli/ beside this folder, a wheel keeps them inside it.
-    __path__.append(str(_here.parent))
 
 if TYPE_CHECKING:
     from pdecodec.decoder import Animation as Animation
@@ -32,6 +26,7 @@ if TYPE_CHECKING:
     from pdecodec.errors import SettingsError as SettingsError
     from pdecodec.formats import open_sequence as open_sequence
     from pdecodec.formats import write_sequence as write_sequence
+    from pdecodec.paperform import PaperForm as PaperForm
     from pdecodec.ratecontrol import encode_to_rms as encode_to_rms
     from pdecodec.ratecontrol import encode_to_size as encode_to_size
     from pdecodec.selection import FrameSelection as FrameSelection
@@ -42,6 +37,7 @@ if TYPE_CHECKING:
     from pdecodec.sequence import MeshObject as MeshObject
     from pdecodec.sequence import MeshSequence as MeshSequence
     from pdecodec.settings import EncodeSettings as EncodeSettings
+    from pdecodec.settings import PaperSettings as PaperSettings
 
 __version__ = "0.1.0"
 
@@ -61,6 +57,8 @@ _HOME = {
     "MeshSequence": "sequence",
     "MissingExtraError": "errors",
     "ObjectSelection": "selection",
+    "PaperForm": "paperform",
+    "PaperSettings": "settings",
     "PdecodecError": "errors",
     "SettingsError": "errors",
     "encode": "encoder",

@@ -18,7 +18,6 @@ Euler-Bernoulli beam. All 32 solve ``w_tttt = (K/m)^2 w_uuuuuuuu``.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -172,23 +171,6 @@ def _integer_power(x: np.float64 | Float64Array, exponent: int) -> np.float64 | 
     return fourth if exponent == 4 else fourth * fourth
 
 
-@dataclass(frozen=True)
-class PaperConversion:
-    """Coefficients of Eq. 17 and how far they can be trusted.
-
-    Attributes
-    ----------
-    coefficients : (..., 4, 8) float64
-        c_w1 .. c_w32 of Eq. 17, rows over Eq. 12, columns over Eqs. 14 and 16.
-    condition : float
-        2-norm condition number of the conversion: digits lost are its logarithm. Grows without bound
-        as alpha or r goes to 0.
-    """
-
-    coefficients: Float64Array
-    condition: float
-
-
 def series_to_paper(rate: float, order: int) -> Float64Array:
     """Matrix P with ``phi(x) = paper(x) @ P``: each phi_j as a sum of the paper's functions.
 
@@ -218,30 +200,3 @@ def series_to_paper(rate: float, order: int) -> Float64Array:
                 column += [-2 * root.imag, 2 * root.real]
         matrix[:, j] = column
     return matrix
-
-
-def paper_coefficients(
-    coefficients: Float64Array, *, alpha: float, r: float, time_triangle: Float64Array, space_triangle: Float64Array
-) -> PaperConversion:
-    """Coefficients over the orthonormal bases, as coefficients of the paper's Eq. 17.
-
-    Parameters
-    ----------
-    coefficients : (..., 4, 8) float64
-        Over the orthonormalised time and space functions.
-    alpha, r : float
-        Rates over the half-range (the paper's functions are then those of the centred arguments in [-1, 1]).
-    time_triangle : (4, 4) float64
-        Upper triangle R of ``phi = psi R`` from orthonormalising the time functions.
-    space_triangle : (8, 8) float64
-        The same for the space functions.
-
-    Raises
-    ------
-    ValueError
-        If alpha or r is 0.
-    """
-    time = series_to_paper(alpha, TIME_FUNCTIONS) @ np.linalg.inv(time_triangle)
-    space = series_to_paper(r, SPACE_FUNCTIONS) @ np.linalg.inv(space_triangle)
-    converted = np.einsum("pa,...ab,qb->...pq", time, coefficients, space)
-    return PaperConversion(converted, float(np.linalg.cond(time) * np.linalg.cond(space)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from pdecodec.errors import CorruptFileError, InputError
+from pdecodec.errors import CorruptFileError
 
 COUNT_BITS = 63
 """Of the largest count: nine bytes."""
@@ -32,25 +32,8 @@ class FieldWriter:
             value >>= 7
         self.numbers("B", value)
 
-    def text(self, value: str) -> None:
-        """UTF-8 text after its length in bytes (u64); InputError for a lone surrogate."""
-        self.sized(_utf8(value))
-
-    def short_text(self, value: str) -> None:
-        """The same after a length that is a count."""
-        data = _utf8(value)
-        self.count(len(data))
-        self._parts.append(data)
-
     def to_bytes(self) -> bytes:
         return b"".join(self._parts)
-
-
-def _utf8(value: str) -> bytes:
-    try:
-        return value.encode("utf-8")
-    except UnicodeEncodeError as error:
-        raise InputError(f"the name {value!r} is not text that UTF-8 can hold; rename it") from error
 
 
 class FieldReader:
@@ -100,19 +83,9 @@ class FieldReader:
                 return value
         raise CorruptFileError(f"section {self._name} holds a count of more than {COUNT_BITS} bits")
 
-    def text(self) -> str:
-        """UTF-8 text after its length in bytes."""
-        return self._decoded(self.sized())
-
-    def short_text(self) -> str:
-        """The same after a length that is a count."""
-        return self._decoded(self._take(self.count()))
-
-    def _decoded(self, data: bytes) -> str:
-        try:
-            return data.decode("utf-8")
-        except UnicodeDecodeError as error:
-            raise CorruptFileError(f"section {self._name} holds a text that is not UTF-8") from error
+    def rest(self) -> bytes:
+        """All that is left."""
+        return self._take(len(self._data) - self._at)
 
     def finish(self) -> None:
         """Raise unless everything was read."""

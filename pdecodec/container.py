@@ -17,16 +17,10 @@ from pdecodec.whole_output import whole_file, write_errors
 IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
 """As PNG's: a byte that is not ASCII, the name, and line ends that a text transfer would change."""
 
-MAJOR_VERSIONS = (1, 2)
-"""Those that are read: 1 holds segments, 2 groups of frames."""
-
-MINOR_VERSION = 0
+MAJOR_VERSION, MINOR_VERSION = 1, 0
 
 HEADER = struct.Struct("<12sHHIII")
 """Identifier, major and minor version, number of sections, CRC-32 of the table, CRC-32 of all before."""
-
-ENTRY_1 = struct.Struct("<4sIQQII")
-"""Of version 1: type, flags, offset, length, CRC-32, reserved (0)."""
 
 ENTRY_HEAD = struct.Struct("<4sB")
 """Type, and flags with sixteen times the bytes that the length takes. The length and the CRC-32 follow: a section
@@ -37,11 +31,14 @@ CHECKSUM = struct.Struct("<I")
 LENGTH_AT, MOST_LENGTH_BYTES = 4, 8
 """Bit of the flags at which the bytes of a length begin to be counted, and how many they are at most."""
 
+RUN_BEGINS = "CONN"
+"""Frames of one connectivity are a run; its sections begin with this one. This version reads files of one run."""
+
 REQUIRED = 1
 """Section flag: a decoder that does not know this type must refuse the file."""
 
 MAX_SECTIONS = 64
-"""A file of this version has under 12; more can only be damage."""
+"""A run of frames has 9 sections at most; more can only be damage."""
 
 COPY_BYTES = 2**20
 """Bytes copied or checked at a time, so that memory does not grow with a section."""
@@ -112,10 +109,8 @@ class Section:
         return self.content.pieces() if isinstance(self.content, Spool) else (self.content,)
 
 
-def write_container(
-    path: Path, sections: Sequence[Section], *, overwrite: bool = True, major: int = 1
-) -> dict[str, int]:
-    """Write a whole file of one major version, or nothing.
+def write_container(path: Path, sections: Sequence[Section], *, overwrite: bool = True) -> dict[str, int]:
+    """Write a whole file, or nothing.
 
     Returns
     -------
@@ -128,39 +123,34 @@ def write_container(
         If the file cannot be written.
     """
     with whole_file(path, overwrite=overwrite) as partial, partial.open("wb") as file:
-        for piece in container_pieces(sections, major=major):
+        for piece in container_pieces(sections):
             file.write(piece)
-    return section_sizes(sections, major=major)
+    return section_sizes(sections)
 
 
-def container_pieces(sections: Sequence[Section], *, major: int = 1) -> Iterator[bytes]:
+def container_pieces(sections: Sequence[Section]) -> Iterator[bytes]:
     """The bytes of a file, a piece at a time: header, table, sections."""
-    table = b"".join(_rows(sections, major))
-    unsealed = HEADER.pack(IDENTIFIER, major, MINOR_VERSION, len(sections), zlib.crc32(table), 0)[:-4]
+    table = b"".join(_rows(sections))
+    unsealed = HEADER.pack(IDENTIFIER, MAJOR_VERSION, MINOR_VERSION, len(sections), zlib.crc32(table), 0)[:-4]
     yield unsealed + CHECKSUM.pack(zlib.crc32(unsealed))
     yield table
     for section in sections:
         yield from section.pieces()
 
 
-def _rows(sections: Sequence[Section], major: int) -> Iterator[bytes]:
+def _rows(sections: Sequence[Section]) -> Iterator[bytes]:
     """Rows of the table of sections."""
-    offset = HEADER.size + ENTRY_1.size * len(sections)
     for section in sections:
-        kind, flags = section.type.encode("ascii"), REQUIRED if section.required else 0
-        if major == 1:
-            yield ENTRY_1.pack(kind, flags, offset, section.length, section.checksum, 0)
-        else:
-            size = (section.length.bit_length() + 7) // 8
-            length = section.length.to_bytes(size, "little")
-            yield ENTRY_HEAD.pack(kind, flags | size << LENGTH_AT) + length + CHECKSUM.pack(section.checksum)
-        offset += section.length
+        size = (section.length.bit_length() + 7) // 8
+        flags = (REQUIRED if section.required else 0) | size << LENGTH_AT
+        length = section.length.to_bytes(size, "little")
+        yield ENTRY_HEAD.pack(section.type.encode("ascii"), flags) + length + CHECKSUM.pack(section.checksum)
 
 
-def section_sizes(sections: Sequence[Section], *, major: int = 1) -> dict[str, int]:
+def section_sizes(sections: Sequence[Section]) -> dict[str, int]:
     """Bytes of each section, and of header and table as ``"container"``."""
     return {
-        "container": HEADER.size + sum(len(row) for row in _rows(sections, major)),
+        "container": HEADER.size + sum(len(row) for row in _rows(sections)),
         **{section.type: section.length for section in sections},
     }
 
@@ -185,7 +175,6 @@ class ContainerReader:
         self._file = file
         self.path = path
         self.file_bytes = file.seek(0, os.SEEK_END)
-        self.major_version, self.minor_version = 0, 0
         self.entries = self._read_table()
 
     def _read_table(self) -> dict[str, SectionEntry]:
@@ -195,32 +184,27 @@ class ContainerReader:
             raise CorruptFileError("not a .pdeanim file (its first bytes are others)", path=self.path, offset=0)
         if len(header) < HEADER.size:
             raise CorruptFileError("ends inside its header; get it again", path=self.path, offset=len(header))
-        _, major, minor, count, table_checksum, header_checksum = HEADER.unpack(header)
+        _, major, _, count, table_checksum, header_checksum = HEADER.unpack(header)
         if zlib.crc32(header[:-4]) != header_checksum:
             raise CorruptFileError("its header is damaged; get it again", path=self.path, offset=0)
-        if major not in MAJOR_VERSIONS:
-            raise CorruptFileError(
-                f"has format version {major}, this decoder reads up to {MAJOR_VERSIONS[-1]}; update pdecodec",
-                path=self.path,
-            )
-        self.major_version, self.minor_version = major, minor
+        if major != MAJOR_VERSION:
+            message = f"has format version {major}, this decoder reads version {MAJOR_VERSION}; update pdecodec"
+            raise CorruptFileError(message, path=self.path)
         if count > MAX_SECTIONS:
             raise CorruptFileError(f"declares {count} sections, at most {MAX_SECTIONS} can be", path=self.path)
-        table = [self._read_row(major) for _ in range(count)]
+        table = [self._read_row() for _ in range(count)]
         if zlib.crc32(b"".join(table)) != table_checksum:
             raise CorruptFileError("its table of sections is damaged", path=self.path, offset=HEADER.size)
         entries: dict[str, SectionEntry] = {}
         expected = HEADER.size + sum(len(row) for row in table)
         for row in table:
-            if major == 1:
-                raw_type, flags, offset, length, checksum, _ = ENTRY_1.unpack(row)
-            else:
-                raw_type, flags = ENTRY_HEAD.unpack_from(row)
-                offset, length = expected, int.from_bytes(row[ENTRY_HEAD.size : -CHECKSUM.size], "little")
-                (checksum,) = CHECKSUM.unpack(row[-CHECKSUM.size :])
+            raw_type, flags = ENTRY_HEAD.unpack_from(row)
+            offset, length = expected, int.from_bytes(row[ENTRY_HEAD.size : -CHECKSUM.size], "little")
+            (checksum,) = CHECKSUM.unpack(row[-CHECKSUM.size :])
             kind = raw_type.decode("ascii", "backslashreplace")
-            if offset != expected:
-                raise CorruptFileError(f"section {kind} is not where the one before it ends", path=self.path)
+            if kind == RUN_BEGINS and kind in entries:
+                message = "has runs of frames of different connectivity, which this decoder does not read"
+                raise CorruptFileError(f"{message}; update pdecodec", path=self.path, offset=offset)
             if kind in entries:
                 raise CorruptFileError(f"section {kind} stands twice", path=self.path, offset=offset)
             expected = offset + length
@@ -231,14 +215,12 @@ class ContainerReader:
             raise CorruptFileError(message, path=self.path, offset=min(expected, self.file_bytes))
         return entries
 
-    def _read_row(self, major: int) -> bytes:
+    def _read_row(self) -> bytes:
         """One row of the table of sections."""
-        row = self._file.read(ENTRY_1.size if major == 1 else ENTRY_HEAD.size)
-        needed = ENTRY_1.size
-        if major > 1:
-            size = row[-1] >> LENGTH_AT if row else 0
-            needed = ENTRY_HEAD.size + size + CHECKSUM.size if size <= MOST_LENGTH_BYTES else 0
-            row += self._file.read(max(needed - len(row), 0))
+        row = self._file.read(ENTRY_HEAD.size)
+        size = row[-1] >> LENGTH_AT if row else 0
+        needed = ENTRY_HEAD.size + size + CHECKSUM.size if size <= MOST_LENGTH_BYTES else 0
+        row += self._file.read(max(needed - len(row), 0))
         if len(row) != needed:
             raise CorruptFileError("its table of sections is damaged", path=self.path, offset=HEADER.size)
         return row

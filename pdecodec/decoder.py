@@ -1,40 +1,49 @@
-"""The decoder: a `.pdeanim` file as a mesh sequence that can be asked for any time."""
+"""The decoder: a `.pdeanim` file as a mesh sequence that gives positions at any time."""
 
 from __future__ import annotations
 
 import io
 import os
-from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, BinaryIO, ClassVar
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pdecodec.attributes import decode_attributes
+from pdecodec.connectivity import BYTES_PER_CORNER, decode_connectivity, decode_vertex_counts
 from pdecodec.container import ContainerReader
-from pdecodec.description import decode_attributes, decode_remarks, decode_sequence_description
+from pdecodec.description import decode_remarks, decode_sequence_description
 from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
-from pdecodec.paperform import PaperForm
+from pdecodec.groupmodel import GroupModelDescription
+from pdecodec.groups import CHUNK_SECTIONS, GroupTable, read_group_table
+from pdecodec.motion import Motion
+from pdecodec.paperform import PaperForm, paper_form
+from pdecodec.patches import early_patches
+from pdecodec.reference import RestShape, decode_rest
 from pdecodec.resample import Outside, times_inside
-from pdecodec.sequence import Connectivity, MeshObject, MeshSequence, check_frame_range
+from pdecodec.sequence import MeshObject, MeshSequence, check_frame_range
+from pdecodec.spacebasis import SpaceBasis, decode_space_basis
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
+
+KNOWN_SECTIONS = frozenset({"META", "SEQN", "CONN", "ORDR", "REST", "MODL", "GRUP", *CHUNK_SECTIONS, "ATTR"})
 
 DEFAULT_MAX_MEMORY = 4 * 2**30
 """Bytes a file may ask for while it is opened and decoded: some five million vertices."""
 
 BYTES_PER_VERTEX = 600
-"""Peak memory of opening a file, per vertex: curves, rest shape, and twelve float64 functions each, twice."""
+"""Peak memory of a mesh, per vertex: curves, reference frame, and twelve float64 functions each, twice."""
 
-BYTES_PER_COEFFICIENT = 64
-"""Peak memory of a segment, per coefficient: a float64 in each segment kept, unpacked through four int64."""
-
-CACHE_BYTES = 64 * 2**20
-"""Memory for decoded segments: all of most clips, so that scrubbing does not decode one twice."""
+BYTES_PER_FRAME = 96
+"""Peak memory of opening a file, per frame: times, their spline, a row of the table of groups."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +71,7 @@ def open_animation(source: str | os.PathLike[str] | bytes, *, limits: DecodeLimi
     Returns
     -------
     Animation
-        Close it, or use it in a ``with`` statement: segments are read from the file when they are asked for.
+        Close it, or use it in a ``with`` statement: each part is read from the file when it is needed.
 
     Raises
     ------
@@ -74,50 +83,42 @@ def open_animation(source: str | os.PathLike[str] | bytes, *, limits: DecodeLimi
         If it asks for more memory than `limits` allow.
     """
     if isinstance(source, bytes):
-        return _open_file(io.BytesIO(source), "bytes in memory", limits or DecodeLimits())
+        return Animation(io.BytesIO(source), "bytes in memory", limits or DecodeLimits())
     try:
         file = Path(source).open("rb")  # noqa: SIM115 - the animation keeps it open until it is closed
     except OSError as error:
         raise InputError(f"cannot be opened ({error.strerror})", path=source) from error
     try:
-        return _open_file(file, os.fspath(source), limits or DecodeLimits())
+        return Animation(file, os.fspath(source), limits or DecodeLimits())
     except BaseException:
         file.close()
         raise
 
 
-def _open_file(file: BinaryIO, path: str, limits: DecodeLimits) -> Animation:
-    container = ContainerReader(file, path)
-    if container.major_version == 1:
-        from pdecodec.segmentanimation import SegmentAnimation
-
-        return SegmentAnimation(container, file, limits)
-    from pdecodec.groupanimation import GroupAnimation
-
-    return GroupAnimation(container, file, limits)
-
-
 class Animation(MeshSequence):
     """A `.pdeanim` file: a mesh sequence, and a mesh at any time between its first and its last frame.
 
-    Made by :func:`open_animation`. At the time of a frame every method gives the same bits.
+    Made by :func:`open_animation`. Opening reads headers alone, and the vertex counts that the mesh begins with; the
+    mesh, attributes and groups of frames are decoded when they are first needed. At the time of a frame every method
+    gives the same bits. It may be used from several threads; they take turns.
     """
 
-    KNOWN_SECTIONS: ClassVar[frozenset[str]]
-    """Those of its major version."""
-
-    BYTES_PER_CORNER: ClassVar[int]
-    """Peak memory of opening a file, per face corner and line point."""
-
-    def __init__(self, container: ContainerReader, file: BinaryIO, limits: DecodeLimits) -> None:
-        self.path = container.path
-        self.notices = ()
-        self._file = file
-        self._limits = limits
+    def __init__(self, file: BinaryIO, path: str, limits: DecodeLimits) -> None:
+        self.path, self.notices = path, ()
+        self._file, self._limits, self._left = file, limits, limits.max_memory
+        self._lock = threading.RLock()
         with self._naming_the_file():
-            self._container = container
-            container.check_known(self.KNOWN_SECTIONS)
-            self._open()
+            container = self._container = ContainerReader(file, path)
+            container.check_known(KNOWN_SECTIONS)
+            description = decode_sequence_description(container.read("SEQN"), limits.max_memory // BYTES_PER_FRAME)
+            self._description = description
+            self._vertex_counts, self._polygons = decode_vertex_counts(container.read("CONN"))
+            self.times, self.fps = description.times, description.fps
+            self._table: GroupTable = read_group_table(container.read("GRUP"), self.frame_count)
+            self._table.check_sections(container)
+            self._model = GroupModelDescription.from_bytes(container.read("MODL"))
+            self._take(BYTES_PER_FRAME * self.frame_count, f"{self.frame_count} frames")
+            self._take(BYTES_PER_VERTEX * self.vertex_count, f"{self.vertex_count} vertices")
 
     @contextmanager
     def _naming_the_file(self) -> Iterator[None]:
@@ -132,87 +133,77 @@ class Animation(MeshSequence):
         except MemoryError as error:
             raise LimitError("needs more memory than there is; lower the memory limit", path=self.path) from error
 
-    def _open(self) -> None:
-        container, most = self._container, self._limits.max_memory
-        description = decode_sequence_description(
-            container.read("SEQN"), self._open_table(), major=container.major_version
-        )
-        vertices = sum(description.vertex_counts)
-        self._check_memory(BYTES_PER_VERTEX * vertices, f"{vertices} vertices")
-        left = most - BYTES_PER_VERTEX * vertices
-        parts = self._decode_connectivity(description.vertex_counts, left // self.BYTES_PER_CORNER)
-        left -= self.BYTES_PER_CORNER * sum(part.face_indices.size + part.line_indices.size for part in parts)
-        objects = [MeshObject(name, part) for name, part in zip(description.names, parts, strict=True)]
-        if "ATTR" in container.entries:
-            objects = decode_attributes(container.read("ATTR"), objects, left)
-        self.objects = tuple(objects)
-        self.times, self.fps = description.times, description.fps
-        self._remarks = decode_remarks(container.read("META")) if "META" in container.entries else {}
-        metadata = self._remarks.get("metadata", {})
-        self.metadata = {str(key): str(value) for key, value in metadata.items()} if isinstance(metadata, dict) else {}
-        self._open_motion(left)
-
-    @abstractmethod
-    def _open_table(self) -> int:
-        """Read the table of segments or groups; the number of frames."""
-
-    @abstractmethod
-    def _decode_connectivity(self, vertex_counts: Sequence[int], most_corners: int) -> list[Connectivity]:
-        """The faces and lines of each object; LimitError for more than `most_corners` corners of all objects."""
-
-    @abstractmethod
-    def _open_motion(self, left: int) -> None:
-        """Read the rest shape and the model; `left` bytes of memory are still free."""
-
-    @abstractmethod
-    def _evaluate(self, times: Float64Array, out: Float32Array) -> None:
-        """Write positions at increasing times inside the clip, without corrections; `out` is contiguous."""
-
-    def _model_at_frame(self, frame: int) -> Float32Array:
-        """Positions (vertices, 3) at a frame, without corrections."""
-        out: Float32Array = np.empty((1, self.vertex_count, 3), np.float32)
-        self._evaluate(self.times[frame : frame + 1], out)
-        return out.reshape(-1, 3)
-
-    @abstractmethod
-    def _add_frame_corrections(self, out: Float32Array, frame: int, weight: float) -> None:
-        """Add one frame's corrections, in place."""
-
-    @abstractmethod
-    def _correction(self, frame: int) -> Float64Array:
-        """(vertices, 3) float64: what the corrections of a frame add to its positions."""
-
-    @abstractmethod
-    def _model_derivative(self, order: int, time: float) -> Float64Array:
-        """(vertices, 3) float64: derivative of the positions without corrections."""
-
-    @abstractmethod
-    def coefficients(self, segment: int) -> PaperForm:
-        """The coefficients of one time segment as the paper writes them (Eqs. 17 and 18), with their conditioning.
-
-        Parameters
-        ----------
-        segment : int
-            0 to ``info()["segments"] - 1``.
-
-        Raises
-        ------
-        SettingsError
-            If the file was encoded with functions that are not the paper's 32.
-        """
-
-    @abstractmethod
-    def model_info(self) -> dict[str, Any]:
-        """What :meth:`info` says of the model."""
-
-    @abstractmethod
-    def _decode_everything(self) -> None:
-        """Decode every segment or group; CorruptFileError with its first frame where one does not."""
-
-    def _check_memory(self, needed: int, what: str) -> None:
-        if needed > self._limits.max_memory:
-            message = f"declares {what}, about {needed} bytes to decode; the limit is {self._limits.max_memory}"
+    def _take(self, needed: int, what: str) -> None:
+        """Count what a file declares against the memory limit, before memory is taken."""
+        if needed > self._left:
+            most = self._limits.max_memory
+            message = f"declares {what}, about {needed + most - self._left} bytes to decode; the limit is {most}"
             raise LimitError(f"{message}; raise it if you trust the file")
+        self._left -= needed
+
+    @property
+    def vertex_count(self) -> int:
+        return sum(self._vertex_counts)
+
+    @property
+    def objects(self) -> tuple[MeshObject, ...]:  # type: ignore[override]  # decoded when it is first needed
+        with self._lock, self._naming_the_file():
+            return self._objects
+
+    @property
+    def meshes(self) -> tuple[MeshObject, ...]:
+        """The objects without their attributes, for which the reference frame need not be decoded."""
+        with self._lock, self._naming_the_file():
+            return self._meshes
+
+    # What is cached is only taken with the lock held: Python 3.11 has one lock a cached property, taken after it.
+
+    @cached_property
+    def _objects(self) -> tuple[MeshObject, ...]:
+        if "ATTR" not in self._container.entries:
+            return self._meshes
+        levels = self._reference.levels
+        return tuple(decode_attributes(self._container.read("ATTR"), self._meshes, levels, self._left))
+
+    @cached_property
+    def _meshes(self) -> tuple[MeshObject, ...]:
+        """Sections CONN and ORDR."""
+        order = self._container.read("ORDR") if "ORDR" in self._container.entries else b""
+        counts, most = self._vertex_counts, self._left // BYTES_PER_CORNER
+        parts = decode_connectivity(counts, self._polygons, order, most)
+        self._left -= BYTES_PER_CORNER * sum(part.face_indices.size + part.line_indices.size for part in parts)
+        names = self._description.names(len(counts), lambda size: self._take(size, "names of objects"))
+        return tuple(MeshObject(name, part) for name, part in zip(names, parts, strict=True))
+
+    @cached_property
+    def _reference(self) -> RestShape:
+        return decode_rest(self._container.read("REST"), self._meshes)
+
+    @cached_property
+    def _reference_and_space(self) -> tuple[RestShape, SpaceBasis]:
+        """Section REST, and the functions of space that MODL describes."""
+        model, meshes = self._model, self._meshes
+        # The patches of most meshes follow from connectivity alone: they are made while the reference is decoded.
+        with ThreadPoolExecutor(1) as pool:
+            found = pool.submit(early_patches, meshes, model.form.points) if model.form.kind == "patch" else None
+            reference = self._reference
+            early = found.result() if found else None
+        return reference, decode_space_basis(model.form, model.masks, meshes, reference.levels, early)
+
+    @cached_property
+    def _motion(self) -> Motion:
+        reference, space = self._reference_and_space
+        return Motion(self._container, self._table, self._model, self.times, reference, space, self._left)
+
+    @cached_property
+    def _remarks(self) -> dict[str, Any]:
+        return decode_remarks(self._container.read("META")) if "META" in self._container.entries else {}
+
+    @property
+    def metadata(self) -> dict[str, str]:  # type: ignore[override]  # read when it is first needed
+        with self._lock, self._naming_the_file():
+            found = self._remarks.get("metadata", {})
+        return {str(key): str(value) for key, value in found.items()} if isinstance(found, dict) else {}
 
     def close(self) -> None:
         self._file.close()
@@ -240,7 +231,7 @@ class Animation(MeshSequence):
         SettingsError
             If a time is not a number, or lies outside and that is refused.
         CorruptFileError
-            If a segment that is needed is damaged.
+            If a group that is needed is damaged.
         """
         if np.ndim(times) == 0:
             single: Float32Array = self.sample(np.atleast_1d(times), outside=outside)[0]
@@ -272,9 +263,8 @@ class Animation(MeshSequence):
         # Page by page, memory that is new costs as much as decoding into it: the caller's is taken where it can be.
         is_direct = is_in_order and out is not None and out.flags.c_contiguous
         found = out if is_direct and out is not None else np.empty(shape, np.float32)
-        with self._naming_the_file():
-            self._evaluate(inside[order], found)
-            self._add_corrections(found, inside[order])
+        with self._lock, self._naming_the_file():
+            self._motion.positions(inside[order], found)
         if is_direct or (is_in_order and out is None):
             return found
         result = np.empty_like(found) if out is None else out
@@ -284,7 +274,7 @@ class Animation(MeshSequence):
     def velocities(self, times: ArrayLike, *, outside: Outside = "clamp") -> Float32Array:
         """Velocity of every vertex at one time or at several: the exact derivative of the positions.
 
-        Corrections change at constant speed from one frame to the next; at a frame the speed to the next
+        Residuals change at constant speed from one frame to the next; at a frame the speed to the next
         one counts. Where positions are held (clamped) outside the clip nothing moves.
 
         Parameters
@@ -300,28 +290,18 @@ class Animation(MeshSequence):
         return self._derivatives(1, times, outside)
 
     def accelerations(self, times: ArrayLike, *, outside: Outside = "clamp") -> Float32Array:
-        """As :meth:`velocities`, the second derivative [scene units / s^2]; corrections have none."""
+        """As :meth:`velocities`, the second derivative [scene units / s^2]; residuals have none."""
         return self._derivatives(2, times, outside)
 
-    def _derivatives(self, order: int, times: ArrayLike, outside: Outside) -> Float32Array:
+    def _derivatives(self, order: Literal[1, 2], times: ArrayLike, outside: Outside) -> Float32Array:
         asked = np.atleast_1d(np.asarray(times, dtype=np.float64))
         inside = self._inside(asked, outside)
         moving = (outside == "loop") | ((asked >= self.times[0]) & (asked <= self.times[-1]))
         out = np.zeros((asked.size, self.vertex_count, 3), np.float32)
-        with self._naming_the_file():
+        with self._lock, self._naming_the_file():
             for row in np.flatnonzero(moving):
-                out[row] = self._derivative(order, inside[row])
+                out[row] = self._motion.derivative(order, inside[row])
         return out if np.ndim(times) else out[0]
-
-    def _derivative(self, order: int, time: float) -> Float64Array:
-        if self.frame_count == 1:
-            return np.zeros((self.vertex_count, 3))
-        found = self._model_derivative(order, time)
-        if order == 1:
-            frame = min(int(np.searchsorted(self.times, time, side="right")), self.frame_count - 1)
-            step = float(self.times[frame] - self.times[frame - 1])
-            found += (self._correction(frame) - self._correction(frame - 1)) / step
-        return found
 
     def _inside(self, times: ArrayLike, outside: Outside) -> Float64Array:
         asked = np.asarray(times, dtype=np.float64)
@@ -329,15 +309,24 @@ class Animation(MeshSequence):
             raise SettingsError("times must be a number or a list of numbers")
         return times_inside(asked, float(self.times[0]), float(self.times[-1]), outside)
 
-    def _add_corrections(self, out: Float32Array, times: Float64Array) -> None:
-        left = np.searchsorted(self.times, times, side="right") - 1
-        for row, frame in enumerate(left.tolist()):
-            if times[row] == self.times[frame]:
-                self._add_frame_corrections(out[row], frame, 1.0)
-                continue
-            share = (times[row] - self.times[frame]) / (self.times[frame + 1] - self.times[frame])
-            self._add_frame_corrections(out[row], frame, 1.0 - share)
-            self._add_frame_corrections(out[row], frame + 1, share)
+    def coefficients(self, group: int) -> PaperForm:
+        """The coefficients of one group as the paper writes them (Eqs. 17 and 18), and all that they multiply.
+
+        Parameters
+        ----------
+        group : int
+            0 to ``info()["groups"] - 1``.
+
+        Raises
+        ------
+        SettingsError
+            If the file was encoded with functions that are not the paper's 32, or there is no such group.
+        """
+        if not 0 <= group < len(self._table.entries):
+            raise SettingsError(f"there is no group {group}; the file has {len(self._table.entries)}, from 0 on")
+        with self._lock, self._naming_the_file():
+            reference, space = self._reference_and_space
+            return paper_form(self._model, reference, space, self._motion, group, int(self._table.firsts[group]))
 
     @property
     def sections(self) -> dict[str, int]:
@@ -346,25 +335,33 @@ class Animation(MeshSequence):
         return {"container": self._container.file_bytes - sum(sizes.values()), **sizes}
 
     def info(self) -> dict[str, Any]:
-        """What the file holds, as a JSON object: sections, model, settings, and why this model."""
+        """What the headers say of the file, as a JSON object: sections, model, settings, and why this model."""
+        entries = self._table.entries
+        with self._lock, self._naming_the_file():
+            remarks = self._remarks
         return {
             "file_bytes": self._container.file_bytes,
             "ratio": 12 * self.frame_count * self.vertex_count / self._container.file_bytes,
             "sections": self.sections,
-            "summary": str(self._remarks.get("summary", "")),
-            "generator": str(self._remarks.get("generator", "")),
-            "settings": self._remarks.get("settings", {}),
-            **self.model_info(),
+            "summary": str(remarks.get("summary", "")),
+            "generator": str(remarks.get("generator", "")),
+            "settings": remarks.get("settings", {}),
+            "time_bases": sorted({entry.basis for entry in entries}),
+            "space_basis": self._model.form.kind,
+            "functions_of_time": max(entry.functions for entry in entries),
+            "groups": len(entries),
+            "group_frames": [min(entry.frames for entry in entries), max(entry.frames for entry in entries)],
         }
 
     def verify(self) -> None:
-        """Check every byte of the file, and that every segment decodes.
+        """Check every byte of the file, and that every part and every group decodes.
 
         Raises
         ------
         CorruptFileError
             If one does not.
         """
-        self._container.verify()
-        with self._naming_the_file():
-            self._decode_everything()
+        with self._lock, self._naming_the_file():
+            self._container.verify()
+            _ = self._objects, self._remarks
+            self._motion.decode_everything()

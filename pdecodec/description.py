@@ -1,10 +1,10 @@
-"""Coding of what surrounds the motion: times and objects (SEQN), attributes (ATTR), remarks (META)."""
+"""Coding of what surrounds the motion: times and names of objects (SEQN), remarks (META)."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,46 +12,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.bytestream import FieldReader, FieldWriter
-from pdecodec.entropy import compress, decompress, pack_integers, unpack_integers
+from pdecodec.codedstream import CodedStream
+from pdecodec.entropy import compress, decompress
 from pdecodec.errors import CorruptFileError, InputError, LimitError
-from pdecodec.sequence import (
-    LARGEST_TIME,
-    MAX_INDEX,
-    SHORTEST_TIME_STEP,
-    Attribute,
-    AttributeDomain,
-    MeshObject,
-    MeshSequence,
-)
+from pdecodec.sequence import LARGEST_TIME, SHORTEST_TIME_STEP, MeshSequence
 
 Float64Array = NDArray[np.float64]
+Int64Array = NDArray[np.int64]
+UInt8Array = NDArray[np.uint8]
 
-TIMES_STEPPED, TIMES_COUNTED, TIMES_LISTED, TIMES_BY_PERIOD = 0, 1, 2, 3
-"""How times are stored: ``start + i / rate``, ``(start + i) / rate``, one by one, or (from version 2 on)
-``start + i (1 / rate)``, which rounds otherwise."""
+RUNS = 1
+"""Runs of frames of one connectivity in a file; later versions of the software will read more."""
 
-TIME_RULES = {1: (TIMES_COUNTED, TIMES_STEPPED), 2: (TIMES_COUNTED, TIMES_STEPPED, TIMES_BY_PERIOD)}
-"""By major version of the format, in the order in which they are tried."""
+TIMES_STEPPED, TIMES_COUNTED, TIMES_LISTED, TIMES_BY_PERIOD = range(4)
+"""How times are stored: ``start + i / rate``, ``(start + i) / rate``, one by one, or ``start + i (1 / rate)``, which
+rounds otherwise."""
 
-AT_FRAME_RATE = 4
-"""From version 2 on: added to the rule where its rate is the frame rate, which then is not stored again."""
+TIME_RULES = (TIMES_COUNTED, TIMES_STEPPED, TIMES_BY_PERIOD)
+"""In the order in which they are tried."""
 
-DOMAINS: tuple[AttributeDomain, ...] = ("vertex", "face", "corner", "object")
+AT_FRAME_RATE, WHOLE_FRAME_RATE, WHOLE_START, ALL_FLAGS = 4, 8, 16, 28
+"""Added to the rule: its rate is the frame rate, which then is not stored again; the frame rate, or the start, is a
+whole number of 0 or more, and stored as a count."""
 
-VALUE_TYPES = ("<f4", "<f8", "<i4", "|u1", "<i8")
-"""Types of attribute values, by their number in the file."""
+LARGEST_WHOLE = 2**53
+"""Whole numbers up to here are all in float64."""
 
 MAX_JSON_BYTES = 16 * 2**20
-"""Bytes of a JSON text (metadata, labels) after unpacking; a person's remarks are a few kilobytes."""
-
-BYTES_PER_JSON_BYTE = 32
-"""Peak memory of reading JSON, per byte of text: an empty list takes three bytes there and 64 here."""
-
-BYTES_PER_VALUE_BYTE = 4
-"""Peak memory of unpacking attribute values: byte planes, their transpose, the values, the values in native order."""
-
-BYTES_PER_INDEX = 48
-"""Peak memory of unpacking an attribute's index: a 10-byte integer, four times 8 bytes, and 4."""
+"""Bytes of a JSON text (metadata) after unpacking; a person's remarks are a few kilobytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,91 +50,137 @@ class SequenceDescription:
     ----------
     times : (frames,) float64 [s]
     fps : float [1/s]
-    names : tuple of str
-    vertex_counts : tuple of int
+    coded : bytes
+        Listed times, and the names of objects.
+    listed : int
+        How many bytes the former have.
     """
 
     times: Float64Array
     fps: float
-    names: tuple[str, ...]
-    vertex_counts: tuple[int, ...]
+    coded: bytes
+    listed: int
+
+    def names(self, count: int, take: Callable[[int], None]) -> tuple[str, ...]:
+        """Names of as many objects.
+
+        Parameters
+        ----------
+        count : int
+        take : callable
+            Called with a number of bytes before memory for them is taken.
+
+        Raises
+        ------
+        CorruptFileError
+            If there are more or fewer names, or they are not UTF-8.
+        """
+        stream = CodedStream.of_bytes(self.coded, "SEQN")
+        stream.bytes(np.zeros(self.listed, np.uint8))
+        names = tuple(stream.text("", take) for _ in range(count))
+        stream.check_finished()
+        return names
 
 
-def encode_sequence_description(sequence: MeshSequence, *, major: int) -> bytes:
-    """Section SEQN of a major version of the format: frames, times, objects."""
+def encode_sequence_description(sequence: MeshSequence) -> bytes:
+    """Section SEQN: frames, times, names of objects."""
+    kind, start, rate = _time_rule(sequence.times, sequence.fps)
+    is_listed = kind == TIMES_LISTED
+    is_usual = not is_listed and rate == sequence.fps
+    whole_fps, whole_start = _is_whole(sequence.fps), not is_listed and _is_whole(start)
     writer = FieldWriter()
-    kind, start, rate = _time_rule(sequence.times, sequence.fps, TIME_RULES[major])
-    listed = compress(sequence.times.astype("<f8").tobytes()) if kind == TIMES_LISTED else None
-    if major == 1:
-        writer.numbers("QdBdd", sequence.frame_count, sequence.fps, kind, start, rate)
-    else:
-        writer.count(sequence.frame_count)
-        usual = listed is None and rate == sequence.fps
-        writer.numbers("dB", sequence.fps, kind | (AT_FRAME_RATE if usual else 0))
-        if listed is None:
-            writer.numbers("d" if usual else "dd", *((start,) if usual else (start, rate)))
-    if listed is not None:
-        writer.sized(listed)
-    if major == 1:
-        writer.numbers("I", len(sequence.objects))
-    else:
-        writer.count(len(sequence.objects))
-    for item in sequence.objects:
-        if major == 1:
-            writer.numbers("Q", item.vertex_count)
-            writer.text(item.name)
-        else:
-            writer.count(item.vertex_count)
-            writer.short_text(item.name)
-    return writer.to_bytes()
+    writer.count(RUNS)
+    writer.count(sequence.frame_count)
+    writer.numbers("B", kind | AT_FRAME_RATE * is_usual | WHOLE_FRAME_RATE * whole_fps | WHOLE_START * whole_start)
+    _write_real(writer, sequence.fps, is_whole=whole_fps)
+    if not is_listed:
+        _write_real(writer, start, is_whole=whole_start)
+        if not is_usual:
+            writer.numbers("d", rate)
+
+    def write(stream: CodedStream) -> None:
+        stream.bytes(_bytes_of_times(sequence.times) if is_listed else np.zeros(0, np.uint8))
+        for item in sequence.objects:
+            stream.text(item.name, int)
+
+    return writer.to_bytes() + CodedStream.to_bytes("SEQN", write)
 
 
-def decode_sequence_description(data: bytes, most_frames: int, *, major: int) -> SequenceDescription:
+def decode_sequence_description(data: bytes, most_frames: int) -> SequenceDescription:
     """Undo :func:`encode_sequence_description`.
 
     Parameters
     ----------
     data : bytes
     most_frames : int
-        Frames that the segments of the file can hold.
-    major : int
-        Version of the format.
+        Frames that the memory limit leaves room for.
     """
     reader = FieldReader(data, "SEQN")
-    frames, (fps,) = reader.integers("Q")[0] if major == 1 else reader.count(), reader.reals("d")
-    if not 1 <= frames <= most_frames:
-        raise CorruptFileError(f"section SEQN declares {frames} frames, the segments hold {most_frames} at most")
+    runs, frames = reader.count(), reader.count()
+    if runs != RUNS:
+        raise CorruptFileError(f"section SEQN declares {runs} runs of frames; this version reads files of one")
+    if frames < 1:
+        raise CorruptFileError("section SEQN declares no frames")
+    if frames > most_frames:
+        raise LimitError(f"section SEQN declares {frames} frames, more than the memory limit allows")
+    (flags,) = reader.integers("B")
+    kind = flags & ~ALL_FLAGS
+    fps = _read_real(reader, is_whole=bool(flags & WHOLE_FRAME_RATE))
     if fps <= 0:
         raise CorruptFileError("section SEQN has a frame rate that is not positive")
-    (kind,) = reader.integers("B")
-    start, rate = 0.0, fps
-    if major == 1:
-        start, rate = reader.reals("dd")
-    elif kind & AT_FRAME_RATE and kind != TIMES_LISTED | AT_FRAME_RATE:
-        kind -= AT_FRAME_RATE
-        (start,) = reader.reals("d")
-    elif kind in TIME_RULES[major]:
-        start, rate = reader.reals("dd")
-    if kind == TIMES_LISTED:
-        raw = decompress(reader.sized(), 8 * frames)
-        if len(raw) != 8 * frames:
-            raise CorruptFileError("section SEQN has too few times")
-        times = np.frombuffer(raw, "<f8").astype(np.float64)
-    elif kind in TIME_RULES[major] and rate > 0:
-        times = _ruled_times(kind, start, rate, frames)
-    else:
-        raise CorruptFileError(f"section SEQN stores its times in an unknown way ({kind}, rate {rate})")
+    listed, times = 0, np.zeros(0)
+    if flags | WHOLE_FRAME_RATE == TIMES_LISTED | WHOLE_FRAME_RATE:
+        listed = 8 * frames
+        coded = reader.rest()
+        times = _times_of_bytes(CodedStream.of_bytes(coded, "SEQN").bytes(np.zeros(listed, np.uint8)))
+    elif kind in TIME_RULES:
+        start = _read_real(reader, is_whole=bool(flags & WHOLE_START))
+        rate = fps if flags & AT_FRAME_RATE else reader.reals("d")[0]
+        coded = reader.rest()
+        times = _ruled_times(kind, start, rate, frames) if rate > 0 else times
+    if not times.size:
+        raise CorruptFileError(f"section SEQN stores its times in an unknown way ({flags})")
     if not (np.abs(times) <= LARGEST_TIME).all() or not (np.diff(times) >= SHORTEST_TIME_STEP).all():
         raise CorruptFileError("section SEQN has times that do not increase or lie out of range")
-    count = reader.integers("I")[0] if major == 1 else reader.count()
-    names, vertex_counts = [], []
-    for _ in range(count):
-        vertex_counts.append(reader.integers("Q")[0] if major == 1 else reader.count())
-        names.append(reader.text() if major == 1 else reader.short_text())
-    reader.finish()
-    if not 1 <= sum(vertex_counts) <= MAX_INDEX:
-        raise CorruptFileError(f"section SEQN declares {sum(vertex_counts)} vertices, 1 to {MAX_INDEX} can be")
-    return SequenceDescription(times, fps, tuple(names), tuple(vertex_counts))
+    return SequenceDescription(times, fps, coded, listed)
+
+
+def _is_whole(value: float) -> bool:
+    return 0 <= value <= LARGEST_WHOLE and value == int(value) and math.copysign(1.0, value) > 0
+
+
+def _write_real(writer: FieldWriter, value: float, *, is_whole: bool) -> None:
+    if is_whole:
+        writer.count(int(value))
+    else:
+        writer.numbers("d", value)
+
+
+def _read_real(reader: FieldReader, *, is_whole: bool) -> float:
+    if not is_whole:
+        return reader.reals("d")[0]
+    value = reader.count()
+    if value > LARGEST_WHOLE:
+        raise CorruptFileError("section SEQN has a whole number out of range")
+    return float(value)
+
+
+def _bytes_of_times(times: Float64Array) -> UInt8Array:
+    """Second differences of the places of times among all float64: first bytes of all, then second bytes."""
+    places = _flipped(times.view(np.int64))
+    steps = np.diff(np.diff(places, prepend=np.int64(0)), prepend=np.int64(0))
+    return ((steps << 1) ^ (steps >> 63)).astype("<i8").view(np.uint8).reshape(-1, 8).T.ravel()
+
+
+def _times_of_bytes(planes: UInt8Array) -> Float64Array:
+    coded = np.ascontiguousarray(planes.reshape(8, -1).T).view("<u8").ravel().astype(np.uint64)
+    steps = (coded >> np.uint64(1)).astype(np.int64) ^ -(coded & np.uint64(1)).astype(np.int64)
+    return _flipped(np.cumsum(np.cumsum(steps))).view(np.float64)
+
+
+def _flipped(bits: Int64Array) -> Int64Array:
+    """Bits of float64 as numbers in the same order, and back."""
+    return bits ^ ((bits >> 63) & np.int64(2**63 - 1))
 
 
 def _ruled_times(kind: int, start: float, rate: float, frames: int) -> Float64Array:
@@ -157,7 +191,7 @@ def _ruled_times(kind: int, start: float, rate: float, frames: int) -> Float64Ar
         return start + steps / rate if kind == TIMES_STEPPED else (start + steps) / rate
 
 
-def _time_rule(times: Float64Array, fps: float, rules: Sequence[int]) -> tuple[int, float, float]:
+def _time_rule(times: Float64Array, fps: float) -> tuple[int, float, float]:
     """The rule that gives `times` to the last bit, if one does."""
     frames = times.size
     start = float(times[0])
@@ -168,139 +202,29 @@ def _time_rule(times: Float64Array, fps: float, rules: Sequence[int]) -> tuple[i
     for rate in rates:
         if not (math.isfinite(rate) and rate > 0):
             continue
-        for kind in rules:
+        for kind in TIME_RULES:
             first = float(np.rint(start * rate)) if kind == TIMES_COUNTED else start
             if np.array_equal(_ruled_times(kind, first, rate, frames), times):
                 return kind, first, rate
     return TIMES_LISTED, 0.0, 0.0
 
 
-def encode_attributes(objects: Sequence[MeshObject]) -> bytes:
-    """Section ATTR: every attribute of every object; empty where there is none."""
-    if not any(item.attributes for item in objects):
-        return b""
-    writer = FieldWriter()
-    for item in objects:
-        writer.numbers("I", len(item.attributes))
-        for attribute in item.attributes:
-            values = np.ascontiguousarray(attribute.values)
-            value_type = values.dtype.newbyteorder("<").str
-            if value_type not in VALUE_TYPES or values.ndim not in (1, 2):
-                what = f"attribute {attribute.name!r} of object {item.name!r} is {values.dtype} {values.shape}"
-                raise InputError(f"{what}; rows of float32, float64, int32, int64 or uint8 can be kept")
-            kind = VALUE_TYPES.index(value_type)
-            writer.text(attribute.name)
-            writer.numbers("BBB", DOMAINS.index(attribute.domain), kind, values.ndim)
-            writer.numbers("Q" * values.ndim, *values.shape)
-            raw = np.frombuffer(values.astype(VALUE_TYPES[kind]).tobytes(), np.uint8)
-            # Byte planes: first bytes of all values, then second bytes: like compresses with like.
-            writer.sized(compress(raw.reshape(-1, values.dtype.itemsize).T.tobytes()))
-            writer.numbers("Q", 0 if attribute.indices is None else attribute.indices.size + 1)
-            if attribute.indices is not None:
-                writer.sized(pack_integers(np.diff(attribute.indices, prepend=np.int32(0)).astype(np.int64)))
-            writer.sized(_encode_json(attribute.labels, "labels") if attribute.labels else b"")
-    return writer.to_bytes()
-
-
-def decode_attributes(data: bytes, objects: Sequence[MeshObject], most_bytes: int) -> list[MeshObject]:
-    """Give `objects` the attributes of section ATTR.
-
-    Parameters
-    ----------
-    data : bytes
-    objects : sequence of MeshObject
-    most_bytes : int
-        Memory that all attributes together may take.
-
-    Raises
-    ------
-    CorruptFileError
-        If the section is damaged, or an attribute does not fit its object.
-    LimitError
-        If the attributes need more than `most_bytes`.
-    """
-    if not data:
-        return list(objects)
-    reader = FieldReader(data, "ATTR")
-    room = _Room(most_bytes)
-    found = []
-    for item in objects:
-        attributes = tuple(_decode_attribute(reader, room) for _ in range(reader.integers("I")[0]))
-        try:
-            found.append(MeshObject(item.name, item.connectivity, attributes))
-        except InputError as error:
-            raise CorruptFileError(f"section ATTR is damaged ({error.message})") from error
-    reader.finish()
-    return found
-
-
-class _Room:
-    """Memory that is left for attributes."""
-
-    def __init__(self, most_bytes: int) -> None:
-        self._left = most_bytes
-
-    def take(self, size: int, what: str) -> None:
-        self._left -= size
-        if self._left < 0:
-            raise LimitError(f"section ATTR has {what}, more than the memory limit allows")
-
-
-def _decode_attribute(reader: FieldReader, room: _Room) -> Attribute:
-    name = reader.text()
-    domain, kind, dimensions = reader.integers("BBB")
-    if domain >= len(DOMAINS) or kind >= len(VALUE_TYPES) or dimensions not in (1, 2):
-        raise CorruptFileError("section ATTR has an attribute of an unknown kind")
-    shape = reader.integers("Q" * dimensions)
-    if max(shape) > MAX_INDEX:
-        raise CorruptFileError(f"section ATTR has an attribute of {max(shape)} rows or columns")
-    dtype = np.dtype(VALUE_TYPES[kind])
-    size = math.prod(shape) * dtype.itemsize
-    room.take(BYTES_PER_VALUE_BYTE * size, f"an attribute of {size} bytes")
-    raw = np.frombuffer(decompress(reader.sized(), size), np.uint8)
-    if raw.size != size:
-        raise CorruptFileError("section ATTR has an attribute of the wrong size")
-    values = np.frombuffer(raw.reshape(dtype.itemsize, -1).T.tobytes(), dtype).reshape(shape)
-    (marked,) = reader.integers("Q")
-    indices = None
-    if marked:
-        count = marked - 1
-        room.take(BYTES_PER_INDEX * count, f"{count} indices")
-        wide = np.cumsum(unpack_integers(reader.sized(), count))
-        if count and (wide.min() < -1 or wide.max() >= shape[0]):
-            raise CorruptFileError("section ATTR has an index out of range")
-        indices = wide.astype(np.int32)
-    text = decompress(reader.sized(), MAX_JSON_BYTES)
-    room.take(BYTES_PER_JSON_BYTE * len(text), f"labels of {len(text)} bytes")
-    labels = _decode_json(text, "ATTR") if text else []
-    if not (isinstance(labels, list) and all(isinstance(label, str) for label in labels)):
-        raise CorruptFileError("section ATTR has labels that are not texts")
-    native = values.astype(dtype.newbyteorder("="))
-    return Attribute(name, DOMAINS[domain], native, indices, tuple(labels))
-
-
 def encode_remarks(remarks: Mapping[str, Any]) -> bytes:
     """Section META: a JSON object, for people; a decoder may ignore it."""
-    return _encode_json(remarks, "metadata")
+    text = json.dumps(remarks, sort_keys=True, separators=(",", ":")).encode()
+    if len(text) > MAX_JSON_BYTES:
+        raise InputError(f"the metadata are {len(text)} bytes long; at most {MAX_JSON_BYTES} can be kept")
+    return compress(text)
 
 
 def decode_remarks(data: bytes) -> dict[str, Any]:
     """Undo :func:`encode_remarks`."""
-    remarks = _decode_json(decompress(data, MAX_JSON_BYTES), "META") if data else {}
+    if not data:
+        return {}
+    try:
+        remarks = json.loads(decompress(data, MAX_JSON_BYTES))
+    except (ValueError, RecursionError) as error:
+        raise CorruptFileError("section META holds text that is not JSON") from error
     if not isinstance(remarks, dict):
         raise CorruptFileError("section META is not a JSON object")
     return remarks
-
-
-def _encode_json(value: Mapping[str, Any] | Sequence[str], what: str) -> bytes:
-    text = json.dumps(value, sort_keys=True, separators=(",", ":")).encode()
-    if len(text) > MAX_JSON_BYTES:
-        raise InputError(f"the {what} are {len(text)} bytes long; at most {MAX_JSON_BYTES} can be kept")
-    return compress(text)
-
-
-def _decode_json(data: bytes, name: str) -> Any:
-    try:
-        return json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise CorruptFileError(f"section {name} holds text that is not JSON") from error

@@ -1,12 +1,18 @@
-"""The encoder: a mesh sequence in, a `.pdeanim` file out, a few segments in memory at a time."""
+"""The encoder: a mesh sequence in, a `.pdeanim` file out, a group of frames in memory at a time.
+
+The way of a position: frame 0 becomes the reference frame on a grid (REST); each group of frames is fitted with
+functions of time and of space (:mod:`pdecodec.groupchoice` under profile "auto", :mod:`pdecodec.paperprofile` under
+"paper"), its coefficients are quantised and coded (TIME, COEF), and what then misses the bound gets a residual (CORR).
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import time
-import zlib
-from collections.abc import Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -14,39 +20,51 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.basis import TIME_FUNCTIONS
+from pdecodec.attributes import encode_attributes
 from pdecodec.blasthreads import one_blas_thread
-from pdecodec.coefficients import decode_segment, dequantise_segment, encode_segment
-from pdecodec.connectivity_version_1 import encode_connectivity
+from pdecodec.connectivity import encode_connectivity
 from pdecodec.container import Section, Spool, container_pieces, section_sizes, write_container
-from pdecodec.corrections import NO_CORRECTIONS, add_corrections, correct_frame, correction_step, encode_corrections
-from pdecodec.cost import decode_alone
-from pdecodec.curves import extract_curves, order_lonely_points
-from pdecodec.description import encode_attributes, encode_remarks, encode_sequence_description
+from pdecodec.corrections import LAST_BINADE, correction_step
+from pdecodec.description import encode_remarks, encode_sequence_description
+from pdecodec.effort import EFFORTS
 from pdecodec.encodereport import EncodeReport, counted, generator
-from pdecodec.entropy import pack_integers
-from pdecodec.errors import SettingsError
-from pdecodec.fit import fit_levels
-from pdecodec.framewindow import FrameWindow, checked_frames
+from pdecodec.errors import InputError, SettingsError
+from pdecodec.groupchoice import ChosenGroup, GroupSearch, candidates, divided, tuned
+from pdecodec.groupfit import FittedGroup, GroupChoice, GroupFitter
+from pdecodec.groupmodel import GroupModelDescription
+from pdecodec.groups import CHUNK_SECTIONS, GroupEntry, write_group_table
 from pdecodec.metrics import frame_scale
-from pdecodec.model import ModelDescription, build_model
-from pdecodec.plan import PAPER_STEP, choose_levels, make_plan, sample_model
-from pdecodec.restshape import decode_rest, encode_rest, quantise_rest
-from pdecodec.sampling import Window
-from pdecodec.segmentation import choose_segment, take_segment_sample
-from pdecodec.segments import SEGMENT_ENTRY, Segment
+from pdecodec.modelchoice import ModelSearch
+from pdecodec.reference import RestShape, decode_rest, encode_rest, quantise_rest
+from pdecodec.selection import CodedOrderSequence
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
+from pdecodec.spacebasis import MOST_FUNCTIONS, SpaceBasis
+from pdecodec.subsample import Subsample
 from pdecodec.whole_output import check_writable
 
 Float32Array = NDArray[np.float32]
 
-REST_STEP = 0.5
-"""Quantisation step of the rest shape, over the bound: its error stays in every frame, and a halving costs
-three bits a vertex once."""
+FINEST_STEP = 2.0**-24
+"""Least quantisation step where there is no bound, over the scale: the digits of float32."""
 
-REST_STEP_OF_ONE_FRAME = 1.1
-"""The same where there is one frame: the largest that keeps the bound (2 / sqrt 3 = 1.15) but for float32."""
+FARTHEST = 1e37
+"""Largest coordinate: float32 ends at 3.4e38, and motion between frames may swing beyond them."""
+
+GROUP_BYTES = 2**28
+"""Memory for the displacements of a group, float64."""
+
+BASIS_BYTES = 2**29
+"""Memory for the functions of all patches, float64: a mesh of millions of vertices gets fewer of them."""
+
+FEWEST_FUNCTIONS = 16
+"""Functions of a patch however large the mesh is."""
+
+LONGEST_GROUP = 512
+"""Frames of a group at most: principal trajectories take the cube of their number."""
+
+SHORTEST_GROUP = 8
+"""Frames of a group however large the mesh is."""
 
 
 def encode(
@@ -92,171 +110,135 @@ def encode(
     target = None if path is None else Path(path)
     if target is not None:
         check_writable(target, overwrite=overwrite)
-    if chosen.profile == "auto":
-        from pdecodec.groupencoder import GroupEncoder
+    if chosen.order == "free":
+        sequence = CodedOrderSequence(sequence)
+    if chosen.profile == "paper":
+        from pdecodec.paperprofile import PaperEncoder
 
-        with one_blas_thread():
-            return GroupEncoder(sequence, chosen, progress).run(target, overwrite=overwrite)
-    return _Encoder(sequence, chosen, progress).run(target, overwrite=overwrite)
+        encoder: Encoder = PaperEncoder(sequence, chosen, progress)
+    else:
+        encoder = AutoEncoder(sequence, chosen, progress)
+    with one_blas_thread():
+        return encoder.run(target, overwrite=overwrite)
 
 
-class _Encoder:
-    """One encode: what is known before the first segment, and what adds up from segment to segment."""
+class Encoder(ABC):
+    """One encode: what is the same whatever the model is.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    settings : EncodeSettings
+    progress : callable, optional
+    """
 
     def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
-        self._sequence = sequence
-        self._settings = settings
-        self._progress = progress
+        self._sequence, self._settings, self._progress = sequence, settings, progress
         self._started = time.perf_counter()
-        first = checked_frames(sequence, 0, 1)[0]
-        self._scale = frame_scale(first)
+        self._first = checked_frames(sequence, 0, 1)[0]
+        self._scale = frame_scale(self._first)
         self._bound = settings.bound(self._scale)
-        share = REST_STEP_OF_ONE_FRAME if sequence.frame_count == 1 else REST_STEP
-        rest_step = PAPER_STEP * self._scale if self._bound is None else share * self._bound
-        curves = extract_curves(sequence.objects)
-        self._rest_bytes = encode_rest(quantise_rest(first, rest_step), curves)
-        rest = decode_rest(self._rest_bytes, curves)
-        self._curves = order_lonely_points(curves, rest.levels)
-        self._plan = make_plan(sequence, self._curves, rest, settings, bound=self._bound)
-        self._sample = take_segment_sample(self._curves, rest, self._plan, settings)
-        self._sample_model = sample_model(self._sample, self._plan)
-        self._levels = choose_levels(sequence, self._curves, rest, self._plan, settings, bound=self._bound)
-        self._model = build_model(self._curves, self._levels, rest, r=self._plan.r, alignment=self._plan.alignment)
-        self._step = self._plan.step * (self._scale if self._bound is None else self._bound)
-        largest = float(np.abs(first).max())
-        self._correction_step = self._step if self._bound is None else correction_step(self._bound, largest)
-        self._still = np.empty((1, *first.shape), np.float32)
-        self._still[:, self._curves.order] = self._model.rest
-        self._largest_square = 0.0
-        self._sum_of_squares = 0.0
-        self._corrections = self._coefficients = 0
-        self._entries: list[bytes] = []
+        largest = float(np.abs(self._first).max())
+        self._residual_step = correction_step(self._scale if self._bound is None else self._bound, largest)
+        # Where float32 is coarser than the bound, a finer model would describe its rounding.
+        spacing = float(np.spacing(np.float32(min(largest, LAST_BINADE))))
+        self._unit = max(FINEST_STEP * self._scale if self._bound is None else self._bound, spacing)
+        self._entries: list[GroupEntry] = []
+        self._largest_square, self._sum_of_squares = 0.0, 0.0
+        self._residuals = self._coefficients = 0
 
     def run(self, path: Path | None, *, overwrite: bool) -> EncodeReport:
-        """Encode segment after segment and write the file."""
-        folder = None if path is None else path.parent
-        coefficients, corrections = Spool(folder), Spool(folder)
+        """Encode group after group and write the file."""
+        spools = [Spool(None if path is None else path.parent) for _ in CHUNK_SECTIONS]
         try:
-            window = FrameWindow(self._sequence, self._sample.vertices)
-            usual = self._plan.frames
-            while not window.is_empty:
-                segment = self._next_segment(window, usual)
-                usual = segment.frames
-                self._encode_segment(window.points[: segment.frames], segment, coefficients, corrections)
-                window.advance(segment.frames)
+            frames = 0
+            for fitter, fitted in self._groups():
+                self._write_group(fitter, fitted, spools)
+                frames += fitter.frames
                 if self._progress:
-                    self._progress(window.first, self._sequence.frame_count, "encoding")
-            sections = self._sections(coefficients, corrections)
+                    self._progress(frames, self._sequence.frame_count, "encoding")
+            sections = self._sections(spools)
             data = None
             if path is None:
                 data = b"".join(container_pieces(sections))
             else:
                 write_container(path, sections, overwrite=overwrite)
         finally:
-            coefficients.close()
-            corrections.close()
+            for spool in spools:
+                spool.close()
         return self._report(path, data, section_sizes(sections))
 
-    def _next_segment(self, window: FrameWindow, usual: int) -> Segment:
-        segment = choose_segment(
-            Window(window.first, window.sample, window.times),
-            self._sample_model,
-            usual,
-            self._plan,
-            self._settings,
-            self._bound,
-        )
-        left = self._sequence.frame_count - segment.stop
-        # Few frames left alone could not tell how they move: this segment takes them, or leaves them company.
-        least = TIME_FUNCTIONS if segment.frames >= 2 * TIME_FUNCTIONS else 2
-        if 0 < left < least:
-            takes_them = segment.frames + left <= len(window.times)
-            frames = segment.frames + (left if takes_them else left - least)
-            segment = Segment(segment.first, window.times[:frames], segment.alpha)
-        return segment
+    @abstractmethod
+    def _groups(self) -> Iterator[tuple[GroupFitter, FittedGroup]]:
+        """Groups of frames in order, each as it is to be encoded; with the first the space basis is chosen."""
 
-    def _encode_segment(self, points: Float32Array, segment: Segment, coefficients: Spool, corrections: Spool) -> None:
-        chunk, exponent = b"", 0
-        decoded = np.repeat(self._still, segment.frames, axis=0)
-        if self._bound is None or any(beyond.any() for _, _, beyond in self._errors(points, decoded)):
-            # The rest shape alone does not do: the segment moves.
-            levels = fit_levels(points, self._model, segment, self._step)
-            chunk, exponent = encode_segment(levels, self._model), levels.exponent
-            self._coefficients += int(np.count_nonzero(levels.shape)) + int(np.count_nonzero(levels.poses))
-            decoded = self._decode(chunk, segment, exponent)
-        found = [NO_CORRECTIONS] * segment.frames
-        if self._bound is not None:
-            for f, (_, _, beyond) in enumerate(self._errors(points, decoded)):
-                found[f] = correct_frame(points[f], decoded[f], beyond, self._correction_step, self._bound)
-                add_corrections(decoded[f], found[f], self._correction_step, 1.0)
-        for largest, total, _ in self._errors(points, decoded):
-            self._largest_square = max(self._largest_square, largest)
-            self._sum_of_squares += total
-        self._corrections += sum(frame.count for frame in found)
-        corrected = encode_corrections(found)
-        coefficients.append(chunk)
-        corrections.append(corrected)
-        self._entries.append(
-            SEGMENT_ENTRY.pack(
-                segment.frames, segment.alpha, exponent, 0, len(chunk), len(corrected), zlib.crc32(chunk + corrected)
-            )
-        )
+    @property
+    @abstractmethod
+    def _space(self) -> SpaceBasis:
+        """The space basis."""
 
-    def _decode(self, chunk: bytes, segment: Segment, exponent: int) -> Float32Array:
-        # From the bytes, as the decoder does it: what is measured is what the file gives.
-        levels = decode_segment(chunk, self._model, segment.functions, exponent)
-        return decode_alone(self._model, segment, dequantise_segment(levels, self._model, self._step))
+    @abstractmethod
+    def _summary(self) -> str:
+        """In a sentence, what model was taken and why."""
 
-    def _errors(self, points: Float32Array, decoded: Float32Array) -> Iterator[tuple[float, float, NDArray[np.bool_]]]:
-        """Of each frame: largest and summed squared distance, and which vertices are beyond the bound."""
-        from pdecodec.kernels.motion import exceeding
+    def _set_reference(self, step: float) -> None:
+        """Quantise frame 0 with a step [scene units]; what the decoder makes of it is what displacements start from."""
+        shape = quantise_rest(self._first, step)
+        self._reference_bytes = encode_rest(shape, self._sequence.objects)
+        self._reference: RestShape = decode_rest(self._reference_bytes, self._sequence.objects)
 
-        bound = math.inf if self._bound is None else self._bound
-        for f in range(len(points)):
-            beyond = np.empty(len(points[f]), np.bool_)
-            yield *exceeding(points[f], decoded[f], bound, beyond), beyond
+    def _read(self, begin: int, end: int) -> Float32Array:
+        block = self._sequence.frames_per_block
+        parts = [checked_frames(self._sequence, at, min(at + block, end)) for at in range(begin, end, block)]
+        return np.concatenate(parts)
 
-    def _sections(self, coefficients: Spool, corrections: Spool) -> list[Section]:
+    def _write_group(self, fitter: GroupFitter, fitted: FittedGroup, spools: Sequence[Spool]) -> None:
+        encoded = fitter.encode(fitted, self._space)
+        self._measure(fitter.points, encoded.decoded)
+        self._residuals += encoded.corrections
+        self._coefficients += encoded.coefficients
+        for spool, chunk in zip(spools, encoded.chunks, strict=True):
+            spool.append(chunk)
+        self._entries.append(encoded.entry)
+
+    def _measure(self, points: Float32Array, decoded: Float32Array) -> None:
+        for wanted, found in zip(points, decoded, strict=True):
+            difference = wanted.astype(np.float64) - found
+            squares = np.einsum("vx,vx->v", difference, difference)
+            self._largest_square = max(self._largest_square, float(squares.max()))
+            self._sum_of_squares += float(squares.sum())
+
+    def _sections(self, spools: Sequence[Spool]) -> list[Section]:
         sequence = self._sequence
         remarks = {
             "generator": generator(),
-            "settings": self._settings.to_json(),
-            "metadata": dict(sequence.metadata),
+            "settings": self._settings.changed(),
             "summary": self._summary(),
         }
-        sections = [
+        if sequence.metadata:
+            remarks["metadata"] = dict(sequence.metadata)
+        connectivity, order = encode_connectivity(
+            [item.connectivity for item in sequence.objects], keep_order=self._settings.order == "keep"
+        )
+        attributes = encode_attributes(
+            sequence.objects,
+            self._reference.levels,
+            uv_tolerance=self._settings.uv_tolerance,
+            order=self._settings.order,
+        )
+        space = self._space
+        model = GroupModelDescription(form=space.form, correction_step=self._residual_step, masks=space.encode_masks())
+        return [
             Section("META", encode_remarks(remarks), required=False),
-            Section("SEQN", encode_sequence_description(sequence, major=1)),
-            Section("CONN", encode_connectivity([item.connectivity for item in sequence.objects])),
-            Section("REST", self._rest_bytes),
-            Section("MODL", self._model_section()),
-            Section("SEGM", b"".join(self._entries)),
-            Section("COEF", coefficients),
-            Section("CORR", corrections),
+            Section("SEQN", encode_sequence_description(sequence)),
+            Section("CONN", connectivity),
+            *([Section("ORDR", order)] if order else []),
+            Section("REST", self._reference_bytes),
+            Section("MODL", model.to_bytes()),
+            Section("GRUP", write_group_table(self._entries)),
+            *(Section(name, spool) for name, spool in zip(CHUNK_SECTIONS, spools, strict=True)),
+            *([Section("ATTR", attributes)] if attributes else []),
         ]
-        attributes = encode_attributes(sequence.objects)
-        return [*sections, Section("ATTR", attributes)] if attributes else sections
-
-    def _model_section(self) -> bytes:
-        description = ModelDescription(
-            alignment=self._plan.alignment,
-            r=self._plan.r,
-            step=self._step,
-            correction_step=self._correction_step,
-            columns=self._model.elements.columns,
-            levels=pack_integers(self._levels),
-        )
-        return description.to_bytes()
-
-    def _summary(self) -> str:
-        elements, frames, segments = self._model.elements, self._sequence.frame_count, len(self._entries)
-        return (
-            f"pde x curve: {counted(self._curves.count, 'curve')} in {counted(elements.count, 'piece')} of "
-            f"{self._curves.order.size / elements.count:.0f} points, {elements.columns / elements.count:.1f} functions "
-            f"each ({self._plan.alignment} alignment), times 4 functions of time over {counted(segments, 'segment')} "
-            f"of {frames / segments:.0f} frames; {self._corrections} of {frames * self._curves.order.size} "
-            f"positions corrected"
-        )
 
     def _report(self, path: Path | None, data: bytes | None, sizes: dict[str, int]) -> EncodeReport:
         frames, vertices = self._sequence.frame_count, self._sequence.vertex_count
@@ -269,12 +251,127 @@ class _Encoder:
             rms_error=math.sqrt(self._sum_of_squares / (frames * vertices)),
             bound=self._bound,
             scale=self._scale,
-            corrections=self._corrections,
-            segments=len(self._entries),
-            elements=self._model.elements.count,
-            columns=self._model.elements.columns,
+            residuals=self._residuals,
+            groups=len(self._entries),
+            patches=self._space.element_count,
+            functions_of_space=self._space.functions,
             coefficients=self._coefficients,
             seconds=time.perf_counter() - self._started,
             summary=self._summary(),
             data=data,
         )
+
+    def _where(self, what: str, ending: str) -> str:
+        """Patches or pieces, and the residuals, in words."""
+        space, vertices = self._space, self._sequence.vertex_count
+        corrected = f"{self._residuals} of {self._sequence.frame_count * vertices} positions corrected"
+        count = space.element_count
+        return f"{counted(count, what, ending)} of {vertices / count:.0f} points; {corrected}"
+
+
+class AutoEncoder(Encoder):
+    """One encode under profile "auto": in the bases and steps that cost least."""
+
+    def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
+        super().__init__(sequence, settings, progress)
+        if self._bound is None:
+            raise SettingsError("without a bound there is nothing to choose the model by; give a tolerance")
+        self._effort = EFFORTS[settings.effort]
+        self._subsample = Subsample(sequence.objects)
+        self._explained = 1.0
+
+    @property
+    def _space(self) -> SpaceBasis:
+        return self._model.basis
+
+    def _groups(self) -> Iterator[tuple[GroupFitter, FittedGroup]]:
+        assert self._bound is not None  # checked before
+        steps = {"bound": self._bound, "unit": self._unit, "correction_step": self._residual_step}
+        usual: GroupChoice | None = None
+        for begin, end in self._group_ranges():
+            points, times = self._read(begin, end), self._sequence.times
+            if usual is None:
+                parts = self._choose_model(points, steps)
+            else:
+                fitter = GroupFitter(points, self._reference.points, self._first, times=times[begin:end], **steps)
+                parts = self._divided(fitter, usual)
+            usual = parts[-1].choice
+            for part in parts:
+                yield part.fitter, part.fitted
+
+    def _choose_model(self, points: Float32Array, steps: Mapping[str, float]) -> list[ChosenGroup]:
+        """Reference frame and space basis; the groups that the first frames are divided into."""
+        vertices = max(1, self._sequence.vertex_count)
+        self._model = ModelSearch(
+            points=points,
+            times=self._sequence.times,
+            objects=self._sequence.objects,
+            **steps,
+            functions=min(MOST_FUNCTIONS, max(FEWEST_FUNCTIONS, BASIS_BYTES // (8 * vertices))),
+            effort=self._effort,
+            subsample=self._subsample,
+        ).run()
+        self._reference, self._reference_bytes = self._model.reference, self._model.reference_data
+        first = self._model.groups[0]
+        if first.choice.time != "cosines":
+            moved = first.fitter.displacements(first.choice.origin)
+            self._explained = moved.explained(first.fitted.entry.functions, first.choice.time)
+        return self._model.groups
+
+    def _divided(self, fitter: GroupFitter, usual: GroupChoice) -> list[ChosenGroup]:
+        """The groups that frames after the first ones are divided into."""
+        effort, basis, choices = self._effort, self._model.basis, [usual]
+        if effort.time_bases:
+            choices = candidates(self._subsample, fitter, self._reference.levels, usual)
+        group = GroupSearch(fitter, basis).choose(choices)
+        groups = divided(group, basis, self._reference.levels, self._subsample) if effort.division else [group]
+        return [tuned(group, basis, effort.rounding_passes) for group in groups] if effort.fine_steps else groups
+
+    def _group_ranges(self) -> list[tuple[int, int]]:
+        frames = self._sequence.frame_count
+        room = GROUP_BYTES // (24 * max(1, self._sequence.vertex_count))
+        longest = min(max(room, SHORTEST_GROUP), LONGEST_GROUP)
+        count = -(-frames // longest)
+        edges = [frames * k // count for k in range(count + 1)]
+        return list(itertools.pairwise(edges))
+
+    def _summary(self) -> str:
+        entries, kind = self._entries, self._space.form.kind
+        is_patch = kind == "patch"
+        where = self._where("patch" if is_patch else "piece", "es" if is_patch else "s")
+        bases = sorted({entry.basis for entry in entries if entry.functions})
+        if not bases:
+            return f"static: the reference frame keeps the bound; {where}"
+        most = max(entry.functions for entry in entries)
+        if bases in (["trajectories"], ["shapes"]):
+            ending, cut = ("ies", 1) if bases == ["trajectories"] else ("s", 0)
+            what = counted(most, "trajectory" if bases == ["trajectories"] else "shape", ending, cut)
+            carry = "carries" if most == 1 else "carry"
+            carried = f"{what} {carry} {100 * self._explained:.4g} % of the motion"
+        else:
+            carried = f"{most} functions of time"
+        groups = "" if len(entries) == 1 else f" in {len(entries)} groups of frames"
+        return f"{' and '.join(bases)} x {kind}: {carried}{groups}, on {where}"
+
+
+def checked_frames(sequence: MeshSequence, start: int, stop: int) -> Float32Array:
+    """Frames of a sequence; InputError names the first position that is no number or beyond :data:`FARTHEST`."""
+    points = sequence.read_frames(start, stop)
+    sound = np.abs(points) <= FARTHEST  # false for NaN too
+    if not sound.all():
+        frame, vertex, axis = np.argwhere(~sound)[0]
+        name, index = _owner(sequence, int(vertex))
+        what = f"farther than {FARTHEST:g}" if np.isfinite(points[frame, vertex, axis]) else "not at a finite position"
+        raise InputError(
+            f"vertex {index} of object '{name}' is {what}; repair or cut the sequence there",
+            frame=start + int(frame),
+        )
+    return points
+
+
+def _owner(sequence: MeshSequence, vertex: int) -> tuple[str, int]:
+    for item in sequence.objects:
+        if vertex < item.vertex_count:
+            return item.name, vertex
+        vertex -= item.vertex_count
+    raise IndexError(vertex)

@@ -16,13 +16,12 @@ SECTION_TITLES = {
     "SEQN": "times and objects",
     "CONN": "connectivity",
     "ORDR": "order of faces",
-    "REST": "rest shape",
+    "REST": "reference frame",
     "MODL": "model",
-    "GRUP": "groups",
-    "SEGM": "segments",
-    "TIME": "modes",
+    "GRUP": "groups of frames",
+    "TIME": "functions of time",
     "COEF": "coefficients",
-    "CORR": "corrections",
+    "CORR": "residuals",
     "ATTR": "attributes",
 }
 """Sections of a `.pdeanim` file in words."""
@@ -44,13 +43,13 @@ class EncodeReport:
     bound : float or None [scene units]
     scale : float [scene units]
         What tolerances are relative to.
-    corrections : int
+    residuals : int
         Vertices of single frames that were corrected.
-    segments, elements, columns : int
-        How large the model is.
+    groups, patches, functions_of_space : int
+        How large the model is: groups of frames, patches or pieces of curves, and their functions together.
     coefficients : int
-        Numbers that the motion is made of: coefficients and moving frames other than zero, and all of the modes. The
-        rest shape and corrections are not among them.
+        Numbers that the motion is made of: coefficients other than zero, and all stored values of functions of time.
+        The reference frame and residuals are not among them.
     seconds : float
     summary : str
         In a sentence, what model was taken and why.
@@ -66,10 +65,10 @@ class EncodeReport:
     rms_error: float
     bound: float | None
     scale: float
-    corrections: int
-    segments: int
-    elements: int
-    columns: int
+    residuals: int
+    groups: int
+    patches: int
+    functions_of_space: int
     coefficients: int
     seconds: float
     summary: str

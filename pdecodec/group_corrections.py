@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.corrections import FrameCorrections
 from pdecodec.errors import CorruptFileError, LimitError
 from pdecodec.shares import in_shares, side_by_side
 
@@ -87,14 +86,6 @@ class GroupCorrections:
     def nbytes(self) -> int:
         return sum(array.nbytes for array in vars(self).values())
 
-    def of_frame(self, frame: int, order: Int64Array) -> FrameCorrections:
-        """Those of one frame, vertices by their number: ``order[place]``; not ascending."""
-        some = slice(self.frame_starts[frame], self.frame_starts[frame + 1])
-        literal = slice(self.literal_frame_starts[frame], self.literal_frame_starts[frame + 1])
-        return FrameCorrections(
-            order[self.places[some]], self.levels[some], order[self.literal_places[literal]], self.literals[literal]
-        )
-
 
 def no_corrections(frames: int) -> GroupCorrections:
     """Of a group whose frames all keep the bound."""
@@ -103,33 +94,36 @@ def no_corrections(frames: int) -> GroupCorrections:
 
 
 def correct_group(
-    points: Float32Array, base: Float32Array, order: Int64Array, *, bound: float, step: float
+    points: Float32Array, base: Float64Array, order: Int64Array, *, bound: float, margins: Float64Array, step: float
 ) -> GroupCorrections:
-    """Corrections for the vertices that miss the bound; literals where a rounded residual still does.
+    """Corrections for the vertices that may miss the bound; literals where a rounded residual still may.
 
     Parameters
     ----------
-    points, base : (frames, vertices, 3) float32
-        The input, and what the model alone decodes to.
+    points : (frames, vertices, 3) float32
+        The input.
+    base : (frames, vertices, 3) float64
+        What the model alone decodes to, before it is rounded to float32.
     order : (vertices,) int64
         Vertex at each place.
     bound : float [scene units]
         Largest Euclidean distance; above 0.
+    margins : (frames,) float64 [scene units]
+        How far from `base` another decoder's coordinates may be, before it rounds them.
     step : float
         Of :func:`pdecodec.corrections.correction_step`.
     """
     from pdecodec.kernels.corrections import correct_misses, find_misses
 
     missed, counts = np.empty(points.shape[:2], np.bool_), np.empty(len(points), np.int64)
-    in_shares(lambda first, end: find_misses(first, end, points, base, bound, missed, counts), len(points))
+    in_shares(lambda first, end: find_misses(first, end, points, base, bound, margins, missed, counts), len(points))
     starts = np.append(0, np.cumsum(counts))
     count = int(starts[-1])
     places, levels, within = np.empty(count, np.int64), np.empty((count, 3), np.int64), np.empty(count, np.bool_)
 
     def correct(first: int, end: int) -> None:
-        scratch = np.empty(3, np.float32)
         correct_misses(
-            first, end, points, base, order, bound, step, missed, starts, places, levels, within, scratch
+            first, end, points, base, order, bound, margins, step, missed, starts, places, levels, within
         )  # fmt: skip
 
     in_shares(correct, len(points))
@@ -154,7 +148,7 @@ def add_frame(
     weight: float,
     base: Float32Array | None = None,
 ) -> None:
-    """Add one frame's corrections to positions, in place; :func:`pdecodec.corrections.add_corrections` of a group.
+    """Add one frame's corrections to positions, in place.
 
     Parameters
     ----------
@@ -213,8 +207,27 @@ def add_frames(out: Float32Array, corrections: GroupCorrections, first: int, ord
     points[at] = corrections.literals[those]
 
 
-def encode_group(corrections: GroupCorrections, starts: Int64Array) -> bytes:
-    """A group's corrections as bytes; nothing at all where there are none.
+@dataclass(frozen=True, eq=False)
+class GroupPlan:
+    """How a group's corrections are coded.
+
+    Attributes
+    ----------
+    predicted : bool
+        Whether levels are predicted.
+    distances : (frames,) int64
+        How many frames before each its reference is.
+    bits : float
+        What it takes so, measured.
+    """
+
+    predicted: bool
+    distances: Int64Array
+    bits: float
+
+
+def plan_group(corrections: GroupCorrections, starts: Int64Array) -> GroupPlan:
+    """The way to code a group's corrections that takes fewest bits.
 
     Parameters
     ----------
@@ -227,28 +240,47 @@ def encode_group(corrections: GroupCorrections, starts: Int64Array) -> bytes:
     ValueError
         If places do not ascend within a frame, or a correction does not correct.
     """
+    from pdecodec.kernels.rangecoder import COST, COST_BITS, MEASURE
+
+    near = np.ones(corrections.frame_count, np.int64)
+    if not corrections.count:
+        return GroupPlan(False, near, 0.0)
+    _check(corrections, int(starts[-1]))
+
+    def plan(predicted: bool, distances: Int64Array) -> GroupPlan:
+        coding = _code(MEASURE, np.zeros(1, np.uint8), corrections, starts, predicted, distances)
+        return GroupPlan(predicted, distances, float(coding.coder[COST]) / 2.0**COST_BITS)
+
+    far = _references(corrections, int(starts[-1]))
+    ways = [(predicted, distances) for distances in (near, far) for predicted in (False, True)]
+    if not (far > 1).any():
+        ways = ways[:2]
+    return min(side_by_side(*(partial(plan, *way) for way in ways)), key=lambda found: found.bits)
+
+
+def encode_group(corrections: GroupCorrections, starts: Int64Array, plan: GroupPlan | None = None) -> bytes:
+    """A group's corrections as bytes; nothing at all where there are none.
+
+    Parameters
+    ----------
+    corrections : GroupCorrections
+    starts : (patches + 1,) int64
+    plan : GroupPlan, optional
+        Of :func:`plan_group`, which is called where there is none.
+    """
     from pdecodec.kernels.rangecoder import ENCODE, finish
 
     if not corrections.count:
         return b""
-    _check(corrections, int(starts[-1]))
-    predicted, distances, bits = _cheapest(corrections, starts)
-    room = int(ROOM * bits / 8) + ROOM_BYTES
+    plan = plan or plan_group(corrections, starts)
+    room = int(ROOM * plan.bits / 8) + ROOM_BYTES
     while True:
         data = np.zeros(room, np.uint8)
-        coding = _code(ENCODE, data, corrections, starts, predicted, distances)
+        coding = _code(ENCODE, data, corrections, starts, plan.predicted, plan.distances)
         size = int(finish(coding.coder, data))
         if size <= room:
             return data[:size].tobytes()
         room = size
-
-
-def measure_group(corrections: GroupCorrections, starts: Int64Array) -> float:
-    """Bits that :func:`encode_group` takes."""
-    if not corrections.count:
-        return 0.0
-    _check(corrections, int(starts[-1]))
-    return _cheapest(corrections, starts)[2]
 
 
 def decode_group(data: bytes, frames: int, starts: Int64Array, *, most_bytes: int) -> GroupCorrections:
@@ -317,25 +349,6 @@ def _check(corrections: GroupCorrections, vertices: int) -> None:
             raise ValueError("places of corrections must ascend within a frame, and be below the number of vertices")
     if not corrections.levels.any(axis=1).all():
         raise ValueError("a correction must have a level that is not zero")
-
-
-def _cheapest(corrections: GroupCorrections, starts: Int64Array) -> tuple[bool, Int64Array, float]:
-    """Whether to predict, each frame's reference, and the bits that it takes so."""
-    from pdecodec.kernels.rangecoder import COST, COST_BITS, MEASURE
-
-    def bits(predicted: bool, distances: Int64Array) -> float:
-        coding = _code(MEASURE, np.zeros(1, np.uint8), corrections, starts, predicted, distances)
-        return float(coding.coder[COST]) / 2.0**COST_BITS
-
-    near = np.ones(corrections.frame_count, np.int64)
-    far = _references(corrections, int(starts[-1]))
-    ways = [(predicted, distances) for distances in (near, far) for predicted in (False, True)]
-    if not (far > 1).any():
-        ways = ways[:2]
-    found = side_by_side(*(partial(bits, *way) for way in ways))
-    choices = [(cost, *way) for cost, way in zip(found, ways, strict=True)]
-    cost, predicted, distances = min(choices, key=lambda choice: choice[0])
-    return predicted, distances, cost
 
 
 def _references(corrections: GroupCorrections, vertices: int) -> Int64Array:

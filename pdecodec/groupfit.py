@@ -2,35 +2,84 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.displacements import Displacements, Origin
-from pdecodec.group_corrections import GroupCorrections, correct_group, measure_group
+from pdecodec.displacements import Displacements, Origin, TimeFunctions, time_basis_of
+from pdecodec.group_corrections import GroupCorrections, GroupPlan, add_frames, correct_group, encode_group, plan_group
 from pdecodec.groups import (
     SINGLE_IS_ENOUGH,
+    SINGLE_MARGIN,
     GroupEntry,
     GroupFunctions,
-    TimeBasis,
     evaluate_group,
+    functions_of_time,
     group_functions,
+    margins,
     normalised_modes,
 )
 from pdecodec.levelcoding import encode_levels, measure_levels
-from pdecodec.modes import encode_modes, measure_modes
+from pdecodec.modes import QuantisedModes, quantise_modes
 from pdecodec.spacebasis import SpaceBasis
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
+FloatArray = NDArray[np.float32] | NDArray[np.float64]
 Int64Array = NDArray[np.int64]
 
 ROUND_UP_AT = 0.6
 """A coefficient this far (in steps) beyond a level goes to the next: zeros and small levels are cheaper."""
 
-ALIKE = 1e-2
-"""Trajectories that differ by less than this share (of their squared length) count as one in the fit."""
+ROUND_UP_ALONE_AT = 0.75
+"""The same of a coefficient whose neighbours are all zero: a one among zeros costs most."""
+
+USUAL_STEP = 2.8
+"""Quantisation step of coefficients that fits begin with, in units."""
+
+PUSH = 1.5
+"""How many times what a vertex is off too much is added to what coefficients are to describe; half where it is too
+much."""
+
+AIM, AIM_FROM, FARTHEST_PUSH = 0.9, 0.98, 2.0
+"""Vertices that are off by AIM_FROM bounds are brought to AIM, by FARTHEST_PUSH at most."""
+
+
+def grid_step(index: int) -> float:
+    """Quantisation step of an index: powers of the fourth root of two, whatever the bound is.
+
+    A bound that is a little looser then finds the very models that a tighter one found, and only corrections change.
+    """
+    octave, quarter = divmod(index, 4)
+    return math.ldexp(2.0 ** (quarter / 4.0), octave)
+
+
+def grid_index(step: float) -> int:
+    """Index of the step nearest to one."""
+    return round(4.0 * math.log2(step))
+
+
+@dataclass(frozen=True)
+class GroupChoice:
+    """How a group is fitted.
+
+    Attributes
+    ----------
+    time : {"trajectories", "shapes", "poses", "cosines"}
+    origin : {"rest", "first"}
+        What displacements are measured from.
+    step : int
+        Of the coefficients; see :func:`grid_step`.
+    mode_step : int
+        Of the functions of time: so many indices more.
+    """
+
+    time: TimeFunctions
+    origin: Origin
+    step: int
+    mode_step: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,25 +90,56 @@ class FittedGroup:
     ----------
     entry : GroupEntry
         Sizes and checksum still zero.
-    modes : (frames, 3 or 1, functions) float64
-        Before coding, scaled; empty under basis "pde".
+    modes : QuantisedModes or None
+        None where there is none to code.
     levels : (columns, width) int64
-    functions : GroupFunctions
-        As the decoder gets them.
+    base : (frames, vertices, 3) float64 [scene units]
+        Positions before corrections, and before they are rounded to float32.
+    corrections : GroupCorrections
+    plan : GroupPlan
+        Of the corrections.
     bits, mode_bits : float
         Of all three chunks, measured, and of the modes alone.
     """
 
     entry: GroupEntry
-    modes: Float64Array
+    modes: QuantisedModes | None
     levels: Int64Array
-    functions: GroupFunctions
+    base: Float64Array
+    corrections: GroupCorrections
+    plan: GroupPlan
     bits: float
     mode_bits: float
 
+    def without_arrays(self) -> FittedGroup:
+        """What is needed to compare and to report."""
+        return replace(self, modes=None, levels=np.zeros((0, 0), np.int64), base=np.zeros((0, 0, 3)))
+
+
+@dataclass(frozen=True, eq=False)
+class EncodedGroup:
+    """A group as it is written.
+
+    Attributes
+    ----------
+    entry : GroupEntry
+    chunks : (bytes, bytes, bytes)
+        Of TIME, COEF and CORR.
+    decoded : (frames, vertices, 3) float32 [scene units]
+        What a decoder makes of them.
+    corrections, coefficients : int
+        How many there are; coefficients with the numbers of the modes.
+    """
+
+    entry: GroupEntry
+    chunks: tuple[bytes, bytes, bytes]
+    decoded: Float32Array
+    corrections: int
+    coefficients: int
+
 
 class GroupFitter:
-    """A group of frames, ready to be fitted with different steps and bases.
+    """A group of frames, ready to be fitted with different steps and functions of time.
 
     Parameters
     ----------
@@ -68,10 +148,11 @@ class GroupFitter:
         Decoded.
     first : (vertices, 3) float32 [scene units]
         Frame 0 of the clip, which the rest shape was made of.
+    times : (frames,) float64 [s]
     bound : float [scene units]
-        Largest distance of a vertex.
+        Largest distance of a vertex; infinite where there is none.
     unit : float [scene units]
-        What steps are multiples of: the bound, or more where float32 is coarser than the bound.
+        The bound, or more where float32 is coarser than the bound: a finer model would describe its rounding.
     correction_step : float [scene units]
     """
 
@@ -81,143 +162,268 @@ class GroupFitter:
         rest: Float64Array,
         first: Float32Array,
         *,
+        times: Float64Array,
         bound: float,
         unit: float,
         correction_step: float,
     ) -> None:
-        self.points, self._rest, self._first = points, rest, first
-        self._bound, self._unit, self._correction_step = bound, unit, correction_step
+        self.points, self.times, self._rest, self._first = points, times, rest, first
+        self._bound, self.unit, self._correction_step = bound, unit, correction_step
         self._displacements: dict[Origin, Displacements] = {}
-        self._single = unit >= SINGLE_IS_ENOUGH * self._from("rest").largest
 
-    def _from(self, origin: Origin) -> Displacements:
+    def displacements(self, origin: Origin) -> Displacements:
+        """What is left when the decoded rest shape or the first frame is taken away."""
         if origin not in self._displacements:
             shape = self._rest if origin == "rest" else self._first.astype(np.float64)
-            self._displacements[origin] = Displacements(self.points, shape, self._unit)
+            self._displacements[origin] = Displacements(self.points, shape, self.unit)
         return self._displacements[origin]
 
-    def prepare(self, time_basis: TimeBasis, origin: Origin) -> None:
+    def prepare(self, choice: GroupChoice) -> None:
         """Compute what all fits of a time basis and origin share: fits in several threads would each do it."""
-        self._from(origin).coefficients(time_basis)
+        self.displacements(choice.origin).coefficients(choice.time)
 
     def part(self, frames: slice) -> GroupFitter:
         """Some of its frames, as a group of their own."""
-        return self._with(self.points[frames], self._rest, self._first)
+        return self._with(self.points[frames], self.times[frames], self._rest, self._first)
+
+    def from_reference(self, rest: Float64Array) -> GroupFitter:
+        """The same with another decoded reference frame, so alike that functions of time will do as they are."""
+        other = self._with(self.points, self.times, rest, self._first)
+        other._displacements = {"rest": Displacements(self.points, rest, self.unit, self.displacements("rest"))}
+        if "first" in self._displacements:
+            other._displacements["first"] = self._displacements["first"]
+        return other
+
+    def with_own_functions(self) -> GroupFitter:
+        """The same after :meth:`from_reference`, with functions of time of its own displacements."""
+        other = self._with(self.points, self.times, self._rest, self._first)
+        if "first" in self._displacements:
+            other._displacements["first"] = self._displacements["first"]
+        return other
+
+    def at_bound(self, bound: float, correction_step: float) -> GroupFitter:
+        """The same with another bound: steps stay multiples of the unit that they were."""
+        other = GroupFitter(
+            self.points,
+            self._rest,
+            self._first,
+            times=self.times,
+            bound=bound,
+            unit=self.unit,
+            correction_step=correction_step,
+        )
+        other._displacements = self._displacements
+        return other
 
     def of_vertices(self, vertices: Int64Array) -> GroupFitter:
         """Some of its vertices, as a mesh of their own."""
-        return self._with(np.ascontiguousarray(self.points[:, vertices]), self._rest[vertices], self._first[vertices])
+        points = np.ascontiguousarray(self.points[:, vertices])
+        return self._with(points, self.times, self._rest[vertices], self._first[vertices])
 
-    def _with(self, points: Float32Array, rest: Float64Array, first: Float32Array) -> GroupFitter:
+    def _with(self, points: Float32Array, times: Float64Array, rest: Float64Array, first: Float32Array) -> GroupFitter:
         return GroupFitter(
             points,
             rest,
             first,
+            times=times,
             bound=self._bound,
-            unit=self._unit,
+            unit=self.unit,
             correction_step=self._correction_step,
         )
+
+    @property
+    def _single(self) -> bool:
+        return self.unit >= SINGLE_IS_ENOUGH * self.displacements("rest").largest
 
     @property
     def frames(self) -> int:
         return len(self.points)
 
     @property
-    def trajectories(self) -> int:
-        """How many trajectories are worth looking at."""
-        return int(self._from("rest").trajectories[0].size)
+    def first_choice(self) -> GroupChoice:
+        """What is fitted before anything is known."""
+        return GroupChoice("trajectories", "rest", grid_index(USUAL_STEP * self.unit))
 
-    def explained(self, functions: int, basis: TimeBasis, origin: Origin) -> float:
-        """Share of the motion's energy that the leading functions of a basis with modes carry."""
-        return self._from(origin).explained(functions, basis)
+    @property
+    def moves(self) -> bool:
+        """Whether there is a trajectory that is worth looking at."""
+        return self.displacements("rest").functions("trajectories")[0].size > 0
 
-    def spread(self, time_basis: TimeBasis, origin: Origin, steps: float) -> float:
-        """:meth:`pdecodec.displacements.Displacements.spread` at a step of `steps` units."""
-        return self._from(origin).spread(time_basis, steps * self._unit)
+    def level_bits(self, basis: SpaceBasis, choice: GroupChoice) -> float:
+        """Bits of the coefficients alone, before functions of time are quantised: to compare space bases by."""
+        moved = self.displacements(choice.origin).coefficients(choice.time)
+        levels = quantise_sparsely(basis.project(moved), grid_step(choice.step), _axes(choice.time))
+        return measure_levels(levels, basis, axes=_axes(choice.time))
 
-    def level_bits(self, basis: SpaceBasis, steps: float, time_basis: TimeBasis, origin: Origin) -> float:
-        """Bits of the coefficients alone at a step of `steps` units: to compare space bases by."""
-        levels = _quantise(basis.project(self._from(origin).coefficients(time_basis)), steps * self._unit)
-        return measure_levels(levels, basis, axes=1 if time_basis == "modal" else 3)
-
-    def fit(
-        self, basis: SpaceBasis, time_basis: TimeBasis, origin: Origin, steps: float, mode_steps: float
-    ) -> FittedGroup:
-        """Fit with a step of `steps` units for coefficients, and `mode_steps` times that for modes."""
-        step = steps * self._unit
-        moved = self._from(origin)
-        if time_basis != "pde":
-            entry, modes, decoded_modes, levels, bits = self._fit_modes(
-                moved, basis, time_basis, step, step * mode_steps
-            )
-        else:
-            modes = decoded_modes = np.zeros((self.frames, 3, 0))
-            levels = _quantise(basis.project(moved.coefficients("pde")), step)
+    def fit(self, basis: SpaceBasis, choice: GroupChoice) -> FittedGroup:
+        """Fit, and measure what it costs."""
+        step, mode_step = grid_step(choice.step), grid_step(choice.step + choice.mode_step)
+        moved, axes = self.displacements(choice.origin), _axes(choice.time)
+        levels = quantise_sparsely(basis.project(moved.coefficients(choice.time)), step, axes)
+        modes: QuantisedModes | None = None
+        if choice.time == "cosines":
             used = np.flatnonzero(levels.any(axis=0))
-            count = int(used[-1]) // 3 + 1 if used.size else 0
-            levels = np.ascontiguousarray(levels[:, : 3 * count])
-            entry = self._entry(count, "pde", step, step)
-            bits = 0.0
-        mode_bits = bits
-        if entry.width:
-            bits += measure_levels(levels, basis, axes=entry.axes)
-        functions = group_functions(entry, decoded_modes, levels, basis)
-        corrections = self.corrections(basis, functions)
-        return FittedGroup(entry, modes, levels, functions, bits + measure_group(corrections, basis.starts), mode_bits)
+            count = int(used[-1]) // axes + 1 if used.size else 0
+            levels = np.ascontiguousarray(levels[:, : axes * count])
+        else:
+            modes, levels = self._fit_modes(moved, basis, choice.time, levels, step, mode_step)
+            count = levels.shape[1] // axes
+        entry = GroupEntry(
+            frames=self.frames,
+            functions=count,
+            basis=time_basis_of(choice.time),
+            single=self._single and count > 0,
+            step=step,
+            mode_step=0.0 if choice.time == "cosines" else mode_step,
+        )
+        return self.fitted(basis, entry, levels, modes)
 
-    def _entry(self, functions: int, basis: TimeBasis, step: float, mode_step: float) -> GroupEntry:
-        return GroupEntry(self.frames, functions, basis, self._single, step, mode_step, (0, 0, 0), 0)
+    def refined(self, basis: SpaceBasis, choice: GroupChoice, fitted: FittedGroup, passes: int) -> FittedGroup:
+        """A fit with coefficients that leave fewer vertices to be corrected, or the same.
 
-    def _fit_modes(
-        self, moved: Displacements, basis: SpaceBasis, time_basis: TimeBasis, step: float, mode_step: float
-    ) -> tuple[GroupEntry, Float64Array, Float64Array, Int64Array, float]:
-        energies, axes = moved.principal(time_basis)
-        each = 1 if time_basis == "modal" else 3
-        levels = _quantise(basis.project(moved.coefficients(time_basis)), step)
-        used = _needed(levels, each)
-        while True:
-            scaled = (axes[:, used] * np.sqrt(energies[used])).reshape(self.frames, len(axes) // self.frames, used.size)
-            bits, decoded = measure_modes(scaled, mode_step) if used.size else (0.0, scaled)
-            unit = normalised_modes(decoded).reshape(len(axes), used.size)
-            # Decoded trajectories are no longer quite orthogonal, and coarse ones may coincide: least squares.
-            inverse = np.linalg.pinv(unit.T @ unit, rcond=ALIKE, hermitian=True) if used.size else np.zeros((0, 0))
-            levels = _quantise(basis.project(moved.along(unit @ inverse, time_basis)), step)
-            needed = _needed(levels, each)
-            if needed.size == used.size:
-                return self._entry(int(used.size), time_basis, step, mode_step), scaled, decoded, levels, bits
-            used = used[needed]
+        What vertices beyond the bound miss is added to what the coefficients are to describe, which are rounded
+        again; and again, while it pays.
 
-    def decoded(self, functions: GroupFunctions) -> Float32Array:
-        """Positions at the frames, before corrections."""
-        out = np.empty(self.points.shape, np.float32)
+        Parameters
+        ----------
+        basis : SpaceBasis
+        choice : GroupChoice
+        fitted : FittedGroup
+            Of that choice.
+        passes : int
+            Most often that coefficients are rounded again.
+        """
+        entry, best, push = fitted.entry, fitted, PUSH
+        shape = self._rest if choice.origin == "rest" else self._first.astype(np.float64)
+        wanted = self.points.astype(np.float64)
+        functions = np.zeros((0, 0))
+        if fitted.modes:
+            functions = normalised_modes(fitted.modes.decoded).reshape(-1, entry.functions)
+        for _ in range(passes if entry.functions else 0):
+            farther = wanted + push * self._beyond(best.base)
+            moved = Displacements(farther.astype(np.float32), shape, self.unit)
+            values = moved.along(functions, choice.time) if fitted.modes else moved.coefficients("cosines")
+            levels = quantise_sparsely(basis.project(values), entry.step, entry.axes)[:, : entry.width]
+            found = self.fitted(basis, entry, np.ascontiguousarray(levels), fitted.modes)
+            if found.bits < best.bits:
+                best, wanted = found, farther
+            else:
+                push *= 0.5
+        return best
+
+    def _beyond(self, base: Float64Array) -> Float64Array:
+        """By how much vertices are off beyond what is aimed at, (frames, vertices, 3): zero of those that are not."""
+        missed = self.points - base
+        distance = np.sqrt(np.einsum("fvx,fvx->fv", missed, missed))
+        excess = np.minimum(distance - AIM * self._bound, FARTHEST_PUSH * self._bound)
+        share = np.where(distance > AIM_FROM * self._bound, excess / np.maximum(distance, self._bound), 0.0)
+        return missed * share[:, :, None]
+
+    def fitted(
+        self, basis: SpaceBasis, entry: GroupEntry, levels: Int64Array, modes: QuantisedModes | None = None
+    ) -> FittedGroup:
+        """What coefficients in given functions decode to and cost, residuals included."""
+        mode_bits = modes.bits if modes else 0.0
+        level_bits = measure_levels(levels, basis, axes=entry.axes) if entry.width else 0.0
+        functions = self._functions(basis, entry, levels, modes)
+        base = self._decoded(functions)
+        corrections = self._corrections(basis, entry, levels, functions.time, base)
+        plan = plan_group(corrections, basis.starts)
+        bits = mode_bits + level_bits + plan.bits
+        return FittedGroup(entry, modes, levels, base, corrections, plan, bits, mode_bits)
+
+    def encode(self, fitted: FittedGroup, basis: SpaceBasis) -> EncodedGroup:
+        """A fit as bytes.
+
+        Where adding up in float32 turns out to take more than half of the margin for it, positions are added up in
+        float64: another order of the same sums may take as much again.
+        """
+        if fitted.entry.single:
+            entry = replace(fitted.entry, single=False)
+            exact = self._decoded(self._functions(basis, entry, fitted.levels, fitted.modes))
+            off = max(float(np.abs(one - other).max()) for one, other in zip(exact, fitted.base, strict=True))
+            if off > 0.5 * SINGLE_MARGIN * self._correction_step:
+                fitted = self.fitted(basis, entry, fitted.levels, fitted.modes)
+        entry, levels, modes, corrections = fitted.entry, fitted.levels, fitted.modes, fitted.corrections
+        chunks = (
+            modes.to_bytes() if modes else b"",
+            encode_levels(levels, basis, axes=entry.axes) if entry.width else b"",
+            encode_group(corrections, basis.starts, fitted.plan),
+        )
+        decoded = fitted.base.astype(np.float32)
+        add_frames(decoded, corrections, 0, basis.order.astype(np.int64), step=self._correction_step)
+        coefficients = int(np.count_nonzero(levels)) + (modes.decoded.size if modes else 0)
+        return EncodedGroup(entry.with_chunks(chunks), chunks, decoded, corrections.count, coefficients)
+
+    def _functions(
+        self, basis: SpaceBasis, entry: GroupEntry, levels: Int64Array, modes: QuantisedModes | None
+    ) -> GroupFunctions:
+        decoded = modes.decoded if modes else np.zeros((self.frames, entry.mode_axes, 0))
+        return group_functions(entry, functions_of_time(entry, decoded, self.times), levels, basis)
+
+    def _decoded(self, functions: GroupFunctions) -> Float64Array:
+        """Positions at the frames, before corrections, and before they are rounded to float32."""
+        out = np.empty(self.points.shape)
         evaluate_group(functions, slice(None), np.ascontiguousarray(self._rest.T), out)
         return out
 
-    def corrections(self, basis: SpaceBasis, functions: GroupFunctions) -> GroupCorrections:
-        """For the vertices that miss the bound."""
+    def _corrections(
+        self, basis: SpaceBasis, entry: GroupEntry, levels: Int64Array, time: FloatArray, base: Float64Array
+    ) -> GroupCorrections:
+        """Corrections of positions before rounding, for the vertices that may miss the bound with another decoder."""
         return correct_group(
             self.points,
-            self.decoded(functions),
+            base,
             basis.order.astype(np.int64),
             bound=self._bound,
+            margins=margins(entry, time, levels, self._correction_step),
             step=self._correction_step,
         )
 
+    def _fit_modes(
+        self,
+        moved: Displacements,
+        basis: SpaceBasis,
+        time: TimeFunctions,
+        levels: Int64Array,
+        step: float,
+        mode_step: float,
+    ) -> tuple[QuantisedModes | None, Int64Array]:
+        """Quantised functions of time, and coefficients of what they decode to."""
+        energies, functions = moved.functions(time)
+        axes = _axes(time)
+        used = _needed(levels, axes)
+        while used.size:
+            scaled = (functions[:, used] * np.sqrt(energies[used])).reshape(self.frames, 3 // axes, used.size)
+            modes = quantise_modes(scaled, mode_step)
+            unit = normalised_modes(modes.decoded).reshape(len(functions), used.size)
+            levels = quantise_sparsely(basis.project(moved.along(unit, time)), step, axes)
+            needed = _needed(levels, axes)
+            if needed.size == used.size:
+                return modes, levels
+            used = used[needed]
+        return None, levels[:, :0]
 
-def _needed(levels: Int64Array, each: int) -> NDArray[np.intp]:
-    """Functions of time, of `each` columns one, that have a level."""
-    return np.flatnonzero(levels.reshape(len(levels), -1, each).any(axis=(0, 2)))
+
+def _axes(time: TimeFunctions) -> int:
+    """Coefficients that a function of time has for each of space: one, or one an axis."""
+    return 1 if time == "trajectories" else 3
 
 
-def _quantise(values: Float64Array, step: float) -> Int64Array:
+def _needed(levels: Int64Array, axes: int) -> NDArray[np.intp]:
+    """Functions of time, of `axes` columns one, that have a level."""
+    return np.flatnonzero(levels.reshape(len(levels), -1, axes).any(axis=(0, 2)))
+
+
+def quantise(values: Float64Array, step: float) -> Int64Array:
+    """Quantise with a dead zone: ``sign(x) floor(|x| / step + 1 - ROUND_UP_AT)``."""
     return np.copysign(np.floor(np.abs(values) / step + (1.0 - ROUND_UP_AT)), values).astype(np.int64)
 
 
-def encode_motion(fitted: FittedGroup, basis: SpaceBasis) -> tuple[bytes, bytes, GroupFunctions]:
-    """A group's chunks of TIME and COEF, and the functions that a decoder makes of these bytes."""
-    entry = fitted.entry
-    time, modes = b"", np.zeros((entry.frames, 3, 0))
-    if entry.basis != "pde" and entry.functions:
-        time, modes = encode_modes(fitted.modes, entry.mode_step)
-    coefficients = encode_levels(fitted.levels, basis, axes=entry.axes) if entry.width else b""
-    return time, coefficients, group_functions(entry, modes, fitted.levels, basis)
+def quantise_sparsely(values: Float64Array, step: float, axes: int) -> Int64Array:
+    """:func:`quantise` coefficients (columns, width), with a wider dead zone among zeros."""
+    levels = quantise(values, step)
+    some = np.pad(levels != 0, ((1, 1), (axes, axes)))
+    beside = some[:-2, axes:-axes] | some[2:, axes:-axes] | some[1:-1, : -2 * axes] | some[1:-1, 2 * axes :]
+    levels[(np.abs(values) < ROUND_UP_ALONE_AT * step) & ~beside] = 0
+    return levels

@@ -1,26 +1,35 @@
-"""Groups of frames: runs of a clip that share functions of time, and what they decode to.
+"""Groups of frames: runs of a clip that share functions of time, the table of them (section GRUP), their evaluation.
 
-A group's functions of time are either its principal trajectories, modes of all three axes together (basis
-"modal"), or the cosines ``cos(alpha_j x)`` of Eq. 12 at the harmonics ``alpha_j = j pi`` (basis "pde"). Both are
-sampled at the frames. Between frames positions follow the C2 spline through all frames of the clip
-(:mod:`pdecodec.spline`), whose pieces are the four functions of Eq. 12 at alpha = 0.
+A group has one of four time bases:
+
+* ``trajectories``: principal trajectories, one function of time for each axis, with one coefficient for all three;
+* ``shapes``: principal functions of time that all axes share, with a coefficient for each axis;
+* ``cosines``: the cosines ``cos(alpha_j x)`` of Eq. 12 at the harmonics ``alpha_j = j pi`` (the DCT-II);
+* ``closed form``: the four functions of Eq. 12 at a rate alpha that the file stores (the paper's).
+
+The first three are sampled at the frames; between frames positions follow the C2 spline through all frames of the
+clip (:mod:`pdecodec.spline`), whose pieces are the four functions of Eq. 12 at alpha = 0. The closed form is evaluated
+at any time (:mod:`pdecodec.closedform`).
 """
 
 from __future__ import annotations
 
-import struct
 import zlib
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.basis import MAX_RATE, TIME_FUNCTIONS
+from pdecodec.bytestream import FieldReader, FieldWriter
+from pdecodec.closedform import ClosedForm
 from pdecodec.container import ContainerReader
 from pdecodec.errors import CorruptFileError
 from pdecodec.expansion import Expansion
+from pdecodec.limits import LARGEST_STEP
 from pdecodec.modes import cosine_wave
-from pdecodec.quantise import LARGEST_STEP
 from pdecodec.shares import in_shares
 from pdecodec.spacebasis import SpaceBasis
 
@@ -29,42 +38,51 @@ Float64Array = NDArray[np.float64]
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
 Int64Array = NDArray[np.int64]
 
-TimeBasis = Literal["pde", "modal", "shapes"]
-TIME_BASES: dict[TimeBasis, int] = {"pde": 0, "modal": 1, "shapes": 5}
-"""With their bits in a group's kind: 1 where it has modes, 4 more where these are the same on all axes."""
+TimeBasis = Literal["trajectories", "shapes", "cosines", "closed form"]
+TIME_BASES: tuple[TimeBasis, ...] = get_args(TimeBasis)
+"""By their number in the file."""
 
-BASES_BY_KIND = {kind: basis for basis, kind in TIME_BASES.items()}
+SAMPLED_BASES: tuple[TimeBasis, ...] = ("trajectories", "shapes")
+"""Those whose functions are stored, frame by frame, in section TIME."""
 
-DOUBLE = 2
-"""The bit of a group's kind between them: its positions are added up in float64, not in float32."""
+DOUBLE = 4
+"""The bit of a group's kind, beside its time basis: its positions are added up in float64, not in float32."""
 
-SINGLE_IS_ENOUGH = 2.0**-16
-"""Displacements are added up in float32 where the bound is at least this share of the largest: the sum of some
-hundred terms then rounds to a few hundredths of the bound."""
+SINGLE_IS_ENOUGH = 2.0**-9
+"""Displacements are added up in float32 where the bound is at least this share of the largest: the sum of some hundred
+terms then hardly ever rounds by as much as the margin has room for."""
 
-GROUP_ENTRY = struct.Struct("<IIBddIIII")
-"""Section GRUP: frames, functions of time, kind, step of the coefficients, step of the modes, bytes in TIME, in
-COEF and in CORR, CRC-32 of the three."""
+SINGLE_MARGIN, DOUBLE_MARGIN = 2.0**-11, 2.0**-20
+"""How far decoders may differ in a coordinate before it is rounded to float32, in correction steps, where a group's
+positions are added up in float32 and in float64."""
+
+ROUNDING = 2.0**-44
+"""Share of everything that is added up by which they may differ in any case."""
 
 MAX_GROUP_FRAMES = 4096
 """Longest group: an encoder holds one in memory."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GroupEntry:
     """One row of section GRUP.
 
     Attributes
     ----------
     frames, functions : int
-    basis : {"pde", "modal", "shapes"}
+    basis : TimeBasis
     single : bool
         Positions are added up in float32, not in float64.
-    step, mode_step : float [scene units]
-        Quantisation steps of coefficients and of modes.
+    step : float [scene units]
+        Quantisation step of the coefficients.
+    mode_step : float [scene units]
+        The same of the functions of time, where these are stored.
+    alpha : float
+        Rate of Eq. 12 over half the group, under basis "closed form".
     sizes : (int, int, int)
         Bytes in TIME, COEF and CORR.
     checksum : int
+        CRC-32 of the three.
     """
 
     frames: int
@@ -72,34 +90,88 @@ class GroupEntry:
     basis: TimeBasis
     single: bool
     step: float
-    mode_step: float
-    sizes: tuple[int, int, int]
-    checksum: int
+    mode_step: float = 0.0
+    alpha: float = 0.0
+    sizes: tuple[int, int, int] = (0, 0, 0)
+    checksum: int = 0
 
     @property
     def axes(self) -> int:
         """Coefficients that a function of time has for each of space: one, or one an axis."""
-        return 1 if self.basis == "modal" else 3
+        return 1 if self.basis == "trajectories" else 3
 
     @property
     def mode_axes(self) -> int:
-        """Values that a mode has at a frame: one an axis, or one for all."""
-        return 3 if self.basis == "modal" else 1
+        """Values that a function of time has at a frame: one an axis, or one for all."""
+        return 3 if self.basis == "trajectories" else 1
 
     @property
     def width(self) -> int:
+        """Coefficients of one function of space."""
         return self.functions * self.axes
 
-    def to_bytes(self) -> bytes:
-        return GROUP_ENTRY.pack(
-            self.frames,
-            self.functions,
-            TIME_BASES[self.basis] + (0 if self.single else DOUBLE),
-            self.step,
-            self.mode_step,
-            *self.sizes,
-            self.checksum,
+    @property
+    def most_functions(self) -> int:
+        """Functions of time that so many frames can have."""
+        if self.basis == "closed form":
+            return min(self.frames, TIME_FUNCTIONS)
+        return self.frames * self.mode_axes
+
+    def with_chunks(self, chunks: tuple[bytes, bytes, bytes]) -> GroupEntry:
+        """With the sizes and the checksum of what is written."""
+        sizes = (len(chunks[0]), len(chunks[1]), len(chunks[2]))
+        return replace(self, sizes=sizes, checksum=zlib.crc32(b"".join(chunks)))
+
+    def write(self, writer: FieldWriter) -> None:
+        writer.count(self.frames)
+        writer.count(self.functions)
+        writer.numbers("Bd", TIME_BASES.index(self.basis) + (0 if self.single else DOUBLE), self.step)
+        if self.basis in SAMPLED_BASES:
+            writer.numbers("d", self.mode_step)
+            writer.count(self.sizes[0])
+        elif self.basis == "closed form":
+            writer.numbers("d", self.alpha)
+        writer.count(self.sizes[1])
+        writer.count(self.sizes[2])
+        writer.numbers("I", self.checksum)
+
+    @classmethod
+    def read(cls, reader: FieldReader) -> GroupEntry:
+        """Undo :meth:`write`; CorruptFileError where a field is out of range."""
+        frames, functions = reader.count(), reader.count()
+        (kind,) = reader.integers("B")
+        if not 1 <= frames <= MAX_GROUP_FRAMES:
+            raise CorruptFileError(f"section GRUP has a group of {frames} frames; 1 to {MAX_GROUP_FRAMES} can be")
+        if kind & ~DOUBLE >= len(TIME_BASES):
+            raise CorruptFileError(f"section GRUP has a group of kind {kind}, which is unknown")
+        basis: TimeBasis = TIME_BASES[kind & ~DOUBLE]
+        (step,) = reader.reals("d")
+        mode_step, alpha, time_bytes = step, 0.0, 0
+        if basis in SAMPLED_BASES:
+            (mode_step,) = reader.reals("d")
+            time_bytes = reader.count()
+        elif basis == "closed form":
+            (alpha,) = reader.reals("d")
+        if not (0 < step <= LARGEST_STEP and 0 < mode_step <= LARGEST_STEP):
+            raise CorruptFileError("section GRUP has a quantisation step out of range")
+        if not 0 <= alpha <= MAX_RATE:
+            raise CorruptFileError(f"section GRUP has an alpha outside 0 to {MAX_RATE:g}")
+        sizes = (time_bytes, reader.count(), reader.count())
+        (checksum,) = reader.integers("I")
+        entry = cls(
+            frames=frames,
+            functions=functions,
+            basis=basis,
+            single=not kind & DOUBLE,
+            step=step,
+            mode_step=mode_step,
+            alpha=alpha,
+            sizes=sizes,
+            checksum=checksum,
         )
+        if functions > entry.most_functions:
+            raise CorruptFileError(f"section GRUP has {functions} functions of time for {frames} frames")
+        return entry
 
 
 CHUNK_SECTIONS = ("TIME", "COEF", "CORR")
@@ -145,24 +217,39 @@ class GroupTable:
         return chunks[0], chunks[1], chunks[2]
 
 
-def read_group_table(data: bytes) -> GroupTable:
-    """Section GRUP; CorruptFileError where a field is out of range."""
-    if not data or len(data) % GROUP_ENTRY.size:
-        raise CorruptFileError(f"section GRUP has {len(data)} bytes, not a number of rows of {GROUP_ENTRY.size}")
-    entries = []
-    for frames, functions, kind, step, mode_step, *sizes, checksum in GROUP_ENTRY.iter_unpack(data):
-        if not 1 <= frames <= MAX_GROUP_FRAMES:
-            raise CorruptFileError(f"section GRUP has a group of {frames} frames; 1 to {MAX_GROUP_FRAMES} can be")
-        if kind & ~DOUBLE not in BASES_BY_KIND:
-            raise CorruptFileError(f"section GRUP has a group of kind {kind}, which is unknown")
-        basis, single = BASES_BY_KIND[kind & ~DOUBLE], not kind & DOUBLE
-        if functions > (3 * frames if basis == "modal" else frames):
-            raise CorruptFileError(f"section GRUP has {functions} functions of time for {frames} frames")
-        if not (0 < step <= LARGEST_STEP and 0 < mode_step <= LARGEST_STEP):
-            raise CorruptFileError("section GRUP has a quantisation step out of range")
-        entries.append(
-            GroupEntry(frames, functions, basis, single, step, mode_step, (sizes[0], sizes[1], sizes[2]), checksum)
-        )
+def write_group_table(entries: Sequence[GroupEntry]) -> bytes:
+    """Section GRUP."""
+    writer = FieldWriter()
+    for entry in entries:
+        entry.write(writer)
+    return writer.to_bytes()
+
+
+def read_group_table(data: bytes, frames: int) -> GroupTable:
+    """Undo :func:`write_group_table`.
+
+    Parameters
+    ----------
+    data : bytes
+    frames : int
+        Of the clip: groups have as many together.
+
+    Raises
+    ------
+    CorruptFileError
+        If a field is out of range.
+    """
+    reader = FieldReader(data, "GRUP")
+    entries: list[GroupEntry] = []
+    left = frames
+    while left > 0:
+        entries.append(GroupEntry.read(reader))
+        left -= entries[-1].frames
+    reader.finish()
+    if left < 0:
+        raise CorruptFileError(f"section SEQN declares {frames} frames, the groups have {frames - left}")
+    if len({entry.basis == "closed form" for entry in entries}) > 1:
+        raise CorruptFileError("section GRUP has groups in closed form and others; a file has one or the other")
     firsts = np.concatenate([[0], np.cumsum([entry.frames for entry in entries])]).astype(np.int64)
     offsets = np.concatenate([np.zeros((1, 3), np.int64), np.cumsum([entry.sizes for entry in entries], axis=0)])
     return GroupTable(tuple(entries), firsts, offsets.astype(np.int64))
@@ -207,28 +294,46 @@ class GroupFunctions:
     def nbytes(self) -> int:
         return self.time.nbytes + self.planes.nbytes
 
+    def rounded(self) -> GroupFunctions:
+        """The same in float32."""
+        return GroupFunctions(self.time.astype(np.float32), self.planes.astype(np.float32))
 
-def group_functions(entry: GroupEntry, modes: Float64Array, levels: Int64Array, basis: SpaceBasis) -> GroupFunctions:
+
+def group_functions(entry: GroupEntry, time: FloatArray, levels: Int64Array, basis: SpaceBasis) -> GroupFunctions:
     """Functions of time and what they are multiplied with.
 
     Parameters
     ----------
     entry : GroupEntry
-    modes : (frames, 3 or 1, functions) float64
-        Decoded; not looked at under basis "pde".
+    time : (frames, 3, functions) float32 or float64
+        Of :func:`functions_of_time`.
     levels : (columns, width) int64
-        Coefficients, in steps.
+        Quantised coefficients.
     basis : SpaceBasis
     """
     expansion = Expansion(basis, np.multiply(levels, entry.step, dtype=np.float64), single=entry.single)
     expansion.share_out()
-    in_shares(expansion.expand, basis.patches)
-    return GroupFunctions(functions_of_time(entry, modes), by_function(entry, expansion.planes))
+    in_shares(expansion.expand, basis.element_count)
+    return GroupFunctions(time, by_function(entry, expansion.planes))
 
 
-def functions_of_time(entry: GroupEntry, modes: Float64Array) -> FloatArray:
-    """:attr:`GroupFunctions.time` from the modes."""
-    time = cosines(entry.frames, entry.functions)[:, None] if entry.basis == "pde" else normalised_modes(modes)
+def functions_of_time(entry: GroupEntry, modes: Float64Array, times: Float64Array) -> FloatArray:
+    """:attr:`GroupFunctions.time`, in the precision of the group's sums.
+
+    Parameters
+    ----------
+    entry : GroupEntry
+    modes : (frames, 3 or 1, functions) float64
+        Decoded from section TIME; of use under trajectories and shapes alone.
+    times : (frames,) float64 [s]
+        Of the group's frames; of use under closed form alone.
+    """
+    if entry.basis == "cosines":
+        time = cosines(entry.frames, entry.functions)[:, None]
+    elif entry.basis == "closed form":
+        time = ClosedForm(times, entry.alpha, entry.functions).weights(times)[:, None]
+    else:
+        time = normalised_modes(modes)
     if entry.axes == 3:
         time = np.repeat(time, 3, axis=1)
     return time.astype(np.float32) if entry.single else time
@@ -239,7 +344,26 @@ def by_function(entry: GroupEntry, planes: FloatArray) -> FloatArray:
     return planes.reshape(entry.functions, entry.axes, planes.shape[1])
 
 
-def evaluate_group(group: GroupFunctions, frames: slice, rest: Float64Array, out: Float32Array) -> None:
+def margins(entry: GroupEntry, time: FloatArray, levels: Int64Array, correction_step: float) -> Float64Array:
+    """(frames,) float64: how far decoders may differ in a coordinate before corrections, and before it is rounded.
+
+    Parameters
+    ----------
+    entry : GroupEntry
+    time : (frames, 3, functions) float32 or float64
+        Functions of time.
+    levels : (functions of space, channels) int64
+        Coefficients, in steps.
+    correction_step : float [scene units]
+    """
+    largest = entry.step * np.abs(levels).max(axis=0, initial=0).reshape(entry.functions, entry.axes).T
+    added = (np.abs(time) * largest).sum(axis=2).max(axis=1, initial=0.0)
+    least = correction_step * (SINGLE_MARGIN if entry.single else DOUBLE_MARGIN)
+    found: Float64Array = np.maximum(ROUNDING * added, least)
+    return found
+
+
+def evaluate_group(group: GroupFunctions, frames: slice, rest: Float64Array, out: FloatArray) -> None:
     """Positions at some of its frames, before corrections.
 
     Parameters
@@ -247,7 +371,7 @@ def evaluate_group(group: GroupFunctions, frames: slice, rest: Float64Array, out
     group : GroupFunctions
     frames : slice
     rest : (3, vertices) float64 [scene units]
-    out : (frames, vertices, 3) float32, written
+    out : (frames, vertices, 3) float32 or float64, written
     """
     from pdecodec.kernels.group_motion import BLOCK, TILE, positions
 

@@ -31,7 +31,7 @@ class _Model:
         from pdecodec.kernels import level_model as model
         from pdecodec.kernels.rangecoder import EVEN
 
-        self._units, self._axes = basis.units, axes
+        self._units, self._axes = basis.subbands, axes
         self._cells = np.full(model.CELLS, EVEN, np.int64)
         self._weights = np.full((model.MIXERS, model.MIXED), round(FIRST_WEIGHT * 65536), np.int64)
         self._counts = np.zeros((2, model.ZONES), np.int64)
@@ -50,7 +50,7 @@ def _code(mode: int, data: UInt8Array, levels: Int64Array, basis: SpaceBasis, ax
     from pdecodec.kernels.rangecoder import new_coder
 
     coder = new_coder(mode)
-    _Model(basis, axes).code(0, basis.runs, coder, data, levels)
+    _Model(basis, axes).code(0, basis.subband_count, coder, data, levels)
     return coder
 
 
@@ -94,7 +94,7 @@ def decode_levels(data: bytes, basis: SpaceBasis, width: int, *, axes: int) -> I
     CorruptFileError
         If the bytes are not levels of this basis, or not just these.
     """
-    levels = np.zeros((basis.columns, width), np.int64)
+    levels = np.zeros((basis.functions, width), np.int64)
     for _ in decode_levels_in_parts(data, basis, levels, axes=axes):
         pass
     return levels
@@ -125,11 +125,11 @@ def decode_levels_in_parts(
     """
     from pdecodec.kernels.rangecoder import is_finished, new_decoder
 
-    model, sets = _Model(basis, axes), basis.runs - basis.patches
+    model, sets = _Model(basis, axes), basis.subband_count - basis.element_count
     coded = np.frombuffer(bytearray(data), np.uint8)
     coder = new_decoder(coded)
-    parts = min(PARTS, basis.patches)
-    for first, end in pairwise(basis.patches * k // parts for k in range(parts + 1)):
+    parts = min(PARTS, basis.element_count)
+    for first, end in pairwise(basis.element_count * k // parts for k in range(parts + 1)):
         begin = sets + first if first else 0
         if data and not model.code(begin, sets + end, coder, coded, levels):
             raise CorruptFileError("section COEF holds levels that cannot be; get the file again")

@@ -1,9 +1,10 @@
-"""Bytes for the modes of the `modal` time basis: the principal trajectories of a group of frames.
+"""Bytes for the functions of time of trajectories and shapes, called modes: one value a frame and axis.
 
-Two methods, of which an encoder takes the cheaper. Motion without a rhythm, jumps and starts included, is followed
+Three methods, of which an encoder takes the cheapest. Motion without a rhythm, jumps and starts included, is followed
 in time: each number is predicted from the four frames before it, by weights that encoder and decoder learn alike.
-Motion that swings or repeats itself is transformed by cosines. Either way whole numbers of steps are left, small
-for the most part, and coded by the sizes of their neighbours: in time (or frequency), among axes, among modes.
+Motion that swings or repeats itself is transformed by cosines. Motion between keyframes is a row of straight lines:
+changes of speed, nearly all of them zero. Each way whole numbers are left, small for the most part, and coded by the
+sizes of their neighbours: in time (or frequency), among axes, among modes.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from pdecodec.errors import CorruptFileError, SettingsError
 Float64Array = NDArray[np.float64]
 Int64Array = NDArray[np.int64]
 
-FOLLOWED, TRANSFORMED = 0, 1
+FOLLOWED, TRANSFORMED, STRAIGHT = 0, 1, 2
 """The first byte: which method."""
 
 LONGEST_TRANSFORM = 1024
@@ -33,6 +34,9 @@ ROUNDING = 0.4
 """Added to a magnitude in steps before its fraction is dropped. At equal error, 0.5 takes 3 % more bytes and above at
 one bit a number, about as many at four; 0.33 takes 2 % more at any rate."""
 
+MOST_TURNS = 1.0 / 3.0
+"""Share of the numbers that may change the speed; where more do, straight lines are no candidate."""
+
 BITS_OF_AN_ERROR = 6.0 / math.log(2.0)
 """Bits that a squared error of step^2 is worth: the error of a number, step^2 / 12, falls to a quarter with each bit,
 which is a slope of step^2 / 12 * 2 ln 2."""
@@ -41,22 +45,45 @@ FIRST_BYTES = 64
 """Room for the first try at encoding, besides two bytes a number."""
 
 
-@dataclass(frozen=True)
-class _Coded:
-    """Modes by one method: levels (count, frames, axes) int64 and what they decode to, (frames, axes, count)."""
+@dataclass(frozen=True, eq=False)
+class QuantisedModes:
+    """Modes as they will be coded.
+
+    Attributes
+    ----------
+    method : int
+    levels : (count, frames, axes) int64
+    decoded : (frames, axes, count) float64
+        What :func:`decode_modes` gives, to the last bit.
+    bits : float
+        Of :meth:`to_bytes`, measured, to a byte or two.
+    """
 
     method: int
     levels: Int64Array
     decoded: Float64Array
+    bits: float
 
-    def cost(self, bits: float, scaled: Float64Array, step: float) -> float:
-        """Bits, with the error in bits."""
-        error = (self.decoded - scaled) / step
-        return bits + BITS_OF_AN_ERROR * float(np.einsum("tak,tak->", error, error))
+    def to_bytes(self) -> bytes:
+        """The modes as bytes; empty where all levels are zero."""
+        from pdecodec.kernels.modes import code_levels, new_model
+        from pdecodec.kernels.rangecoder import ENCODE, finish, new_coder
+
+        if not self.levels.any():
+            return b""
+        room = FIRST_BYTES + 2 * self.levels.size
+        while True:
+            data = np.zeros(room, np.uint8)
+            coder = new_coder(ENCODE)
+            code_levels(coder, data, self.levels, *new_model(self.levels.shape[1]))
+            size = int(finish(coder, data))
+            if size <= room:
+                return bytes([self.method]) + data[:size].tobytes()
+            room = size
 
 
-def encode_modes(scaled: Float64Array, step: float) -> tuple[bytes, Float64Array]:
-    """Quantise modes and code them.
+def quantise_modes(scaled: Float64Array, step: float) -> QuantisedModes:
+    """Quantise modes, by the method that takes fewest bits for its error.
 
     Parameters
     ----------
@@ -67,35 +94,42 @@ def encode_modes(scaled: Float64Array, step: float) -> tuple[bytes, Float64Array
         Quantisation step, in the same unit. The mean squared error comes out near step^2 / 12, or below where
         little moves.
 
-    Returns
-    -------
-    data : bytes
-        Empty where all that is left is zero.
-    decoded : (frames, axes, count) float64
-        What :func:`decode_modes` gives, to the last bit.
-
     Raises
     ------
     SettingsError
         If the step is not positive, or so small that numbers exceed 2^30 steps.
     """
-    coded = [(_write(item.levels), item) for item in _candidates(scaled, step)]
-    data, best = min(coded, key=lambda pair: pair[1].cost(8.0 * len(pair[0]), scaled, step))
-    return (bytes([best.method]) + data if best.levels.any() else b""), best.decoded
+
+    def cost(item: QuantisedModes) -> float:
+        error = (item.decoded - scaled) / step
+        return item.bits + BITS_OF_AN_ERROR * float(np.einsum("tak,tak->", error, error))
+
+    return min(quantised_by_each_method(scaled, step), key=cost)
 
 
-def measure_modes(scaled: Float64Array, step: float) -> tuple[float, Float64Array]:
-    """What :func:`encode_modes` would take in bits, to a byte or two, and what would come back.
-
-    Parameters, results and errors are those of :func:`encode_modes`, bits in the place of bytes.
-    """
-    measured = [(_measure(item.levels), item) for item in _candidates(scaled, step)]
-    bits, best = min(measured, key=lambda pair: pair[1].cost(pair[0], scaled, step))
-    return (8.0 + bits if best.levels.any() else 0.0), best.decoded
+def quantised_by_each_method(scaled: Float64Array, step: float) -> list[QuantisedModes]:
+    """Modes by every method that can be; see :func:`quantise_modes`."""
+    if not 0.0 < step < math.inf:
+        raise SettingsError(f"the step of modes must be a positive number, not {step}")
+    frames = scaled.shape[0]
+    with np.errstate(over="ignore"):
+        wanted = np.ascontiguousarray(scaled.transpose(2, 0, 1)) / step
+    if not np.all(np.abs(wanted) <= MOST_STEPS):
+        raise SettingsError(f"modes go beyond 2^30 steps of {step}; take a larger tolerance")
+    levels = np.zeros(wanted.shape, np.int64)
+    found = [_measured(FOLLOWED, levels, _follow(levels, step, wanted))]
+    if 0 < frames <= LONGEST_TRANSFORM:
+        levels = _transform(wanted)
+        found.append(_measured(TRANSFORMED, levels, _transform_back(levels, step)))
+    if frames > 0:
+        levels = _straight_runs(wanted)
+        if np.count_nonzero(levels) <= MOST_TURNS * levels.size:
+            found.append(_measured(STRAIGHT, levels, _along_straight_runs(levels, step)))
+    return found
 
 
 def decode_modes(data: bytes, frames: int, count: int, step: float, *, axes: int = 3) -> Float64Array:
-    """Undo :func:`encode_modes`.
+    """Undo :meth:`QuantisedModes.to_bytes`.
 
     Parameters
     ----------
@@ -125,7 +159,7 @@ def decode_modes(data: bytes, frames: int, count: int, step: float, *, axes: int
     if frames * count == 0:
         raise CorruptFileError(f"{len(data)} bytes of modes stand where there are none; get the file again")
     method = data[0]
-    if method not in (FOLLOWED, TRANSFORMED):
+    if method not in (FOLLOWED, TRANSFORMED, STRAIGHT):
         raise CorruptFileError(f"modes are coded by an unknown method, {method}; get the file again")
     if method == TRANSFORMED and frames > LONGEST_TRANSFORM:
         raise CorruptFileError(f"{frames} frames of modes are transformed at once; get the file again")
@@ -135,24 +169,20 @@ def decode_modes(data: bytes, frames: int, count: int, step: float, *, axes: int
     code_levels(coder, coded, levels, *new_model(frames))
     if not is_finished(coder, coded):
         raise CorruptFileError("section TIME does not end where its modes do; get the file again")
-    return _follow(levels, step) if method == FOLLOWED else _transform_back(levels, step)
+    decode = {FOLLOWED: _follow, TRANSFORMED: _transform_back, STRAIGHT: _along_straight_runs}[method]
+    return decode(levels, step)
 
 
-def _candidates(scaled: Float64Array, step: float) -> list[_Coded]:
-    """The modes by every method that can be."""
-    if not 0.0 < step < math.inf:
-        raise SettingsError(f"the step of modes must be a positive number, not {step}")
-    frames = scaled.shape[0]
-    with np.errstate(over="ignore"):
-        wanted = np.ascontiguousarray(scaled.transpose(2, 0, 1)) / step
-    if not np.all(np.abs(wanted) <= MOST_STEPS):
-        raise SettingsError(f"modes go beyond 2^30 steps of {step}; take a larger tolerance")
-    levels = np.zeros(wanted.shape, np.int64)
-    coded = [_Coded(FOLLOWED, levels, _follow(levels, step, wanted))]
-    if 0 < frames <= LONGEST_TRANSFORM:
-        levels = _transform(wanted)
-        coded.append(_Coded(TRANSFORMED, levels, _transform_back(levels, step)))
-    return coded
+def _measured(method: int, levels: Int64Array, decoded: Float64Array) -> QuantisedModes:
+    from pdecodec.kernels.modes import code_levels, new_model
+    from pdecodec.kernels.rangecoder import COST, COST_BITS, MEASURE, new_coder
+
+    bits = 0.0
+    if levels.any():
+        coder = new_coder(MEASURE)
+        code_levels(coder, np.zeros(1, np.uint8), levels, *new_model(levels.shape[1]))
+        bits = 8.0 + float(coder[COST]) / 2.0**COST_BITS
+    return QuantisedModes(method, levels, decoded, bits)
 
 
 def _follow(levels: Int64Array, step: float, wanted: Float64Array | None = None) -> Float64Array:
@@ -184,6 +214,26 @@ def _transform_back(levels: Int64Array, step: float) -> Float64Array:
     return np.ascontiguousarray(values.transpose(2, 1, 0)) * step
 
 
+def _straight_runs(wanted: Float64Array) -> Int64Array:
+    """Levels by the method STRAIGHT of what is wanted, in steps."""
+    from pdecodec.kernels.modes import find_straight_runs
+
+    levels = np.empty(wanted.shape, np.int64)
+    find_straight_runs(levels, wanted, 1.0 - ROUNDING)
+    return levels
+
+
+def _along_straight_runs(levels: Int64Array, step: float) -> Float64Array:
+    """Modes from their levels by the method STRAIGHT: the first value, then sums of sums, wrapping at 64 bits."""
+    from pdecodec.kernels.modes import STRAIGHT_UNITS
+
+    speeds = levels.copy()
+    speeds[:, 1:] = np.cumsum(levels[:, 1:], axis=1)
+    values = np.cumsum(speeds, axis=1)
+    modes: Float64Array = np.ascontiguousarray(values.transpose(1, 2, 0), np.float64) * (step / STRAIGHT_UNITS)
+    return modes
+
+
 def cosine_wave(frames: int) -> Float64Array:
     """One period of the cosine in 4 `frames` samples, the same bits on every machine.
 
@@ -203,29 +253,3 @@ def cosine_wave(frames: int) -> Float64Array:
     quarter = series[:, 0] - series[:, 2]
     half = np.concatenate([quarter, -quarter[-2::-1]])
     return np.concatenate([half, half[-2:0:-1]])
-
-
-def _write(levels: Int64Array) -> bytes:
-    """Levels as the range coder's bytes."""
-    from pdecodec.kernels.modes import code_levels, new_model
-    from pdecodec.kernels.rangecoder import ENCODE, finish, new_coder
-
-    room = FIRST_BYTES + 2 * levels.size
-    while True:
-        data = np.zeros(room, np.uint8)
-        coder = new_coder(ENCODE)
-        code_levels(coder, data, levels, *new_model(levels.shape[1]))
-        size = int(finish(coder, data))
-        if size <= room:
-            return data[:size].tobytes()
-        room = size
-
-
-def _measure(levels: Int64Array) -> float:
-    """Bits that :func:`_write` would take."""
-    from pdecodec.kernels.modes import code_levels, new_model
-    from pdecodec.kernels.rangecoder import COST, COST_BITS, MEASURE, new_coder
-
-    coder = new_coder(MEASURE)
-    code_levels(coder, np.zeros(1, np.uint8), levels, *new_model(levels.shape[1]))
-    return float(coder[COST]) / 2.0**COST_BITS

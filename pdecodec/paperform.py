@@ -1,4 +1,4 @@
-"""A segment's coefficients as the paper writes them: c_w1 .. c_w32 of Eq. 17, for every curve piece and axis."""
+"""Coefficients as the paper writes them: c_w1 .. c_w32 of Eq. 17 for every curve and axis, and what they multiply."""
 
 from __future__ import annotations
 
@@ -7,82 +7,119 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.basis import SPACE_FUNCTIONS, TIME_FUNCTIONS, paper_coefficients, series_functions
-from pdecodec.elements import arc_length_parameter
+from pdecodec.basis import SPACE_FUNCTIONS, TIME_FUNCTIONS, series_functions, series_to_paper
 from pdecodec.errors import SettingsError
-from pdecodec.model import Model, SegmentCoefficients
-from pdecodec.segments import Segment
+from pdecodec.groupmodel import GroupModelDescription
+from pdecodec.motion import Motion
+from pdecodec.reference import RestShape
+from pdecodec.spacebasis import SpaceBasis, arc_length_parameter
 
 Float64Array = NDArray[np.float64]
+Int64Array = NDArray[np.int64]
+
+SMALLEST_RATE = 1e-30
+"""Least alpha and r: the conversion divides by their powers up to alpha^3 and r^7, which float64 must hold."""
 
 
 @dataclass(frozen=True, eq=False)
 class PaperForm:
-    """Coefficients of Eq. 17 and what they multiply.
+    """One group of frames in the terms of Eq. 18.
+
+    The position of the vertex ``order[i]``, in piece p, on axis x, at a time t of the group is
+    ``reference[i, x] + sum over a, b of T_a(s) coefficients[p, x, a, b] U_b(u[i])`` with ``s = (t - centre) /
+    half_length``, T of Eq. 12 (:func:`pdecodec.basis.paper_time_functions`) and U of Eqs. 14 and 16
+    (:func:`pdecodec.basis.paper_space_functions`). Residuals of a file with a bound are not part of it.
 
     Attributes
     ----------
-    coefficients : (elements, 3, 4, 8) float64 [scene units]
-        Element, axis, function of time (Eq. 12), function of space (Eqs. 14 and 16): c_w1 .. c_w32 in the
-        paper's order are the last two axes, row after row. They give the displacement from the rest shape
-        (under alignment "rotation": in the element's own frame).
-    condition : (elements,) float64
+    coefficients : (pieces, 3, 4, 8) float64 [scene units]
+        Piece, axis, function of time, function of space: c_w1 .. c_w32 in the paper's order are the last two axes, row
+        after row.
+    condition : (pieces,) float64
         Condition number of each conversion: the digits that its coefficients have lost are its logarithm.
+    order : (vertices,) int64
+        Vertices of the mesh along the curves, piece after piece.
+    starts : (pieces + 1,) int64
+        Piece p holds ``order[starts[p]:starts[p + 1]]``.
+    reference : (vertices, 3) float64 [scene units]
+        Reference frame in that order.
+    u : (vertices,) float64
+        The argument of Eqs. 14 and 16 in that order, in [-1, 1] along each piece.
     alpha, r : float
-        Rates over the arguments below.
-    time : tuple of float [s]
-        Centre and half-length of the segment: the argument t of Eq. 12 is (time - centre) / half-length.
-    parameter : (vertices,) float64
-        The argument u of Eqs. 14 and 16 of every vertex in curve order, in [-1, 1] along its element.
+    times : (frames,) float64 [s]
+        Of the group's frames.
+    centre, half_length : float [s]
+        The argument of Eq. 12 at a time t is (t - centre) / half_length.
+    first_frame : int
     """
 
     coefficients: Float64Array
     condition: Float64Array
+    order: Int64Array
+    starts: Int64Array
+    reference: Float64Array
+    u: Float64Array
     alpha: float
     r: float
-    time: tuple[float, float]
-    parameter: Float64Array
+    times: Float64Array
+    centre: float
+    half_length: float
+    first_frame: int
 
 
-def paper_form(model: Model, segment: Segment, found: SegmentCoefficients, r: float) -> PaperForm:
-    """Convert the coefficients of one segment.
+def paper_form(
+    model: GroupModelDescription, reference: RestShape, space: SpaceBasis, motion: Motion, group: int, first_frame: int
+) -> PaperForm:
+    """Convert the coefficients of one group.
 
-    Parameters
-    ----------
-    model : Model
-        Without the affine functions, which are not among those of Eq. 18.
-    segment : Segment
-    found : SegmentCoefficients
-    r : float
-        Rate of Eqs. 14 and 16.
+    A piece of fewer than 8 points, or a group of fewer than 4 frames, has as many functions as points or frames; they
+    span the leading functions of the well-conditioned basis, which are combinations of all of the paper's.
 
     Raises
     ------
     SettingsError
-        If the coefficients are not 32 of Eq. 18's functions: alpha or r is 0, pieces or segments are too
-        short, or alignment is affine.
+        If the file's functions are not those of Eq. 18.
     """
-    from pdecodec.kernels.orthonormal import DEPENDENT, orthonormalise
-
-    elements = model.elements
-    if model.alignment == "affine":
-        raise SettingsError("the affine functions are not among the paper's; encode with alignment none or rotation")
-    if segment.alpha == 0 or r == 0:
-        raise SettingsError("at alpha or r of 0 the paper's functions are dependent; encode with both above 0")
-    if segment.functions != TIME_FUNCTIONS or (elements.ranks != SPACE_FUNCTIONS).any():
-        raise SettingsError("segments of 4 frames and pieces of 8 points are the least that 32 coefficients need")
-    firsts = np.repeat(model.rest[elements.starts[:-1]], np.diff(elements.starts), axis=0)
-    parameter = arc_length_parameter(model.rest - firsts, elements.starts)
-    columns = series_functions(parameter, r, SPACE_FUNCTIONS)
-    converted = np.empty((elements.count, 3, TIME_FUNCTIONS, SPACE_FUNCTIONS))
-    condition = np.empty(elements.count)
-    triangle, kept = np.empty((SPACE_FUNCTIONS, SPACE_FUNCTIONS)), np.empty(SPACE_FUNCTIONS, np.int64)
-    shape = found.shape.reshape(elements.count, SPACE_FUNCTIONS, TIME_FUNCTIONS, 3).transpose(0, 3, 2, 1)
-    for e in range(elements.count):
-        rows = columns[elements.starts[e] : elements.starts[e + 1]]
-        orthonormalise(rows, DEPENDENT, np.empty((SPACE_FUNCTIONS, len(rows))), triangle, kept)
-        result = paper_coefficients(
-            shape[e], alpha=segment.alpha, r=r, time_triangle=segment.triangle, space_triangle=triangle
-        )
-        converted[e], condition[e] = result.coefficients, result.condition
-    return PaperForm(converted, condition, segment.alpha, r, (segment.centre, segment.half_length), parameter)
+    form = space.form
+    if form.kind != "curve" or form.affine or form.functions != SPACE_FUNCTIONS:
+        raise SettingsError("this file's functions are not the 32 of the paper; encode with profile paper")
+    time_form = motion.closed_form(group)
+    if min(time_form.alpha, form.rate) < SMALLEST_RATE:
+        raise SettingsError("an alpha or r this small makes the paper's functions dependent; encode with a larger one")
+    found = motion.coefficients(group)
+    # psi = phi R^-1 in time; functions that a group does not have count nothing.
+    time = np.zeros((TIME_FUNCTIONS, time_form.functions))
+    time[: time_form.functions] = np.linalg.inv(time_form.triangle) if time_form.functions else 0.0
+    to_paper_time = series_to_paper(time_form.alpha, TIME_FUNCTIONS) @ time
+    to_paper_space = series_to_paper(form.rate, SPACE_FUNCTIONS)
+    order, starts = space.order.astype(np.int64), space.starts
+    u = arc_length_parameter(reference.levels[order], starts)
+    series = series_functions(u, form.rate, SPACE_FUNCTIONS)
+    coefficient_starts = space.elements.coefficient_starts
+    pieces = space.element_count
+    coefficients = np.zeros((pieces, 3, TIME_FUNCTIONS, SPACE_FUNCTIONS))
+    condition = np.ones(pieces)
+    time_condition = np.linalg.cond(to_paper_time) if time_form.functions else 1.0
+    for p, functions in enumerate(space.functions_of_elements()):
+        rows, count = slice(starts[p], starts[p + 1]), len(functions)
+        # The orthonormal functions are combinations of the first series functions, as many as the piece has.
+        matrix = np.zeros((SPACE_FUNCTIONS, count))
+        matrix[:count] = np.linalg.lstsq(series[rows, :count], functions.T, rcond=None)[0]
+        matrix = to_paper_space @ matrix
+        own = found[coefficient_starts[p] : coefficient_starts[p + 1]]
+        coefficients[p] = np.einsum("pa,bax,qb->xpq", to_paper_time, own, matrix, optimize=True)
+        condition[p] = time_condition * np.linalg.cond(matrix)
+    return PaperForm(
+        coefficients=coefficients,
+        condition=condition,
+        order=order,
+        starts=starts,
+        reference=reference.points[order],
+        u=u,
+        alpha=time_form.alpha,
+        r=form.rate,
+        times=time_form.times,
+        centre=time_form.centre,
+        half_length=time_form.half_length,
+        first_frame=first_frame,
+    )

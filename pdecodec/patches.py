@@ -1,4 +1,7 @@
-"""Patches: the vertices of a mesh, halved along its graph again and again."""
+"""Patches: the vertices of a mesh, halved along its graph again and again.
+
+All of it is arithmetic in integers, and the same everywhere.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.curves import face_edges, morton_order
+from pdecodec.curves import mesh_edges, morton_order
 from pdecodec.sequence import MeshObject
 
 Int64Array = NDArray[np.int64]
@@ -20,24 +23,31 @@ PLACE_BITS = 63
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Patches, and the sets that they are parts of; see :class:`pdecodec.spacebasis.SpaceBasis`.
+    """Patches, and the partition tree that halves the mesh down to them.
 
     Attributes
     ----------
     order : (vertices,) int32
+        Vertices of the mesh, patch after patch.
     starts : (patches + 1,) int64
-    children : (sets,) int64
-    set_of : (patches,) int64
+        Patch p holds ``order[starts[p]:starts[p + 1]]``.
+    begins : (nodes,) int64
+        Where in `order` each node of the tree begins; node 0 is the whole.
+    children : (nodes,) int64
+        First of the two halves of each node, the second follows it; -1 for a patch.
+    node_of : (patches,) int64
+        The node that each patch is.
     """
 
     order: Int32Array
     starts: Int64Array
+    begins: Int64Array
     children: Int64Array
-    set_of: Int64Array
+    node_of: Int64Array
 
 
 def early_patches(objects: Sequence[MeshObject], points: int) -> Patches | None:
-    """Patches before the rest shape is known; None where a vertex has no neighbour."""
+    """Patches before the reference frame is decoded; None where a vertex has no neighbour."""
     starts, neighbours = _graph(objects)
     if (starts[1:] == starts[:-1]).any():
         return None
@@ -53,7 +63,7 @@ def build_patches(
     ----------
     objects : sequence of MeshObject
     rest : (vertices, 3) int64
-        Rest shape in quantisation steps.
+        Grid coordinates of the reference frame.
     points : int
         Vertices of a patch at most.
     early : Patches, optional
@@ -75,7 +85,8 @@ def _halved(starts: Int64Array, neighbours: Int32Array, order: Int32Array, point
     count = bisect(starts, neighbours, points, order, begins, ends, children, new_scratch(order.size))
     found = np.flatnonzero(children[:count] < 0)
     found = found[np.argsort(begins[found])]
-    return Patches(order, np.append(begins[found], order.size), children[:count].copy(), found)
+    starts = np.append(begins[found], order.size)
+    return Patches(order, starts, begins[:count].copy(), children[:count].copy(), found)
 
 
 def mesh_graph(objects: Sequence[MeshObject], rest: Int64Array) -> tuple[Int64Array, Int32Array]:
@@ -90,13 +101,9 @@ def _graph(
 
     tails, heads, offset = [], [], 0
     for item in objects:
-        tail, head = face_edges(item.connectivity)
-        lines, counts = item.connectivity.line_indices, item.connectivity.line_counts
-        inside = np.ones(max(lines.size - 1, 0), dtype=bool)
-        inside[np.cumsum(counts, dtype=np.int64)[:-1] - 1] = False
-        before, after = lines[:-1][inside], lines[1:][inside]
-        tails += [tail + offset, before + offset]
-        heads += [head + offset, after + offset]
+        tail, head = mesh_edges(item.connectivity)
+        tails.append(tail + offset)
+        heads.append(head + offset)
         offset += item.connectivity.vertex_count
     if coincident is not None:
         tails.append(coincident[0])
@@ -122,8 +129,8 @@ def _coincident(rest: Int64Array) -> tuple[Int32Array, Int32Array]:
 
 def _first_order(starts: Int64Array, rest: Int64Array) -> Int32Array:
     """Vertices by index; those without neighbours come last, along a Z-order curve."""
-    is_lonely = starts[1:] == starts[:-1]
-    lonely = np.flatnonzero(is_lonely)
-    if lonely.size:
-        lonely = lonely[morton_order(rest[lonely])]
-    return np.concatenate([np.flatnonzero(~is_lonely), lonely]).astype(np.int32)
+    is_isolated = starts[1:] == starts[:-1]
+    isolated = np.flatnonzero(is_isolated)
+    if isolated.size:
+        isolated = isolated[morton_order(rest[isolated])]
+    return np.concatenate([np.flatnonzero(~is_isolated), isolated]).astype(np.int32)

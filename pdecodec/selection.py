@@ -1,4 +1,4 @@
-"""Parts of a mesh sequence as sequences of their own: some frames, or some objects."""
+"""Views of a mesh sequence as sequences of their own: some frames, some objects, another order of its vertices."""
 
 from __future__ import annotations
 
@@ -7,8 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.attributes import reorder_attributes
+from pdecodec.connectivity import CodedOrder, coded_orders
 from pdecodec.errors import InputError
-from pdecodec.sequence import Float32Array, MeshSequence, check_frame_range, check_times
+from pdecodec.sequence import (
+    AttributeDomain,
+    Connectivity,
+    Float32Array,
+    MeshObject,
+    MeshSequence,
+    check_frame_range,
+    check_times,
+)
 
 
 class FrameSelection(MeshSequence):
@@ -94,3 +104,53 @@ class ObjectSelection(MeshSequence):
 
     def close(self) -> None:
         self._source.close()
+
+
+class CodedOrderSequence(MeshSequence):
+    """A sequence whose vertices, faces and corners stand in the order in which their surface is coded.
+
+    Parameters
+    ----------
+    source : MeshSequence
+    """
+
+    def __init__(self, source: MeshSequence) -> None:
+        self._source = source
+        self.times, self.fps = source.times, source.fps
+        self.metadata, self.notices = source.metadata, source.notices
+        objects, vertices, first = [], [], 0
+        for item, order in zip(
+            source.objects, coded_orders([item.connectivity for item in source.objects]), strict=True
+        ):
+            count = item.vertex_count
+            numbers = np.arange(count) if order is None else order.vertices.astype(np.int64)
+            vertices.append(first + numbers)
+            objects.append(item if order is None else _reordered(item, order))
+            first += count
+        self.objects = tuple(objects)
+        self._vertices = np.concatenate(vertices)
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        return np.ascontiguousarray(self._source.read_frames(start, stop)[:, self._vertices])
+
+    def close(self) -> None:
+        self._source.close()
+
+
+def _reordered(item: MeshObject, order: CodedOrder) -> MeshObject:
+    part = item.connectivity
+    number = np.empty(part.vertex_count, np.int32)
+    number[order.vertices] = np.arange(part.vertex_count, dtype=np.int32)
+    connectivity = Connectivity(
+        part.vertex_count,
+        face_counts=part.face_counts[order.faces],
+        face_indices=number[part.face_indices[order.corners]],
+        line_counts=part.line_counts,
+        line_indices=number[part.line_indices],
+    )
+    rows: dict[AttributeDomain, NDArray[np.int64]] = {
+        "vertex": order.vertices.astype(np.int64),
+        "face": order.faces.astype(np.int64),
+        "corner": order.corners.astype(np.int64),
+    }
+    return MeshObject(item.name, connectivity, reorder_attributes(item, rows))

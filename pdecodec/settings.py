@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from numbers import Integral, Real
 from typing import Any, Literal, get_args
 
 from pdecodec.basis import MAX_RATE
 from pdecodec.errors import SettingsError
 
-Profile = Literal["auto", "segments", "paper"]
-Alignment = Literal["auto", "none", "affine", "rotation"]
+Profile = Literal["auto", "paper"]
+Order = Literal["keep", "free"]
+EffortName = Literal["fast", "default", "best"]
 
 DEFAULT_TOLERANCE = 1e-3
 """A thousandth of frame 0's diagonal: below what is seen on a full-frame character."""
@@ -24,12 +25,57 @@ LARGEST_BOUND = 2.0**130
 """Farther than any two float32 positions lie apart: a larger bound allows nothing more."""
 
 MAX_SEGMENT_FRAMES = 64
-"""Longest time segment: four functions carry no more, and an encoder holds one segment in memory."""
+"""Longest group of frames in closed form: four functions carry no more."""
 
 PAPER_SEGMENT_FRAMES = 11
 """Frames 0 to 10, the window of the paper's section 5."""
 
-MAX_EFFORT = 9
+
+@dataclass(frozen=True, kw_only=True)
+class PaperSettings:
+    """Settings of the profile "paper" alone: the model of Fang et al. 2024, section 4.
+
+    Parameters
+    ----------
+    segment_frames : int
+        Frames of a time segment, 2 to 64; 11 in the paper's section 5.
+    piece_points : int or None
+        About as many points in each curve piece, 2 to 65535; None: whole curves.
+    alpha : float or None
+        Rate of the time functions (Eq. 12) over half a segment, above 0 and at most 12; None chooses it by error,
+        segment by segment.
+    r : float or None
+        Rate of the space functions (Eqs. 14, 16) over half a piece, likewise; None chooses it by error.
+
+    Raises
+    ------
+    SettingsError
+        If a value is out of range.
+    """
+
+    segment_frames: int = PAPER_SEGMENT_FRAMES
+    piece_points: int | None = None
+    alpha: float | None = None
+    r: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_kinds(self, ("segment_frames", "piece_points"), Integral, "a whole number")
+        _check_kinds(self, ("alpha", "r"), Real, "a number")
+        if not 2 <= self.segment_frames <= MAX_SEGMENT_FRAMES:
+            raise SettingsError(f"segment_frames must be from 2 to {MAX_SEGMENT_FRAMES}, not {self.segment_frames}")
+        if self.piece_points is not None and self.piece_points < 2:
+            raise SettingsError(f"piece_points must be at least 2, not {self.piece_points}")
+        for name in ("alpha", "r"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value <= MAX_RATE:
+                raise SettingsError(f"{name} must be above 0 and at most {MAX_RATE:g}, not {value}")
+
+
+def _check_kinds(settings: object, names: tuple[str, ...], kind: type, what: str) -> None:
+    for name in names:
+        value = getattr(settings, name)
+        if value is not None and not isinstance(value, kind):
+            raise SettingsError(f"{name} must be {what}, not {value!r}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,29 +86,21 @@ class EncodeSettings:
     ----------
     tolerance : float or None
         Largest Euclidean vertex distance at the input's frames, over the diagonal of frame 0's bounding box.
-        None: 1e-3; under profile "paper" no bound, the model alone without corrections.
+        None: 1e-3; under profile "paper" no bound, the model alone without residuals.
     max_error : float or None [scene units]
         The same bound in scene units; instead of `tolerance`.
-    profile : {"auto", "segments", "paper"}
-        "auto": modes, shapes or cosines over groups of frames, on patches or curves: what costs least.
-        "segments": the paper's functions in closed form (Fang et al. 2024, Eq. 18), on curve pieces and time
-        segments as long as the bound allows.
-        "paper": the same on whole curves over fixed segments: 32 functions.
-    alignment : {"auto", "none", "affine", "rotation"}
-        Transformation elimination (Eqs. 19 to 23): none, as four affine functions of the rest shape, or as
-        a rotation and a translation of each curve piece. "auto" measures; under "paper" the affine ones are left out.
-    segment_frames : int or None
-        Frames of a time segment, 2 to 64; None lets the motion decide ("paper": 11, as in its section 5).
-    piece_points : int or None
-        Points of a curve piece, 2 or more, rounded to the next length the format knows; None lets the motion
-        decide ("paper": the whole curve).
-    alpha : float or None
-        Rate of the time functions (Eq. 12) over half a segment, 0 to 12; None chooses it by error, segment by
-        segment.
-    r : float or None
-        Rate of the space functions (Eqs. 14, 16) over half a piece, 0 to 12; None chooses it by error.
-    effort : int
-        1 (quick) to 9 (thorough): how many alternatives the encoder measures.
+    profile : {"auto", "paper"}
+        "auto": trajectories, shapes or cosines over groups of frames, on patches or curves: what costs least.
+        "paper": the functions of Fang et al. 2024 (Eq. 18) in closed form, 32 coefficients for each curve, axis and
+        segment of time.
+    effort : {"fast", "default", "best"}
+        How many alternatives the encoder of profile "auto" measures (:data:`pdecodec.effort.EFFORTS`).
+    uv_tolerance : float or None
+        How far texture coordinates may be off on each axis, in units of the texture; None keeps them to the last bit.
+    order : {"keep", "free"}
+        Whether vertices, faces and their first corners come back in the order they have, or in one that costs nothing.
+    paper : PaperSettings
+        Of profile "paper".
 
     Raises
     ------
@@ -73,51 +111,27 @@ class EncodeSettings:
     tolerance: float | None = None
     max_error: float | None = None
     profile: Profile = "auto"
-    alignment: Alignment = "auto"
-    segment_frames: int | None = None
-    piece_points: int | None = None
-    alpha: float | None = None
-    r: float | None = None
-    effort: int = 5
+    effort: EffortName = "default"
+    uv_tolerance: float | None = None
+    order: Order = "keep"
+    paper: PaperSettings = field(default_factory=PaperSettings)
 
     def __post_init__(self) -> None:
         if self.tolerance is not None and self.max_error is not None:
-            raise SettingsError("give a tolerance or a maximum error, not both")
-        for name in ("segment_frames", "piece_points", "effort"):
-            value = getattr(self, name)
-            if value is not None and not isinstance(value, Integral):
-                raise SettingsError(f"{name} must be a whole number, not {value!r}")
-        for name in ("tolerance", "max_error", "alpha", "r"):
-            value = getattr(self, name)
-            if value is not None and not isinstance(value, Real):
-                raise SettingsError(f"{name} must be a number, not {value!r}")
-        for name in ("tolerance", "max_error"):
+            raise SettingsError("give either a tolerance or a maximum error, not both")
+        _check_kinds(self, ("tolerance", "max_error", "uv_tolerance"), Real, "a number")
+        for name in ("tolerance", "max_error", "uv_tolerance"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise SettingsError(f"{name} must be a positive number, not {value}")
-        for name, known in (("profile", get_args(Profile)), ("alignment", get_args(Alignment))):
+        for name, kind in (("profile", Profile), ("order", Order), ("effort", EffortName)):
+            known = get_args(kind)
             if getattr(self, name) not in known:
                 raise SettingsError(f"{name} must be one of {', '.join(known)}, not {getattr(self, name)!r}")
-        for name, least, most in (
-            ("segment_frames", 2, MAX_SEGMENT_FRAMES),
-            ("piece_points", 2, None),
-            ("alpha", 0, MAX_RATE),
-            ("r", 0, MAX_RATE),
-            ("effort", 1, MAX_EFFORT),
-        ):
-            value = getattr(self, name)
-            if value is not None and not (least <= value and (most is None or value <= most)):
-                limits = f"at least {least}" if most is None else f"from {least} to {most:g}"
-                raise SettingsError(f"{name} must be {limits}, not {value}")
-
-        if self.profile == "auto":
-            for name in ("segment_frames", "piece_points", "alpha", "r"):
-                if getattr(self, name) is not None:
-                    raise SettingsError(f"{name} is a setting of the profiles segments and paper; take one of them")
-            if self.alignment != "auto":
-                raise SettingsError("alignment is a setting of the profiles segments and paper; take one of them")
-        if self.profile == "paper" and self.alignment == "affine":
-            raise SettingsError("the paper's profile has no affine functions; take alignment none or rotation")
+        if not isinstance(self.paper, PaperSettings):
+            raise SettingsError(f"paper must be PaperSettings, not {self.paper!r}")
+        if self.profile != "paper" and self.paper != PaperSettings():
+            raise SettingsError("segment_frames, piece_points, alpha and r are settings of the profile paper; take it")
 
     def bound(self, scale: float) -> float | None:
         """The largest distance allowed, in scene units; None where there is no bound.
@@ -149,5 +163,11 @@ class EncodeSettings:
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> EncodeSettings:
         """Undo :meth:`to_json`; names of later versions are passed over."""
-        known = {item.name for item in fields(cls)}
-        return cls(**{name: value for name, value in values.items() if name in known})
+        found = _known(cls, values)
+        if "paper" in found:
+            found["paper"] = PaperSettings(**_known(PaperSettings, found["paper"]))
+        return cls(**found)
+
+
+def _known(settings: type[EncodeSettings] | type[PaperSettings], values: Mapping[str, Any]) -> dict[str, Any]:
+    return {item.name: values[item.name] for item in fields(settings) if item.name in values}

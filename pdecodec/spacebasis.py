@@ -1,46 +1,54 @@
-"""Space bases: orthonormal functions of the rest shape on patches, joined upwards over the whole mesh.
+"""Space bases: orthonormal functions of the reference frame on patches, joined upwards over the whole mesh.
 
-A mesh is divided into patches: by halving its graph again and again (basis "patch"), or along the pieces of its
-curves (basis "curve"). On each patch stand orthonormal functions: the affine four ``1, x, y, z`` first (what the
-literal Eq. 23 amounts to once its matrices are data), then polynomials of the rest shape's local coordinates by
-total degree, or the eight functions of Eqs. 14 and 16 along a curve piece, then unit vectors until the space of
-the patch is complete or the basis has as many functions as it may.
+A mesh is divided into elements: patches, by halving its graph again and again (space basis "patch"), or pieces of its
+curves ("curve"). On each element stand orthonormal functions: the affine four ``1, x, y, z`` first (what the literal
+Eq. 23 amounts to once its matrices are data), then polynomials of local coordinates by total degree, or the eight
+functions of Eqs. 14 and 16 along a piece, then unit vectors until the space of the element is complete or it has as
+many functions as it may.
 
-What the affine functions of two neighbouring patches have in common, they share: those of a set are an orthogonal
-combination of those of its halves, and only the *details* (the rest of the combinations) stay with the set. A limb
-that moves as one needs four numbers, however many patches it has. (Alpert 1993, "A class of bases in L2 for the
-sparse representation of integral operators": multiwavelets, here on the vertices of a mesh.)
+What the affine functions of two neighbouring elements have in common, they share: those of a node of the partition tree
+are an orthogonal combination of those of its halves, and only the node's wavelets (the rest of the combinations) stay
+with it. A limb that moves as one needs four numbers, however many patches it has. (Alpert 1993, "A class of bases in L2
+for the sparse representation of integral operators": multiwavelets, here on the vertices of a mesh.)
+
+How many functions there are, and of what kind, follows from integers and from what the file says. The values of the
+functions are floating-point numbers, and may be computed in any way: see `SpaceForm.threshold`.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.basis import SPACE_FUNCTIONS, series_functions
-from pdecodec.curves import extract_curves, order_lonely_points
-from pdecodec.elements import PIECE_POINTS, arc_length_parameter, piece_starts
+from pdecodec.curves import extract_curves
+from pdecodec.errors import CorruptFileError
 from pdecodec.patches import Patches, build_patches
 from pdecodec.sequence import MeshObject
 from pdecodec.shares import in_shares
 
+if TYPE_CHECKING:
+    from pdecodec.kernels.patch_functions import Elements
+
 Float64Array = NDArray[np.float64]
 Int64Array = NDArray[np.int64]
-Int32Array = NDArray[np.int32]
 
 SpaceKind = Literal["patch", "curve"]
 
 SPACE_KINDS: tuple[SpaceKind, ...] = ("patch", "curve")
 """By their number in the file."""
 
-MOST_POINTS = 256
-"""Vertices of a patch at most."""
+MOST_POINTS = {"patch": 256, "curve": 65535}
+"""Vertices of a patch at most; about as many of a piece of a curve."""
+
+MOST_FUNCTIONS = 128
+"""Functions of an element at most: building them costs the square of their number."""
 
 NORMAL_DEGREE = 2
 """What a factor of the third principal coordinate counts in a polynomial's degree: across a surface there is less
@@ -49,8 +57,47 @@ to describe than along it."""
 LARGEST_DEGREE = 10
 """Of the polynomials; what comes after them is left to unit vectors."""
 
-MOST_FUNCTIONS = 128
-"""Functions of a patch at most: building them costs the square of their number."""
+SHARES = (2.0**-12, 2.0**-40, 2.0**-12)
+"""A polynomial, a function along a piece, a unit vector is dropped where no more than this share of its squared norm is
+new. That of unit vectors is below 1 / points, so that they always complete the space of an element; those along a piece
+are kept as long as they are more than rounding."""
+
+THRESHOLDS = 8
+"""Thresholds that an encoder has to choose from: each is SHARES less k sixteenths."""
+
+MOST_MASK_BYTES = 5
+"""Of a node's mask: three bits of the least probability there is."""
+
+CLEAR = 2.0**-18
+"""No share may be nearer to its threshold than this, relative to it: whoever computes it otherwise drops the same."""
+
+
+@dataclass(frozen=True)
+class SpaceForm:
+    """What a file says of its space basis.
+
+    Attributes
+    ----------
+    kind : {"patch", "curve"}
+    points : int
+        Vertices of a patch at most, or about as many of a piece.
+    functions : int
+        Of an element at most.
+    threshold : int
+        Which of THRESHOLDS: one that no column of the file comes near, so that all decoders drop the same columns
+        however they round.
+    rate : float
+        r of Eqs. 14 and 16 over half a piece.
+    affine : bool
+        Whether pieces have the affine four, and unit vectors to complete them; patches always do.
+    """
+
+    kind: SpaceKind
+    points: int
+    functions: int
+    threshold: int = 0
+    rate: float = 0.0
+    affine: bool = True
 
 
 @lru_cache
@@ -92,130 +139,146 @@ def polynomial_table() -> Int64Array:
 
 @dataclass(frozen=True, eq=False)
 class SpaceBasis:
-    """Patches, their functions, and how they are joined.
+    """Elements, their functions, and how they are joined.
 
     Attributes
     ----------
-    order : (vertices,) int32
-        Vertices of the mesh in patch order.
-    starts : (patches + 1,) int64
-        Patch p holds ``order[starts[p]:starts[p + 1]]``.
-    levels : (vertices, 3) int64
-        Rest shape in quantisation steps, which the functions are made of.
-    given : (vertices, m) float64
-        Functions of curve pieces before they are made orthonormal, in patch order; m = 0 under "patch".
-    affine : (patches,) int64
-        How many of a patch's functions are affine: these come first.
-    children : (sets,) int64
-        Sets of patches; 0 is the whole. First of the two halves of each, the second follows it; -1 for a patch.
-    counts : (sets,) int64
-        Affine functions of each set.
-    joints : (sets, 8, 8) float64
-        Orthogonal: a set's affine functions and details from its halves' affine functions.
-    set_of : (patches,) int64
-        The set that each patch is.
-    detail_starts : (sets,) int64
-        Where each set's details begin among the columns; the whole's affine functions are the first columns.
-    coefficient_starts : (patches + 1,) int64
-        Where the columns of each patch begin, after all details.
+    form : SpaceForm
+    patches : Patches
+        The elements, and the partition tree.
+    elements : Elements
+        The same with their functions, as compiled code takes them.
+    counts : (nodes,) int64
+        Affine functions of each node.
+    masks : (nodes,) int64
+        Which of 1, x, y, z a node keeps that is no element: bits 0 to 3.
+    matrices : (nodes, 8, 8) float64
+        Two-scale matrices, orthogonal: a node's affine functions and wavelets from its halves' affine functions.
+    wavelet_starts : (nodes,) int64
+        Where each node's wavelets begin among the functions; the whole's affine functions are the first.
+    nearest : float
+        The least relative distance of a share from its threshold, in the two-scale matrices.
     """
 
-    order: Int32Array
-    starts: Int64Array
-    levels: Int64Array
-    given: Float64Array
-    affine: Int64Array
-    children: Int64Array
+    form: SpaceForm
+    patches: Patches
+    elements: Elements
     counts: Int64Array
-    joints: Float64Array
-    set_of: Int64Array
-    detail_starts: Int64Array
-    coefficient_starts: Int64Array
+    masks: Int64Array
+    matrices: Float64Array
+    wavelet_starts: Int64Array
+    nearest: float
 
     @property
-    def columns(self) -> int:
-        """Functions altogether."""
-        return int(self.coefficient_starts[-1])
+    def order(self) -> NDArray[np.int32]:
+        """(vertices,) int32: vertices of the mesh, element after element."""
+        return self.patches.order
 
     @property
-    def patches(self) -> int:
+    def starts(self) -> Int64Array:
+        """(elements + 1,) int64: element e holds ``order[starts[e]:starts[e + 1]]``."""
+        return self.patches.starts
+
+    @property
+    def functions(self) -> int:
+        """Functions of all elements together."""
+        return int(self.elements.coefficient_starts[-1])
+
+    @property
+    def element_count(self) -> int:
         return self.starts.size - 1
 
     @property
-    def runs(self) -> int:
-        """Runs of columns: one of the whole's affine functions, one of each set that is no patch, one of each patch."""
-        return 1 + self.children.size
+    def subband_count(self) -> int:
+        """One of the whole's affine functions, one for the wavelets of each node, one for each element's functions."""
+        return 1 + self.counts.size
 
     @cached_property
     def largest(self) -> int:
-        """Vertices of the largest patch."""
+        """Vertices of the largest element."""
         return int(np.diff(self.starts).max(initial=0))
 
     @cached_property
-    def units(self) -> tuple[Int64Array, Int64Array, Int64Array]:
-        """Columns in runs, as they are coded: ``(starts, kinds, parents)``.
+    def subbands(self) -> tuple[Int64Array, Int64Array, Int64Array]:
+        """Functions as they are coded together: ``(starts, kinds, parents)``.
 
-        Run 0 is the whole's affine functions, then come the details of each set, then each patch's other
-        functions. ``kinds`` is a set's depth (0 for run 0), or -1 - affine for a patch; ``parents`` the run of the
-        set above.
+        Subband 0 is the whole's affine functions, then come the wavelets of each node, then each element's other
+        functions. ``kinds`` is a node's depth (0 for subband 0), or -1 - affine for an element; ``parents`` the subband
+        of the node above.
         """
-        inner = np.flatnonzero(self.children >= 0)
-        depth = np.zeros(self.children.size, np.int64)
-        above = np.zeros(self.children.size, np.int64)
-        run = np.zeros(self.children.size, np.int64)
-        run[inner] = 1 + np.arange(inner.size)
+        children = self.patches.children
+        inner = np.flatnonzero(children >= 0)
+        depth, above, subband = (np.zeros(children.size, np.int64) for _ in range(3))
+        subband[inner] = 1 + np.arange(inner.size)
         for s in inner:
-            for half in (self.children[s], self.children[s] + 1):
-                depth[half], above[half] = depth[s] + 1, run[s]
-        starts = np.concatenate([[0], self.detail_starts[inner], self.coefficient_starts])
-        kinds = np.concatenate([[0], depth[inner] + 1, -1 - self.affine])
-        parents = np.concatenate([[0], above[inner], above[self.set_of]])
+            for half in (children[s], children[s] + 1):
+                depth[half], above[half] = depth[s] + 1, subband[s]
+        starts = np.concatenate([[0], self.wavelet_starts[inner], self.elements.coefficient_starts])
+        kinds = np.concatenate([[0], depth[inner] + 1, -1 - self.elements.affine])
+        parents = np.concatenate([[0], above[inner], above[self.patches.node_of]])
         return starts.astype(np.int64), kinds.astype(np.int64), parents.astype(np.int64)
 
     @cached_property
-    def _complete(self) -> tuple[Float64Array, Int64Array]:
-        """All functions of each patch: ``(basis, basis_starts)``, function after function."""
-        from pdecodec.kernels.patch_functions import build_patches, new_scratch
+    def _complete(self) -> tuple[Float64Array, Int64Array, float]:
+        """All functions of each element: ``(basis, basis_starts, nearest)``, function after function."""
+        from pdecodec.kernels.patch_functions import build_elements, new_scratch
 
-        ranks = self.affine + np.diff(self.coefficient_starts)
+        elements = self.elements
+        ranks = elements.affine + np.diff(elements.coefficient_starts)
         basis_starts = np.concatenate([[0], np.cumsum(ranks * np.diff(self.starts))])
         basis = np.empty(int(basis_starts[-1]))
-        table = polynomial_table()
+        distances = [self.nearest]
 
         def build(first: int, end: int) -> None:
-            build_patches(
-                first, end, self.levels, self.order, self.starts, table, self.given, ranks, basis, basis_starts,
-                new_scratch(self.largest, len(table)),
-            )  # fmt: skip
+            scratch = new_scratch(self.largest, self.form.functions, len(elements.polynomials))
+            build_elements(first, end, elements, basis, basis_starts, scratch)
+            distances.append(float(scratch.nearest[0]))
 
-        in_shares(build, self.patches)
-        return basis, basis_starts
+        in_shares(build, self.element_count)
+        return basis, basis_starts, min(distances)
 
     @property
     def functions_made(self) -> tuple[Float64Array, Int64Array]:
-        """All functions of each patch as an encoder has made them; of none in a decoder, which makes those it needs."""
+        """All functions of each element, as an encoder has made them; none in a decoder, which makes those it needs."""
         made: tuple[Float64Array, Int64Array] = self.__dict__.get("_complete", (np.zeros(0), np.zeros(0, np.int64)))
-        return made
+        return made[:2]
+
+    def functions_of_elements(self) -> Iterator[Float64Array]:
+        """Of each element, its functions: (functions, points) float64."""
+        basis, starts, _ = self._complete
+        for begin, end, points in zip(starts[:-1], starts[1:], np.diff(self.starts), strict=True):
+            yield basis[begin:end].reshape(-1, points)
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether every decoder drops the same columns, however it rounds."""
+        return self._complete[2] > CLEAR
 
     def project(self, values: Float64Array) -> Float64Array:
-        """Coefficients of functions on the vertices: (vertices, width), mesh order, to (columns, width) float64."""
-        from pdecodec.kernels.space_transform import join, project_patches
+        """Coefficients of values on vertices: (vertices, channels), mesh order, to (functions, channels) float64."""
+        from pdecodec.kernels.partition_tree import analyse
+        from pdecodec.kernels.space_transform import project_elements
 
-        width = values.shape[1]
-        scaling = np.zeros((self.children.size, 4, width))
-        coefficients = np.zeros((self.columns, width))
+        channels = values.shape[1]
+        affine = np.zeros((self.counts.size, 4, channels))
+        coefficients = np.zeros((self.functions, channels))
         ordered = np.ascontiguousarray(values[self.order], dtype=np.float64)
-        basis, basis_starts = self._complete
+        basis, basis_starts, _ = self._complete
 
         def project(first: int, end: int) -> None:
-            project_patches(
-                first, end, ordered, self.starts, basis, basis_starts, self.affine, self.coefficient_starts,
-                scaling, self.set_of, coefficients,
-            )  # fmt: skip
+            project_elements(first, end, ordered, self.elements, basis, basis_starts, affine, coefficients)
 
-        in_shares(project, self.patches)
-        join(self.children, self.counts, self.joints, self.detail_starts, scaling, coefficients)
+        in_shares(project, self.element_count)
+        analyse(self.patches.children, self.counts, self.matrices, self.wavelet_starts, affine, coefficients)
         return coefficients
+
+    def encode_masks(self) -> bytes:
+        """Which of 1, x, y, z the nodes keep, as a decoder needs it: a coded stream."""
+        from pdecodec.kernels.rangecoder import ENCODE, finish, new_coder
+
+        coder, data = new_coder(ENCODE), np.zeros(MOST_MASK_BYTES * self.counts.size + 8, np.uint8)
+        _code_masks(coder, data, self.patches.children, self.counts.copy(), self.masks.copy())
+        return data[: finish(coder, data)].tobytes()
 
 
 def build_space_basis(
@@ -225,85 +288,78 @@ def build_space_basis(
     *,
     points: int,
     functions: int,
-    early: Patches | None = None,
+    rate: float = 0.0,
+    affine: bool = True,
 ) -> SpaceBasis:
-    """The space basis of a mesh.
+    """A space basis for an encoder: one that all decoders build alike.
 
     Parameters
     ----------
     kind : {"patch", "curve"}
     objects : sequence of MeshObject
     rest : (vertices, 3) int64
-        Rest shape in quantisation steps.
-    points : int
-        Vertices of a patch at most.
-    functions : int
-        Functions of a patch at most.
-    early : Patches, optional
-        What `pdecodec.patches.early_patches` gave; made again where the rest shape changes them.
+        Grid coordinates of the reference frame.
+    points, functions : int
+        Of an element at most.
+    rate : float
+        r of Eqs. 14 and 16 over half a piece.
+    affine : bool
+        False leaves the functions of Eqs. 14 and 16 alone.
     """
-    if kind == "patch":
-        patches = build_patches(objects, rest, points, early)
-        given = np.zeros((0, 0))
-    else:
-        patches, given = _pieces(objects, rest, points)
-    return _with_functions(patches, given, rest, functions)
+    form = SpaceForm(kind, points, functions, rate=rate, affine=affine)
+    patches, given = _elements(form, objects, rest, None)
+    for threshold in range(THRESHOLDS):
+        basis = _with_functions(replace(form, threshold=threshold), patches, given, rest, None)
+        if basis.is_clear:
+            break
+    return basis
 
 
-def _with_functions(patches: Patches, given: Float64Array, rest: Int64Array, functions: int) -> SpaceBasis:
-    from pdecodec.kernels.patch_functions import AFFINE, affine_functions, build_joints, new_scratch
+def decode_space_basis(
+    form: SpaceForm, masks: bytes, objects: Sequence[MeshObject], rest: Int64Array, early: Patches | None = None
+) -> SpaceBasis:
+    """The space basis of a file.
 
-    table = polynomial_table()
-    order, starts, children, set_of = patches.order, patches.starts, patches.children, patches.set_of
-    sizes = np.diff(starts)
-    affine, patch_coordinates = np.zeros(sizes.size, np.int64), np.zeros((sizes.size, AFFINE, AFFINE))
-    scratch = new_scratch(int(sizes.max(initial=0)), len(table))
-    affine_functions(rest, order, starts, table, given, functions, affine, patch_coordinates, scratch)
-    # Unit vectors complete whatever polynomials leave open.
-    ranks = np.minimum(sizes, functions)
-    counts = np.zeros(children.size, np.int64)
-    coordinates = np.zeros((children.size, AFFINE, AFFINE))
-    counts[set_of], coordinates[set_of] = affine, patch_coordinates
-    joints = np.zeros((children.size, 2 * AFFINE, 2 * AFFINE))
-    scratch = new_scratch(2 * AFFINE, 0)
-    build_joints(children, counts, coordinates, joints, np.empty((2 * AFFINE, AFFINE)), scratch)
-    inner = np.flatnonzero(children >= 0)
-    details = np.zeros(children.size, np.int64)
-    details[inner] = counts[children[inner]] + counts[children[inner] + 1] - counts[inner]
-    detail_starts = counts[0] + np.cumsum(details) - details
-    first = counts[0] + details.sum()
-    coefficient_starts = first + np.concatenate([[0], np.cumsum(ranks - affine)])
-    return SpaceBasis(
-        order=order,
-        starts=starts,
-        levels=rest,
-        given=given,
-        affine=affine,
-        children=children,
-        counts=counts,
-        joints=joints,
-        set_of=set_of,
-        detail_starts=detail_starts.astype(np.int64),
-        coefficient_starts=coefficient_starts.astype(np.int64),
-    )
+    Parameters
+    ----------
+    form : SpaceForm
+    masks : bytes
+        What :meth:`SpaceBasis.encode_masks` gave.
+    objects : sequence of MeshObject
+    rest : (vertices, 3) int64
+        Grid coordinates of the reference frame.
+    early : Patches, optional
+        What `pdecodec.patches.early_patches` gave; made again where the reference frame changes them.
+
+    Raises
+    ------
+    CorruptFileError
+        If the masks do not end where the partition tree does.
+    """
+    patches, given = _elements(form, objects, rest, early)
+    return _with_functions(form, patches, given, rest, masks)
 
 
-def _pieces(objects: Sequence[MeshObject], rest: Int64Array, points: int) -> tuple[Patches, Float64Array]:
-    """Pieces of curves, and their functions before orthonormalisation."""
-    curves = order_lonely_points(extract_curves(objects), rest)
-    level = int(np.searchsorted(PIECE_POINTS, points))
-    starts, _ = piece_starts(curves, np.full(curves.count, level))
-    along = rest[curves.order].astype(np.float64)
-    local = along - np.repeat(along[starts[:-1]], np.diff(starts), axis=0)
-    shape = series_functions(arc_length_parameter(local, starts), 0.0, SPACE_FUNCTIONS)
-    children, set_of = _chain(starts.size - 1)
-    given = np.column_stack([np.ones(len(local)), local, shape])
-    return Patches(curves.order, starts, children, set_of), given
+def _elements(
+    form: SpaceForm, objects: Sequence[MeshObject], rest: Int64Array, early: Patches | None
+) -> tuple[Patches, Float64Array]:
+    """Elements, and the columns along pieces before orthonormalisation."""
+    if form.kind == "patch":
+        return build_patches(objects, rest, form.points, early), np.zeros((0, 0))
+    curves = extract_curves(objects, rest)
+    lengths = curves.lengths
+    pieces = np.where(lengths <= form.points, 1, (2 * lengths + form.points) // (2 * form.points))
+    number = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    starts = np.repeat(curves.starts[:-1], pieces) + number * np.repeat(lengths, pieces) // np.repeat(pieces, pieces)
+    starts = np.append(starts, curves.starts[-1])
+    given = series_functions(arc_length_parameter(rest[curves.order], starts), form.rate, SPACE_FUNCTIONS)
+    begins, children, node_of = _chain(starts.size - 1)
+    return Patches(curves.order, starts, starts[begins], children, node_of), given
 
 
-def _chain(patches: int) -> tuple[Int64Array, Int64Array]:
-    """Sets over patches in a row, halved again and again: ``(children, set_of)``."""
-    begins, ends, children = [0], [patches], []
+def _chain(count: int) -> tuple[Int64Array, Int64Array, Int64Array]:
+    """Nodes over elements in a row, halved again and again: ``(begins, children, node_of)``."""
+    begins, ends, children = [0], [count], []
     for s in itertools.count():
         if s == len(begins):
             break
@@ -314,6 +370,93 @@ def _chain(patches: int) -> tuple[Int64Array, Int64Array]:
         middle = (begins[s] + ends[s]) // 2
         begins += [begins[s], middle]
         ends += [middle, ends[s]]
-    found = np.array(children, np.int64)
-    leaves = np.flatnonzero(found < 0)
-    return found, leaves[np.argsort(np.array(begins)[leaves])]
+    leaves = np.flatnonzero(np.array(children) < 0)
+    node_of = leaves[np.argsort(np.array(begins)[leaves])]
+    return np.array(begins), np.array(children, np.int64), node_of
+
+
+def _with_functions(
+    form: SpaceForm, patches: Patches, given: Float64Array, rest: Int64Array, coded: bytes | None
+) -> SpaceBasis:
+    """Count the functions, and build the two-scale matrices; without coded masks they are chosen."""
+    from pdecodec.kernels.partition_tree import build_two_scale, describe_elements
+    from pdecodec.kernels.patch_functions import AFFINE, UNIT_VECTOR, Elements, new_scratch
+
+    children, node_of, sizes = patches.children, patches.node_of, np.diff(patches.starts)
+    table, shares = polynomial_table(), np.array(SHARES) * (1.0 - form.threshold / 16.0)
+    affine, described = np.zeros(sizes.size, np.int64), np.zeros((sizes.size, AFFINE, AFFINE))
+    elements = Elements(
+        rest, patches.order, patches.starts, affine, np.zeros(sizes.size + 1, np.int64), node_of, table, given, shares,
+        form.affine,
+    )  # fmt: skip
+    scratch = new_scratch(int(sizes.max(initial=0)), AFFINE, len(table))
+    describe_elements(elements, form.functions if form.affine else 0, affine, described, scratch)
+    counts, masks = np.zeros((2, children.size), np.int64)
+    coordinates = np.zeros((children.size, AFFINE, AFFINE))
+    counts[node_of], coordinates[node_of] = affine, described
+    if coded is not None:
+        _decode_masks(coded, children, counts, masks)
+    matrices = np.zeros((children.size, 2 * AFFINE, 2 * AFFINE))
+    scratch = new_scratch(2 * AFFINE, 2 * AFFINE, 0)
+    build_two_scale(
+        children, counts, masks, coded is None, shares[UNIT_VECTOR], rest[patches.order[patches.begins]], coordinates,
+        matrices, np.empty((2 * AFFINE, AFFINE)), scratch,
+    )  # fmt: skip
+    inner = np.flatnonzero(children >= 0)
+    wavelets = np.zeros(children.size, np.int64)
+    wavelets[inner] = counts[children[inner]] + counts[children[inner] + 1] - counts[inner]
+    wavelet_starts = counts[0] + np.cumsum(wavelets) - wavelets
+    # Unit vectors complete whatever polynomials leave open.
+    most = form.functions if form.affine else min(form.functions, given.shape[1])
+    elements.coefficient_starts[:] = counts[0] + wavelets.sum()
+    elements.coefficient_starts[1:] += np.cumsum(np.minimum(sizes, most) - affine)
+    return SpaceBasis(
+        form, patches, elements, counts, masks, matrices, wavelet_starts.astype(np.int64), float(scratch.nearest[0])
+    )
+
+
+def _decode_masks(coded: bytes, children: Int64Array, counts: Int64Array, masks: Int64Array) -> None:
+    from pdecodec.kernels.rangecoder import is_finished, new_decoder
+
+    data = np.frombuffer(bytearray(coded), np.uint8)
+    coder = new_decoder(data)
+    _code_masks(coder, data, children, counts, masks)
+    if not is_finished(coder, data):
+        raise CorruptFileError("section MODL does not end where its partition tree does; get the file again")
+
+
+def _code_masks(
+    coder: Int64Array, data: NDArray[np.uint8], children: Int64Array, counts: Int64Array, masks: Int64Array
+) -> None:
+    from pdecodec.kernels.partition_tree import MASK_CELLS, code_masks
+    from pdecodec.kernels.rangecoder import EVEN
+
+    code_masks(coder, data, np.full(MASK_CELLS, EVEN, np.int64), children, counts, masks)
+
+
+def arc_length_parameter(along: Int64Array, starts: Int64Array) -> Float64Array:
+    """Parameter u in [-1, 1] along each piece, by arc length of the reference frame.
+
+    By index where all points of a piece coincide; 0 for a piece of one point.
+
+    Parameters
+    ----------
+    along : (vertices, 3) int64
+        Reference frame in quantisation steps, piece after piece.
+    starts : (pieces + 1,) int64
+
+    Returns
+    -------
+    (vertices,) float64
+    """
+    sizes, firsts = np.diff(starts), starts[:-1]
+    steps = np.zeros(len(along))
+    steps[1:] = np.sqrt((np.diff(along, axis=0).astype(np.float64) ** 2).sum(axis=1))
+    steps[firsts] = 0.0
+    still = np.add.reduceat(steps, firsts) == 0.0
+    steps[np.repeat(still, sizes)] = 1.0
+    steps[firsts] = 0.0
+    running = np.cumsum(steps)
+    lengths = np.maximum(running[starts[1:] - 1] - running[firsts], 1e-300)
+    share = (running - np.repeat(running[firsts], sizes)) / np.repeat(lengths, sizes)
+    return np.where(np.repeat(sizes == 1, sizes), 0.0, 2.0 * share - 1.0)

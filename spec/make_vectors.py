@@ -3,8 +3,8 @@
     python -m spec.make_vectors             write vectors where none of those there would change
     python -m spec.make_vectors --replace   replace those that would
 
-Accepted files pin down decoding. Encoders may go on to other bytes for the same input; nothing here has to
-change then. Vectors of a released version of the format are never replaced: they are made only where they are missing.
+Accepted files pin down decoding. Encoders may go on to other bytes for the same input; nothing here has to change
+then. Once the version of the format is released, its vectors are never replaced.
 """
 
 from __future__ import annotations
@@ -12,69 +12,64 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-import tempfile
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdecodec import open_animation
 from spec.accepted import accepted
-from spec.accepted_2 import accepted as accepted_2
-from spec.refused import Refused, refused
-from spec.refused_2 import refused as refused_2
+from spec.decoder.animation import Animation, decode
+from spec.refused import refused
 
 FOLDER = Path(__file__).resolve().parent / "vectors"
 
-RELEASED = 1
-"""Versions of the format up to this one are released."""
+MOMENTS = (0.0, 0.3, 0.77, 1.0)
+"""Times that positions are given at, over the clip."""
 
-BETWEEN = (0.01, 0.3, 0.5, 0.77, 0.995)
-"""Times that positions are given at besides the frames, over the clip."""
+MOST_VERTICES = 4
+"""Of which positions are given."""
 
 
-def describe(data: bytes, path: Path) -> dict[str, Any]:
+def describe(data: bytes) -> dict[str, Any]:
     """What the manifest says of an accepted file."""
-    path.write_bytes(data)
-    with open_animation(path) as animation:
-        first, last = float(animation.times[0]), float(animation.times[-1])
-        between = [first + (last - first) * share for share in BETWEEN]
-        part = animation.connectivity
-        return {
-            "sha256": hashlib.sha256(data).hexdigest(),
-            "objects": [item.name for item in animation.objects],
-            "vertices": animation.vertex_count,
-            "faces": part.face_count,
-            "lines": part.line_count,
-            "frames": animation.frame_count,
-            "positions": digest(animation.sample(animation.times)),
-            "between": between,
-            "positions_between": digest(animation.sample(between)),
-        }
+    animation = decode(data)
+    vertices = sum(mesh.vertices for mesh in animation.meshes)
+    first, last = animation.times[0], animation.times[-1]
+    shown = range(0, vertices, -(-vertices // MOST_VERTICES))
+    positions = []
+    for time in dict.fromkeys(first + (last - first) * moment for moment in MOMENTS):
+        points = animation.positions(time)
+        positions += [[time, vertex, *map(float, points[vertex])] for vertex in shown]
+    return {
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "objects": [mesh.name for mesh in animation.meshes],
+        "vertices": vertices,
+        "faces": sum(len(mesh.faces) for mesh in animation.meshes),
+        "lines": sum(len(mesh.lines) for mesh in animation.meshes),
+        "frames": len(animation.times),
+        "integers": integers(animation),
+        "positions": positions,
+    }
 
 
-def digest(points: NDArray[np.float32]) -> str:
-    """SHA-256 of positions, float32, little-endian."""
-    return hashlib.sha256(points.astype("<f4").tobytes()).hexdigest()
+def integers(animation: Animation) -> dict[str, str]:
+    """What every decoder must find alike, as SHA-256 of whole numbers, `i64` each."""
+    groups = [animation.motion.group(index) for index in range(len(animation.motion.groups))]
+    polygons = (polygon for mesh in animation.meshes for kind in (mesh.faces, mesh.lines) for polygon in kind)
+    frames = (frame for group in groups for frame in group.residuals)
+    return {
+        "polygons": digest(number for polygon in polygons for number in (len(polygon), *polygon)),
+        "reference": digest(number for point in animation.reference.grid for number in point),
+        "coefficients": digest(number for group in groups for row in group.coefficients for number in row),
+        "residuals": digest(
+            number for frame in frames for place, levels in frame.levels.items() for number in (place, *levels)
+        ),
+    }
 
 
-def every_accepted(folder: Path) -> Iterator[tuple[int, str, bytes]]:
-    """Version of the format, name and bytes of each file that every decoder must read."""
-    for name, data in accepted(folder):
-        yield 1, name, data
-    for name, data in accepted_2():
-        yield 2, f"v2_{name}", data
-
-
-def every_refused(folder: Path) -> Iterator[tuple[int, Refused]]:
-    """Version of the format and file of each that every decoder must refuse."""
-    for item in refused(folder):
-        yield 1, item
-    for item in refused_2():
-        yield 2, replace(item, name=f"v2_{item.name}")
+def digest(numbers: Iterable[int]) -> str:
+    return hashlib.sha256(np.fromiter(numbers, "<i8").tobytes()).hexdigest()
 
 
 def main(arguments: list[str]) -> None:
@@ -82,33 +77,34 @@ def main(arguments: list[str]) -> None:
     before = json.loads(listed.read_text("utf-8")) if listed.exists() else {"accept": {}, "reject": {}}
     manifest: dict[str, dict[str, dict[str, Any]]] = {"accept": {}, "reject": {}}
     files: dict[Path, bytes] = {}
-    with tempfile.TemporaryDirectory() as name:
-        for version, vector, data in every_accepted(Path(name)):
-            if version <= RELEASED and vector in before["accept"]:
-                manifest["accept"][vector] = before["accept"][vector]
-                continue
-            files[FOLDER / "accept" / f"{vector}.pdeanim"] = data
-            manifest["accept"][vector] = describe(data, Path(name) / "c.pdeanim")
-        for version, item in every_refused(Path(name)):
-            said = {"error": item.error, "exit_code": 4, "reason": item.reason}
-            if version <= RELEASED and item.name in before["reject"]:
-                manifest["reject"][item.name] = before["reject"][item.name] | said
-                continue
-            files[FOLDER / "reject" / f"{item.name}.pdeanim"] = item.data
-            manifest["reject"][item.name] = {"sha256": hashlib.sha256(item.data).hexdigest(), **said}
+    for name, data in accepted():
+        files[FOLDER / "accept" / f"{name}.pdeanim"] = data
+        manifest["accept"][name] = describe(data)
+    for item in refused():
+        files[FOLDER / "reject" / f"{item.name}.pdeanim"] = item.data
+        sha256 = hashlib.sha256(item.data).hexdigest()
+        manifest["reject"][item.name] = {"sha256": sha256, "error": item.error, "exit_code": 4, "reason": item.reason}
     different = [
         name
         for folder, entries in manifest.items()
         for name, entry in entries.items()
-        if {**before[folder].get(name, entry), "reason": ""} != {**entry, "reason": ""}
+        if before[folder].get(name, entry)["sha256"] != entry["sha256"]
     ]
     if different and "--replace" not in arguments:
-        names = ", ".join(different)
-        sys.exit(f"nothing is written: these vectors would change ({names}); --replace replaces them")
+        sys.exit(f"nothing is written: {', '.join(different)} would change; --replace replaces them")
+    for folder in ("accept", "reject"):
+        (FOLDER / folder).mkdir(parents=True, exist_ok=True)
+        for path in set((FOLDER / folder).iterdir()) - files.keys():
+            path.unlink()
     for path, data in files.items():
-        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data)
-    listed.write_text(json.dumps(manifest, indent=1, ensure_ascii=False) + "\n", "utf-8")
+    lines = (
+        f' "{folder}": {{\n'
+        + ",\n".join(f'  "{name}": {json.dumps(entry, ensure_ascii=False)}' for name, entry in entries.items())
+        + "\n }"
+        for folder, entries in manifest.items()
+    )
+    listed.write_text("{\n" + ",\n".join(lines) + "\n}\n", "utf-8")
     print(f"{len(files)} vectors, {sum(map(len, files.values()))} bytes, {len(different)} replaced")
 
 

@@ -2,30 +2,34 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from pdecodec import ArraySequence, Attribute, EncodeSettings, MeshObject, encode
-from spec.accepted import connectivity, grid, noise, wave
+from pdecodec import ArraySequence, Attribute, MeshObject
+from spec.accepted import Choices, clip, connectivity, encoded, grid, noise, wave
 from spec.sealing import (
+    CHUNKS,
     Part,
+    Row,
     compressed,
     content,
-    integers,
+    count,
+    counted,
+    group_chunks,
+    numbers,
+    scripted,
     seal,
-    sized,
-    split_integers,
-    streams,
+    sequence,
+    table_end,
     take_apart,
-    unpacked,
-    varints,
-    with_chunk,
+    take_rows,
+    text,
+    with_first_group,
     with_section,
-    with_stream,
     zeros,
 )
 
@@ -41,51 +45,39 @@ class Refused:
 
 
 class Base:
-    """The file that is damaged: eight vertices, three frames, moving frames, corrections, a literal, attributes."""
+    """The file that is damaged: six vertices of two quads and two points, six frames in two groups of trajectories.
 
-    def __init__(self, folder: Path) -> None:
-        points = wave(3, 2, 4) + 0.1 * noise(3, 8, 3)
-        group = Attribute("g", "face", np.array([0, 1], np.int32), labels=("a", "b"))
-        uv = Attribute("uv", "corner", np.eye(4, 2, dtype=np.float32), np.arange(8, dtype=np.int32) % 4)
-        objects = [MeshObject("b", grid(2, 3), (group, uv)), MeshObject("p", connectivity(2))]
-        path = folder / "base.pdeanim"
-        options = EncodeSettings(profile="segments", alignment="rotation", segment_frames=3, tolerance=0.02)
-        encode(ArraySequence(points, objects=objects), path, options, overwrite=True)
-        parts = [part for part in take_apart(path.read_bytes()) if part.kind != "META"]
-        # Corrections of vertices 1 and 5 at frame 0 and 0 at frame 2, and vertex 4 literally at frame 2.
-        corrections = integers(2, 0, 0, 0, 1, 1) + integers(1, 3, 0) + 3 * integers(5, -7, 100)
-        literal = integers(4) + sized(compressed(struct.pack("<3f", 1.0, -2.0, 1e20)))
-        self.parts = with_chunk(parts, "CORR", corrections + literal)
+    Vertex 3 is raw in frame 2, others have residuals.
+    """
+
+    def __init__(self) -> None:
+        points = wave(6, 2, 4) + 0.1 * noise(6, 8, 3)
+        points[2, 3] += 1e20
+        objects = [MeshObject("b", grid(2, 3)), MeshObject("p", connectivity(2))]
+        data = encoded(ArraySequence(points, objects=objects), Choices(longest_group=3, settings={"tolerance": 0.02}))
+        self.parts = [part for part in take_apart(data) if part.kind != "META"]
+        self.rows = take_rows(content(self.parts, "GRUP"))[0]
 
     def section(self, kind: str, new: bytes) -> bytes:
-        """The file with another section, or another chunk of the one segment."""
-        return seal((with_chunk if kind in ("COEF", "CORR") else with_section)(self.parts, kind, new))
+        """The file with another section."""
+        return seal(with_section(self.parts, kind, new))
 
     def overwritten(self, kind: str, at: int, new: bytes) -> bytes:
         """The file with some bytes of a section overwritten."""
         data = content(self.parts, kind)
         return self.section(kind, data[:at] + new + data[at + len(new) :])
 
-    def stream(self, kind: str, index: int, new: bytes) -> bytes:
-        """The file with another content in a section's stream (empty ones do not count)."""
-        data = content(self.parts, kind)
-        return self.section(kind, with_stream(data, streams(data)[index], new))
-
-    def stream_content(self, kind: str, index: int) -> bytes:
-        data = content(self.parts, kind)
-        return unpacked(data, streams(data)[index])
-
-    def integer(self, kind: str, index: int, place: int, value: int) -> bytes:
-        """The file with another integer in a section's stream."""
-        values = split_integers(self.stream_content(kind, index))
-        values[place] = varints(value)
-        return self.stream(kind, index, b"".join(values))
+    def chunk(self, kind: str, new: bytes) -> bytes:
+        """The file with another chunk of the first group."""
+        return seal(with_first_group(self.parts, kind, new))
 
 
-def refused(folder: Path) -> Iterator[Refused]:
+def refused() -> Iterator[Refused]:
     """Every file, in the order of the specification."""
-    base = Base(folder)
-    for damage in (_container, _streams, _sequence, _connectivity, _shape, _segments, _chunks, _attributes, _sizes):
+    base = Base()
+    for damage in (_container, _sequence, _connectivity, _reference, _model, _groups, _chunks, _scripts):
+        yield from damage(base)
+    for damage in (_attributes, _remarks, _sizes):
         yield from damage(base)
 
 
@@ -93,158 +85,322 @@ def _real(value: float) -> bytes:
     return struct.pack("<d", value)
 
 
+def _flipped(data: bytes, at: int) -> bytes:
+    return data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
+
+
 def _container(base: Base) -> Iterator[Refused]:
     parts, whole = base.parts, seal(base.parts)
-    yield Refused("empty", b"", "no bytes at all (2)")
-    yield Refused("another_format", b"\x89PNG\r\n\x1a\n" + bytes(64), "another identifier (2)")
-    yield Refused("text_transfer", whole.replace(b"\r\n", b"\n", 1), "a changed line end in the identifier (2)")
-    yield Refused("header_cut", whole[:20], "ends inside the header (2)")
-    yield Refused("header_checksum", whole[:14] + b"\x08" + whole[15:], "CRC of the header (2)")
-    other = seal(parts, major=2)
-    yield Refused("major_version_2", other, "the sections of version 1 in a file of version 2 (3)")
-    yield Refused("major_version_0", seal(parts, major=0), "a major version that is not known (2)")
-    yield Refused("too_many_sections", seal([Part(f"A{k:03}", b"", 0) for k in range(65)]), "65 sections (2)")
-    yield Refused("table_checksum", whole[:60] + bytes([whole[60] ^ 1]) + whole[61:], "CRC of the table (2)")
-    yield Refused("truncated", whole[:-1], "ends before its last section does (3)")
-    yield Refused("trailing_byte", whole + b"\0", "goes on after its last section (3)")
-    yield Refused("section_checksum", whole[:-1] + bytes([whole[-1] ^ 1]), "CRC of section ATTR (3)")
-    yield Refused("section_twice", seal([*parts, parts[0]]), "section SEQN stands twice (3)")
-    yield Refused("unknown_required", seal([*parts, Part("XYZW", b"", 1)]), "an unknown required section (3)")
-    for kind in ("SEQN", "CONN", "REST", "MODL", "SEGM", "COEF", "CORR"):
-        missing = [part for part in parts if part.kind != kind]
-        yield Refused(f"without_{kind.lower()}", seal(missing), f"section {kind} is missing (3)")
-    more = base.section("MODL", content(parts, "MODL") + b"\0")
-    yield Refused("field_too_many", more, "a section goes on after its last field (4.1)")
-
-
-def _streams(base: Base) -> Iterator[Refused]:
-    frame = compressed(bytes(8))
-    for name, stream, reason in (
-        ("frame_without_size", frame[:4] + b"\x00\x58" + frame[6:], "a frame that declares no size (4.2)"),
-        ("frame_of_nothing", b"\x28\xb5\x2f\xfd\x20\x00\x01\x00\x00", "a frame that declares 0 bytes (4.2)"),
-        ("frame_followed", frame + b"\0", "a byte after a frame (4.2)"),
-        ("frame_damaged", frame[:4] + b"\xff" + frame[5:], "a frame that is none (4.2)"),
-        ("frame_declares_too_much", zeros(2**33, 4), "a frame that declares 8 GiB for 8 integers (4.2)"),
-        ("frame_unpacks_to_more", zeros(80, 100), "a frame that declares 80 bytes and holds 12 MiB (4.2)"),
-        ("integers_too_few", compressed(bytes(7)), "7 integers in the place of 8 (4.3)"),
-        ("integers_too_many", compressed(bytes(9)), "9 integers in the place of 8 (4.3)"),
-        ("integer_cut", compressed(bytes(7) + b"\x80"), "a stream that ends inside an integer (4.3)"),
-        ("integer_too_long", compressed(b"\xff" * 9 + b"\x02" + bytes(7)), "an integer of 65 bits (4.3)"),
+    long = whole[:28] + whole[28:32] + b"\x91" + whole[33:]
+    for name, data, reason in (
+        ("empty", b"", "no bytes at all (2.1)"),
+        ("another_format", b"\x89PNG\r\n\x1a\n" + bytes(64), "another identifier (2.1)"),
+        ("text_transfer", whole.replace(b"\r\n", b"\n", 1), "a changed line end in the identifier (2.1)"),
+        ("header_cut", whole[:20], "ends inside the header (2.1)"),
+        ("header_checksum", whole[:14] + b"\x08" + whole[15:], "CRC of the header (2.1)"),
+        ("major_version_0", seal(parts, major=0), "a major version that is not known (2.1)"),
+        ("major_version_2", seal(parts, major=2), "a major version that is not known (2.1)"),
+        ("table_of_65_rows", seal([Part(f"A{k:03}", b"", 0) for k in range(65)]), "65 sections (2.1)"),
+        ("row_checksum", _flipped(whole, table_end(parts[:2]) + 5), "CRC of the table (2.1)"),
+        ("row_of_nine_bytes_of_length", long, "a length of 9 bytes (2.2)"),
+        ("row_cut", whole[: table_end(parts) - 1], "ends inside its table (2.2)"),
+        ("last_section_cut", whole[:-1], "ends before its last section does (2.2)"),
+        ("last_section_checksum", _flipped(whole, len(whole) - 1), "CRC of section CORR (2.2)"),
+        ("bytes_after_the_last_section", whole + b"\0", "goes on after its last section (2.2)"),
+        ("section_twice", seal([*parts, parts[0]]), "section SEQN stands twice (2.2)"),
+        ("second_run", seal([*parts, *(part for part in parts if part.kind == "CONN")]), "a second CONN (2.3)"),
+        ("unknown_required", seal([*parts, Part("XYZW", b"", 1)]), "an unknown required section (2.2)"),
     ):
-        rest = content(base.parts, "REST")[:33] + sized(stream) + 2 * sized(frame)
-        yield Refused(name, base.section("REST", rest), reason)
+        yield Refused(name, data, reason)
+    for kind in ("SEQN", "CONN", "REST", "MODL", "GRUP", *CHUNKS):
+        missing = [part for part in parts if part.kind != kind]
+        yield Refused(f"without_{kind.lower()}", seal(missing), f"section {kind} is missing (2.2)")
 
 
 def _sequence(base: Base) -> Iterator[Refused]:
-    for name, at, new, reason in (
-        ("frames_none", 0, bytes(8), "no frames (5)"),
-        ("frames_not_in_segments", 0, b"\x02", "2 frames where the segments have 3 (5)"),
-        ("frame_rate_zero", 8, _real(0.0), "a frame rate of 0 (5)"),
-        ("frame_rate_nan", 8, _real(float("nan")), "a frame rate that is no number (1)"),
-        ("rule_of_times", 16, b"\x03", "rule 3 of times (5)"),
-        ("times_too_far", 17, _real(2.0**58), "times beyond 2^53 (5)"),
-        ("times_too_close", 25, _real(2.0**54), "times less than 2^-53 apart (5)"),
-        ("vertices_too_many", 37, struct.pack("<Q", 2**31), "more than 2^31 - 1 vertices (5)"),
-        ("name_not_utf8", 53, b"\xff", "a name that is not UTF-8 (4.1)"),
+    names = content(base.parts, "SEQN")[len(sequence(6)) :]
+    usual, nan, alone = 28, _real(math.nan), 8  # flags: the frame rate is that of times; it and the start are counts
+    tiny, late = _real(0.0) + _real(5e-324), _real(2.0**54)
+    for name, head, reason in (
+        ("runs_none", sequence(6, flags=usual, runs=0), "no run (4)"),
+        ("runs_two", sequence(6, flags=usual, runs=2), "two runs (2.3)"),
+        ("frames_none", sequence(0, flags=usual), "no frames (4)"),
+        ("frames_fewer_than_in_groups", sequence(5, flags=usual), "5 frames where the groups have 6 (12)"),
+        ("frames_more_than_in_groups", sequence(7, flags=usual), "7 frames where the groups have 6 (12)"),
+        ("frame_rate_zero", sequence(6, flags=usual, fps=b"\0"), "a frame rate of 0 (4)"),
+        ("frame_rate_nan", sequence(6, flags=usual - 8, fps=nan), "a frame rate that is no number (1)"),
+        ("frame_rate_beyond", sequence(6, flags=usual, fps=count(2**53 + 1)), "a frame rate beyond 2^53 (4)"),
+        ("flag_of_times_32", sequence(6, flags=usual + 32), "an unknown flag (4)"),
+        ("listed_times_at_the_frame_rate", sequence(6, rule=2, flags=usual), "listed times with a rate (4)"),
+        ("times_beyond", sequence(6, flags=12, times=late), "times beyond 2^53 (4)"),
+        ("times_too_close", sequence(6, rule=1, flags=alone, times=_real(0.0) + late), "times too close (4)"),
+        ("period_of_rate_zero", sequence(6, rule=3, flags=alone, times=2 * _real(0.0)), "a rate of 0 (4)"),
+        ("period_infinite", sequence(6, rule=3, flags=alone, times=tiny), "an infinite period (4)"),
+        ("count_of_ten_bytes", b"\1" + b"\xff" * 9 + b"\1" + sequence(6, flags=usual)[2:], "10 bytes (3.1)"),
     ):
-        yield Refused(name, base.overwritten("SEQN", at, new), reason)
-    none = content(base.parts, "SEQN")[:33] + bytes(4)
-    yield Refused("objects_none", base.section("SEQN", none), "no objects and so no vertices (5)")
+        yield Refused(name, base.section("SEQN", head + names), reason)
+    head = sequence(6, flags=usual)
+    for name, bits, reason in (
+        ("name_not_utf8", text(b"\xfe") + text(b""), "a name that is not UTF-8 (3.9)"),
+        ("name_without_end", text(b"b") + 9 * f"{98:08b}", "a name that does not end (3.9)"),
+    ):
+        yield Refused(name, seal(scripted(base.parts, "SEQN", bits, head=head)), reason)
+    yield Refused("names_cut", base.section("SEQN", head + names[:-1]), "ends inside a name (3.7)")
+    yield Refused("sequence_followed", base.section("SEQN", head + names + b"\0"), "a zero byte too many (3.7)")
 
 
 def _connectivity(base: Base) -> Iterator[Refused]:
-    yield Refused("index_out_of_range", base.integer("CONN", 0, 0, 6), "a corner at vertex 6 of 6 (6)")
-    yield Refused("index_negative", base.integer("CONN", 0, 0, -1), "a corner at vertex -1 (6)")
-    yield Refused("index_huge", base.integer("CONN", 0, 1, 2**63 - 1), "a corner beyond all vertices (6)")
-    for name, fields, reason in (
-        ("sizes_do_not_add_up", (3, 8, 4), "3 times 4 corners are not 8 (6)"),
-        ("more_faces_than_corners", (9, 8, 0), "9 faces of 8 corners (6)"),
+    conn = content(base.parts, "CONN")
+    for name, new, reason in (
+        ("objects_none", b"\0", "no objects and so no vertices (5)"),
+        ("objects_fewer_than_names", b"\1\x06" + conn[3:], "a name too many (3.7)"),
+        ("vertices_too_many", b"\2\6" + count(2**31 - 6) + conn[3:], "2^31 vertices (5)"),
+        ("conn_followed_by_zero", conn + b"\0", "a zero byte too many (3.7)"),
     ):
-        yield Refused(name, base.overwritten("CONN", 0, struct.pack("<QQI", *fields)), reason)
-    nothing = struct.pack("<QQI", 0, 0, 0) + 2 * sized(b"")
-    narrow = struct.pack("<QQI", 1, 2, 2) + integers(0, 1)
-    yield Refused("face_of_two_corners", base.section("CONN", narrow + 3 * nothing), "a face of 2 corners (6)")
-    stray = struct.pack("<QQI", 0, 5, 0) + sized(b"") + integers(0, 1, 1, 1, 1)
-    yield Refused("corners_without_faces", base.section("CONN", stray + 3 * nothing), "5 corners of no face (6)")
+        yield Refused(name, base.section("CONN", new), reason)
+    points = take_apart(encoded(clip(wave(3, 2, 3)), Choices()))
+    yield Refused("order_of_nothing", seal([*points, Part("ORDR", b"\1")]), "an order without a surface (6)")
 
 
-def _shape(base: Base) -> Iterator[Refused]:
-    for kind, name, at, new, reason in (
-        ("REST", "rest_step_zero", 0, _real(0.0), "a quantisation step of 0 (8.1)"),
-        ("REST", "rest_step_huge", 0, _real(2.0**161), "a quantisation step beyond 2^160 (8.1)"),
-        ("REST", "origin_huge", 8, _real(-1e300), "an origin beyond 2^160 (8.1)"),
-        ("REST", "origin_infinite", 16, _real(float("inf")), "an origin that is not finite (1)"),
-        ("REST", "predictor", 32, b"\x03", "predictor 3 (8.1)"),
-        ("MODL", "alignment", 0, b"\x03", "alignment 3 (8.2)"),
-        ("MODL", "r_too_large", 1, _real(12.5), "r beyond 12 (8.2)"),
-        ("MODL", "step_negative", 9, _real(-1.0), "a negative quantisation step (8.2)"),
-        ("MODL", "correction_step_huge", 17, _real(2.0**161), "a correction step beyond 2^160 (8.2)"),
-        ("MODL", "columns", 25, b"\x01", "another number of columns than the elements have (8.2)"),
-    ):
-        yield Refused(name, base.overwritten(kind, at, new), reason)
-    yield Refused("level_negative", base.integer("REST", 0, 0, -1000000), "a negative level (8.1)")
-    yield Refused("level_too_large", base.integer("REST", 2, 0, 2**40), "a level of 2^40 or more (8.1)")
-    yield Refused("piece_length", base.integer("MODL", 0, 0, 16), "piece length 16 (8.2)")
-
-
-def _segments(base: Base) -> Iterator[Refused]:
-    table = content(base.parts, "SEGM")
-    yield Refused("segment_table_cut", base.section("SEGM", table[:-1]), "a table of 23 bytes (10.1)")
-    yield Refused("segments_none", base.section("SEGM", b""), "no segments (10.1)")
+def _reference(base: Base) -> Iterator[Refused]:
+    rest = content(base.parts, "REST")
     for name, at, new, reason in (
-        ("segment_of_no_frames", 0, bytes(4), "a segment of no frames (10.1)"),
-        ("segment_of_65_frames", 0, b"\x41", "a segment of 65 frames (10.1)"),
-        ("alpha_nan", 4, struct.pack("<f", float("nan")), "an alpha that is no number (10.1)"),
-        ("alpha_too_large", 4, struct.pack("<f", 12.5), "alpha beyond 12 (10.1)"),
-        ("exponent_negative", 8, struct.pack("<h", -1), "a negative exponent (10.1)"),
-        ("exponent_too_large", 8, struct.pack("<h", 513), "an exponent of 513 (10.1)"),
-        ("chunk_beyond_section", 12, struct.pack("<I", 2**32 - 1), "a chunk longer than COEF (10.1)"),
+        ("step_of_rest_zero", 0, _real(0.0), "a step of 0 (7.1)"),
+        ("origin_beyond", 24, _real(-(2.0**161)), "an origin beyond 2^160 (7.1)"),
+        ("predictor_4", 32, b"\x04", "predictor 4 (7.1)"),
     ):
-        yield Refused(name, base.overwritten("SEGM", at, new), reason)
-    longer = [replace(part, content=part.content + b"\0") if part.kind == "COEF" else part for part in base.parts]
-    yield Refused("coefficients_too_long", seal(longer), "COEF goes on after its last chunk (10.1)")
-    wrong = table[:20] + bytes([table[20] ^ 1]) + table[21:]
-    unsealed = [replace(part, content=wrong) if part.kind == "SEGM" else part for part in base.parts]
-    yield Refused("segment_checksum", seal(unsealed), "CRC of a segment (10.1)")
+        yield Refused(name, base.overwritten("REST", at, new), reason)
+    yield Refused("rest_header_cut", base.section("REST", rest[:32]), "no predictor (7.1)")
+    yield Refused("rest_followed_by_zero", base.section("REST", rest + b"\0"), "a zero byte too many (3.7)")
+    yield Refused("rest_followed_by_byte", base.section("REST", rest + b"\1"), "a byte too many (3.7)")
+    yield Refused("rest_without_end", base.section("REST", rest[:-8]), "8 bytes too few (3.7)")
+
+
+def _model(base: Base) -> Iterator[Refused]:
+    model = content(base.parts, "MODL")
+    curves = b"\1" + model[1:4]
+    for name, new, reason in (
+        ("space_basis_2", b"\2" + model[1:], "space basis 2 (10)"),
+        ("patches_of_no_points", model[:1] + b"\0" + model[2:], "patches of 0 points (10)"),
+        ("patches_of_257_points", model[:1] + count(257) + model[2:], "patches of 257 points (10)"),
+        ("pieces_of_65536_points", b"\1" + count(65536) + curves[2:] + bytes(9) + model[4:], "65536 points (10)"),
+        ("patches_of_no_functions", model[:2] + b"\0" + model[3:], "patches of 0 functions (10)"),
+        ("patches_of_129_functions", model[:2] + b"\x81" + model[3:], "patches of 129 functions (10)"),
+        ("threshold_8", model[:3] + b"\x08" + model[4:], "threshold 8 (10)"),
+        ("rate_negative", curves + _real(-1.0) + b"\1" + model[4:], "a rate below 0 (10)"),
+        ("rate_beyond", curves + _real(12.5) + b"\1" + model[4:], "a rate of 12.5 (10)"),
+        ("affine_2", curves + _real(0.0) + b"\2" + model[4:], "2 where affine functions are, or not (10)"),
+        ("correction_step_zero", model[:4] + _real(0.0) + model[12:], "a step of 0 (10)"),
+        ("correction_step_beyond", model[:4] + _real(2.0**161) + model[12:], "a step beyond 2^160 (10)"),
+        ("model_followed", model + b"\0", "a zero byte too many (3.7)"),
+    ):
+        yield Refused(name, base.section("MODL", new), reason)
+
+
+def _groups(base: Base) -> Iterator[Refused]:
+    first, second = base.rows
+    table = content(base.parts, "GRUP")
+    still = replace(first, reals=first.reals[:8], sizes=(0, *first.sizes[1:]))
+    yield Refused("groups_none", base.section("GRUP", b""), "no groups (12)")
+    yield Refused("group_table_cut", base.section("GRUP", table[:-1]), "a table that ends in a row (12)")
+    unsealed = table[: len(first.pack()) - 1] + _flipped(table[len(first.pack()) - 1 :], 0)
+    parts = [replace(part, content=unsealed) if part.kind == "GRUP" else part for part in base.parts]
+    yield Refused("group_checksum", seal(parts), "CRC of a group (12)")
+    for name, row, reason in (
+        ("group_of_no_frames", replace(first, frames=0), "a group of no frames (12)"),
+        ("group_of_4097_frames", replace(first, frames=4097), "a group of 4097 frames (12)"),
+        ("group_of_ten_trajectories", replace(first, functions=10), "10 trajectories of 3 frames (12)"),
+        ("group_of_four_shapes", replace(first, functions=4, kind=1), "4 shapes of 3 frames (12)"),
+        ("group_of_kind_8", replace(first, kind=8), "kind 8 (12)"),
+        ("step_zero", replace(first, reals=_real(0.0) + first.reals[8:]), "a step of 0 (12)"),
+        ("step_nan", replace(first, reals=_real(math.nan) + first.reals[8:]), "a step that is no number (1)"),
+        ("step_infinite", replace(first, reals=_real(math.inf) + first.reals[8:]), "a step that is not finite (1)"),
+        ("step_beyond", replace(first, reals=_real(2.0**161) + first.reals[8:]), "a step beyond 2^160 (12)"),
+        ("step_of_time_negative", replace(first, reals=first.reals[:8] + _real(-5e-324)), "a negative step (12)"),
+        ("alpha_negative", replace(still, kind=3, functions=3, reals=still.reals + _real(-1.0)), "alpha < 0 (12)"),
+        ("alpha_beyond", replace(still, kind=3, functions=3, reals=still.reals + _real(12.5)), "alpha of 12.5 (12)"),
+    ):
+        yield Refused(name, _with_rows(base, row, second), reason)
+    parts = with_section(base.parts, "TIME", group_chunks(base.parts, "TIME")[1], sizes=[0, first.sizes[0]])
+    closed = replace(still, kind=3, functions=3, reals=still.reals + _real(1.0))
+    for name, row, reason in (
+        ("group_of_four_cosines", replace(still, kind=2, functions=4), "4 cosines of 3 frames (12)"),
+        ("group_of_four_in_closed_form", replace(closed, functions=4), "4 functions of 3 frames (12)"),
+        ("closed_form_beside_others", closed, "a group in closed form beside another (12)"),
+    ):
+        yield Refused(name, seal(with_section(parts, "GRUP", row.pack() + second.pack())), reason)
+
+
+def _with_rows(base: Base, *rows: Row) -> bytes:
+    return base.section("GRUP", b"".join(row.pack() for row in rows))
 
 
 def _chunks(base: Base) -> Iterator[Refused]:
-    yield Refused("coefficient_too_large", base.integer("COEF", 0, 0, 2**40 + 1), "a level beyond 2^40 (11.1)")
-    yield Refused("coefficients_too_few", base.stream("COEF", 0, b"\0"), "one coefficient (11.1)")
-    yield Refused("pose_too_large", base.integer("COEF", 1, 1, -(2**42)), "a moving frame beyond 2^40 (11.2)")
-    yield Refused("correction_count_negative", base.integer("CORR", 0, 0, -1), "-1 corrections (11.3)")
-    yield Refused("correction_count_huge", base.integer("CORR", 0, 0, 2**62), "2^62 corrections (11.3)")
-    yield Refused("correction_gap_negative", base.integer("CORR", 1, 1, -1), "a negative gap (11.3)")
-    yield Refused("correction_vertex", base.integer("CORR", 1, 0, 8), "vertex 8 of 8 (11.3)")
-    yield Refused("correction_too_large", base.integer("CORR", 2, 0, 2**41), "a level beyond 2^40 (11.3)")
-    literals = base.stream_content("CORR", 6)
-    nan = struct.pack("<f", float("nan"))
-    yield Refused("literal_nan", base.stream("CORR", 6, nan + literals[4:]), "a literal that is no number (11.3)")
-    yield Refused("literals_too_few", base.stream("CORR", 6, literals[:-4]), "a literal cut short (11.3)")
+    for kind in CHUNKS:
+        section, chunks = content(base.parts, kind), group_chunks(base.parts, kind)
+        name = kind.lower()
+        yield Refused(f"{name}_shorter_than_groups", base.section(kind, section[:-1]), f"{kind} ends in a chunk (12)")
+        longer = with_section(base.parts, kind, section + b"\0", sizes=[len(chunk) for chunk in chunks])
+        yield Refused(f"{name}_longer_than_groups", seal(longer), f"{kind} goes on after its chunks (12)")
+        yield Refused(f"{name}_followed_by_zero", base.chunk(kind, chunks[0] + b"\0"), "a zero byte too many (3.7)")
+    time = group_chunks(base.parts, "TIME")[0]
+    yield Refused("method_of_time_3", base.chunk("TIME", b"\3" + time[1:]), "method 3 of functions of time (13.1)")
+    first, second = base.rows
+    none = with_first_group(with_first_group(base.parts, "COEF", b""), "CORR", b"")
+    rows = replace(first, functions=0).pack() + second.pack()
+    bare = seal(with_section(none, "GRUP", rows))
+    yield Refused("time_of_no_functions", bare, "bytes of TIME where there are no functions (13.1)")
+    longer = with_section(base.parts, "SEQN", b"\1" + count(1025 + 3) + content(base.parts, "SEQN")[2:])
+    longer = with_section(longer, "GRUP", replace(first, frames=1025).pack() + second.pack())
+    long = seal(with_first_group(longer, "TIME", b"\1" + time[1:]))
+    yield Refused("transformed_over_1025_frames", long, "functions of time transformed over 1025 frames (13.1)")
+
+
+def _scripts(base: Base) -> Iterator[Refused]:
+    """Coded streams, bit by bit as the decoder asks for them."""
+    # Of the first object: how many faces, their size, their corners or whether they are a surface, and the first.
+    # Of residuals: how many, and how many raw vertices, each plus 1; whether they are predicted; then frames.
+    few, quad, one = "polygons of too few corners, or too many", counted(2) + counted(5), counted(1) + counted(2)
+    nan, infinite = f"{0x7FC00000:032b}", f"{0xFF800000:032b}"
+    many, gone = "there are more residuals than there can be", "a raw vertex that is not there"
+    for name, kind, bits, says, reason in (
+        ("face_of_two_corners", "CONN", counted(2) + counted(3), "polygons of too few corners", "2 corners (5.1)"),
+        ("corners_too_few", "CONN", counted(3) + counted(1) + counted(6), few, "5 corners of 2 faces (5.1)"),
+        ("corners_too_many", "CONN", counted(2) + counted(1) + "1" * 31 + f"{1:031b}", few, "2^31 corners (5.1)"),
+        ("index_out_of_range", "CONN", quad + "0 000" + counted(6), "a vertex that is not there", "vertex 6 (5.2)"),
+        ("index_negative", "CONN", quad + "0 001" + counted(1), "a vertex that is not there", "vertex -1 (5.2)"),
+        (
+            "surface_of_seven_vertices",
+            "CONN",
+            counted(2) + counted(8) + "100 1111111",
+            "more vertices than the object has",
+            "a face of 7 vertices of 6 (5.3.4)",
+        ),
+        (
+            "vertex_before_the_first",
+            "CONN",
+            quad + "100 0" + counted(1),
+            "a vertex that is not there",
+            "vertex -1 (5.3.4)",
+        ),
+        ("weld_before_the_first", "REST", "1" + counted(1), "a point that is not there", "an old first point (7.3)"),
+        (
+            "coordinate_negative",
+            "REST",
+            72 * "0" + "11" + "00" + "1",
+            "a coordinate out of range",
+            "a first vertex at -2 (7.6)",
+        ),
+        ("residuals_too_many", "CORR", counted(26) + counted(1), many, "25 residuals of 3 frames of 8 vertices (15)"),
+        ("residuals_most", "CORR", "1" * 42 + "1" * 42 + counted(1), many, "all residuals a number can say (15)"),
+        ("raw_too_many", "CORR", counted(1) + counted(26), many, "25 raw vertices of 3 frames of 8 vertices (15)"),
+        (
+            "raw_without_bytes",
+            "CORR",
+            counted(1) + counted(4),
+            "there are more raw vertices than bytes for them",
+            "3 raw vertices in less than 24 bytes (15)",
+        ),
+        (
+            "reference_before_the_group",
+            "CORR",
+            counted(2) + counted(1) + "0 0 0" + counted(2),
+            "a reference is before the first frame",
+            "2 back (15.1)",
+        ),
+        ("raw_after_the_group", "CORR", one + "0" + counted(4) + counted(1), gone, "frame 3 of 3 (15.6)"),
+        ("raw_of_place_8", "CORR", one + "0" + counted(1) + counted(9), gone, "place 8 of 8 (15.6)"),
+        (
+            "raw_not_a_number",
+            "CORR",
+            one + "0" + 2 * counted(1) + nan + "0" * 64,
+            "a raw vertex is not finite",
+            "no number (15.6)",
+        ),
+        (
+            "raw_infinite",
+            "CORR",
+            one + "0" + 2 * counted(1) + "0" * 64 + infinite,
+            "a raw vertex is not finite",
+            "infinite (15.6)",
+        ),
+    ):
+        yield Refused(name, seal(_script(base, kind, bits, says)), reason)
+    # Counts of the first context band; then zero or not, sign, magnitude.
+    beyond = "10" + "1 0" + "1" * 14 + counted(2**40 + 1 - 14)
+    yield Refused(
+        "coefficient_beyond_2_40", seal(_script(base, "COEF", beyond, "a coefficient out of range")), "2^40 + 1 (14)"
+    )
+    still = with_first_group(base.parts, "TIME", b"")
+    first, second = base.rows
+    rows = replace(first, functions=4, sizes=(0, *first.sizes[1:])).pack() + second.pack()
+    still = scripted(
+        with_section(still, "GRUP", rows), "COEF", "111 10", group=True, says="more functions of time than there are"
+    )
+    yield Refused("count_beyond_width", seal(still), "6 functions of time where there are 4 (14.1)")
+
+
+def _script(base: Base, kind: str, bits: str, says: str = "") -> list[Part]:
+    rest = content(base.parts, "REST")[:32] + bytes(["point" in says])
+    head = {"REST": rest, "CONN": b"\2\6\2"}.get(kind, b"")
+    return scripted(base.parts, kind, bits, head=head, group=kind in CHUNKS, says=says)
 
 
 def _attributes(base: Base) -> Iterator[Refused]:
-    domain = 4 + 8 + 1  # behind the number of attributes and the name of the first
-    yield Refused("attribute_domain", base.overwritten("ATTR", domain, b"\x04"), "domain 4 (13.1)")
-    yield Refused("attribute_type", base.overwritten("ATTR", domain + 1, b"\x05"), "type 5 of values (13.1)")
-    yield Refused("attribute_dimensions", base.overwritten("ATTR", domain + 2, b"\x00"), "no dimensions (13.1)")
-    yield Refused("attribute_rows", base.overwritten("ATTR", domain, b"\x00"), "2 rows for 6 vertices (13.1)")
-    yield Refused("attribute_index", base.integer("ATTR", 3, 0, 4), "row 4 of 4 (13.1)")
-    yield Refused("labels_not_json", base.stream("ATTR", 1, b'["a"'), "labels that are not JSON (13.1)")
-    yield Refused("labels_not_texts", base.stream("ATTR", 1, b"[1]"), "labels that are not strings (13.1)")
+    unknown, floats = "an attribute of an unknown kind", text(b"u") + numbers(1, 0, 0, 0, 0, 128)
+    for name, bits, says, reason in (
+        ("attribute_domain", text(b"a") + numbers(4, 0), unknown, "domain 4 (17.1)"),
+        ("attribute_kind", text(b"a") + numbers(0, 10), unknown, "kind 10 (17.1)"),
+        ("attribute_rule", text(b"a") + numbers(0, 2, 0, 9), unknown, "rule 9 (17.1)"),
+        ("attribute_by_vertex_of_faces", text(b"a") + numbers(1, 2, 0, 1), unknown, "faces by vertex (17.1)"),
+        ("attribute_of_five_columns", text(b"a") + numbers(0, 0, 6, 0), unknown, "5 columns of floats (17.1)"),
+        ("attribute_name", text(b"\xfe"), "a text is not UTF-8", "a name that is not UTF-8 (3.9)"),
+        ("attribute_row_0_of_0", text(b"a") + numbers(1, 2, 0, 2, 0, 0) + "1" + "1", ROWS, "row 0 of 0 (17.1)"),
+        ("flag_of_256", text(b"a") + numbers(1, 3, 0, 0, 0) + "1 00" + numbers(255), FLAG, "a flag of 256 (17.4)"),
+        ("attribute_scale_3", floats + numbers(3, 1), "an unknown scale", "scale 3 (17.5)"),
+        ("attribute_divisor_0", floats + numbers(0, 0), "an unknown scale", "a divisor of 0 (17.5)"),
+        ("attribute_shift_31", text(b"u") + numbers(1, 0, 0, 0, 0, 159, 0, 1), UNIT, "a shift of 31 (17.5)"),
+    ):
+        with_attributes = [*base.parts, Part("ATTR", b"")]
+        yield Refused(name, seal(scripted(with_attributes, "ATTR", numbers(1) + bits, says=says)), reason)
+    group = Attribute("g", "face", np.array([0, 1], np.int32), labels=("a", "b"))
+    objects = [MeshObject("b", grid(2, 3), (group,))]
+    parts = take_apart(encoded(ArraySequence(wave(2, 2, 3), objects=objects), Choices()))
+    longer = with_section(parts, "ATTR", content(parts, "ATTR") + b"\0")
+    yield Refused("attributes_followed_by_zero", seal(longer), "a zero byte too many (3.7)")
+
+
+ROWS, FLAG, UNIT = "an index out of range", "an integer out of range", "a unit out of range"
+
+
+def _remarks(base: Base) -> Iterator[Refused]:
+    frame = compressed(b"{}")
     for name, data, reason in (
-        ("remarks_not_an_object", compressed(b"[]"), "META is an array (13.2)"),
-        ("remarks_not_json", compressed(b"{"), "META is not JSON (13.2)"),
-        ("remarks_too_long", zeros(2**33, 4), "META of 8 GiB (13.2)"),
+        ("frame_without_size", frame[:4] + b"\x00\x58" + frame[6:], "a frame that declares no size (3.2)"),
+        ("frame_of_nothing", b"\x28\xb5\x2f\xfd\x20\x00\x01\x00\x00", "a frame that declares 0 bytes (3.2)"),
+        ("frame_followed", frame + b"\0", "a byte after a frame (3.2)"),
+        ("frame_damaged", frame[:4] + b"\xff" + frame[5:], "a frame that is none (3.2)"),
+        ("frame_declares_too_much", zeros(2**33, 4), "a frame that declares 8 GiB (18)"),
+        ("frame_unpacks_to_more", zeros(80, 100), "a frame that declares 80 bytes and holds 12 MiB (3.2)"),
+        ("remarks_not_an_object", compressed(b"[]"), "META is an array (18)"),
+        ("remarks_not_json", compressed(b"{"), "META is not JSON (18)"),
     ):
         yield Refused(name, seal([*base.parts, Part("META", data, 0)]), reason)
 
 
 def _sizes(base: Base) -> Iterator[Refused]:
-    vertices = base.overwritten("SEQN", 37, struct.pack("<Q", 2**30))
-    yield Refused("limit_vertices", vertices, "2^30 vertices (15)", "limit")
-    corners = base.overwritten("CONN", 0, struct.pack("<QQI", 2**30, 2**32, 4))
-    yield Refused("limit_corners", corners, "2^32 corners (15)", "limit")
-    values = struct.pack("<I", 1) + sized(b"a") + struct.pack("<BBBQ", 3, 4, 1, 2**31 - 1) + sized(zeros(2**34, 4))
-    values += struct.pack("<Q", 0) + sized(b"") + struct.pack("<I", 0)
-    yield Refused("limit_values", base.section("ATTR", values), "16 GiB of attribute values (15)", "limit")
+    crowd = b"\2\6" + count(2**30) + content(base.parts, "CONN")[3:]
+    yield Refused("limit_vertices", base.section("CONN", crowd), "2^30 vertices (20)", "limit")
+    corners = seal(_script(base, "CONN", counted(2**28 + 1) + counted(5)))
+    yield Refused("limit_corners", corners, "2^30 corners (20)", "limit")
+    points = take_apart(encoded(clip(np.zeros((1, 100_000, 3))), Choices(settings={"max_error": 1.0})))
+    points = [part for part in points if part.kind != "META"]
+    for name, frames, sound, reason in (
+        ("limit_time", 4096, base.parts, "12288 trajectories of 4096 frames (20)"),
+        ("limit_coefficients", 512, points, "1536 trajectories of 100000 vertices (20)"),
+    ):
+        bare = with_section(sound, "SEQN", b"\1" + count(frames) + content(sound, "SEQN")[2:])
+        for kind in CHUNKS:
+            bare = with_section(bare, kind, b"", sizes=[0, 0])
+        row = replace(base.rows[0], frames=frames, functions=3 * frames, sizes=(0, 0, 0))
+        yield Refused(name, seal(with_section(bare, "GRUP", row.pack())), reason, "limit")

@@ -1,6 +1,6 @@
 """Taking `.pdeanim` files apart and sealing them again, so that damage gets past the checksums.
 
-For tests and vectors. Written from ``spec/pdeanim.md`` alone, with nothing of the library in it.
+For tests and vectors, on top of the decoder beside it, with nothing of the library in it.
 """
 
 from __future__ import annotations
@@ -8,14 +8,17 @@ from __future__ import annotations
 import struct
 import zlib
 from dataclasses import dataclass, replace
+from unittest.mock import patch
 
 import zstandard
 
-IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
+from spec.decoder import contexts
+from spec.decoder.animation import decode
+from spec.decoder.fields import IDENTIFIER, MAJOR_VERSION, CorruptFileError
+from spec.decoder.groups import CLOSED_FORM, DOUBLE, SHAPES, TRAJECTORIES
+from spec.decoder.rangecoder import NARROWEST, WIDEST, RangeDecoder
+
 HEADER = struct.Struct("<12sHHIII")
-ENTRY_1 = struct.Struct("<4sIQQII")
-SEGMENT = struct.Struct("<IfhHIII")
-GROUP = struct.Struct("<IIBddIIII")
 CHUNKS = ("TIME", "COEF", "CORR")
 """Sections that are the chunks of groups."""
 
@@ -31,51 +34,38 @@ class Part:
     content: bytes
     flags: int = REQUIRED
 
+    @property
+    def row(self) -> bytes:
+        """Its row in the table of sections."""
+        size = (len(self.content).bit_length() + 7) // 8
+        head = self.kind.encode("latin-1") + bytes([self.flags | size << 4])
+        return head + len(self.content).to_bytes(size, "little") + struct.pack("<I", zlib.crc32(self.content))
+
 
 def take_apart(data: bytes) -> list[Part]:
     """The sections of a sound file, in order."""
-    _, major, _, count, _, _ = HEADER.unpack_from(data)
-    parts = []
+    count = HEADER.unpack_from(data)[3]
     rows, at = [], HEADER.size
     for _ in range(count):
-        kind, flags = data[at : at + 4].decode("latin-1"), data[at + 4]
-        if major == 1:
-            rows.append((kind, flags, ENTRY_1.unpack_from(data, at)[3]))
-            at += ENTRY_1.size
-        else:
-            size = flags >> 4
-            rows.append((kind, flags & 15, int.from_bytes(data[at + 5 : at + 5 + size], "little")))
-            at += 9 + size
+        size = data[at + 4] >> 4
+        length = int.from_bytes(data[at + 5 : at + 5 + size], "little")
+        rows.append((data[at : at + 4].decode("latin-1"), data[at + 4] & 15, length))
+        at += 9 + size
+    parts = []
     for kind, flags, length in rows:
         parts.append(Part(kind, data[at : at + length], flags))
         at += length
     return parts
 
 
-def row_of_version_2(part: Part) -> bytes:
-    """A row of the table of sections."""
-    size = (len(part.content).bit_length() + 7) // 8
-    head = part.kind.encode("latin-1") + bytes([part.flags | size << 4])
-    return head + len(part.content).to_bytes(size, "little") + struct.pack("<I", zlib.crc32(part.content))
-
-
-def table_end(parts: list[Part], major: int) -> int:
+def table_end(parts: list[Part]) -> int:
     """Where the table of these sections ends."""
-    rows = (ENTRY_1.size if major == 1 else len(row_of_version_2(part)) for part in parts)
-    return HEADER.size + sum(rows)
+    return HEADER.size + sum(len(part.row) for part in parts)
 
 
-def seal(parts: list[Part], *, major: int = 1, minor: int = 0) -> bytes:
+def seal(parts: list[Part], *, major: int = MAJOR_VERSION, minor: int = 0) -> bytes:
     """A file of these sections, every checksum right."""
-    offset = table_end(parts, major)
-    table = b""
-    for part in parts:
-        if major == 1:
-            kind, length, checksum = part.kind.encode("latin-1"), len(part.content), zlib.crc32(part.content)
-            table += ENTRY_1.pack(kind, part.flags, offset, length, checksum, 0)
-        else:
-            table += row_of_version_2(part)
-        offset += len(part.content)
+    table = b"".join(part.row for part in parts)
     header = HEADER.pack(IDENTIFIER, major, minor, len(parts), zlib.crc32(table), 0)[:-4]
     return header + struct.pack("<I", zlib.crc32(header)) + table + b"".join(part.content for part in parts)
 
@@ -85,48 +75,87 @@ def content(parts: list[Part], kind: str) -> bytes:
     return next(part.content for part in parts if part.kind == kind)
 
 
-def with_section(parts: list[Part], kind: str, new: bytes) -> list[Part]:
-    """The same sections, one of them with other bytes; the segments' own checksums are made right."""
-    changed = [replace(part, content=new) if part.kind == kind else part for part in parts]
-    return _seal_segments(changed) if kind in ("SEGM", "COEF", "CORR") else changed
+def count(number: int) -> bytes:
+    """A count: 7 bits a byte, low bits first."""
+    more = number >> 7
+    return bytes([number & 127 | 128]) + count(more) if more else bytes([number])
 
 
-def with_chunk(parts: list[Part], kind: str, chunk: bytes) -> list[Part]:
-    """The first segment's part of COEF or CORR replaced, and the segment table made to say so."""
-    column = {"COEF": 4, "CORR": 5}[kind]
-    table = content(parts, "SEGM")
-    row = list(SEGMENT.unpack_from(table))
-    rest = content(parts, kind)[row[column] :]
-    row[column] = len(chunk)
-    return with_section(with_section(parts, kind, chunk + rest), "SEGM", SEGMENT.pack(*row) + table[SEGMENT.size :])
+@dataclass(frozen=True)
+class Row:
+    """A row of section GRUP. Steps and alpha are kept as bytes: one may be a NaN whose bits must stay."""
+
+    frames: int
+    functions: int
+    kind: int
+    reals: bytes
+    sizes: tuple[int, int, int]
+    checksum: int = 0
+
+    @staticmethod
+    def has_time(kind: int) -> bool:
+        return kind & ~DOUBLE in (TRAJECTORIES, SHAPES)
+
+    def pack(self) -> bytes:
+        """Its bytes."""
+        sizes = self.sizes if self.has_time(self.kind) else self.sizes[1:]
+        head = count(self.frames) + count(self.functions) + bytes([self.kind]) + self.reals
+        return head + b"".join(map(count, sizes)) + struct.pack("<I", self.checksum)
 
 
-def with_group_section(parts: list[Part], kind: str, new: bytes, *, sizes: list[int] | None = None) -> list[Part]:
-    """The same sections of a file of version 2, one of them with other bytes; the groups' checksums are made right.
+def take_rows(table: bytes) -> tuple[list[Row], bytes]:
+    """The whole rows of section GRUP, and what is left after them."""
+    rows: list[Row] = []
+
+    def take_count(at: int) -> tuple[int, int]:
+        end = next(place for place in range(at, len(table)) if table[place] < 128) + 1
+        return sum((byte & 127) << 7 * place for place, byte in enumerate(table[at:end])), end
+
+    at = 0
+    while True:
+        try:
+            frames, here = take_count(at)
+            functions, here = take_count(here)
+            kind = table[here]
+            reals = 8 + 8 * (Row.has_time(kind) or kind & ~DOUBLE == CLOSED_FORM)
+            sizes, here = [0] * (not Row.has_time(kind)), here + 1 + reals
+            while len(sizes) < 3:
+                size, here = take_count(here)
+                sizes.append(size)
+            (checksum,) = struct.unpack_from("<I", table, here)
+        except (StopIteration, IndexError, struct.error):
+            return rows, table[at:]
+        reals_end = here - sum(len(count(size)) for size in sizes[not Row.has_time(kind) :])
+        rows.append(Row(frames, functions, kind, table[reals_end - reals : reals_end], tuple(sizes), checksum))
+        at = here + 4
+
+
+def with_section(parts: list[Part], kind: str, new: bytes, *, sizes: list[int] | None = None) -> list[Part]:
+    """The same sections, one of them with other bytes; the groups' checksums are made right.
 
     `sizes` are what each group has of TIME, COEF or CORR, where that changes.
     """
     changed = {part.kind: part.content for part in parts} | {kind: new}
-    table, sealed, at = changed["GRUP"], b"", [0, 0, 0]
-    for row, offset in enumerate(range(0, len(table) - GROUP.size + 1, GROUP.size)):
-        lengths = list(struct.unpack_from("<III", table, offset + GROUP.size - 16))
+    rows, left = take_rows(changed["GRUP"])
+    sealed, at = b"", [0, 0, 0]
+    for number, row in enumerate(rows):
+        lengths = list(row.sizes)
         if sizes is not None:
-            lengths[CHUNKS.index(kind)] = sizes[row]
+            lengths[CHUNKS.index(kind)] = sizes[number]
         checksum = 0
         for index, name in enumerate(CHUNKS):
             checksum = zlib.crc32(changed[name][at[index] : at[index] + lengths[index]], checksum)
             at[index] += lengths[index]
-        # Packed as bytes: a step may be a NaN whose bits must stay.
-        sealed += table[offset : offset + GROUP.size - 16] + struct.pack("<IIII", *lengths, checksum)
-    changed["GRUP"] = sealed + table[len(sealed) :]
+        sealed += replace(row, sizes=(lengths[0], lengths[1], lengths[2]), checksum=checksum).pack()
+    changed["GRUP"] = sealed + left
     return [replace(part, content=changed[part.kind]) for part in parts]
 
 
 def group_chunks(parts: list[Part], kind: str) -> list[bytes]:
     """What each group has of TIME, COEF or CORR."""
     chunks, at = [], 0
-    for row in GROUP.iter_unpack(content(parts, "GRUP")):
-        size = row[5 + CHUNKS.index(kind)]
+    for row in take_rows(content(parts, "GRUP"))[0]:
+        size = row.sizes[CHUNKS.index(kind)]
         chunks.append(content(parts, kind)[at : at + size])
         at += size
     return chunks
@@ -135,47 +164,95 @@ def group_chunks(parts: list[Part], kind: str) -> list[bytes]:
 def with_first_group(parts: list[Part], kind: str, chunk: bytes) -> list[Part]:
     """The same sections, another chunk of TIME, COEF or CORR for the first group."""
     chunks = [chunk, *group_chunks(parts, kind)[1:]]
-    return with_group_section(parts, kind, b"".join(chunks), sizes=[len(each) for each in chunks])
+    return with_section(parts, kind, b"".join(chunks), sizes=[len(each) for each in chunks])
 
 
-def count(number: int) -> bytes:
-    """A count: 7 bits a byte, low bits first."""
-    more = number >> 7
-    return bytes([number & 127 | 128]) + count(more) if more else bytes([number])
+class EndOfScriptError(Exception):
+    """A decoder asks for more bits than a script has."""
 
 
-def even_bits(bits: str) -> bytes:
-    """A coded stream of bits of probability one half: the binary digits of a fraction, 0 for 1 and 1 for 0.
+class ScriptedCoder(RangeDecoder):
+    """Stands where a range decoder is: its bits come from a script, and are written."""
 
-    Cells and mixes that nothing was learnt from give that probability. So this is the beginning of most streams.
+    def __init__(self, bits: str) -> None:
+        super().__init__(b"")
+        self.bits = iter(bits)
+        self._low, self._interval, self._shifts = 0, WIDEST, 0
+
+    def bit_with(self, probability: int) -> int:
+        split = (self._interval >> 16) * probability
+        bit = next(self.bits, "")
+        if not bit:
+            raise EndOfScriptError
+        self._low += 0 if bit == "1" else split
+        self._interval = split if bit == "1" else self._interval - split
+        while self._interval < NARROWEST:
+            self._low, self._interval, self._shifts = self._low << 8, self._interval << 8, self._shifts + 1
+        return int(bit)
+
+    def is_finished(self) -> bool:
+        return True
+
+    def has_ended(self) -> bool:
+        return False
+
+    def to_bytes(self) -> bytes:
+        """The fewest bytes from which the same bits are read."""
+        sizes = range(self._shifts, self._shifts + 7)
+        units = [256 ** (sizes[-1] - size) for size in sizes]
+        size, unit = next((s, u) for s, u in zip(sizes, units, strict=True) if -self._low % u < self._interval)
+        return (-(-self._low // unit)).to_bytes(size, "big")
+
+
+def scripted(
+    parts: list[Part], kind: str, bits: str, *, head: bytes = b"", group: bool = False, says: str = ""
+) -> list[Part]:
+    """The same sections, of which one holds a coded stream whose bits, as the decoder asks for them, are a script's.
+
+    They stand in section `kind` after `head`, or in the first `group`'s chunk of it. Where `says` is given, the decoder
+    refuses the file with that at the last of them.
     """
-    digits = "".join("10"[bit == "1"] for bit in bits if bit != " ")
-    written = bytes(int(digits[at : at + 8].ljust(8, "0"), 2) for at in range(0, len(digits), 8))
-    return written[:-1] if written.endswith(b"\0") else written
+    marker = b"the script"
+    coder = ScriptedCoder(bits.replace(" ", ""))
+    change = with_first_group if group else with_section
+
+    def coder_of(data: bytes) -> RangeDecoder:
+        return coder if data == marker else RangeDecoder(data)
+
+    said = ""
+    with patch.object(contexts, "RangeDecoder", coder_of):
+        try:
+            animation = decode(seal(change(parts, kind, head + marker)))
+            animation.positions(animation.times[0])
+        except EndOfScriptError:
+            pass
+        except CorruptFileError as error:
+            said = str(error)
+    if says and (said != says or next(coder.bits, "")):
+        raise AssertionError(f"the decoder says {said!r}, not {says!r}, or does so too early")
+    return change(parts, kind, head + coder.to_bytes())
 
 
 def counted(number: int) -> str:
-    """Bits of a number from 1 on as section 27 writes it: how many digits it has, then those below the first."""
+    """Bits of a number from 1 on: how many digits it has, then those below the first (3.6)."""
     return "1" * (number.bit_length() - 1) + "0" + f"{number:b}"[1:]
 
 
-def _seal_segments(parts: list[Part]) -> list[Part]:
-    table, at, sealed = content(parts, "SEGM"), {"COEF": 0, "CORR": 0}, b""
-    for offset in range(0, len(table) - SEGMENT.size + 1, SEGMENT.size):
-        coefficient_bytes, correction_bytes, _ = SEGMENT.unpack_from(table, offset)[4:]
-        checksum = 0
-        for kind, size in (("COEF", coefficient_bytes), ("CORR", correction_bytes)):
-            checksum = zlib.crc32(content(parts, kind)[at[kind] : at[kind] + size], checksum)
-            at[kind] += size
-        # Packed as bytes: alpha may be a NaN whose bits must stay.
-        sealed += table[offset : offset + 20] + struct.pack("<I", checksum)
-    sealed += table[len(sealed) :]
-    return [replace(part, content=sealed) if part.kind == "SEGM" else part for part in parts]
+def numbers(*values: int) -> str:
+    """Bits of numbers from 0 on (3.6)."""
+    return "".join(counted(value + 1) for value in values)
 
 
-def sized(data: bytes) -> bytes:
-    """A byte string after its length."""
-    return struct.pack("<Q", len(data)) + data
+def text(characters: bytes) -> str:
+    """Bits of a text (3.9)."""
+    return "".join(f"{byte:08b}" for byte in characters + b"\xff")
+
+
+def sequence(
+    frames: int, *, rule: int = 0, runs: int = 1, flags: int = 0, fps: bytes = b"\x18", times: bytes = b"\0"
+) -> bytes:
+    """Section SEQN without its coded stream: 24 frames a second from 0 s on."""
+    return count(runs) + count(frames) + bytes([rule | flags]) + fps + times
 
 
 def compressed(data: bytes) -> bytes:
@@ -183,62 +260,8 @@ def compressed(data: bytes) -> bytes:
     return zstandard.ZstdCompressor(level=1, write_content_size=True).compress(data) if data else b""
 
 
-def varints(*values: int) -> bytes:
-    """Integers as zigzag variable-length integers."""
-    out = bytearray()
-    for value in values:
-        rest = 2 * value if value >= 0 else -2 * value - 1
-        while rest >= 128:
-            out.append(rest & 127 | 128)
-            rest >>= 7
-        out.append(rest)
-    return bytes(out)
-
-
-def integers(*values: int) -> bytes:
-    """A sized stream of integers."""
-    return sized(compressed(varints(*values)))
-
-
 def zeros(declared: int, blocks: int) -> bytes:
     """A frame of `blocks` times 128 KiB of zeros that declares another size: four bytes a block."""
     block = struct.pack("<I", (2**17 << 3) | 2)[:3] + b"\0"
     last = struct.pack("<I", (2**17 << 3) | 3)[:3] + b"\0"
     return FRAME_MAGIC + b"\xc0\x38" + struct.pack("<Q", declared) + block * (blocks - 1) + last
-
-
-def streams(data: bytes) -> list[tuple[int, int]]:
-    """Where the sized streams of a section begin, and how long they are; those that can be unpacked."""
-    found, at = [], data.find(FRAME_MAGIC)
-    while at >= 0:
-        (size,) = struct.unpack_from("<Q", data, at - 8) if at >= 8 else (len(data) + 1,)
-        if size <= len(data) - at:
-            try:
-                unpacked(data, (at, size))
-                found.append((at, size))
-            except zstandard.ZstdError:
-                pass
-        at = data.find(FRAME_MAGIC, at + 4)
-    return found
-
-
-def unpacked(data: bytes, stream: tuple[int, int]) -> bytes:
-    """What one of :func:`streams` holds."""
-    at, size = stream
-    return zstandard.ZstdDecompressor().decompress(data[at : at + size])
-
-
-def with_stream(data: bytes, stream: tuple[int, int], new: bytes) -> bytes:
-    """A section with the content of one of :func:`streams` replaced, its length made right."""
-    at, size = stream
-    return data[: at - 8] + sized(compressed(new)) + data[at + size :]
-
-
-def split_integers(stream: bytes) -> list[bytes]:
-    """The bytes of each integer of a stream; what is no whole integer at its end comes last."""
-    values, begin = [], 0
-    for at, byte in enumerate(stream):
-        if byte < 128:
-            values.append(stream[begin : at + 1])
-            begin = at + 1
-    return [*values, stream[begin:]] if begin < len(stream) else values

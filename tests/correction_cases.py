@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
 from pdecodec.group_corrections import GroupCorrections, no_corrections
-from pdecodec.quantise import LARGEST
+from pdecodec.limits import LARGEST
 
 Int64Array = NDArray[np.int64]
 

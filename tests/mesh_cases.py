@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pdecodec.sequence import Connectivity, MeshObject
+from spec.decoder.mesh import Mesh
 
 
 def connectivity_of(
@@ -52,3 +53,17 @@ def mesh_objects(draw: st.DrawFn) -> list[MeshObject]:
     """One to three objects without attributes."""
     parts = draw(st.lists(connectivities(), min_size=1, max_size=3))
     return [MeshObject(f"object {k}", part) for k, part in enumerate(parts)]
+
+
+def meshes_of(objects: Sequence[MeshObject]) -> list[Mesh]:
+    """The same objects as the decoder of the specification has them."""
+
+    def split(indices: NDArray[np.int32], counts: NDArray[np.int32]) -> list[list[int]]:
+        return [piece.tolist() for piece in np.split(indices, np.cumsum(counts)[:-1])] if counts.size else []
+
+    meshes = []
+    for item in objects:
+        part = item.connectivity
+        faces = split(part.face_indices, part.face_counts)
+        meshes.append(Mesh(item.name, item.vertex_count, faces, split(part.line_indices, part.line_counts)))
+    return meshes

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from hypothesis import strategies as st
 
+from pdecodec.errors import InputError
 from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject, MeshSequence
+from tests.mesh_cases import connectivities, connectivity_of
+
+
+class Failing(ArraySequence):
+    """A source that breaks when it is read."""
+
+    def read_frames(self, start: int, stop: int) -> np.ndarray:
+        raise InputError("the source broke", frame=start)
 
 
 def rich_sequence(frames: int = 4) -> ArraySequence:
     """Two objects with quads, lines, every domain of attribute and every type of value, at irregular times."""
-    body = Connectivity(
-        5,
-        face_counts=np.array([4, 3]),
-        face_indices=np.array([0, 1, 2, 3, 2, 1, 4]),
-        line_counts=np.array([3, 1]),
-        line_indices=np.array([0, 2, 4, 3]),
-    )
+    body = connectivity_of(5, [[0, 1, 2, 3], [2, 1, 4]], [[0, 2, 4], [3]])
+    shared = np.array([0, 1, 2, 3, -1, 0, 1], np.int32)
     attributes = (
-        Attribute(
-            "uv", "corner", np.arange(8, dtype=np.float32).reshape(4, 2), np.array([0, 1, 2, 3, -1, 0, 1], np.int32)
-        ),
+        Attribute("uv", "corner", np.arange(8, dtype=np.float32).reshape(4, 2), shared),
         Attribute("group", "face", np.array([1, 0], np.int32), labels=("arm", "linkes Bein ü")),
         Attribute("color", "vertex", np.arange(15, dtype=np.uint8).reshape(5, 3)),
         Attribute("mass", "object", np.array([2.5], np.float64)),
@@ -46,40 +50,31 @@ def assert_same_sequence(read: MeshSequence, written: MeshSequence) -> None:
     assert [item.name for item in read.objects] == [item.name for item in written.objects]
     for mine, other in zip(read.objects, written.objects, strict=True):
         assert mine.connectivity.same_as(other.connectivity)
-        assert len(mine.attributes) == len(other.attributes)
-        for attribute, expected in zip(mine.attributes, other.attributes, strict=True):
-            assert (attribute.name, attribute.domain, attribute.labels) == (
-                expected.name,
-                expected.domain,
-                expected.labels,
-            )
-            assert attribute.values.dtype == expected.values.dtype
-            assert np.array_equal(attribute.values, expected.values)
-            assert (attribute.indices is None) == (expected.indices is None)
-            if attribute.indices is not None:
-                assert np.array_equal(attribute.indices, expected.indices)
+        assert_same_attributes(mine.attributes, other.attributes)
+
+
+def assert_same_attributes(found: Sequence[Attribute], wanted: Sequence[Attribute]) -> None:
+    """Names, domains, labels, values to the last bit, and rows."""
+    assert len(found) == len(wanted)
+    for mine, other in zip(found, wanted, strict=True):
+        assert (mine.name, mine.domain, mine.labels) == (other.name, other.domain, other.labels)
+        assert mine.values.dtype == other.values.dtype
+        assert mine.values.shape == other.values.shape
+        assert mine.values.tobytes() == other.values.tobytes()
+        assert (mine.indices is None) == (other.indices is None)
+        if mine.indices is not None:
+            assert np.array_equal(mine.indices, other.indices)
 
 
 @st.composite
 def sequences(draw: st.DrawFn) -> ArraySequence:
     """Small sequences of one or two objects with any faces, lines, labels and positions."""
+    names = st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=6)
     objects = []
-    for name in draw(
-        st.lists(st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=6), min_size=1, max_size=2)
-    ):
-        vertices = draw(st.integers(1, 5))
-        index = st.integers(0, vertices - 1)
-        faces = draw(st.lists(st.lists(index, min_size=3, max_size=5), max_size=3))
-        lines = draw(st.lists(st.lists(index, min_size=1, max_size=3), max_size=3))
-        connectivity = Connectivity(
-            vertices,
-            face_counts=np.array([len(face) for face in faces], np.int32),
-            face_indices=np.array([corner for face in faces for corner in face], np.int32),
-            line_counts=np.array([len(line) for line in lines], np.int32),
-            line_indices=np.array([point for line in lines for point in line], np.int32),
-        )
+    for name in draw(st.lists(names, min_size=1, max_size=2)):
+        connectivity = draw(connectivities(most_vertices=5))
         labels = tuple(draw(st.lists(st.text("ab ü", min_size=1), max_size=3)))
-        values = np.arange(len(faces), dtype=np.int32) % max(1, len(labels))
+        values = np.arange(connectivity.face_count, dtype=np.int32) % max(1, len(labels))
         objects.append(MeshObject(name, connectivity, (Attribute("group", "face", values, labels=labels),)))
     total = sum(item.vertex_count for item in objects)
     frames = draw(st.integers(1, 4))

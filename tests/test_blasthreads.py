@@ -19,7 +19,7 @@ def blas_threads() -> dict[str, int]:
 def test_an_encode_takes_one_thread_and_gives_the_others_back() -> None:
     before, within = blas_threads(), []
     clip = ArraySequence(np.random.default_rng(0).normal(size=(6, 5, 3)).astype(np.float32))
-    encode(clip, tolerance=1e-2, effort=1, progress=lambda done, total, what: within.append(blas_threads()))
+    encode(clip, tolerance=1e-2, effort="fast", progress=lambda done, total, what: within.append(blas_threads()))
     assert before
     assert [{threads[library] for library in before} for threads in within] == [{1}]
     assert before.items() <= blas_threads().items()

@@ -9,21 +9,21 @@ from hypothesis import given, settings
 from numpy.typing import NDArray
 
 from pdecodec.group_corrections import GroupCorrections, encode_group
-from spec.decoder.corrections import read_corrections
 from spec.decoder.fields import CorruptFileError
+from spec.decoder.residuals import read_residuals
 
 Int64Array = NDArray[np.int64]
 
 
 def assert_read_alike(group: GroupCorrections, starts: Int64Array) -> None:
     data = encode_group(group, starts)
-    for frame, plain in enumerate(read_corrections(data, group.frame_count, starts.tolist())):
+    for frame, plain in enumerate(read_residuals(data, group.frame_count, starts.tolist())):
         some = slice(group.frame_starts[frame], group.frame_starts[frame + 1])
         literal = slice(group.literal_frame_starts[frame], group.literal_frame_starts[frame + 1])
         assert list(plain.levels) == group.places[some].tolist()
         assert [list(levels) for levels in plain.levels.values()] == group.levels[some].tolist()
-        assert list(plain.literals) == group.literal_places[literal].tolist()
-        assert [list(position) for position in plain.literals.values()] == group.literals[literal].tolist()
+        assert list(plain.raw) == group.literal_places[literal].tolist()
+        assert [list(position) for position in plain.raw.values()] == group.literals[literal].tolist()
 
 
 @settings(max_examples=40, deadline=None)
@@ -44,5 +44,5 @@ def test_levels_of_a_cycle_are_read_alike() -> None:
 
 def test_bytes_after_the_corrections_are_refused() -> None:
     group, starts = example()
-    with pytest.raises(CorruptFileError, match="follow"):
-        read_corrections(encode_group(group, starts) + b"\1" * 8, 6, starts.tolist())
+    with pytest.raises(CorruptFileError, match="does not end"):
+        read_residuals(encode_group(group, starts) + b"\1" * 8, 6, starts.tolist())

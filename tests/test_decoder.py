@@ -3,74 +3,81 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import tracemalloc
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from test_round_trip import BOTH_VERSIONS, CLIPS, noise, sheet, wave
+from test_round_trip import CLIPS, PROFILES, noise, sheet, wave
 
 from pdecodec import (
     Animation,
     ArraySequence,
+    Attribute,
     CorruptFileError,
     DecodeLimits,
-    EncodeSettings,
     InputError,
     LimitError,
+    MeshObject,
+    MeshSequence,
+    PaperSettings,
+    SettingsError,
     encode,
     open_animation,
 )
-from pdecodec.errors import SettingsError
-from pdecodec.sequence import MeshSequence
-from spec.sealing import HEADER, Part, content, seal, take_apart, with_section
+from pdecodec.description import encode_sequence_description
+from pdecodec.groups import GroupEntry, TimeBasis, write_group_table
+from spec.sealing import Part, count, seal, table_end, take_apart
 
-
-def animation_of(sequence: MeshSequence, path: Path, **options: object) -> Animation:
-    encode(sequence, path, EncodeSettings(**options), overwrite=True)  # type: ignore[arg-type]
-    return open_animation(path)
-
-
-MODELS: dict[str, dict[str, object]] = {
-    "none": {"profile": "segments", "segment_frames": 5, "alignment": "none"},
-    "affine": {"profile": "segments", "segment_frames": 5, "alignment": "affine"},
-    "rotation": {"profile": "segments", "segment_frames": 5, "alignment": "rotation"},
-    "groups": {"profile": "auto"},
+PROFILE: dict[str, dict[str, Any]] = {
+    "auto": {},
+    "paper": {"profile": "paper", "tolerance": 1e-3, "paper": PaperSettings(segment_frames=5)},
 }
-"""Settings under which a clip of 20 frames has several segments or groups; groups are cut short by the fixture."""
+"""Settings under which a clip of 20 frames has several groups; those of "auto" are cut short by the fixture."""
 
 
-@pytest.fixture(scope="module")
-def short_groups() -> Iterator[None]:
+@pytest.fixture(scope="module", autouse=True)
+def _short_groups() -> Iterator[None]:
     """Groups of five frames at most."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pdecodec.groupencoder.LONGEST_GROUP", 5)
+        patch.setattr("pdecodec.encoder.LONGEST_GROUP", 5)
         yield
 
 
-@pytest.fixture(scope="module", params=["affine", "rotation", "groups"])
-def animation(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, short_groups: None
-) -> Iterator[Animation]:
-    """Several short segments or groups, with corrections at many frames and literals at one."""
+def encoded(sequence: MeshSequence, **options: Any) -> bytes:
+    data = encode(sequence, **options).data
+    assert data is not None
+    return data
+
+
+def restless() -> ArraySequence:
+    """A clip that needs residuals at many frames and a raw position at one, at irregular times, with an attribute."""
     points = wave(20) + 0.01 * noise(20, 35)
     points[6, 3] += np.float32(1e20)
     times = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, 20)) / 24 + 5
-    sequence = ArraySequence(points, objects=sheet(wave()).objects, times=times)
-    path = tmp_path_factory.mktemp("decoder") / "a.pdeanim"
-    with animation_of(sequence, path, **MODELS[request.param], effort=1) as decoded:
+    item = sheet(wave()).objects[0]
+    colour = Attribute("colour", "vertex", np.arange(35, dtype=np.float32))
+    return ArraySequence(points, objects=[MeshObject("sheet", item.connectivity, (colour,))], times=times)
+
+
+@pytest.fixture(scope="module", params=["auto", "paper"])
+def data(request: pytest.FixtureRequest, _short_groups: None) -> bytes:
+    return encoded(restless(), **PROFILE[request.param], effort="fast")
+
+
+@pytest.fixture(scope="module")
+def animation(data: bytes) -> Iterator[Animation]:
+    with open_animation(data) as decoded:
         assert decoded.sections["CORR"] > 0
+        assert decoded.info()["groups"] >= 4
         yield decoded
-
-
-def sections_of(animation: Animation) -> tuple[list[Part], int]:
-    """The sections of its file, and its major version."""
-    data = Path(animation.path).read_bytes()
-    return take_apart(data), HEADER.unpack_from(data)[1]
 
 
 def bits(points: np.ndarray) -> np.ndarray:
@@ -86,102 +93,38 @@ def test_frames_are_the_same_bits_by_every_way_of_asking(animation: Animation) -
     assert np.array_equal(bits(animation.to_array().points), bits(together))
 
 
-def test_a_thousand_random_times_equal_the_frames_where_they_coincide(animation: Animation) -> None:
-    random = np.random.default_rng(1)
-    frames = random.integers(0, 20, 500)
-    between = random.uniform(animation.times[0], animation.times[-1], 500)
-    mixed = random.permutation(1000)
-    asked = np.concatenate([animation.times[frames], between])[mixed]
-    decoded = np.empty((1000, 35, 3), np.float32)
-    decoded[mixed] = animation.sample(asked)
-    assert np.array_equal(bits(decoded[:500]), bits(animation.sample(animation.times)[frames]))
-    for time, points in zip(between[:40], decoded[500:540], strict=True):
-        assert np.array_equal(bits(animation.positions(time)), bits(points))
-
-
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.lists(st.floats(4, 7), min_size=1, max_size=12))
-def test_times_in_any_order_and_repeated_give_the_same_bits_as_one_by_one(
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.floats(4, 7) | st.integers(0, 19), min_size=1, max_size=20))
+def test_times_between_frames_and_at_them_in_any_order_give_the_same_bits_as_one_by_one(
     animation: Animation, asked: list[float]
 ) -> None:
-    together = animation.sample(asked)
-    for time, points in zip(asked, together, strict=True):
+    times = [animation.times[time] if isinstance(time, int) else time for time in asked]
+    for time, points in zip(times, animation.sample(times), strict=True):
         assert np.array_equal(bits(animation.positions(time)), bits(points))
 
 
-def test_outside_the_clip_the_first_and_the_last_frame_stand_still(animation: Animation) -> None:
-    first, last = animation.positions(animation.times[0]), animation.positions(animation.times[-1])
-    for time in (-1e300, 0.0, animation.times[0] - 1e-9, -math.inf):
-        assert np.array_equal(bits(animation.positions(time)), bits(first))
-        assert not animation.velocities(time).any()
-    for time in (animation.times[-1] + 1e-9, 1e300, math.inf):
-        assert np.array_equal(bits(animation.positions(time)), bits(last))
-        assert not animation.velocities(time).any()
+def test_several_threads_and_a_small_cache_change_no_bit(
+    data: bytes, animation: Animation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pdecodec.motion.CACHE_BYTES", 1)
+    times = np.random.default_rng(3).permutation(np.concatenate([animation.times, animation.times[:-1] + 0.01]))
+    with open_animation(data) as shared, ThreadPoolExecutor(6) as pool:
+        positions = pool.map(shared.positions, times)
+        velocities = pool.map(shared.velocities, times)
+        others = [pool.submit(shared.verify), pool.submit(lambda: shared.objects), pool.submit(shared.info)]
+        for time, found, speed in zip(times, positions, velocities, strict=True):
+            assert np.array_equal(bits(found), bits(animation.positions(time)))
+            assert np.array_equal(bits(speed), bits(animation.velocities(time)))
+        assert [other.result() for other in others][2] == animation.info()
 
 
-def test_times_that_are_no_list_of_numbers_are_refused(animation: Animation) -> None:
-    for times in ([math.nan], [0.0, math.nan], 3.0, [[1.0]]):
-        with pytest.raises(SettingsError, match="times must be a number or a list of numbers"):
-            animation.sample(times)
-    assert animation.sample([]).shape == (0, 35, 3)
-
-
-def test_frames_outside_the_sequence_are_refused(animation: Animation) -> None:
-    for start, stop in ((-1, 2), (3, 2), (0, 21)):
-        with pytest.raises(IndexError):
-            animation.read_frames(start, stop)
-    assert animation.read_frames(20, 20).shape == (0, 35, 3)
-
-
-@pytest.mark.parametrize("alignment", ["none", "rotation"])
-def test_velocities_are_the_slope_of_the_positions(alignment: str, tmp_path: Path) -> None:
-    # Without corrections, so that positions are the model's alone; scaled up, so that float32 does not hide the slope.
-    sequence = sheet(wave(24) * np.float32(1000))
-    with animation_of(
-        sequence, tmp_path / "a.pdeanim", profile="paper", alignment=alignment, segment_frames=8
-    ) as decoded:
-        assert decoded.sections["CORR"] == 0
-        step = 3e-4
-        inside = np.linspace(decoded.times[0] + step, decoded.times[-1] - step, 37)
-        for time in inside:
-            before, after = decoded.sample([time - step, time + step]).astype(np.float64)
-            slope = (after - before) / (2 * step)
-            np.testing.assert_allclose(decoded.velocities(time), slope, rtol=1e-3, atol=4.0)
-        assert np.abs(decoded.velocities(inside[5])).max() > 1000
-
-
-@pytest.mark.parametrize("alignment", ["none", "rotation"])
-def test_accelerations_are_the_slope_of_the_velocities(alignment: str, tmp_path: Path) -> None:
-    with animation_of(
-        sheet(wave(24)), tmp_path / "a.pdeanim", profile="paper", alignment=alignment, segment_frames=8
-    ) as decoded:
-        step = 1e-4
-        inside = [time for time in np.linspace(0.01, 0.9, 30) if np.abs(decoded.times - time).min() > 2 * step]
-        largest = np.abs(decoded.accelerations(inside)).max()
-        for time in inside:
-            before, after = decoded.velocities([time - step, time + step]).astype(np.float64)
-            slope = (after - before) / (2 * step)
-            np.testing.assert_allclose(decoded.accelerations(time), slope, rtol=0, atol=2e-3 * largest)
-
-
-@pytest.mark.parametrize("model", ["none", "affine", "groups"])
-def test_velocities_follow_what_corrections_add_between_frames(model: str, short_groups: None, tmp_path: Path) -> None:
-    sequence = sheet(100 * (wave(20) + 0.004 * noise(20, 35)))
-    with animation_of(sequence, tmp_path / "a.pdeanim", **MODELS[model], effort=1) as decoded:
-        assert decoded.sections["CORR"] > 0
-        middles = (decoded.times[:-1] + decoded.times[1:]) / 2
-        step = 1e-3
-        largest = np.abs(decoded.velocities(middles)).max()
-        for time in middles:
-            before, after = decoded.sample([time - step, time + step]).astype(np.float64)
-            slope = (after - before) / (2 * step)
-            np.testing.assert_allclose(decoded.velocities(time), slope, rtol=0, atol=0.02 * largest)
-
-
-def test_times_outside_are_held_looped_or_refused(animation: Animation) -> None:
-    length = animation.times[-1] - animation.times[0]
-    later = animation.times[3] + length
-    assert np.array_equal(animation.positions(later, outside="clamp"), animation.positions(animation.times[-1]))
+def test_outside_the_clip_its_ends_stand_still_or_it_loops_or_that_is_refused(animation: Animation) -> None:
+    begin, end = animation.times[[0, -1]]
+    for held, times in ((begin, (-1e300, begin - 1e-9, -math.inf)), (end, (end + 1e-9, 1e300, math.inf))):
+        for time in times:
+            assert np.array_equal(bits(animation.positions(time)), bits(animation.positions(held)))
+            assert not animation.velocities(time).any()
+    later = animation.times[3] + end - begin
     looped = animation.positions(later, outside="loop")
     np.testing.assert_allclose(looped, animation.positions(animation.times[3]), rtol=0, atol=1e-5)
     assert animation.velocities(later, outside="loop").any()
@@ -189,22 +132,45 @@ def test_times_outside_are_held_looped_or_refused(animation: Animation) -> None:
         animation.positions(later, outside="refuse")
 
 
+def test_times_and_frames_that_are_none_are_refused(animation: Animation) -> None:
+    for times in ([math.nan], [0.0, math.nan], 3.0, [[1.0]]):
+        with pytest.raises(SettingsError, match="times must be a number or a list of numbers"):
+            animation.sample(times)
+    for start, stop in ((-1, 2), (3, 2), (0, 21)):
+        with pytest.raises(IndexError):
+            animation.read_frames(start, stop)
+    assert animation.sample([]).shape == animation.read_frames(20, 20).shape == (0, 35, 3)
+
+
 def test_positions_are_written_into_the_callers_array(animation: Animation) -> None:
-    wanted = animation.sample([0.2, 0.1])
-    out = np.empty((2, 35, 3), np.float32)
-    assert animation.sample([0.2, 0.1], out=out) is out
-    assert np.array_equal(out, wanted)
+    wanted = animation.sample([5.2, 5.1])
+    for out in (np.empty((2, 35, 3), np.float32), np.empty((35, 2, 3), np.float32).transpose(1, 0, 2)):
+        assert animation.sample([5.2, 5.1], out=out) is out
+        assert np.array_equal(out, wanted)
     for wrong in (np.empty((1, 35, 3), np.float32), np.empty((2, 35, 3))):
         with pytest.raises(SettingsError, match="the array to write to"):
-            animation.sample([0.2, 0.1], out=wrong)
+            animation.sample([5.2, 5.1], out=wrong)
 
 
-@pytest.mark.parametrize("model", ["none", "affine", "rotation", "groups"])
-def test_motion_is_continuous_where_segments_and_corrections_meet(
-    model: str, short_groups: None, tmp_path: Path
-) -> None:
-    sequence = sheet(wave(20) + 0.01 * noise(20, 35))
-    with animation_of(sequence, tmp_path / "a.pdeanim", **MODELS[model], effort=1) as decoded:
+@pytest.mark.parametrize("profile", PROFILE)
+def test_velocities_and_accelerations_are_the_slopes_of_what_is_before_them(profile: str) -> None:
+    # Scaled up, so that float32 does not hide the slope; with residuals, which change at constant speed.
+    sequence = sheet(1000 * (wave(20) + 0.004 * noise(20, 35)))
+    with open_animation(encoded(sequence, **PROFILE[profile], effort="fast")) as decoded:
+        assert decoded.sections["CORR"] > 0
+        inside = (decoded.times[:-1] + decoded.times[1:]) / 2
+        for steep, slope, step in (
+            (decoded.sample, decoded.velocities, 1e-3),
+            (decoded.velocities, decoded.accelerations, 1e-4),
+        ):
+            before, after = steep(inside - step).astype(np.float64), steep(inside + step)
+            found = slope(inside)
+            np.testing.assert_allclose(found, (after - before) / (2 * step), rtol=0, atol=4e-3 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("profile", PROFILE)
+def test_motion_is_continuous_where_groups_and_residuals_meet(profile: str) -> None:
+    with open_animation(encoded(sheet(wave(20) + 0.01 * noise(20, 35)), **PROFILE[profile], effort="fast")) as decoded:
         assert decoded.sections["CORR"] > 0
         for time in decoded.times[1:-1]:
             before, at, after = decoded.sample([np.nextafter(time, 0), time, np.nextafter(time, 9)])
@@ -212,97 +178,145 @@ def test_motion_is_continuous_where_segments_and_corrections_meet(
             np.testing.assert_allclose(after, at, rtol=0, atol=1e-6)
 
 
-@BOTH_VERSIONS
-def test_a_correction_fades_towards_the_frames_beside_it(profile: str, tmp_path: Path) -> None:
+@PROFILES
+def test_a_residual_fades_towards_the_frames_beside_it(profile: str) -> None:
     points = np.zeros((9, 6, 3), np.float32)
     points[:, :, 0] = np.arange(6)
     points[4, 2, 1] = 0.5
-    sequence = ArraySequence(points, fps=1)
-    with animation_of(sequence, tmp_path / "a.pdeanim", profile=profile, max_error=0.001) as decoded:
+    with open_animation(encoded(ArraySequence(points, fps=1), profile=profile, max_error=0.001)) as decoded:
         height = decoded.sample(np.arange(3, 5.01, 0.25))[:, 2, 1]
-        if decoded.sections["COEF"] == 0:  # the rest shape and one correction: a hat function
+        if decoded.sections["COEF"] == 0:  # the reference frame and one residual: a hat function
             np.testing.assert_allclose(height, [0, 0.125, 0.25, 0.375, 0.5, 0.375, 0.25, 0.125, 0], atol=0.002)
         assert height[4] == pytest.approx(0.5, abs=0.001)
         assert np.argmax(height) == 4
 
 
-@BOTH_VERSIONS
-def test_one_frame_is_given_at_every_time(profile: str, tmp_path: Path) -> None:
-    with animation_of(CLIPS["one frame"](), tmp_path / "a.pdeanim", profile=profile) as decoded:
+@PROFILES
+def test_one_frame_is_given_at_every_time(profile: str) -> None:
+    with open_animation(encoded(CLIPS["one frame"](), profile=profile)) as decoded:
         only = decoded.positions(0.0)
         assert np.array_equal(decoded.sample([-1.0, 0.0, 7.5]), np.stack([only] * 3))
         assert not decoded.velocities(0.0).any()
 
 
-def test_a_time_reads_no_more_segments_than_it_touches(tmp_path: Path) -> None:
+def damaged(data: bytes, kind: str) -> bytes:
+    """The file with one byte of a section changed."""
+    parts = take_apart(data)
+    at = table_end(parts) + sum(len(part.content) for part in parts[: [part.kind for part in parts].index(kind)])
+    return data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
+
+
+@pytest.mark.parametrize("kind", ["REST", "COEF", "ATTR"])
+def test_opening_reads_headers_alone_and_damage_is_found_where_it_is_needed(
+    data: bytes, animation: Animation, kind: str
+) -> None:
+    with open_animation(damaged(data, kind)) as decoded:
+        assert decoded.info() == animation.info()
+        assert np.array_equal(decoded.times, animation.times)
+        assert (decoded.fps, decoded.frame_count, decoded.vertex_count) == (animation.fps, 20, 35)
+        assert decoded.meshes[0].connectivity.same_as(animation.objects[0].connectivity)
+        for needed, use in (
+            ("REST ATTR", lambda: decoded.objects),
+            ("REST COEF", lambda: decoded.positions(5.1)),
+        ):
+            if kind in needed:
+                message = "group 0 is damaged" if kind == "COEF" else f"section {kind} is damaged"
+                with pytest.raises(CorruptFileError, match=message):
+                    use()
+            else:
+                use()
+
+
+@pytest.mark.parametrize("kind", ["META", "SEQN", "CONN", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR", "ATTR"])
+def test_verify_finds_damage_in_every_section(data: bytes, animation: Animation, kind: str) -> None:
+    animation.verify()
+    if animation.sections[kind]:
+        with pytest.raises(CorruptFileError, match=f"section {kind} is damaged"):
+            open_animation(damaged(data, kind)).verify()
+
+
+def resealed(data: bytes, **contents: bytes) -> bytes:
+    """The file with other sections, every checksum of the container right."""
+    return seal([replace(part, content=contents.get(part.kind, part.content)) for part in take_apart(data)])
+
+
+def test_a_time_reads_no_more_groups_than_it_touches(tmp_path: Path) -> None:
+    data = encoded(ArraySequence(noise(20, 6), fps=1), **PROFILE["paper"])
+    (residuals,) = (part.content for part in take_apart(data) if part.kind == "CORR")
+    # Ruin the last group: what lies before it decodes, and what touches it names its first frame.
     path = tmp_path / "a.pdeanim"
-    animation_of(ArraySequence(noise(20, 6), fps=1), path, profile="segments", segment_frames=5, effort=1).close()
-    parts = take_apart(path.read_bytes())
-    corrections = content(parts, "CORR")
-    # Ruin the last segment: everything up to it decodes, and what touches it names its first frame.
-    damaged = [
-        replace(part, content=corrections[:-1] + bytes([corrections[-1] ^ 1])) if part.kind == "CORR" else part
-        for part in parts
-    ]
-    path.write_bytes(seal(damaged))
+    path.write_bytes(resealed(data, CORR=residuals[:-1] + bytes([residuals[-1] ^ 1])))
     with open_animation(path) as decoded:
         assert np.isfinite(decoded.sample(decoded.times[:15])).all()
-        for time in (14.5, 15.0, 19.0):
-            with pytest.raises(CorruptFileError, match="segment is damaged") as caught:
-                decoded.positions(time)
-            assert caught.value.frame == 15
-            assert caught.value.path == str(path)
-        with pytest.raises(CorruptFileError):
-            decoded.verify()
-
-
-def test_a_small_cache_changes_no_bit(animation: Animation, monkeypatch: pytest.MonkeyPatch) -> None:
-    times = np.random.default_rng(3).permutation(np.repeat(animation.times, 2)) + 0.01
-    expected = animation.sample(times)
-    monkeypatch.setattr("pdecodec.decoder.CACHE_BYTES", 1)
-    with open_animation(animation.path) as decoded:
-        for time, points in zip(times, expected, strict=True):
-            assert np.array_equal(bits(decoded.positions(time)), bits(points))
+        for use in (lambda: decoded.positions(14.5), lambda: decoded.positions(19.0), decoded.verify):
+            with pytest.raises(CorruptFileError, match="group 3 is damaged") as caught:
+                use()
+            assert (caught.value.frame, caught.value.path) == (15, str(path))
 
 
 def test_opening_what_is_not_there_says_so(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be opened"):
-        open_animation(tmp_path / "missing.pdeanim")
-    with pytest.raises(InputError, match="cannot be opened"):
-        open_animation(tmp_path)
+    for path in (tmp_path / "missing.pdeanim", tmp_path):
+        with pytest.raises(InputError, match="cannot be opened"):
+            open_animation(path)
 
 
-def test_a_memory_limit_is_kept_and_can_be_raised(animation: Animation) -> None:
-    with pytest.raises(LimitError, match="35 vertices"):
-        open_animation(animation.path, limits=DecodeLimits(max_memory=10_000))
-    with open_animation(animation.path, limits=DecodeLimits(max_memory=2**20)) as decoded:
-        assert decoded.vertex_count == 35
+def test_a_memory_limit_is_kept_and_can_be_raised(data: bytes) -> None:
+    with pytest.raises(LimitError, match=r"35 vertices, about \d+ bytes to decode; the limit is 10000; raise it"):
+        open_animation(data, limits=DecodeLimits(max_memory=10_000))
+    with open_animation(data, limits=DecodeLimits(max_memory=2**20)) as decoded:
+        assert decoded.positions(5.1).shape == (35, 3)
 
 
-def test_unknown_ignorable_sections_change_nothing(animation: Animation, tmp_path: Path) -> None:
-    parts, major = sections_of(animation)
-    path = tmp_path / "a.pdeanim"
-    path.write_bytes(seal([Part("XTRA", b"anything", 0), *parts], major=major, minor=3))
-    with open_animation(path) as decoded:
+def group(basis: TimeBasis, *, frames: int, functions: int = 0) -> GroupEntry:
+    return GroupEntry(frames=frames, functions=functions, basis=basis, single=False, step=1.0)
+
+
+HOSTILE: dict[str, Callable[[], dict[str, bytes]]] = {
+    "declares 100000 frames": lambda: {
+        "SEQN": encode_sequence_description(ArraySequence(np.zeros((100_000, 1, 3), np.float32)))
+    },
+    "declares 1000000000 vertices": lambda: {"CONN": count(1) + count(10**9)},
+    "declares 60 functions of time on 35 vertices": lambda: {
+        **dict.fromkeys(("TIME", "COEF", "CORR"), b""),
+        "GRUP": write_group_table([group("cosines", frames=20, functions=20)]),
+    },
+}
+
+
+@pytest.mark.parametrize("message", HOSTILE)
+def test_what_needs_more_memory_than_allowed_is_refused_before_it_is_taken(data: bytes, message: str) -> None:
+    changed = resealed(data, **HOSTILE[message]())
+    tracemalloc.start()
+    try:
+        with pytest.raises(LimitError, match=message):
+            open_animation(changed, limits=DecodeLimits(max_memory=100_000)).positions(0.0)
+        assert tracemalloc.get_traced_memory()[1] < 2**23
+    finally:
+        tracemalloc.stop()
+
+
+def test_what_a_later_version_may_read_is_refused_by_a_message_of_its_own(data: bytes) -> None:
+    entries = [group("closed form", frames=10), group("cosines", frames=10)]
+    with pytest.raises(CorruptFileError, match="groups in closed form and others; a file has one or the other"):
+        open_animation(resealed(data, GRUP=write_group_table(entries)))
+    parts = take_apart(data)
+    again = [part for part in parts if part.kind not in ("META", "SEQN")]
+    with pytest.raises(CorruptFileError, match="runs of frames of different connectivity, which this decoder does not"):
+        open_animation(seal([*parts, *again]))
+
+
+def test_unknown_ignorable_sections_and_missing_remarks_change_nothing(data: bytes, animation: Animation) -> None:
+    parts = [part for part in take_apart(data) if part.kind != "META"]
+    with open_animation(seal([Part("XTRA", b"anything", 0), *parts], minor=3)) as decoded:
         assert np.array_equal(bits(decoded.sample(animation.times)), bits(animation.sample(animation.times)))
         assert decoded.sections["XTRA"] == 8
+        assert (decoded.metadata, decoded.info()["settings"]) == ({}, {})
 
 
-def test_a_file_without_remarks_decodes(animation: Animation, tmp_path: Path) -> None:
-    parts, major = sections_of(animation)
-    path = tmp_path / "a.pdeanim"
-    path.write_bytes(seal([part for part in parts if part.kind != "META"], major=major))
-    with open_animation(path) as decoded:
-        assert decoded.metadata == {}
-        assert np.array_equal(bits(decoded.sample(animation.times)), bits(animation.sample(animation.times)))
-        assert decoded.info()["settings"] == {}
-
-
-def test_metadata_of_any_kind_is_read_as_text(animation: Animation, tmp_path: Path) -> None:
-    parts, major = sections_of(animation)
-    path = tmp_path / "a.pdeanim"
-    cases = [(b'{"metadata":{"up":1,"unit":null}}', {"up": "1", "unit": "None"}), (b'{"metadata":3}', {})]
-    for text, metadata in cases:
-        path.write_bytes(seal(with_section(parts, "META", zstandard.ZstdCompressor().compress(text)), major=major))
-        with open_animation(path) as decoded:
-            assert decoded.metadata == metadata
+@pytest.mark.parametrize(
+    ("text", "metadata"),
+    [(b'{"metadata":{"up":1,"unit":null}}', {"up": "1", "unit": "None"}), (b'{"metadata":3}', {}), (b"{}", {})],
+)
+def test_metadata_of_any_kind_is_read_as_text(data: bytes, text: bytes, metadata: dict[str, str]) -> None:
+    with open_animation(resealed(data, META=zstandard.ZstdCompressor().compress(text))) as decoded:
+        assert decoded.metadata == metadata

@@ -1,4 +1,4 @@
-"""Integers to bytes and back; a stream that lies about its size is refused before it takes memory."""
+"""Remarks to bytes and back; a stream that lies about its size is refused before it takes memory."""
 
 from __future__ import annotations
 
@@ -8,50 +8,17 @@ import tracemalloc
 import numpy as np
 import pytest
 import zstandard
-from damage import assert_cuts_are_refused, assert_only_corrupt_file_errors
+from damage import assert_cuts_are_refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as arrays
-from numpy.typing import NDArray
 
-from pdecodec.entropy import VARINT_BYTES, compress, decompress, pack_integers, unpack_integers
+from pdecodec.entropy import compress, decompress
 from pdecodec.errors import CorruptFileError
 
 MAGIC = b"\x28\xb5\x2f\xfd"
 
 BLOCK = 2**17
 """Bytes that one block of a zstandard frame can stand for."""
-
-
-@settings(max_examples=80, deadline=None)
-@given(arrays.arrays(np.int64, st.integers(0, 40), elements=st.integers(-(2**63), 2**63 - 1) | st.integers(-99, 99)))
-def test_integers_come_back_from_the_same_bytes(values: NDArray[np.int64]) -> None:
-    data = pack_integers(values)
-    assert data == pack_integers(values.copy())
-    assert np.array_equal(unpack_integers(data, values.size), values)
-    for count in {values.size + 1, max(values.size - 1, 0), 0, 2**40} - {values.size}:
-        with pytest.raises(CorruptFileError):
-            unpack_integers(data, count)
-
-
-@pytest.mark.parametrize("kind", [np.int8, np.uint16, np.int32, np.int64])
-def test_integers_of_any_type_and_layout_are_packed_alike(kind: type) -> None:
-    values = np.arange(24).reshape(4, 6).astype(kind)
-    expected = pack_integers(np.arange(24))
-    assert pack_integers(values) == expected
-    assert pack_integers(values.T.copy().T) == expected
-    assert pack_integers(np.repeat(values, 2, axis=1)[:, ::2]) == expected
-
-
-def test_no_integers_take_no_bytes() -> None:
-    assert pack_integers(np.zeros(0, np.int64)) == b""
-    assert unpack_integers(b"", 0).size == 0
-    with pytest.raises(CorruptFileError, match="stream of 1 integers has 0 bytes"):
-        unpack_integers(b"", 1)
-
-
-def test_like_integers_compress() -> None:
-    assert len(pack_integers(np.full(100_000, -3))) < 100
 
 
 @settings(max_examples=60, deadline=None)
@@ -79,12 +46,6 @@ def test_any_bytes_give_at_most_what_was_allowed_or_our_own_error(data: bytes) -
 def test_streams_that_are_cut_or_too_long_are_refused() -> None:
     content = np.random.default_rng(1).integers(0, 9, 300).astype(np.uint8).tobytes()
     assert_cuts_are_refused(compress(content), lambda data: decompress(data, 10_000))
-    assert_cuts_are_refused(pack_integers(np.arange(-40, 40)), lambda data: unpack_integers(data, 80))
-
-
-def test_damage_to_a_stream_ends_in_our_own_error() -> None:
-    data = pack_integers(np.random.default_rng(2).integers(-999, 999, 120))
-    assert assert_only_corrupt_file_errors(data, lambda each: unpack_integers(each, 120)) > 50
 
 
 def test_a_frame_that_does_not_declare_its_size_is_refused() -> None:
@@ -133,15 +94,3 @@ def test_a_declared_size_beyond_what_can_be_is_refused_before_anything_is_unpack
 def test_a_frame_that_holds_less_than_it_declares_is_refused() -> None:
     with pytest.raises(CorruptFileError):
         decompress(frame(3 * BLOCK, 2), 3 * BLOCK)
-
-
-def test_a_count_beyond_the_stream_is_refused_before_memory_is_taken() -> None:
-    with pytest.raises(CorruptFileError, match=f"{2**50} integers has 3 bytes"):
-        unpack_integers(pack_integers(np.array([1, 2, 3])), 2**50)
-
-
-def test_no_integer_takes_more_bytes_than_stated() -> None:
-    values = np.full(50, -(2**63))
-    assert zstandard.frame_content_size(pack_integers(values)) == VARINT_BYTES * 50
-    with pytest.raises(CorruptFileError, match="exactly 1 integers"):
-        unpack_integers(compress(b"\xff" * VARINT_BYTES), 1)

@@ -21,11 +21,12 @@ from pdecodec.modes import (
     FOLLOWED,
     LONGEST_TRANSFORM,
     MOST_STEPS,
+    STRAIGHT,
     TRANSFORMED,
     cosine_wave,
     decode_modes,
-    encode_modes,
-    measure_modes,
+    quantise_modes,
+    quantised_by_each_method,
 )
 
 Float64Array = NDArray[np.float64]
@@ -34,6 +35,12 @@ Make = Callable[[int, int], Float64Array]
 
 LARGEST_ERROR = 0.6
 """Of a number, in steps: fractions below are rounded down."""
+
+
+def encode_modes(scaled: Float64Array, step: float) -> tuple[bytes, Float64Array]:
+    """Modes as bytes, and what they decode to."""
+    found = quantise_modes(scaled, step)
+    return found.to_bytes(), found.decoded
 
 
 def assert_same_bits(one: Float64Array, other: Float64Array) -> None:
@@ -87,12 +94,30 @@ def test_wandering_modes_are_followed_and_swinging_ones_transformed() -> None:
     assert encode_modes(swings(150, 8), 0.5)[0][0] == TRANSFORMED
 
 
+def keyed(frames: int, count: int) -> Float64Array:
+    """Modes that go straight from key to key, each between keys of its own."""
+    keys = np.random.default_rng(3).integers(-40, 40, (count, 3, 5))
+    at = np.linspace(0, frames - 1, 5)
+    lines = [[np.interp(np.arange(frames), at + k, values) for values in mode] for k, mode in enumerate(keys)]
+    return np.array(lines).transpose(2, 1, 0)
+
+
+def test_straight_runs_between_keys_cost_what_their_turns_do() -> None:
+    scaled = keyed(120, 4)
+    data, decoded = encode_modes(scaled, 0.5)
+    assert data[0] == STRAIGHT
+    assert_same_bits(decode_modes(data, 120, 4, 0.5), decoded)
+    assert np.abs(decoded - scaled).max() <= LARGEST_ERROR * 0.5
+    others = [item.bits for item in quantised_by_each_method(scaled, 0.5) if item.method != STRAIGHT]
+    assert 8 * len(data) < 0.7 * min(others)
+
+
 @pytest.mark.parametrize("make", [wanderings, swings])
 def test_the_method_with_fewer_bits_for_its_error_is_taken(make: Make) -> None:
     scaled, step = make(90, 5), 0.3
     costs = {
-        item.method: 8 * len(modes._write(item.levels)) + 6 / np.log(2) * np.sum((item.decoded - scaled) ** 2) / step**2
-        for item in modes._candidates(scaled, step)
+        item.method: item.bits + 6 / np.log(2) * np.sum((item.decoded - scaled) ** 2) / step**2
+        for item in quantised_by_each_method(scaled, step)
     }
     assert encode_modes(scaled, step)[0][0] == min(costs, key=costs.__getitem__)
 
@@ -113,10 +138,8 @@ def test_constant_speed_is_learnt() -> None:
 @pytest.mark.parametrize("make", [wanderings, swings])
 def test_measured_bits_are_those_written(make: Make) -> None:
     scaled = make(120, 6)
-    data, decoded = encode_modes(scaled, 0.2)
-    bits, measured = measure_modes(scaled, 0.2)
-    assert bits == pytest.approx(8 * len(data), rel=0.005, abs=16)
-    assert_same_bits(measured, decoded)
+    for found in quantised_by_each_method(scaled, 0.2):
+        assert found.bits == pytest.approx(8 * len(found.to_bytes()), rel=0.005, abs=16)
 
 
 def test_the_same_modes_give_the_same_bytes_in_any_layout() -> None:
@@ -131,8 +154,9 @@ def test_the_same_modes_give_the_same_bytes_in_any_layout() -> None:
 @pytest.mark.parametrize("shape", [(0, 3, 4), (7, 3, 0), (0, 3, 0), (7, 3, 4)])
 def test_no_modes_and_modes_of_nothing_take_no_bytes(shape: tuple[int, int, int]) -> None:
     scaled = np.full(shape, 0.01)
-    assert encode_modes(scaled, 1.0)[0] == b""
-    assert measure_modes(scaled, 1.0)[0] == 0
+    found = quantise_modes(scaled, 1.0)
+    assert found.to_bytes() == b""
+    assert found.bits == 0.0
     assert_same_bits(decode_modes(b"", *shape[::2], 1.0), np.zeros(shape))
 
 
@@ -195,9 +219,8 @@ def test_a_step_that_is_none_is_refused(step: float) -> None:
 def test_numbers_beyond_the_steps_there_are_are_refused(number: float) -> None:
     scaled = np.zeros((5, 3, 2))
     scaled[3, 1, 1] = number
-    for call in (encode_modes, measure_modes):
-        with pytest.raises(SettingsError, match="take a larger tolerance"):
-            call(scaled, 1.0)
+    with pytest.raises(SettingsError, match="take a larger tolerance"):
+        quantise_modes(scaled, 1.0)
 
 
 @pytest.mark.parametrize("make", [wanderings, swings])

@@ -8,30 +8,28 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_modes import any_modes, assert_same_bits, swings, wanderings
 
-from pdecodec import modes
 from pdecodec.errors import CorruptFileError
 from pdecodec.kernels.modes import MOST_EXPONENT, follow_modes
-from pdecodec.modes import FOLLOWED, TRANSFORMED, Float64Array, decode_modes
-from spec.decoder import modes as independent
+from pdecodec.modes import FOLLOWED, STRAIGHT, TRANSFORMED, Float64Array, decode_modes, quantised_by_each_method
+from spec.decoder import timefunctions as independent
 from spec.decoder.fields import CorruptFileError as IndependentCorruptFileError
 
 
 def independently_decoded(data: bytes, frames: int, count: int, step: float, axes: int = 3) -> Float64Array:
-    decoded = np.array(independent.decode_modes(data, frames, count, step, axes)).reshape(count, axes, frames)
+    decoded = np.array(independent.read_time_functions(data, frames, count, step, axes)).reshape(count, axes, frames)
     return np.ascontiguousarray(decoded.transpose(2, 1, 0))
 
 
-def assert_both_methods_agree(scaled: Float64Array, step: float) -> None:
+def assert_all_methods_agree(scaled: Float64Array, step: float) -> None:
     frames, axes, count = scaled.shape
-    for item in modes._candidates(scaled, step):
-        data = bytes([item.method]) + modes._write(item.levels) if item.levels.size else b""
-        assert_same_bits(independently_decoded(data, frames, count, step, axes), item.decoded)
+    for item in quantised_by_each_method(scaled, step):
+        assert_same_bits(independently_decoded(item.to_bytes(), frames, count, step, axes), item.decoded)
 
 
 @settings(max_examples=25, deadline=None)
 @given(any_modes())
-def test_it_decodes_any_modes_by_both_methods(scaled: Float64Array) -> None:
-    assert_both_methods_agree(scaled, 1.0)
+def test_it_decodes_any_modes_by_all_methods(scaled: Float64Array) -> None:
+    assert_all_methods_agree(scaled, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -40,18 +38,18 @@ def test_it_decodes_any_modes_by_both_methods(scaled: Float64Array) -> None:
     ids=["wanderings", "swings", "wanderings the same on all axes", "swings the same on all axes"],
 )
 def test_it_decodes_modes_from_which_much_was_learnt(scaled: Float64Array) -> None:
-    assert_both_methods_agree(scaled, 0.37)
+    assert_all_methods_agree(scaled, 0.37)
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.sampled_from([FOLLOWED, TRANSFORMED]), st.binary(max_size=60))
+@given(st.sampled_from([FOLLOWED, TRANSFORMED, STRAIGHT]), st.binary(max_size=60))
 def test_it_makes_the_same_of_bytes_that_nobody_wrote(method: int, content: bytes) -> None:
     data = bytes([method]) + content
     try:
         mine = decode_modes(data, 9, 4, 0.5)
     except CorruptFileError:
         with pytest.raises(IndependentCorruptFileError):
-            independent.decode_modes(data, 9, 4, 0.5)
+            independent.read_time_functions(data, 9, 4, 0.5)
         return
     assert np.isfinite(mine).all()
     assert_same_bits(independently_decoded(data, 9, 4, 0.5), mine)
@@ -61,5 +59,5 @@ def test_it_begins_anew_where_a_prediction_runs_away() -> None:
     levels = np.full((3, 40, 3), 2 ** (MOST_EXPONENT + 1) - 2)
     values = np.empty(levels.shape)
     follow_modes(levels, values, values, False, 0.5, np.empty(4), np.empty((4, 4)), np.empty(4), np.empty(4))
-    theirs = np.array(independent.followed(levels.tolist(), 40))
+    theirs = np.array(independent.predicted(levels.tolist(), 40))
     assert_same_bits(values, np.ascontiguousarray(theirs.transpose(0, 2, 1)))

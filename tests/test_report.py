@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib.util
 import json
 import re
 from collections.abc import Sequence
@@ -17,9 +18,12 @@ from mesh_cases import connectivity_of, grid
 
 from pdecodec.cli.main import run
 from pdecodec.encoder import encode
-from pdecodec.errors import InputError
-from pdecodec.experiments.meshdrawing import polygons_of
-from pdecodec.experiments.report.between import (
+from pdecodec.errors import InputError, MissingExtraError
+from pdecodec.formats import write_sequence
+from pdecodec.report import baselines
+from pdecodec.report.baselines.quantised import QuantiseDelta, RawFloat16, RawFloat32
+from pdecodec.report.charts import require_drawing
+from pdecodec.report.clips.between import (
     INTERPOLATIONS,
     PDECODEC,
     cubic_spline,
@@ -27,28 +31,21 @@ from pdecodec.experiments.report.between import (
     nearest_frame,
     straight_lines,
 )
-from pdecodec.experiments.report.cell import Cell, best_peer
-from pdecodec.experiments.report.comparison import compare_cells, comparison_text, read_cells, too_large
-from pdecodec.experiments.report.errorfield import measure_field
-from pdecodec.experiments.report.kept import KeptCells, cell_key, clip_digest
-from pdecodec.experiments.report.measurement import measure_profile
-from pdecodec.experiments.report.measuring import ReportPlan, measure_clip
-from pdecodec.experiments.report.recommendation import recommend
-from pdecodec.experiments.report.sources import find_clips
-from pdecodec.experiments.report.speed_exhibits import pareto_front
-from pdecodec.experiments.report.tables import merit_table
-from pdecodec.experiments.vegalite import for_page, log_ticks
-from pdecodec.formats import write_sequence
-from pdecodec.peers import catalogue
-from pdecodec.peers.delta import QuantiseDelta
-from pdecodec.peers.raw import RawFloat16, RawFloat32
+from pdecodec.report.clips.comparison import compare_measurements, comparison_text, read_measurements, too_large
+from pdecodec.report.clips.errors import measure_field
+from pdecodec.report.clips.making import find_clips
+from pdecodec.report.clips.measurement import KeptMeasurements, Measurement, best_baseline, clip_digest, measurement_key
+from pdecodec.report.clips.measuring import ReportPlan, measure_clip, measure_profile
+from pdecodec.report.clips.pages import merit_table
+from pdecodec.report.clips.recommendation import recommend
+from pdecodec.report.vegalite import for_page
 from pdecodec.sequence import ArraySequence, MeshObject
 
-PEERS = (RawFloat32(), RawFloat16(), QuantiseDelta())
+BASELINES = (RawFloat32(), RawFloat16(), QuantiseDelta())
 
-PLAN = ReportPlan(tolerances=(1e-2, 1e-3), profiles=("auto",), peers=PEERS, effort=1, jobs=1)
+PLAN = ReportPlan(tolerances=(1e-2, 1e-3), profiles=("auto",), baselines=BASELINES, effort="fast", jobs=1)
 
-CELL = Cell(
+POINT = Measurement(
     clip="a",
     coder="auto",
     kind="profile",
@@ -78,99 +75,87 @@ def wave_sequence(frames: int = 12, seed_height: float = 0.1) -> ArraySequence:
     return ArraySequence(points.reshape(frames, -1, 3), objects=[MeshObject("sheet", grid(4, 20))], times=times)
 
 
-def peer(name: str, size: int | None, **values: Any) -> Cell:
-    return replace(CELL, coder=name, kind="peer", size=size, refusal=None if size else "too coarse", **values)
+def baseline(name: str, size: int | None, **values: Any) -> Measurement:
+    return replace(POINT, coder=name, kind="baseline", size=size, refusal=None if size else "too coarse", **values)
 
 
-def test_what_follows_from_a_cell_is_as_it_is_defined() -> None:
-    assert CELL.reached
-    assert CELL.raw_size == 2400
-    assert CELL.bpvf == 8 * 100 / 200
-    assert CELL.ratio == 2400 / 120
-    assert CELL.encode_rate == pytest.approx(0.0012)
-    assert CELL.decode_rate == pytest.approx(0.0048)
-    assert CELL.decode_multiple == pytest.approx(50)
-    refused = peer("p", None, max_error=None, encode_seconds=None, decode_seconds=None)
+def test_what_follows_from_a_measurement_is_as_it_is_defined() -> None:
+    assert POINT.reached
+    assert POINT.raw_size == 2400
+    assert POINT.bpvf == 8 * 100 / 200
+    assert POINT.ratio == 2400 / 120
+    assert POINT.encode_rate == pytest.approx(0.0012)
+    assert POINT.decode_rate == pytest.approx(0.0048)
+    assert POINT.decode_multiple == pytest.approx(50)
+    refused = baseline("p", None, max_error=None, encode_seconds=None, decode_seconds=None)
     assert not refused.reached
     assert (refused.bpvf, refused.ratio, refused.encode_rate, refused.decode_multiple) == (None,) * 4
-    assert not replace(CELL, max_error=1.1e-3).reached
+    assert not replace(POINT, max_error=1.1e-3).reached
 
 
-def test_a_cell_goes_to_json_and_comes_back() -> None:
-    assert Cell.from_dict(json.loads(json.dumps(CELL.to_dict()))) == CELL
-
-
-@pytest.mark.parametrize(
-    "values", [{}, {"clip": "a"}, {**CELL.to_dict(), "size": "many"}, {**CELL.to_dict(), "x": 1}, []]
-)
-def test_values_that_are_no_cell_are_refused(values: Any) -> None:
-    with pytest.raises(InputError, match="measured point"):
-        Cell.from_dict(values)
-
-
-def test_the_best_peer_is_the_smallest_that_keeps_the_bound() -> None:
-    cells = [
-        CELL,
-        peer("coarse", None),
-        peer("plain", 500),
-        peer("better", 400, published=False),
-        peer("off", 1, max_error=1),
+def test_the_best_baseline_is_the_smallest_that_keeps_the_bound() -> None:
+    points = [
+        POINT,
+        baseline("coarse", None),
+        baseline("plain", 500),
+        baseline("better", 400, published=False),
+        baseline("off", 1, max_error=1),
     ]
-    found = [best_peer(cells, 1e-3, published=published) for published in (False, True)]
-    assert [cell and cell.coder for cell in found] == ["better", "plain"]
-    assert best_peer(cells[:2], 1e-3) is None
+    found = [best_baseline(points, 1e-3, published=published) for published in (False, True)]
+    assert [point and point.coder for point in found] == ["better", "plain"]
+    assert best_baseline(points[:2], 1e-3) is None
 
 
 def test_a_profile_is_measured_on_what_its_bytes_decode_to() -> None:
     sequence = wave_sequence()
-    cell = measure_profile("wave", sequence, profile="auto", tolerance=2e-3, effort=1)
-    written = encode(sequence, tolerance=2e-3, effort=1)
+    point = measure_profile("wave", sequence, profile="auto", tolerance=2e-3, effort="fast")
+    written = encode(sequence, tolerance=2e-3, effort="fast")
     constant = written.sections["CONN"] + written.sections.get("ORDR", 0)
-    assert (cell.clip, cell.frames, cell.vertices) == ("wave", 12, 80)
-    assert (cell.size, cell.constant_size) == (written.file_bytes - constant, constant)
-    assert cell.max_error == pytest.approx(written.max_error / written.scale)
-    assert 0 < (cell.rms_error or 0) < (cell.p99_error or 0) <= (cell.max_error or 0) <= 2e-3
-    assert cell.within == 1.0
-    assert (cell.coefficients or 0) > 0
-    assert sum(cell.sections.values()) == written.file_bytes
+    assert (point.clip, point.frames, point.vertices) == ("wave", 12, 80)
+    assert (point.size, point.constant_size) == (written.file_bytes - constant, constant)
+    assert point.max_error == pytest.approx(written.max_error / written.scale)
+    assert 0 < (point.rms_error or 0) < (point.p99_error or 0) <= (point.max_error or 0) <= 2e-3
+    assert point.within == 1.0
+    assert (point.coefficients or 0) > 0
+    assert sum(point.sections.values()) == written.file_bytes
 
 
-def test_every_coder_has_a_cell_at_every_tolerance_and_peers_keep_the_bound(tmp_path: Path) -> None:
-    cells = measure_clip("wave", wave_sequence(), PLAN, KeptCells(tmp_path / "cells.json"))
-    assert [(cell.coder, cell.tolerance) for cell in cells] == [
-        (coder, tolerance) for coder in ("auto", *(item.name for item in PEERS)) for tolerance in (1e-2, 1e-3)
+def test_every_coder_has_a_measurement_at_every_tolerance_and_baselines_keep_the_bound(tmp_path: Path) -> None:
+    points = measure_clip("wave", wave_sequence(), PLAN, KeptMeasurements(tmp_path / "measurements.json"))
+    assert [(point.coder, point.tolerance) for point in points] == [
+        (coder, tolerance) for coder in ("auto", *(item.name for item in BASELINES)) for tolerance in (1e-2, 1e-3)
     ]
-    assert all(cell.reached for cell in cells)
-    assert len({cell.constant_size for cell in cells}) == 1
+    assert all(point.reached for point in points)
+    assert len({point.constant_size for point in points}) == 1
 
 
-def test_cells_are_measured_once_and_then_kept(tmp_path: Path) -> None:
-    path, counts, found = tmp_path / "cells.json", [], []
+def test_measurements_are_measured_once_and_then_kept(tmp_path: Path) -> None:
+    path, counts, found = tmp_path / "measurements.json", [], []
     for fresh in (False, False, True):
-        kept = KeptCells(path, fresh=fresh)
+        kept = KeptMeasurements(path, fresh=fresh)
         found.append(measure_clip("wave", wave_sequence(), PLAN, kept))
         counts.append((kept.measured, kept.kept))
     assert counts == [(8, 0), (0, 8), (8, 0)]
     assert found[0] == found[1]
-    assert [cell.size for cell in found[0]] == [cell.size for cell in found[2]]
+    assert [point.size for point in found[0]] == [point.size for point in found[2]]
 
 
-def test_peers_beside_each_other_find_what_they_find_alone(tmp_path: Path) -> None:
-    alone = measure_clip("wave", wave_sequence(), PLAN, KeptCells(tmp_path / "one.json"))
-    beside = measure_clip("wave", wave_sequence(), replace(PLAN, jobs=2), KeptCells(tmp_path / "two.json"))
-    assert [(cell.coder, cell.size, cell.max_error) for cell in alone] == [
-        (cell.coder, cell.size, cell.max_error) for cell in beside
+def test_baselines_beside_each_other_find_what_they_find_alone(tmp_path: Path) -> None:
+    alone = measure_clip("wave", wave_sequence(), PLAN, KeptMeasurements(tmp_path / "one.json"))
+    beside = measure_clip("wave", wave_sequence(), replace(PLAN, jobs=2), KeptMeasurements(tmp_path / "two.json"))
+    assert [(point.coder, point.size, point.max_error) for point in alone] == [
+        (point.coder, point.size, point.max_error) for point in beside
     ]
 
 
-def test_cells_of_runs_at_the_same_time_are_all_kept(tmp_path: Path) -> None:
-    path = tmp_path / "cells.json"
-    first, second = KeptCells(path), KeptCells(path)
-    first.keep(cell_key("d", "v", 1e-2), CELL)
-    second.keep(cell_key("d", "v", 1e-3), CELL)
-    third = KeptCells(path)
-    assert [third.find(cell_key("d", "v", tolerance), "b") for tolerance in (1e-2, 1e-3)] == [
-        replace(CELL, clip="b")
+def test_measurements_of_runs_at_the_same_time_are_all_kept(tmp_path: Path) -> None:
+    path = tmp_path / "measurements.json"
+    first, second = KeptMeasurements(path), KeptMeasurements(path)
+    first.keep(measurement_key("d", "v", 1e-2), POINT)
+    second.keep(measurement_key("d", "v", 1e-3), POINT)
+    third = KeptMeasurements(path)
+    assert [third.find(measurement_key("d", "v", tolerance), "b") for tolerance in (1e-2, 1e-3)] == [
+        replace(POINT, clip="b")
     ] * 2
 
 
@@ -188,11 +173,11 @@ def test_the_digest_sees_positions_times_faces_and_names() -> None:
 
 
 @pytest.mark.parametrize("content", ["", "[1]", '{"a": 1}', '{"a": {"size": 1}}', "\x00", json.dumps({"a": {}})])
-def test_a_file_that_holds_no_cells_is_refused_by_name(tmp_path: Path, content: str) -> None:
-    path = tmp_path / "cells.json"
+def test_a_file_that_holds_no_measurements_is_refused_by_name(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "measurements.json"
     path.write_text(content)
-    with pytest.raises(InputError, match=r"cells\.json.*delete it"):
-        KeptCells(path)
+    with pytest.raises(InputError, match=r"measurements\.json.*delete it"):
+        KeptMeasurements(path)
 
 
 KNOTS, TIMES = np.array([0.0, 0.5, 0.8, 1.7, 2.0]), np.array([0.1, 0.7, 1.0, 1.9])
@@ -218,7 +203,7 @@ def test_straight_lines_are_exact_on_constant_speed_and_the_nearest_frame_is_one
 
 
 def test_between_frames_every_way_is_measured_at_the_frames_left_out() -> None:
-    rows = list(measure_between("wave", wave_sequence(13), effort=1))
+    rows = list(measure_between("wave", wave_sequence(13), effort="fast"))
     assert [(row.stride, row.way) for row in rows] == [
         (stride, way) for stride in (2, 4) for way in (PDECODEC, *INTERPOLATIONS)
     ]
@@ -228,14 +213,9 @@ def test_between_frames_every_way_is_measured_at_the_frames_left_out() -> None:
     assert by_way[PDECODEC] < by_way["straight lines"] < by_way["nearest frame (Alembic's default)"]
 
 
-@pytest.mark.parametrize("frames", [1, 2])
-def test_clips_without_a_frame_between_two_kept_have_no_such_rows(frames: int) -> None:
-    assert list(measure_between("short", wave_sequence(frames), effort=1)) == []
-
-
 def test_the_error_field_names_the_worst_frame_and_vertex() -> None:
     sequence = wave_sequence()
-    field = measure_field(sequence, tolerance=2e-3, effort=1)
+    field = measure_field(sequence, tolerance=2e-3, effort="fast")
     found = field.distortion
     assert field.maximum_by_frame.argmax() == found.worst_frame
     assert field.maximum_by_vertex.argmax() == field.at_worst_frame.argmax() == found.worst_vertex
@@ -243,61 +223,43 @@ def test_the_error_field_names_the_worst_frame_and_vertex() -> None:
     assert field.average_by_frame.mean() == pytest.approx(found.e_a)
 
 
-def test_the_front_is_what_nothing_beats_in_both() -> None:
-    assert pareto_front([(1, 1), (2, 2), (3, 3), (2, 4), (1, 5), (3, 3.5)]) == [0, 1, 2]
-    assert pareto_front([(1, 1), (2, 1)]) == [1]
-    assert pareto_front([]) == []
-
-
-@pytest.mark.parametrize("values", [[], [1.0], [0.003], [1e-4, 1e-2], [0.5, 700.0], [1e-7, 1e3], [3.0, 3.1]])
-def test_ticks_enclose_the_values_and_are_few(values: list[float]) -> None:
-    ticks = log_ticks(values)
-    assert ticks == sorted(set(ticks))
-    assert 2 <= len(ticks) <= 14
-    if values:
-        assert ticks[0] <= min(values) <= max(values) <= ticks[-1]
+def test_what_draws_is_named_with_what_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(MissingExtraError, match=r"charts need the package matplotlib; run: pip install 'pdecodec\[re"):
+        require_drawing()
 
 
 def test_a_chart_cannot_end_the_script_that_holds_it() -> None:
     assert "</" not in for_page({"title": "</script><script>alert(1)</script>"})
 
 
-def test_polygons_are_grouped_by_their_corners_in_order() -> None:
-    connectivity = connectivity_of(5, [[0, 1, 2], [0, 1, 2, 3], [1, 2, 3], [0, 1, 2, 3, 4]])
-    assert [rows.tolist() for rows in polygons_of(connectivity)] == [
-        [[0, 1, 2], [1, 2, 3]],
-        [[0, 1, 2, 3]],
-        [[0, 1, 2, 3, 4]],
-    ]
-
-
 def test_advice_takes_the_smallest_file_whose_bound_is_fine_enough() -> None:
-    cells = [
-        replace(CELL, tolerance=tolerance, size=size, max_error=0.9 * tolerance, coder=coder)
+    points = [
+        replace(POINT, tolerance=tolerance, size=size, max_error=0.9 * tolerance, coder=coder)
         for coder, factor in (("auto", 1), ("paper", 3))
         for tolerance, size in ((1e-2, 10 * factor), (1e-3, 100 * factor), (3e-4, 300 * factor))
     ]
-    cells += [peer("rival", 200), peer("rival", 150, tolerance=3e-4, max_error=1e-4)]
-    background, hero, archive = recommend(cells)
-    assert background.cell is not None
-    assert (background.cell.coder, background.cell.tolerance) == ("auto", 1e-3)
-    assert hero.cell is not None
-    assert hero.cell.tolerance == 3e-4
+    points += [baseline("rival", 200), baseline("rival", 150, tolerance=3e-4, max_error=1e-4)]
+    background, hero, archive = recommend(points)
+    assert background.point is not None
+    assert (background.point.coder, background.point.tolerance) == ("auto", 1e-3)
+    assert hero.point is not None
+    assert hero.point.tolerance == 3e-4
     assert "1.5 times the bytes" in background.text
     assert "but rival takes 0.50 times its bytes" in hero.text
-    assert archive.cell is None
+    assert archive.point is None
     assert "run it with --tolerance 0.0001" in archive.text
 
 
 def test_changes_are_judged_by_the_whole_file_and_by_the_bound() -> None:
-    old = [CELL, replace(CELL, coder="paper"), peer("p", 10)]
+    old = [POINT, replace(POINT, coder="paper"), baseline("p", 10)]
     new = [
-        replace(CELL, size=112),
-        replace(CELL, coder="paper", max_error=2e-3),
-        peer("p", 100),
-        replace(CELL, clip="b"),
+        replace(POINT, size=112),
+        replace(POINT, coder="paper", max_error=2e-3),
+        baseline("p", 100),
+        replace(POINT, clip="b"),
     ]
-    changes = compare_cells(old, new)
+    changes = compare_measurements(old, new)
     assert [(change.verdict, change.growth) for change in changes[:2]] == [
         ("larger", pytest.approx(0.1)),
         ("no change", 0),
@@ -315,17 +277,17 @@ def test_what_is_no_earlier_report_is_refused_by_name(tmp_path: Path, content: s
     path = tmp_path / "old.json"
     path.write_text(content)
     with pytest.raises(InputError, match=r"old\.json"):
-        read_cells(path)
+        read_measurements(path)
     with pytest.raises(InputError, match=r"none\.json: cannot be read"):
-        read_cells(tmp_path / "none.json")
+        read_measurements(tmp_path / "none.json")
 
 
 def test_the_table_ends_in_medians_and_geometric_means() -> None:
-    cells = [replace(CELL, clip=clip, size=size) for clip, size in (("a", 100), ("b", 400), ("c", 200))]
-    table = merit_table(cells, coder="auto", tolerances=[1e-3], means=True)
+    points = [replace(POINT, clip=clip, size=size) for clip, size in (("a", 100), ("b", 400), ("c", 200))]
+    table = merit_table(points, coder="auto", tolerances=[1e-3], means=True)
     assert table.column("clip") == ["a", "b", "c", "median", "geometric mean"]
     assert table.column("bpvf") == [4, 16, 8, 8, pytest.approx(8)]
-    beside = merit_table([*cells, peer("p", 200)], coder="auto", tolerances=[1e-3], means=True)
+    beside = merit_table([*points, baseline("p", 200)], coder="auto", tolerances=[1e-3], means=True)
     assert beside.column("ours / its") == [0.5, None, None, 0.5, 0.5]
 
 
@@ -349,17 +311,17 @@ def test_clips_are_files_patterns_and_folders_of_frames_each_by_a_name_of_its_ow
 
 
 @pytest.fixture
-def three_peers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(catalogue, "available_peers", lambda: (PEERS, ("zfp needs the package zfpy",)))
+def three_baselines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(baselines, "available_baselines", lambda: (BASELINES, ("zfp needs the package zfpy",)))
 
 
 def report(source: Path | Sequence[Path], output: Path, *more: str) -> int:
     sources = [source] if isinstance(source, Path) else source
-    options = ("--tolerance", "1e-2", "--tolerance", "1e-3", "--effort", "1", "--jobs", "1")
+    options = ("--tolerance", "1e-2", "--tolerance", "1e-3", "--effort", "fast", "--jobs", "1")
     return run(["report", *map(str, sources), "-o", str(output), *options, *more])
 
 
-@pytest.mark.usefixtures("three_peers")
+@pytest.mark.usefixtures("three_baselines")
 def test_a_report_has_its_page_charts_figures_and_summary(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_sequence(wave_sequence(), tmp_path / "wave.npz")
     assert report(tmp_path / "wave.npz", tmp_path / "out") == 0
@@ -367,7 +329,7 @@ def test_a_report_has_its_page_charts_figures_and_summary(tmp_path: Path, capsys
     assert said.out == (tmp_path / "out" / "summary.md").read_text()
     assert "- Hero (no vertex off by more than a pixel" in said.out
     assert "note: zfp needs the package zfpy" in said.err
-    assert "12 points measured, 0 kept" in said.err
+    assert "10 points measured, 0 kept" in said.err
     out = tmp_path / "out"
     page = (out / "index.html").read_text()
     record = json.loads((out / "report.json").read_text())
@@ -381,14 +343,14 @@ def test_a_report_has_its_page_charts_figures_and_summary(tmp_path: Path, capsys
     assert [(point["coder"], point["tolerance"]) for point in record["points"]][:3] == [
         ("auto", 0.01),
         ("auto", 0.001),
-        ("segments", 0.01),
+        ("paper", 0.01),
     ]
     with (out / "points.csv").open() as lines:
-        assert len(list(csv.DictReader(lines))) == len(record["points"]) == 12
+        assert len(list(csv.DictReader(lines))) == len(record["points"]) == 10
     assert not re.search(r'(?:src|href)="(?:https?:)?//', page)
 
 
-@pytest.mark.usefixtures("three_peers")
+@pytest.mark.usefixtures("three_baselines")
 def test_a_second_report_tells_what_changed_and_fails_where_files_grew(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -414,7 +376,7 @@ def test_a_second_report_tells_what_changed_and_fails_where_files_grew(
 def test_several_clips_have_a_table_of_all_and_a_page_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, height in (("calm", 0.02), ("rough", 0.3)):
         write_sequence(wave_sequence(seed_height=height), tmp_path / f"{name}.npz")
-    assert report(tmp_path, tmp_path / "out", "--no-peers", "--profile", "auto") == 0
+    assert report(tmp_path, tmp_path / "out", "--no-baselines", "--profile", "auto") == 0
     rows = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
     assert rows == ["clip", "calm", "rough", "median", "geometric mean"]
     page = (tmp_path / "out" / "index.html").read_text()
@@ -443,7 +405,7 @@ ODD_CLIPS = {
 }
 
 
-@pytest.mark.usefixtures("three_peers")
+@pytest.mark.usefixtures("three_baselines")
 @pytest.mark.parametrize("kind", ODD_CLIPS)
 def test_odd_clips_have_a_report_whose_every_chart_a_browser_draws(kind: str, tmp_path: Path) -> None:
     write_sequence(ODD_CLIPS[kind](), tmp_path / "odd.npz")
@@ -480,6 +442,6 @@ def test_what_cannot_be_reported_is_said_in_a_line(
     monkeypatch.chdir(tmp_path)
     write_sequence(wave_sequence(2), tmp_path / "wave.npz")
     (tmp_path / "empty").mkdir()
-    assert run(["report", *arguments, "-o", "out", "--no-peers", "--effort", "1"]) == code
+    assert run(["report", *arguments, "-o", "out", "--no-baselines", "--effort", "fast"]) == code
     error = capsys.readouterr().err.strip().splitlines()[-1]
     assert said in error

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from pdecodec.errors import InputError, SettingsError
-from pdecodec.formats.scene_space import metres_per_unit, place, unit_text
-from pdecodec.formats.transforms import TRANSFORM, bake_transforms, matrices_at, transform_attribute
-from pdecodec.formats.velocities import DifferencedVelocities
+from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.formats.scene_space import (
+    TRANSFORM,
+    DifferencedVelocities,
+    bake_transforms,
+    matrices_at,
+    metres_per_unit,
+    place,
+    transform_attribute,
+    unit_text,
+)
 from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject
+from tests.scene_cases import body, needed, scene, written
 
 POINT = np.array([[[1.0, 2.0, 3.0]]], np.float32)
 
@@ -30,16 +41,13 @@ def at(up_axis: str | None, unit: str | None = None) -> ArraySequence:
         ("Z", "Z", [1, 2, 3]),
     ],
 )
-def test_the_scene_turns_so_that_what_was_up_stays_up(have: str, want: str, expected: list[float]) -> None:
+def test_the_scene_turns_so_that_what_was_up_stays_up_and_its_way_back_is_exact(
+    have: str, want: str, expected: list[float]
+) -> None:
     turned = place(at(have), up_axis=want)
     assert turned.read_frames(0, 1)[0, 0].tolist() == expected
     assert turned.metadata["up_axis"] == want
     assert POINT[0, 0, "XYZ".index(have)] == turned.read_frames(0, 1)[0, 0, "XYZ".index(want)]
-
-
-@pytest.mark.parametrize("have", "XYZ")
-@pytest.mark.parametrize("want", "XYZ")
-def test_every_turn_is_a_rotation_and_its_way_back_is_exact(have: str, want: str) -> None:
     axes = ArraySequence(np.eye(3)[None], metadata={"up_axis": have})
     turned = place(axes, up_axis=want)
     assert np.linalg.det(turned.read_frames(0, 1)[0]) == 1
@@ -53,15 +61,16 @@ def test_an_axis_that_nobody_recorded_is_taken_as_given_and_told() -> None:
     assert "nothing is turned" in placed.notices[0]
 
 
-@pytest.mark.parametrize(("unit", "metres"), [("cm", 0.01), ("m", 1.0), ("in", 0.0254), ("2.5 m", 2.5)])
-def test_units_are_read_and_written(unit: str, metres: float) -> None:
+@pytest.mark.parametrize(
+    ("unit", "metres"),
+    [
+        *(("cm", 0.01), ("m", 1.0), ("in", 0.0254), ("2.5 m", 2.5)),
+        *((unit, None) for unit in (None, "furlong", "x m", "-1 m", "inf m")),
+    ],
+)
+def test_units_are_read_and_written_and_what_says_nothing_is_none(unit: str, metres: float | None) -> None:
     assert metres_per_unit(at("Y", unit)) == metres
-    assert unit_text(metres) == unit
-
-
-@pytest.mark.parametrize("unit", [None, "furlong", "x m", "-1 m", "inf m"])
-def test_a_unit_that_says_nothing_is_none(unit: str | None) -> None:
-    assert metres_per_unit(at("Y", unit)) is None
+    assert metres is None or unit_text(metres) == unit
 
 
 def test_a_scale_multiplies_positions_and_divides_the_unit() -> None:
@@ -94,6 +103,7 @@ def test_a_kept_transform_is_applied_to_its_object_alone() -> None:
     assert baked.read_frames(0, 3)[:, :, 0].tolist() == [[1, 1], [11, 1], [21, 1]]
     assert baked.read_frames(1, 2)[:, :, 0].tolist() == [[11, 1]]
     assert baked.objects[0].attributes == ()
+    assert bake_transforms(baked) is baked
 
 
 def test_transforms_are_straight_lines_between_their_times_and_still_outside() -> None:
@@ -104,11 +114,6 @@ def test_transforms_are_straight_lines_between_their_times_and_still_outside() -
 def test_a_transform_that_stands_still_is_kept_once() -> None:
     assert transform_attribute([0, 1, 2], shifts(5, 5, 5)).values.shape == (1, 17)
     assert transform_attribute([0, 1, 2, 3, 4], shifts(5, 5, 6, 7, 7)).values[:, 0].tolist() == [1, 2, 3]
-
-
-def test_a_sequence_without_transforms_is_baked_already() -> None:
-    clip = at("Y")
-    assert bake_transforms(clip) is clip
 
 
 def test_turning_and_scaling_reach_an_object_through_its_transform() -> None:
@@ -133,7 +138,63 @@ def test_differences_are_the_velocities_of_parabolas_at_irregular_times() -> Non
     expected = np.stack([6 * times - 1, np.ones(5), np.zeros(5)], axis=1)[:, None]
     assert np.allclose(speeds.read_frames(0, 5)[1:4], expected[1:4], atol=1e-5)
     assert np.array_equal(speeds.read_frames(2, 3), speeds.read_frames(0, 5)[2:3])
-
-
-def test_one_frame_alone_stands_still() -> None:
     assert not DifferencedVelocities(ArraySequence(POINT)).read_frames(0, 1).any()
+
+
+def spun(names: str, moving: str) -> ArraySequence:
+    """Objects of which some turn and rise."""
+    clip = scene([body(name, ()) for name in names.split()])
+    turns = np.repeat(np.eye(4)[None], 5, axis=0)
+    turns[:, :2, :2] = [[[np.cos(t), np.sin(t)], [-np.sin(t), np.cos(t)]] for t in clip.times]
+    turns[:, 3, 2] = np.arange(5)
+    turn = transform_attribute(clip.times, turns)
+    placed = [MeshObject(one.name, one.connectivity, (turn,) if one.name in moving else ()) for one in clip.objects]
+    return ArraySequence(clip.points, objects=placed, times=clip.times, fps=24)
+
+
+@pytest.mark.parametrize("extension", ["abc", "usdc"])
+def test_kept_transforms_come_back_and_bake_to_the_same_positions(tmp_path: Path, extension: str) -> None:
+    needed(extension)
+    clip = spun("a/one b/two b/c/three", "a/one b/two")
+    baked = bake_transforms(clip).read_frames(0, 5)
+    with written(clip, tmp_path / f"x.{extension}", transforms="keep") as read:
+        assert np.array_equal(read.read_frames(0, 5), clip.points)
+        assert np.allclose(bake_transforms(read).read_frames(0, 5), baked, atol=1e-6)
+        assert [bool(item.attributes) for item in read.objects] == [True, True, False]
+    with open_sequence(tmp_path / f"x.{extension}") as read:
+        assert np.allclose(read.read_frames(0, 5), baked, atol=1e-6)
+        assert np.array_equal(read.read_frames(3, 5), read.read_frames(0, 5)[3:])
+
+
+def test_an_alembic_object_at_the_top_has_its_transform_applied(tmp_path: Path) -> None:
+    needed("abc")
+    notices = write_sequence(clip := spun("a/one four", "a/one four"), tmp_path / "x.abc")
+    assert notices == ("transforms applied to positions, as there is no place for them: four",)
+    with open_sequence(tmp_path / "x.abc", transforms="keep") as read:
+        assert np.array_equal(read.read_frames(0, 5)[:, 5:], bake_transforms(clip).read_frames(0, 5)[:, 5:])
+
+
+def test_velocities_are_written_beside_positions(tmp_path: Path) -> None:
+    needed("abc")
+    needed("usdc")
+    from alembic3d import Abc, AbcGeom
+    from pxr import Usd, UsdGeom
+
+    clip = scene([body()])
+    speeds = DifferencedVelocities(clip)
+    for name in ("x.abc", "x.usdc"):
+        write_sequence(clip, tmp_path / name, velocities=speeds)
+        with open_sequence(tmp_path / name) as read:
+            assert read.notices == ("not kept: velocities",)
+    top = Abc.IArchive(str(tmp_path / "x.abc")).getTop()
+    schema = AbcGeom.IPolyMesh(top.getChild("root").getChild("arm"), "hand").getSchema()
+    mesh = UsdGeom.Mesh((stage := Usd.Stage.Open(str(tmp_path / "x.usdc"))).GetPrimAtPath("/root/arm/hand"))
+    assert mesh.GetVelocitiesAttr().GetTimeSamples() == [1, 2, 3, 4, 5]
+    for frame, time in enumerate(clip.times):
+        expected = speeds.read_frames(frame, frame + 1)[0]
+        in_abc = schema.getVelocitiesProperty().getValue(Abc.ISampleSelector(float(time)))
+        assert np.array_equal(np.asarray(in_abc), expected)
+        assert np.array_equal(np.array(mesh.GetVelocitiesAttr().Get(frame + 1)), expected)
+    extent = np.array(mesh.GetExtentAttr().Get(3))
+    assert extent.tolist() == [clip.points[2].min(axis=0).tolist(), clip.points[2].max(axis=0).tolist()]
+    del stage

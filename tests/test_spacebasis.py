@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from pdecodec.expansion import Expansion
 from pdecodec.kernels.group_motion import BLOCK, add_group, moved_reference, positions
-from pdecodec.kernels.patch_functions import principal_axes
 from pdecodec.patches import build_patches, early_patches, mesh_graph
 from pdecodec.sequence import Connectivity, MeshObject
 from pdecodec.shares import in_shares
@@ -43,7 +42,7 @@ def points_only(rest: NDArray[np.int64]) -> MeshObject:
 def planes_of(basis: SpaceBasis, coefficients: NDArray[np.float64], *, single: bool) -> NDArray[np.floating]:
     expansion = Expansion(basis, coefficients, single=single)
     expansion.share_out()
-    in_shares(expansion.expand, basis.patches)
+    in_shares(expansion.expand, basis.element_count)
     return expansion.planes
 
 
@@ -59,7 +58,7 @@ def test_a_complete_basis_gives_every_function_back_and_keeps_its_energy(kind: S
     basis = build_space_basis(kind, [item], rest, points=points, functions=128)
     values = np.random.default_rng(RNG_SEED).normal(size=(len(rest), 5))
     found = basis.project(values)
-    assert basis.columns == len(rest)
+    assert basis.functions == len(rest)
     np.testing.assert_allclose((found**2).sum(), (values**2).sum(), rtol=1e-12)
     np.testing.assert_allclose(expanded(basis, found), values, atol=1e-12)
 
@@ -76,7 +75,7 @@ def test_any_points_get_an_orthonormal_basis(rest: list[tuple[int, int, int]], p
     basis = build_space_basis("patch", [points_only(levels)], levels, points=points, functions=functions)
     assert sorted(basis.order.tolist()) == list(range(len(levels)))
     assert np.diff(basis.starts).max() <= points
-    coefficients = np.random.default_rng(RNG_SEED).normal(size=(basis.columns, 3))
+    coefficients = np.random.default_rng(RNG_SEED).normal(size=(basis.functions, 3))
     again = basis.project(expanded(basis, coefficients))
     np.testing.assert_allclose(again, coefficients, atol=1e-9)
 
@@ -87,18 +86,18 @@ def test_an_affine_motion_needs_four_functions_however_many_patches_there_are() 
     x, y, z = rest.T.astype(np.float64)
     moved = np.stack([3.0 + 0.2 * x - 0.1 * z, x + y + z, np.full(len(x), 7.0)], axis=1)
     found = basis.project(moved)
-    assert basis.patches > 60
+    assert basis.element_count > 60
     assert (np.abs(found) > 1e-9 * np.abs(found).max()).any(axis=1).sum() <= 4
 
 
 def test_columns_are_coded_once_each_in_runs_that_cover_them() -> None:
     item, rest = grid(21, 13)
     basis = build_space_basis("patch", [item], rest, points=32, functions=24)
-    starts, kinds, parents = basis.units
+    starts, kinds, parents = basis.subbands
     assert starts[0] == 0
-    assert starts[-1] == basis.columns
+    assert starts[-1] == basis.functions
     assert (np.diff(starts) >= 0).all()
-    assert (kinds < 0).sum() == basis.patches
+    assert (kinds < 0).sum() == basis.element_count
     assert (parents[1:] < np.arange(1, parents.size)).all()
 
 
@@ -120,16 +119,6 @@ def test_patches_before_the_rest_shape_are_those_after_it_unless_vertices_coinci
     assert not np.array_equal(welded.order, early.order)
     assert np.array_equal(welded.order, build_patches([item], rest, 16).order)
     assert early_patches([points_only(rest)], 16) is None
-
-
-def test_principal_axes_are_eigenvectors_by_falling_eigenvalue() -> None:
-    points = np.random.default_rng(RNG_SEED).normal(size=(50, 3)) * [1.0, 9.0, 3.0]
-    matrix = points.T @ points
-    axes = np.empty((3, 3))
-    principal_axes(matrix.copy(), axes)
-    values = np.linalg.eigvalsh(matrix)[::-1]
-    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-14)
-    np.testing.assert_allclose(axes @ matrix @ axes.T, np.diag(values), atol=1e-9 * values[0])
 
 
 def test_polynomials_begin_with_the_affine_four_and_count_the_normal_twice() -> None:
@@ -157,8 +146,8 @@ def test_functions_made_as_far_as_needed_are_those_of_the_whole_basis(kind: Spac
     needed = build_space_basis(kind, [item], rest, points=64, functions=functions)
     whole = build_space_basis(kind, [item], rest, points=64, functions=functions)
     whole.project(np.zeros((len(rest), 1)))  # makes all of its functions
-    coefficients = np.random.default_rng(RNG_SEED).normal(size=(whole.columns, 2))
-    for begin, end in itertools.pairwise(whole.coefficient_starts):  # only the first third of each patch's
+    coefficients = np.random.default_rng(RNG_SEED).normal(size=(whole.functions, 2))
+    for begin, end in itertools.pairwise(whole.elements.coefficient_starts):  # only the first third of each patch's
         coefficients[begin + (end - begin) // 3 : end] = 0.0
     for single in (False, True):
         made, given = (planes_of(basis, coefficients, single=single) for basis in (needed, whole))

@@ -9,28 +9,27 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from pdecodec.alignment import affine_between, rotation_between
-from pdecodec.basis import paper_space_functions, paper_time_functions
 from pdecodec.cli.main import pdecodec
-from pdecodec.cli.stability import CHAPTERS as NAMED_CHAPTERS
+from pdecodec.cli.stability import SECTIONS as NAMED_SECTIONS
 from pdecodec.decoder import open_animation
 from pdecodec.encoder import encode
 from pdecodec.errors import SettingsError
-from pdecodec.experiments.charts import png_of
-from pdecodec.experiments.exhibit import Chapter, Exhibit, Report, Table
-from pdecodec.experiments.page import cell_text, render_page
-from pdecodec.experiments.report_files import as_csv, write_report
-from pdecodec.experiments.stability.alignment_chapter import JITTERS, jitter, kabsch_plain, kabsch_proper, shape
-from pdecodec.experiments.stability.codec_chapter import coded
-from pdecodec.experiments.stability.fit_data import noise_gain, spline_weights, time_weights
-from pdecodec.experiments.stability.fit_rates import condition_numbers, keyframe_times, motion, relative_error
-from pdecodec.experiments.stability.massspring import Chain, implicit_euler
-from pdecodec.experiments.stability.nasty_clips import FPS, NASTY, teleport, waving
-from pdecodec.experiments.stability.parametrisation_chapter import curves, nearly_planar
-from pdecodec.experiments.stability.report import CHAPTERS, make_atlas
-from pdecodec.experiments.stability.simulation_chapter import DIVERGED, hanging_stretch, largest_motion
-from pdecodec.experiments.stability.solvers import NAMES, WELL_CONDITIONED, TensorFit
-from pdecodec.metrics import frame_scale, measure_distortion
+from pdecodec.metrics import measure_distortion
+from pdecodec.report.charts import png_of
+from pdecodec.report.figure import Figure, Report, Section, Table
+from pdecodec.report.page import as_csv, render_page, value_text, write_report
+from pdecodec.report.reproduction.functions import space_functions, time_functions
+from pdecodec.report.reproduction.method import affine_between, rotation_between
+from pdecodec.report.stability.alignment import JITTERS, jitter, kabsch_plain, kabsch_proper, shape
+from pdecodec.report.stability.atlas import SECTIONS, make_atlas
+from pdecodec.report.stability.codec import coded
+from pdecodec.report.stability.fit_data import noise_gain, spline_weights, time_weights
+from pdecodec.report.stability.fit_rates import NAMES, WELL_CONDITIONED, relative_error, sample_fit
+from pdecodec.report.stability.massspring import Chain, hanging_stretch, implicit_euler, largest_motion
+from pdecodec.report.stability.nasty_clips import NASTY
+from pdecodec.report.stability.parametrisation import curves, planar_figure
+from pdecodec.report.stability.simulation import DIVERGED
+from pdecodec.sequence import ArraySequence
 from pdecodec.settings import EncodeSettings
 
 # The fit
@@ -38,25 +37,14 @@ from pdecodec.settings import EncodeSettings
 
 def test_the_condition_of_the_printed_functions_grows_by_three_powers_in_time_and_seven_in_space() -> None:
     x = np.linspace(0.0, 1.0, 60)
-    for functions, power in ((paper_time_functions, 3), (paper_space_functions, 7)):
+    for functions, power in ((time_functions, 3), (space_functions, 7)):
         conditions = [np.linalg.cond(functions(x, rate)) for rate in (0.4, 0.2)]
         assert np.log2(conditions[1] / conditions[0]) == pytest.approx(power, abs=0.15)
 
 
-def test_the_condition_of_the_product_is_the_product_of_conditions() -> None:
-    times, is_key = keyframe_times()
-    u = np.linspace(0, 1, 104)
-    time, space = paper_time_functions(times[is_key], 2.0), paper_space_functions(u, 2.0)
-    whole = np.linalg.cond(np.kron(time, space))
-    assert condition_numbers(2.0)["32 printed columns"] == pytest.approx(whole, rel=1e-6)
-    assert condition_numbers(2.0)["normal equations"] == pytest.approx(whole**2, rel=1e-6)
-
-
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_where_rates_are_small_only_the_well_conditioned_basis_finds_the_minimiser(dtype: type) -> None:
-    times, is_key = keyframe_times()
-    u = np.linspace(0, 1, 60)
-    wanted, fit = motion(u, times), TensorFit(u, times, is_key)
+    fit, wanted = sample_fit(60)
     exact = relative_error(fit.solve(WELL_CONDITIONED, wanted, 1e-4, 1e-4, np.float64), wanted)
     for name in NAMES:
         error = relative_error(fit.solve(name, wanted, 1e-4, 1e-4, dtype), wanted)
@@ -64,9 +52,7 @@ def test_where_rates_are_small_only_the_well_conditioned_basis_finds_the_minimis
 
 
 def test_where_rates_are_moderate_all_solvers_find_the_same() -> None:
-    times, is_key = keyframe_times()
-    u = np.linspace(0, 1, 60)
-    wanted, fit = motion(u, times), TensorFit(u, times, is_key)
+    fit, wanted = sample_fit(60)
     found = {name: fit.solve(name, wanted, 3.0, 3.0, np.float64) for name in NAMES}
     for name in ("normal equations", "QR", "SVD"):
         np.testing.assert_allclose(found[name], found[WELL_CONDITIONED], atol=1e-4)
@@ -79,35 +65,22 @@ def test_a_fit_of_four_functions_passes_on_less_noise_than_a_spline_through_the_
     np.testing.assert_allclose(noise_gain(spline_weights(keyframes, keyframes)), 1.0, atol=1e-12)
 
 
-def test_past_the_last_frame_the_library_holds_loops_or_refuses() -> None:
-    clip = waving(8, 12)
-    report = encode(clip, tolerance=1e-3)
-    with open_animation(report.data or b"") as animation:
-        last = float(animation.times[-1])
-        held = animation.positions(last + 5.0)
-        np.testing.assert_array_equal(held, animation.positions(last))
-        with pytest.raises(SettingsError):
-            animation.positions(last + 5.0, outside="refuse")
-
-
 # The parametrisation
 
 
 def test_the_library_encodes_every_curve_on_which_the_papers_parameter_breaks() -> None:
-    from pdecodec.sequence import ArraySequence
-
     for name, curve in curves(60).items():
         time = np.arange(8) / 24
         points = (curve[None] + 0.05 * np.sin(3 * curve[None, :, :1] + 5 * time[:, None, None])).astype(np.float32)
         clip = ArraySequence(points, times=time)
-        report = encode(clip, profile="segments", tolerance=1e-3)
+        report = encode(clip, tolerance=1e-3)
         with open_animation(report.data or b"") as animation:
             found = measure_distortion(clip, animation.to_array())
         assert found.max_error <= 1e-3 * found.scale, name
 
 
 def test_on_a_planar_curve_the_papers_parameter_is_rounding() -> None:
-    table = nearly_planar(7).table
+    table = planar_figure(7).table
     thickness, literal = np.array(table.column("thickness")), np.array(table.column("Eq. 24, float32"))
     assert literal[thickness > 0.1].max() < 1e-4
     assert literal[thickness < 1e-8].min() > 0.1
@@ -131,16 +104,6 @@ def test_without_care_a_straight_curve_spins_and_a_mirrored_one_is_mirrored() ->
     assert jitter(kabsch_proper, straight, straight) > 10
     assert np.linalg.det(kabsch_plain(general @ np.diag([1.0, 1.0, -1.0]), general)) == pytest.approx(-1.0)
     assert abs(np.linalg.det(affine_between(straight, straight))) < 1e-9
-
-
-def test_profile_paper_leaves_a_rotation_in_where_removing_it_does_harm() -> None:
-    clip = waving(28, 36)
-    errors = {
-        alignment: coded(clip, EncodeSettings(profile="paper", alignment=alignment))[1]  # type: ignore[arg-type]
-        for alignment in ("none", "rotation", "auto")
-    }
-    assert errors["rotation"] > 5 * errors["none"]
-    assert errors["auto"] == errors["none"]
 
 
 # The simulation
@@ -186,24 +149,15 @@ def test_the_bound_holds_on_every_nasty_clip(name: str) -> None:
     assert bits < 96
 
 
-def test_a_teleporting_clip_keeps_its_bound_at_both_sides_of_the_jump() -> None:
-    clip = teleport(10, 24)
-    report = encode(clip, tolerance=1e-3)
-    with open_animation(report.data or b"") as animation:
-        at_frames = animation.sample(np.arange(24) / FPS)
-    error = np.linalg.norm(at_frames.astype(np.float64) - clip.points, axis=2).max()
-    assert error <= 1e-3 * frame_scale(clip.points[0]) * (1 + 1e-6)
-
-
 # The report
 
 
-def test_the_command_knows_every_chapter() -> None:
-    assert tuple(CHAPTERS) == NAMED_CHAPTERS
+def test_the_command_knows_every_section() -> None:
+    assert tuple(SECTIONS) == NAMED_SECTIONS
 
 
-def test_an_unknown_chapter_is_refused_by_name() -> None:
-    with pytest.raises(SettingsError, match="there is no chapter 'weather'"):
+def test_an_unknown_section_is_refused_by_name() -> None:
+    with pytest.raises(SettingsError, match="there is no section 'weather'"):
         make_atlas(["weather"])
 
 
@@ -212,22 +166,22 @@ def atlas(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("atlas")
     result = CliRunner().invoke(pdecodec, ["stability", "-o", str(folder), "--quick", "--json"], catch_exceptions=False)
     assert result.exit_code == 0
-    assert len(json.loads(result.stdout)["exhibits"]) >= 18
+    assert len(json.loads(result.stdout)["figures"]) >= 18
     return folder
 
 
 def test_every_entry_has_its_chart_its_sentence_and_its_figures(atlas: Path) -> None:
     record = json.loads((atlas / "report.json").read_text())
     page = (atlas / "index.html").read_text(encoding="utf-8")
-    for name, exhibit in record["exhibits"].items():
+    for name, figure in record["figures"].items():
         assert (atlas / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert len((atlas / f"{name}.csv").read_text().splitlines()) > 1
-        assert exhibit["lesson"].endswith(".")
+        assert figure["lesson"].endswith(".")
         assert f'id="{name}"' in page
-    assert page.count("<img") == len(record["exhibits"])
+    assert page.count("<img") == len(record["figures"])
 
 
-def test_one_chapter_alone_is_that_chapter(tmp_path: Path) -> None:
+def test_one_section_alone_is_that_section(tmp_path: Path) -> None:
     result = CliRunner().invoke(
         pdecodec, ["stability", "-o", str(tmp_path), "--only", "parametrisation", "--quick"], catch_exceptions=False
     )
@@ -238,7 +192,7 @@ def test_one_chapter_alone_is_that_chapter(tmp_path: Path) -> None:
 def test_pages_escape_what_they_are_given_and_say_what_is_not_a_number() -> None:
     table = Table(("a <b>", "x"), (("<script>", 1.5), ("&", None), ("nan", float("nan"))))
     report = Report(
-        "T & U", "", (Chapter("C", "", (Exhibit("name", "t", "l", table, shows_table=True),)),), {"k": [1, 2]}
+        "T & U", "", (Section("C", "", (Figure("name", "t", "l", table, shows_table=True),)),), {"k": [1, 2]}
     )
     page = render_page(report, {}, {"pdecodec": "0"})
     assert "<script>" not in page
@@ -252,13 +206,8 @@ def test_pages_escape_what_they_are_given_and_say_what_is_not_a_number() -> None
     ("cell", "text"),
     [(None, "-"), (True, "yes"), (12345, "12,345"), (0.00001234, "1.23e-05"), (0.5, "0.5"), ("x", "x")],
 )
-def test_cells_are_written_for_people(cell: object, text: str) -> None:
-    assert cell_text(cell) == text  # type: ignore[arg-type]
-
-
-def test_a_row_of_the_wrong_length_is_refused() -> None:
-    with pytest.raises(ValueError, match="2 cells"):
-        Table(("a",), ((1, 2),))
+def test_values_are_written_for_people(cell: object, text: str) -> None:
+    assert value_text(cell) == text  # type: ignore[arg-type]
 
 
 def test_the_same_report_gives_the_same_bytes(tmp_path: Path) -> None:
@@ -266,10 +215,10 @@ def test_the_same_report_gives_the_same_bytes(tmp_path: Path) -> None:
         figure.subplots().plot([0, 1], [1, 0])
 
     assert png_of(draw, (3.0, 2.0)) == png_of(draw, (3.0, 2.0))
-    exhibit = Exhibit("one", "t", "l", Table(("a",), ((float("inf"),),)), draw, (3.0, 2.0))
-    report = Report("T", "s", (Chapter("C", "i", (exhibit,)),), {})
+    figure = Figure("one", "t", "l", Table(("a",), ((float("inf"),),)), draw, (3.0, 2.0))
+    report = Report("T", "s", (Section("C", "i", (figure,)),), {})
     first = {path.name: path.read_bytes() for path in write_report(report, tmp_path)}
     again = {path.name: path.read_bytes() for path in write_report(report, tmp_path)}
     assert first == again
     assert set(first) == {"index.html", "one.png", "one.csv", "report.json"}
-    assert json.loads(first["report.json"])["exhibits"]["one"]["rows"] == [[None]]
+    assert json.loads(first["report.json"])["figures"]["one"]["rows"] == [[None]]

@@ -28,7 +28,7 @@ from pdecodec.kernels.correction_residuals import (
 )
 from pdecodec.kernels.rangecoder import DECODE, MODE, code_bit, code_mixed, code_with
 from pdecodec.kernels.uncounted import uncounted, uncounted_inline
-from pdecodec.quantise import LARGEST
+from pdecodec.limits import LARGEST
 
 Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]

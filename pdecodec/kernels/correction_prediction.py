@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pdecodec.kernels.bit_length import bit_length
 from pdecodec.kernels.uncounted import uncounted_inline
-from pdecodec.quantise import LARGEST
+from pdecodec.limits import LARGEST
 
 Int64Array = NDArray[np.int64]
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pdecodec.kernels.bit_length import bit_length
 from pdecodec.kernels.rangecoder import code_bit, code_mixed, code_with
 from pdecodec.kernels.uncounted import uncounted, uncounted_inline
-from pdecodec.quantise import LARGEST
+from pdecodec.limits import LARGEST
 
 Int64Array = NDArray[np.int64]
 UInt8Array = NDArray[np.uint8]

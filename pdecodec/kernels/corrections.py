@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.kernels.uncounted import uncounted, uncounted_inline
-from pdecodec.quantise import LARGEST
+from pdecodec.limits import LARGEST
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -15,12 +15,11 @@ BoolArray = NDArray[np.bool_]
 
 
 @uncounted_inline
-def squared_distance(point: Float32Array, other: Float32Array) -> float:
-    """Squared Euclidean distance of two points, (3,) float32, in float64; NaN where one is not finite."""
-    x = np.float64(point[0]) - np.float64(other[0])
-    y = np.float64(point[1]) - np.float64(other[1])
-    z = np.float64(point[2]) - np.float64(other[2])
-    return (x * x + y * y) + z * z
+def _farthest(wanted: float, low: float, high: float) -> float:
+    """The larger distance of two values in float32 from a third; infinite, or NaN, where one is not finite."""
+    below = abs(np.float64(np.float32(wanted)) - np.float64(np.float32(low)))
+    above = abs(np.float64(np.float32(wanted)) - np.float64(np.float32(high)))
+    return above if above > below else below
 
 
 @uncounted
@@ -28,29 +27,36 @@ def find_misses(
     first: int,
     end: int,
     points: Float32Array,
-    base: Float32Array,
+    base: Float64Array,
     bound: float,
+    margins: Float64Array,
     missed: BoolArray,
     counts: Int64Array,
 ) -> None:
-    """Find the vertices that miss the bound.
+    """Find the vertices that some decoder might give beyond the bound.
 
     Parameters
     ----------
     first, end : int
         Frames to look at.
-    points, base : (frames, vertices, 3) float32
+    points : (frames, vertices, 3) float32
+        The input.
+    base : (frames, vertices, 3) float64
+        What the model alone decodes to, before it is rounded to float32.
     bound : float [scene units]
+    margins : (frames,) float64 [scene units]
+        How far from `base` another decoder may be, before it rounds.
     missed : (frames, vertices) bool, written
     counts : (frames,) int64, written
         Misses of each frame.
     """
     for frame in range(first, end):
-        found = 0
+        found, margin = 0, margins[frame]
         for vertex in range(points.shape[1]):
-            x = np.float64(points[frame, vertex, 0]) - np.float64(base[frame, vertex, 0])
-            y = np.float64(points[frame, vertex, 1]) - np.float64(base[frame, vertex, 1])
-            z = np.float64(points[frame, vertex, 2]) - np.float64(base[frame, vertex, 2])
+            point, before = points[frame, vertex], base[frame, vertex]
+            x = _farthest(point[0], before[0] - margin, before[0] + margin)
+            y = _farthest(point[1], before[1] - margin, before[1] + margin)
+            z = _farthest(point[2], before[2] - margin, before[2] + margin)
             misses = not (x * x + y * y) + z * z <= bound * bound
             missed[frame, vertex] = misses
             found += 1 if misses else 0
@@ -62,22 +68,22 @@ def correct_misses(
     first: int,
     end: int,
     points: Float32Array,
-    base: Float32Array,
+    base: Float64Array,
     order: Int64Array,
     bound: float,
+    margins: Float64Array,
     step: float,
     missed: BoolArray,
     starts: Int64Array,
     places: Int64Array,
     levels: Int64Array,
     within: BoolArray,
-    corrected: Float32Array,
 ) -> None:
     """Residuals of the vertices that miss the bound, by frame and place.
 
     Parameters
     ----------
-    first, end, points, base, bound, missed
+    first, end, points, base, bound, margins, missed
         As in :func:`find_misses`.
     order : (vertices,) int64
     step : float
@@ -87,43 +93,47 @@ def correct_misses(
     levels : (n, 3) int64, filled
         Rounded residuals in steps.
     within : (n,) bool, filled
-        Whether these keep the bound, in the float32 that comes of them.
-    corrected : (3,) float32
-        Scratch.
+        Whether these keep the bound, in the float32 that any decoder makes of them.
     """
     for frame in range(first, end):
-        at = starts[frame]
+        at, margin = starts[frame], margins[frame]
         for place in range(order.size):
             vertex = order[place]
             if not missed[frame, vertex]:
                 continue
-            point, before = points[frame, vertex], base[frame, vertex]
             places[at] = place
-            kept = True
+            square = 0.0
             for axis in range(3):
-                level = np.rint((np.float64(point[axis]) - np.float64(before[axis])) / step)
+                wanted, before = points[frame, vertex, axis], base[frame, vertex, axis]
+                level = np.rint((np.float64(wanted) - np.float64(np.float32(before))) / step)
                 if not abs(level) <= LARGEST:
-                    kept = False
-                    level = 0.0
+                    square, level = np.inf, 0.0
                 levels[at, axis] = np.int64(level)
-                corrected[axis] = np.float32(np.float64(before[axis]) + level * step)
-            within[at] = kept and squared_distance(point, corrected) <= bound * bound
+                low = np.float64(np.float32(before - margin)) + level * step
+                high = np.float64(np.float32(before + margin)) + level * step
+                distance = _farthest(wanted, low, high)
+                square += distance * distance
+            within[at] = square <= bound * bound
             at += 1
 
 
 def correct_misses_reference(
-    points: Float32Array, base: Float32Array, order: Int64Array, bound: float, step: float
+    points: Float32Array, base: Float64Array, order: Int64Array, bound: float, margins: Float64Array, step: float
 ) -> tuple[Int64Array, Int64Array, Int64Array, BoolArray]:
     """Plain numpy form of :func:`find_misses` and :func:`correct_misses`: starts, places, levels, within."""
-    wanted, before = points[:, order].astype(np.float64), base[:, order].astype(np.float64)
+    wanted, before = points[:, order].astype(np.float64), base[:, order]
     with np.errstate(over="ignore", invalid="ignore"):  # a base beyond float32 is infinitely far
-        frames, places = np.nonzero(~(_squared(wanted - before) <= bound * bound))
-        wanted, before = wanted[frames, places], before[frames, places]
-        steps = np.rint((wanted - before) / step)
+        nearest = before.astype(np.float32).astype(np.float64)
+        ends = [(before + side * margins[:, None, None]).astype(np.float32).astype(np.float64) for side in (-1, 1)]
+        farthest = np.maximum(*(np.abs(wanted - end) for end in ends))
+        frames, places = np.nonzero(~(_squared(farthest) <= bound * bound))
+        wanted, nearest = wanted[frames, places], nearest[frames, places]
+        steps = np.rint((wanted - nearest) / step)
         within = np.abs(steps) <= LARGEST
         levels = np.where(within, steps, 0.0)
-        corrected = (before + levels * step).astype(np.float32).astype(np.float64)
-        kept: BoolArray = within.all(axis=1) & (_squared(wanted - corrected) <= bound * bound)
+        corrected = [(end[frames, places] + levels * step).astype(np.float32).astype(np.float64) for end in ends]
+        farthest = np.maximum(*(np.abs(wanted - end) for end in corrected))
+        kept: BoolArray = within.all(axis=1) & (_squared(farthest) <= bound * bound)
     starts = np.searchsorted(frames, np.arange(len(points) + 1)).astype(np.int64)
     return starts, places.astype(np.int64), levels.astype(np.int64), kept
 

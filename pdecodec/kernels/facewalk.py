@@ -128,64 +128,6 @@ def link_corners(starts: Int64Array, vertex: Int32Array, faces: int, vertex_coun
     return Corners(starts, polygon, size, vertex, following, preceding, mate, fan_starts, fan)
 
 
-AFTER, BEFORE, OPPOSITE, STRAIGHT_AFTER, STRAIGHT_BEFORE, FLAGS = range(6)
-"""Columns of a stencil."""
-
-IS_TRIANGLE, BEFORE_COUNTS = 1, 2
-"""Flags of a stencil."""
-
-
-@njit(cache=True, nogil=True)
-def stencils(corners: Corners) -> Int32Array:
-    """The vertices that a vertex can be predicted from, for each corner.
-
-    Returns
-    -------
-    (corners, 6) int32
-        In the order of the fans, vertices or -1: after and before the corner; opposite, in a quad its diagonal corner
-        and in a triangle the far corner of the triangle beside; straight on, over the vertex after and over the one
-        before. Then flags: whether it is a triangle, and whether the vertex before counts as a neighbour here (inside a
-        surface it counts once already, as the vertex after of another corner).
-    """
-    size, mate, vertex = corners.size, corners.mate, corners.vertex
-    following, preceding = corners.following, corners.preceding
-    found = np.full((vertex.size, 6), -1, np.int32)
-    for k in range(vertex.size):
-        corner = corners.fan[k]
-        after, before = following[corner], preceding[corner]
-        found[k, AFTER] = vertex[after]
-        found[k, FLAGS] = 0
-        if size[corner] == 2:
-            if mate[after] >= 0:
-                found[k, STRAIGHT_AFTER] = vertex[following[mate[after]]]
-            continue
-        found[k, BEFORE] = vertex[before]
-        # Else the vertex before is the vertex after of the corner at the same vertex in the polygon beside.
-        if mate[before] < 0 or vertex[mate[before]] == vertex[before]:
-            found[k, FLAGS] |= BEFORE_COUNTS
-        if size[corner] == 3:
-            found[k, FLAGS] |= IS_TRIANGLE
-            across = mate[after]
-            if across < 0 or size[across] != 3:
-                continue
-            found[k, OPPOSITE] = vertex[preceding[across]]
-            beside = mate[following[across]]
-            if beside >= 0 and size[beside] == 3:
-                found[k, STRAIGHT_AFTER] = vertex[preceding[beside]]
-            beside = mate[preceding[across]]
-            if beside >= 0 and size[beside] == 3:
-                found[k, STRAIGHT_BEFORE] = vertex[preceding[beside]]
-        elif size[corner] == 4:
-            found[k, OPPOSITE] = vertex[following[after]]
-            beside = mate[after]
-            if beside >= 0 and size[beside] == 4:
-                found[k, STRAIGHT_AFTER] = vertex[following[following[beside]]]
-            beside = mate[preceding[before]]
-            if beside >= 0 and size[beside] == 4:
-                found[k, STRAIGHT_BEFORE] = vertex[preceding[beside]]
-    return found
-
-
 @njit(cache=True, nogil=True)
 def walk(corners: Corners) -> Int32Array:
     """An order of the vertices in which each has as many complete faces around it as can be.

@@ -104,7 +104,7 @@ def positions(
     planes: FloatArray,
     rest: Float64Array,
     sums: FloatArray,
-    out: Float32Array,
+    out: FloatArray,
 ) -> None:
     """Positions at several times from one group: its sums begin at zero, and the rest shape comes last.
 
@@ -117,7 +117,7 @@ def positions(
     rest : (3, vertices) float64
     sums : (3, BLOCK), as `weights`
         Scratch.
-    out : (times, vertices, 3) float32, written
+    out : (times, vertices, 3) float32 or float64, written
     """
     times, vertices = out.shape[0], out.shape[1]
     for tile in range(first, end):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pdecodec.kernels.bit_length import bit_length
 from pdecodec.kernels.rangecoder import DECODE, MODE, code_bit, code_mixed, code_with
 from pdecodec.kernels.uncounted import uncounted
-from pdecodec.quantise import LARGEST
+from pdecodec.limits import LARGEST
 
 UInt8Array = NDArray[np.uint8]
 Int64Array = NDArray[np.int64]

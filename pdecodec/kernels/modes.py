@@ -1,4 +1,4 @@
-"""Compiled loops of the modal time basis: coding levels by their neighbours, following a mode in time, cosines.
+"""Compiled loops of coded functions of time: levels by their neighbours, following in time, cosines.
 
 The order of every operation is part of the format (``spec/pdeanim.md``). Coding levels takes integers only;
 the other two take +, -, *, / and sqrt of float64 in the order written, so that every IEEE 754 machine gets the
@@ -59,6 +59,10 @@ FARTHEST = 2.0**39
 
 MOST_UNCERTAIN = 2.0**120
 """Predicted variance at which learning starts again: no sound file comes near it."""
+
+STRAIGHT_UNITS = 16
+"""Of a step: speeds are whole numbers of them a frame, so that a line stays within half a step for 16 frames at least.
+"""
 
 
 def new_model(places: int) -> tuple[Int64Array, ...]:
@@ -367,6 +371,53 @@ def follow_modes(
                 if t > 1:
                     learn(weights, covariance, past, gains, miss, max(spread, LEAST_SPREAD))
             spread += (energy / axes - spread) / 8.0
+
+
+@uncounted
+def find_straight_runs(levels: Int64Array, wanted: Float64Array, tolerance: float) -> None:
+    """Follow modes in time by straight lines, each as long as it stays within a tolerance.
+
+    Parameters
+    ----------
+    levels : (modes, frames, axes) int64, written
+        Changes of speed; of the first frame the value itself. All in :data:`STRAIGHT_UNITS` a step.
+    wanted : (modes, frames, axes) float64
+        In steps, what should come out.
+    tolerance : float
+        In steps, half a unit or more.
+    """
+    modes, frames, axes = levels.shape
+    most = tolerance * STRAIGHT_UNITS
+    for k in range(modes):
+        for x in range(axes):
+            for t in range(frames):
+                levels[k, t, x] = 0
+            begin = 0
+            value = np.int64(np.rint(wanted[k, 0, x] * STRAIGHT_UNITS))
+            if abs(wanted[k, 0, x]) <= tolerance:
+                value = np.int64(0)
+            levels[k, 0, x] = value
+            speed = np.int64(0)
+            while begin < frames - 1:
+                slowest, fastest = -np.inf, np.inf
+                end = begin
+                for t in range(begin + 1, frames):
+                    rise = wanted[k, t, x] * STRAIGHT_UNITS - value
+                    slower = max(slowest, (rise - most) / (t - begin))
+                    faster = min(fastest, (rise + most) / (t - begin))
+                    if np.ceil(slower) > np.floor(faster):
+                        break
+                    slowest, fastest, end = slower, faster, t
+                least, largest = np.int64(np.ceil(slowest)), np.int64(np.floor(fastest))
+                found = speed
+                if not least <= speed <= largest:
+                    found = np.int64(np.rint((wanted[k, end, x] * STRAIGHT_UNITS - value) / (end - begin)))
+                    found = min(max(found, least), largest)
+                    if least <= 0 <= largest:
+                        found = np.int64(0)
+                levels[k, begin + 1, x] = found - speed
+                value += found * (end - begin)
+                speed, begin = found, end
 
 
 @uncounted

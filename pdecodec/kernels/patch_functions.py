@@ -1,11 +1,13 @@
-"""Compiled orthonormal functions on patches: polynomials of the rest shape, completed by unit vectors.
+"""Compiled orthonormal functions on elements: patches of a mesh, or pieces of its curves.
 
-Every operation and its order are part of the format (``spec/pdeanim.md``): decoder and encoder build the
-same bits. A polynomial is made of one that is orthonormal already, times a coordinate (Brubeck, Nakatsukasa and
-Trefethen 2021, "Vandermonde with Arnoldi"): little of it cancels then, where powers of coordinates are nearly
-dependent. Classical Gram-Schmidt, a second time where the first cancels, is as orthogonal as the modified one
-(Giraud, Langou and Rozloznik 2005, "The loss of orthogonality in the Gram-Schmidt orthogonalization process"),
-and runs along all functions at once.
+What decides is arithmetic in integers: an element's local coordinates, and with them how many of its functions are
+affine. The functions themselves are floating-point numbers that no decision hangs on but one, whether a column is
+dropped, and the encoder keeps clear of it (:attr:`Scratch.nearest`).
+
+A polynomial is made of one that is orthonormal already, times a coordinate (Brubeck, Nakatsukasa and Trefethen 2021,
+"Vandermonde with Arnoldi"): little of it cancels then, where powers of coordinates are nearly dependent. Classical
+Gram-Schmidt, a second time where the first cancels, is as orthogonal as the modified one (Giraud, Langou and Rozloznik
+2005, "The loss of orthogonality in the Gram-Schmidt orthogonalization process"), and runs along all functions at once.
 """
 
 from __future__ import annotations
@@ -15,6 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.kernels.bit_length import bit_length
+from pdecodec.kernels.integers import wide
 from pdecodec.kernels.uncounted import uncounted, uncounted_inline
 
 Float64Array = NDArray[np.float64]
@@ -22,20 +26,33 @@ Int64Array = NDArray[np.int64]
 Int32Array = NDArray[np.int32]
 
 AFFINE = 4
-"""Polynomials 1, x, y, z: what patches hand to the sets they are halves of."""
-
-DEPENDENT = 2.0**-8
-"""A polynomial whose norm falls to this share on those before it adds nothing new, and is dropped."""
-
-COVERED = 2.0**-10
-"""The same for unit vectors: less than 1 / sqrt(vertices), so that they always complete the space."""
+"""Functions 1, x, y, z: what elements hand to the nodes of the partition tree that they are halves of."""
 
 ONCE_IS_ENOUGH = 0.125
 """Share of the squared norm that must be left after one pass for the second to be skipped: then little more than one
 binary digit was lost."""
 
-SWEEPS = 6
-"""Jacobi sweeps of a 3 x 3 matrix: three reach the last digits, the rest cost nothing."""
+SUM_BITS = 61
+"""Of a sum of squares of one coordinate: three of them stay below 2^63."""
+
+MOMENT_BITS = 30
+"""Of moments as rotations are chosen by them: the product of two stays below 2^63."""
+
+TURN_BITS = 30
+"""Fraction bits of sines and cosines."""
+
+UNCORRELATED_BITS = 8
+"""Two coordinates are turned where the square of their correlation exceeds 2 to minus this: the axes of a square patch
+stay those of the mesh, alike on all patches."""
+
+FLOOR = 16
+"""Added to moments when correlations are compared: rounding is not correlated with anything."""
+
+SWEEPS = 8
+"""Of rotations, at most; three or four are enough."""
+
+THINNEST_BITS = 20
+"""A coordinate whose sum of squares is below this power of 1/2 of all three's is none: it is mostly rounding."""
 
 ALONG = 3
 """Column of a table of polynomials that says which axis each is made along; those before it say what of."""
@@ -44,42 +61,89 @@ LANE = 8
 """Rows of scratch are a multiple of this long, and zero beyond what they hold: inner loops have no odd end."""
 
 
-class Scratch(NamedTuple):
-    """Working memory for the functions of one patch.
+class Elements(NamedTuple):
+    """Patches or pieces, and what their functions are made of.
 
     Attributes
     ----------
-    local : (3, most) float64
+    grid : (vertices, 3) int64
+        Grid coordinates of the reference frame.
+    order : (vertices,) int32
+        Vertices, element after element.
+    starts : (elements + 1,) int64
+        Element e holds ``order[starts[e]:starts[e + 1]]``.
+    affine : (elements,) int64
+        How many of its functions are affine: these come first.
+    coefficient_starts : (elements + 1,) int64
+        Where its other functions begin among those of all.
+    node_of : (elements,) int64
+        The node of the partition tree that it is.
+    polynomials : (n, 4) int64
+        See :func:`pdecodec.spacebasis.polynomial_table`; the affine four first.
+    given : (vertices, m) float64
+        Columns that take the place of polynomials, in the order of `order`; m = 0 for none.
+    shares : (3,) float64
+        Least share of a column's squared norm that must be new for it to be kept: polynomials, given columns, unit
+        vectors.
+    completes : bool
+        Unit vectors follow, until there are as many functions as wanted.
+    """
+
+    grid: Int64Array
+    order: Int32Array
+    starts: Int64Array
+    affine: Int64Array
+    coefficient_starts: Int64Array
+    node_of: Int64Array
+    polynomials: Int64Array
+    given: Float64Array
+    shares: Float64Array
+    completes: bool
+
+
+POLYNOMIAL, GIVEN, UNIT_VECTOR = range(3)
+"""Sorts of columns that may be dropped."""
+
+
+class Scratch(NamedTuple):
+    """Working memory for the functions of one element.
+
+    Attributes
+    ----------
+    whole : (3, points) int64
         Local coordinates.
-    column, weights : (most,) float64
-    by_point, by_function : (most, most) float64
+    column : (points,) float64
+    weights : (functions,) float64
+    by_point : (points, functions) float64
+    by_function : (functions, points) float64
         The functions found, turned either way: sums along points and sums along functions both want neighbours side
         by side.
     found : (polynomials,) int64
         Which function each polynomial has become, -1 where it was dropped or not tried.
-    square : (2, 3, 3) float64
+    nearest : (1,) float64
+        The least distance of a column's new share from the one that decides, relative to it; so far.
     """
 
-    local: Float64Array
+    whole: Int64Array
     column: Float64Array
     weights: Float64Array
     by_point: Float64Array
     by_function: Float64Array
     found: Int64Array
-    square: Float64Array
+    nearest: Float64Array
 
 
-def new_scratch(points: int, polynomials: int) -> Scratch:
-    """Scratch for patches of at most so many points."""
-    most = padded(max(points, 1))
+def new_scratch(points: int, functions: int, polynomials: int) -> Scratch:
+    """Scratch for elements of at most so many points and functions."""
+    width, height = padded(max(points, 1)), padded(max(functions, 1))
     return Scratch(
-        np.zeros((3, most)),
-        np.zeros(most),
-        np.zeros(most),
-        np.zeros((most, most)),
-        np.zeros((most, most)),
+        np.zeros((3, width), np.int64),
+        np.zeros(width),
+        np.zeros(height),
+        np.zeros((width, height)),
+        np.zeros((height, width)),
         np.zeros(polynomials, np.int64),
-        np.zeros((2, 3, 3)),
+        np.full(1, np.inf),
     )
 
 
@@ -89,88 +153,102 @@ def padded(count: int) -> int:
     return (count + LANE - 1) & -LANE
 
 
+@uncounted_inline
+def integer_root(square: int) -> int:
+    """The largest integer whose square is at most `square`, 0 to 2^62."""
+    root = np.int64(np.sqrt(np.float64(square)))
+    while root * root > square:
+        root -= 1
+    while (root + 1) * (root + 1) <= square:
+        root += 1
+    return int(root)
+
+
 @uncounted
-def principal_axes(matrix: Float64Array, axes: Float64Array) -> None:
-    """Eigenvectors of a symmetric 3 x 3 matrix by cyclic Jacobi rotations, the widest axis first.
+def _centred(elements: Elements, e: int, whole: Int64Array) -> None:
+    """Coordinates of an element's points about their mean, as many binary digits as SUM_BITS has room for."""
+    begin, size = elements.starts[e], elements.starts[e + 1] - elements.starts[e]
+    largest = wide(0)
+    for axis in range(3):
+        origin, total = elements.grid[elements.order[begin], axis], wide(0)
+        for i in range(size):
+            whole[axis, i] = elements.grid[elements.order[begin + i], axis] - origin
+            total += whole[axis, i]
+        for i in range(size):
+            whole[axis, i] = size * whole[axis, i] - total
+            largest = max(largest, abs(whole[axis, i]))
+    shift = bit_length(largest) - (SUM_BITS - bit_length(size)) // 2
+    for axis in range(3):
+        for i in range(size):
+            whole[axis, i] = whole[axis, i] >> shift if shift > 0 else whole[axis, i] << -shift
+
+
+@uncounted
+def _moment(whole: Int64Array, size: int, p: int, q: int) -> int:
+    total = wide(0)
+    for i in range(size):
+        total += whole[p, i] * whole[q, i]
+    return total
+
+
+@uncounted
+def _turn(whole: Int64Array, size: int, cosine: int, sine: int, p: int, q: int) -> None:
+    for i in range(size):
+        a, b = whole[p, i], whole[q, i]
+        whole[p, i] = (cosine * a - sine * b) >> TURN_BITS
+        whole[q, i] = (sine * a + cosine * b) >> TURN_BITS
+
+
+@uncounted
+def local_coordinates(elements: Elements, e: int, whole: Int64Array) -> int:
+    """Coordinates of an element along its principal axes, the widest first, by one-sided Jacobi rotations in integers.
+
+    Coordinates that are hardly correlated are left as they are: axes of equal width have no direction of their own, and
+    where rounding chose one, every element would have another.
 
     Parameters
     ----------
-    matrix : (3, 3) float64, changed
-    axes : (3, 3) float64, written
-        Rows.
+    elements : Elements
+    e : int
+    whole : (3, points) int64, written
+
+    Returns
+    -------
+    int
+        How many of the coordinates are more than rounding, from the first.
     """
-    for i in range(3):
-        for j in range(3):
-            axes[i, j] = 1.0 if i == j else 0.0
+    size = elements.starts[e + 1] - elements.starts[e]
+    _centred(elements, e, whole)
+    all_three = _moment(whole, size, 0, 0) + _moment(whole, size, 1, 1) + _moment(whole, size, 2, 2)
+    shift = max(bit_length(all_three) - MOMENT_BITS, 0)
     for _ in range(SWEEPS):
+        turns = 0
         for p in range(2):
             for q in range(p + 1, 3):
-                off = matrix[p, q]
-                if off == 0.0:
+                first, second = _moment(whole, size, p, p), _moment(whole, size, q, q)
+                mixed = _moment(whole, size, p, q)
+                apart = ((first >> shift) + FLOOR) * ((second >> shift) + FLOOR) >> UNCORRELATED_BITS
+                if (mixed >> shift) * (mixed >> shift) <= apart:
                     continue
-                theta = (matrix[q, q] - matrix[p, p]) / (2.0 * off)
-                sign = 1.0 if theta >= 0.0 else -1.0
-                t = sign / (abs(theta) + np.sqrt(theta * theta + 1.0))
-                c = 1.0 / np.sqrt(t * t + 1.0)
-                s = t * c
-                for k in range(3):
-                    a, b = matrix[k, p], matrix[k, q]
-                    matrix[k, p], matrix[k, q] = c * a - s * b, s * a + c * b
-                for k in range(3):
-                    a, b = matrix[p, k], matrix[q, k]
-                    matrix[p, k], matrix[q, k] = c * a - s * b, s * a + c * b
-                for k in range(3):
-                    a, b = axes[p, k], axes[q, k]
-                    axes[p, k], axes[q, k] = c * a - s * b, s * a + c * b
-    for i in range(2):
-        for j in range(2 - i):
-            if matrix[j, j] < matrix[j + 1, j + 1]:
-                matrix[j, j], matrix[j + 1, j + 1] = matrix[j + 1, j + 1], matrix[j, j]
-                for k in range(3):
-                    axes[j, k], axes[j + 1, k] = axes[j + 1, k], axes[j, k]
-
-
-@uncounted
-def local_coordinates(levels: Int64Array, order: Int32Array, begin: int, end: int, scratch: Scratch) -> None:
-    """Coordinates of a patch along its principal axes, about its mean, the largest magnitude 1: ``scratch.local``.
-
-    Parameters
-    ----------
-    levels : (vertices, 3) int64
-        Rest shape in steps.
-    order : (vertices,) int32
-    begin, end : int
-        The patch's run of `order`.
-    scratch : Scratch, changed
-    """
-    size = end - begin
-    local, spread, axes = scratch.local, scratch.square[0], scratch.square[1]
-    largest = 0.0
-    for axis in range(3):
-        origin = levels[order[begin], axis]
-        mean = 0.0
-        for i in range(size):
-            local[axis, i] = np.float64(levels[order[begin + i], axis] - origin)
-            mean += local[axis, i]
-        mean /= size
-        for i in range(size):
-            local[axis, i] -= mean
-            largest = max(largest, abs(local[axis, i]))
-    scale = 1.0 / largest if largest > 0.0 else 1.0
-    for axis in range(3):
-        for i in range(size):
-            local[axis, i] *= scale
-    for p in range(3):
-        for q in range(p, 3):
-            total = 0.0
+                # Half of the angle whose cosine and sine are |across| / root and along / root.
+                across, along = (second - first) >> shift, (2 * mixed) >> shift
+                root = integer_root(across * across + along * along)
+                double = (abs(across) << TURN_BITS) // root
+                cosine = integer_root(((1 << TURN_BITS) + double) << (TURN_BITS - 1))
+                sine = (((along << (TURN_BITS - 1)) // root) << TURN_BITS) // cosine
+                _turn(whole, size, cosine, sine if across >= 0 else -sine, p, q)
+                turns += 1
+        if turns == 0:
+            break
+    for k in range(3):
+        j = k & 1  # 0, 1, 0
+        if _moment(whole, size, j, j) < _moment(whole, size, j + 1, j + 1):
             for i in range(size):
-                total += local[p, i] * local[q, i]
-            spread[p, q] = spread[q, p] = total
-    principal_axes(spread, axes)
-    for i in range(size):
-        x, y, z = local[0, i], local[1, i], local[2, i]
-        for axis in range(3):
-            local[axis, i] = axes[axis, 0] * x + axes[axis, 1] * y + axes[axis, 2] * z
+                whole[j, i], whole[j + 1, i] = whole[j + 1, i], whole[j, i]
+    count = 0
+    while count < 3 and _moment(whole, size, count, count) >> shift >= 1 << (MOMENT_BITS - THINNEST_BITS):
+        count += 1
+    return count
 
 
 @uncounted
@@ -208,19 +286,21 @@ def _take_off(column: Float64Array, size: int, by_function: Float64Array, rank: 
 
 
 @uncounted
-def add_function(scratch: Scratch, size: int, threshold: float, rank: int) -> bool:
-    """Orthonormalise ``scratch.column`` on the `rank` functions that are there; False where nothing is left of it.
+def add_function(scratch: Scratch, size: int, share: float, rank: int) -> bool:
+    """Orthonormalise ``scratch.column`` on the `rank` functions that are there; False where too little of it is new.
 
     Parameters
     ----------
     scratch : Scratch, changed
-        The column is zero from `size` to the next multiple of LANE.
     size, rank : int
-    threshold : float
-        Least norm that must be left, relative to the column's.
+    share : float
+        Share of its squared norm that must be new; 0 where the column is one that the file names. Of such a column
+        that is all old the function is zero.
     """
     column, by_point, by_function = scratch.column, scratch.by_point, scratch.by_function
     width = padded(size)
+    for i in range(size, width):
+        column[i] = 0.0
     before = 0.0
     for i in range(size):
         before += column[i] * column[i]
@@ -233,251 +313,130 @@ def add_function(scratch: Scratch, size: int, threshold: float, rank: int) -> bo
             after += column[i] * column[i]
         if after > ONCE_IS_ENOUGH * before:
             break
-    norm = np.sqrt(after)
-    if not norm > threshold * np.sqrt(before):
-        return False
+    if share > 0.0:
+        if before > 0.0:
+            scratch.nearest[0] = min(scratch.nearest[0], abs(after / (share * before) - 1.0))
+        if not after > share * before:
+            return False
+    scale = 1.0 / np.sqrt(after) if after > 0.0 else 0.0
     row = by_function[rank]
     for i in range(width):
-        row[i] = column[i] / norm
+        row[i] = column[i] * scale
     for i in range(size):
         by_point[i, rank] = row[i]
     return True
 
 
 @uncounted
-def fill_column(scratch: Scratch, size: int, polynomials: Int64Array, given: Float64Array, begin: int, j: int) -> bool:
-    """Values of one function before it is made orthonormal, a given one or a polynomial, into ``scratch.column``.
+def add_unit_vectors(scratch: Scratch, size: int, share: float, rank: int, most: int) -> int:
+    """Complete `rank` functions by unit vectors, point after point, until there are `most`; how many there are then.
 
-    Parameters
-    ----------
-    scratch : Scratch, changed
-    size : int
-    polynomials : (n, 4) int64
-        See :func:`pdecodec.spacebasis.polynomial_table`; the affine four first.
-    given : (vertices, m) float64
-        Functions to take in the place of polynomials, the affine four first; m = 0 for none.
-    begin : int
-        Row of `given` that is the patch's first vertex.
-    j : int
-        Which one; ``scratch.found`` holds what has become of those before.
-
-    Returns
-    -------
-    bool
-        False where it depends on those before: it is a multiple of a polynomial that does.
+    All of them, where `share` is below 1 / `size`: as long as a function is missing, some point has not been looked at
+    or has more than that to add.
     """
-    column, local, found = scratch.column, scratch.local, scratch.found
-    for i in range(size, padded(size)):
-        column[i] = 0.0
-    if given.shape[1]:
-        for i in range(size):
-            column[i] = given[begin + i, j]
-        return True
-    for axis in range(3):
-        if polynomials[j, axis] >= 0 and found[polynomials[j, axis]] < 0:
-            return False
-    axis = polynomials[j, ALONG]
-    if axis < 0:
-        for i in range(size):
-            column[i] = 1.0
-        return True
-    row = scratch.by_function[found[polynomials[j, axis]]]
-    for i in range(size):
-        column[i] = row[i] * local[axis, i]
-    return True
-
-
-@uncounted
-def first_functions(
-    scratch: Scratch, size: int, polynomials: Int64Array, given: Float64Array, begin: int, columns: int, most: int
-) -> int:
-    """Functions of one patch from the first `columns` given ones or polynomials, into ``scratch.by_function``.
-
-    Parameters
-    ----------
-    scratch : Scratch, changed
-        With the patch's local coordinates.
-    size, polynomials, given, begin
-        As in :func:`fill_column`.
-    columns : int
-    most : int
-        Functions wanted.
-
-    Returns
-    -------
-    int
-        Functions found.
-    """
-    rank = 0
-    for j in range(columns):
+    for j in range(size):
         if rank == most:
             break
-        scratch.found[j] = -1
-        if fill_column(scratch, size, polynomials, given, begin, j) and add_function(scratch, size, DEPENDENT, rank):
-            scratch.found[j] = rank
-            rank += 1
+        for i in range(size):
+            scratch.column[i] = 0.0
+        scratch.column[j] = 1.0
+        rank += add_function(scratch, size, share, rank)
     return rank
 
 
 @uncounted
-def patch_functions(
-    scratch: Scratch, size: int, polynomials: Int64Array, given: Float64Array, begin: int, most: int
-) -> None:
-    """The first `most` functions of one patch, at most ``size``: those of its columns, then unit vectors."""
-    columns = given.shape[1] if given.shape[1] else len(polynomials)
-    rank = first_functions(scratch, size, polynomials, given, begin, columns, most)
-    for j in range(size):
+def clear_functions(scratch: Scratch, size: int, first: int, end: int) -> None:
+    """Make the functions `first` to `end` - 1 zero."""
+    for k in range(first, end):
+        for i in range(padded(size)):
+            scratch.by_function[k, i] = 0.0
+        for i in range(size):
+            scratch.by_point[i, k] = 0.0
+
+
+@uncounted
+def affine_functions(scratch: Scratch, size: int, count: int) -> None:
+    """The constant and as many local coordinates as make `count` functions.
+
+    Parameters
+    ----------
+    scratch : Scratch, changed
+        With the element's local coordinates.
+    size, count : int
+    """
+    for j in range(min(AFFINE, scratch.found.size)):
+        scratch.found[j] = j if j < count else -1
+    for k in range(count):
+        for i in range(size):
+            scratch.column[i] = 1.0 if k == 0 else np.float64(scratch.whole[k - 1, i])
+        add_function(scratch, size, 0.0, k)
+
+
+@uncounted
+def _fill_polynomial(elements: Elements, scratch: Scratch, size: int, j: int) -> bool:
+    """Put a polynomial, not orthonormal yet, into ``scratch.column``; False if it is a multiple of a dropped one."""
+    made_of, found = elements.polynomials[j], scratch.found
+    for axis in range(3):
+        if made_of[axis] >= 0 and found[made_of[axis]] < 0:
+            return False
+    axis = made_of[ALONG]
+    row = scratch.by_function[found[made_of[axis]]]
+    for i in range(size):
+        scratch.column[i] = row[i] * np.float64(scratch.whole[axis, i])
+    return True
+
+
+@uncounted
+def element_functions(elements: Elements, e: int, most: int, scratch: Scratch) -> None:
+    """The first `most` functions of one element, at most its points, into ``scratch.by_function``.
+
+    The affine ones, then polynomials of local coordinates by degree, or the given columns, then unit vectors. Functions
+    that are still missing are zero.
+    """
+    begin, size = elements.starts[e], elements.starts[e + 1] - elements.starts[e]
+    columns = elements.given.shape[1]
+    local_coordinates(elements, e, scratch.whole)
+    rank = min(elements.affine[e], most)
+    affine_functions(scratch, size, rank)
+    for j in range(AFFINE, 0 if columns else len(elements.polynomials)):
         if rank == most:
             break
-        for i in range(padded(size)):
-            scratch.column[i] = 0.0
-        scratch.column[j] = 1.0
-        if add_function(scratch, size, COVERED, rank):
-            rank += 1
-
-
-@uncounted
-def affine_functions(
-    levels: Int64Array,
-    order: Int32Array,
-    starts: Int64Array,
-    polynomials: Int64Array,
-    given: Float64Array,
-    most: int,
-    affine: Int64Array,
-    coordinates: Float64Array,
-    scratch: Scratch,
-) -> None:
-    """How many affine functions each patch has, and what 1, x, y, z are in them.
-
-    Parameters
-    ----------
-    levels : (vertices, 3) int64
-    order : (vertices,) int32
-    starts : (patches + 1,) int64
-    polynomials, given
-        As in :func:`fill_column`.
-    most : int
-        Functions of a patch at most.
-    affine : (patches,) int64, written
-    coordinates : (patches, 4, 4) float64, written
-        Coordinates of 1, x, y, z (in steps, about the mesh's vertex 0) in the affine functions: row is the
-        function, column the monomial.
-    scratch : Scratch
-    """
-    for p in range(starts.size - 1):
-        begin, size = starts[p], starts[p + 1] - starts[p]
-        local_coordinates(levels, order, begin, starts[p + 1], scratch)
-        affine[p] = first_functions(scratch, size, polynomials, given, begin, AFFINE, min(most, size))
-        for k in range(affine[p]):
-            row = scratch.by_function[k]
-            for c in range(AFFINE):
-                total = 0.0
-                for i in range(size):
-                    value = 1.0 if c == 0 else np.float64(levels[order[begin + i], c - 1] - levels[0, c - 1])
-                    total += row[i] * value
-                coordinates[p, k, c] = total
-
-
-@uncounted
-def build_patches(
-    first: int,
-    end: int,
-    levels: Int64Array,
-    order: Int32Array,
-    starts: Int64Array,
-    polynomials: Int64Array,
-    given: Float64Array,
-    ranks: Int64Array,
-    basis: Float64Array,
-    basis_starts: Int64Array,
-    scratch: Scratch,
-) -> None:
-    """All functions of the patches `first` to `end` - 1.
-
-    Parameters
-    ----------
-    levels, order, starts, polynomials, given, scratch
-        As in :func:`affine_functions`.
-    ranks : (patches,) int64
-        Functions of each patch.
-    basis : (sum of ranks * size,) float64, written
-        Function after function.
-    basis_starts : (patches + 1,) int64
-    """
-    for p in range(first, end):
-        begin, size = starts[p], starts[p + 1] - starts[p]
-        local_coordinates(levels, order, begin, starts[p + 1], scratch)
-        patch_functions(scratch, size, polynomials, given, begin, ranks[p])
-        for k in range(ranks[p]):
-            for i in range(size):
-                basis[basis_starts[p] + k * size + i] = scratch.by_function[k, i]
-
-
-@uncounted
-def build_joints(
-    children: Int64Array,
-    counts: Int64Array,
-    coordinates: Float64Array,
-    joints: Float64Array,
-    stacked: Float64Array,
-    scratch: Scratch,
-) -> None:
-    """How the affine functions of two halves become those of the whole and details, set after set, upwards.
-
-    Parameters
-    ----------
-    children : (sets,) int64
-        See :func:`pdecodec.kernels.bisection.bisect`.
-    counts : (sets,) int64, those of patches given, the others written
-        Affine functions of each set.
-    coordinates : (sets, 4, 4) float64, those of patches given, the others written
-        As `coordinates` of :func:`affine_functions`.
-    joints : (sets, 8, 8) float64, written
-        Orthogonal: rows are the whole's affine functions and then the details, columns the first half's affine
-        functions and then the second's.
-    stacked : (8, 4) float64
-        Scratch, as the next.
-    scratch : Scratch
-        For 8 points.
-    """
-    column, by_function = scratch.column, scratch.by_function
-    for s in range(children.size - 1, -1, -1):
-        if children[s] < 0:
+        scratch.found[j] = -1
+        if not _fill_polynomial(elements, scratch, size, j):
             continue
-        a, b = children[s], children[s] + 1
-        size = counts[a] + counts[b]
-        for k in range(size):
-            for c in range(AFFINE):
-                stacked[k, c] = coordinates[a, k, c] if k < counts[a] else coordinates[b, k - counts[a], c]
-        column[:] = 0.0
-        rank = 0
-        for c in range(AFFINE):
-            # About the set's mean: seen from afar, x would hardly differ from a constant.
-            along, square = 0.0, 0.0
-            for k in range(size):
-                along += stacked[k, c] * stacked[k, 0]
-                square += stacked[k, 0] * stacked[k, 0]
-            mean = along / square if c > 0 else 0.0
-            for k in range(size):
-                column[k] = stacked[k, c] - mean * stacked[k, 0]
-            if add_function(scratch, size, DEPENDENT, rank):
-                rank += 1
-        counts[s] = rank
+        if add_function(scratch, size, elements.shares[POLYNOMIAL], rank):
+            scratch.found[j] = rank
+            rank += 1
+    for j in range(columns):
+        if rank == most:
+            break
+        for i in range(size):
+            scratch.column[i] = elements.given[begin + i, j]
+        rank += add_function(scratch, size, elements.shares[GIVEN], rank)
+    if elements.completes:
+        rank = add_unit_vectors(scratch, size, elements.shares[UNIT_VECTOR], rank, most)
+    clear_functions(scratch, size, rank, most)
+
+
+@uncounted
+def build_elements(
+    first: int, end: int, elements: Elements, basis: Float64Array, basis_starts: Int64Array, scratch: Scratch
+) -> None:
+    """All functions of the elements `first` to `end` - 1.
+
+    Parameters
+    ----------
+    first, end : int
+    elements : Elements
+    basis : (sum of functions * size,) float64, written
+        Function after function.
+    basis_starts : (elements + 1,) int64
+    scratch : Scratch
+    """
+    for e in range(first, end):
+        size = elements.starts[e + 1] - elements.starts[e]
+        rank = elements.affine[e] + elements.coefficient_starts[e + 1] - elements.coefficient_starts[e]
+        element_functions(elements, e, rank, scratch)
         for k in range(rank):
-            for c in range(AFFINE):
-                total = 0.0
-                for i in range(size):
-                    total += by_function[k, i] * stacked[i, c]
-                coordinates[s, k, c] = total
-        for j in range(size):
-            if rank == size:
-                break
-            for k in range(size):
-                column[k] = 0.0
-            column[j] = 1.0
-            if add_function(scratch, size, COVERED, rank):
-                rank += 1
-        for k in range(size):
             for i in range(size):
-                joints[s, k, i] = by_function[k, i]
+                basis[basis_starts[e] + k * size + i] = scratch.by_function[k, i]

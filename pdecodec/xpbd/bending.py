@@ -15,7 +15,7 @@ Right triangles store as much for folds along the grid, and 0.75 to 3 times that
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numba import njit
@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array, Int32Array
-from pdecodec.xpbd.constraints import Method, UniformConstraints, check_shape
+from pdecodec.xpbd.constraints import Linear, Method, RowShapes, Scaling, State, UniformConstraints
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -40,13 +40,10 @@ class IsometricBendingConstraints(UniformConstraints):
         One over the bending rigidity.
     """
 
+    members: ClassVar[int] = 4
+    rows_of_each: ClassVar[int] = 3
+    arrays: ClassVar[RowShapes] = {"coefficients": (4,)}
     coefficients: Float64Array
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "coefficients", np.ascontiguousarray(self.coefficients, dtype=np.float64))
-        check_shape("coefficients", self.coefficients, (self.count, 4))
-        check_shape("particles of bending constraints", self.particles.astype(np.float64), (self.count, 4))
 
     @classmethod
     def from_positions(
@@ -69,9 +66,7 @@ class IsometricBendingConstraints(UniformConstraints):
             The plate's bending rigidity ``k``; more than 0.
         """
         if not rigidity > 0:
-            raise SettingsError(
-                f"bending rigidity must be more than 0, not {rigidity}; leave the constraint out instead"
-            )
+            raise SettingsError(f"bending rigidity must be more than 0, not {rigidity}; leave the constraint out")
         members: Int32Array = np.asarray(stencils, dtype=np.int32)
         edge = positions[members[:, 1]] - positions[members[:, 0]]
         coefficients = np.zeros((len(members), 4))
@@ -89,42 +84,13 @@ class IsometricBendingConstraints(UniformConstraints):
             coefficients[:, corner] = -at_start - at_end
             area += 0.5 * double_area
         coefficients /= np.sqrt(area)[:, None]
-        return cls(
-            particles=members,
-            coefficients=coefficients,
-            compliance=1 / rigidity,
-            damping=damping,
-            stiffness=stiffness,
-        )
+        material = {"compliance": 1 / rigidity, "damping": damping, "stiffness": stiffness}
+        return cls(particles=members, coefficients=coefficients, **material)
 
-    @property
-    def rows(self) -> int:
-        return 3
+    def _sweep(self, state: State, multipliers: Float64Array, scaling: Scaling, time: float, method: Method) -> None:
+        _solve_bending(state, self.particles, self.coefficients, multipliers, scaling)
 
-    def solve(
-        self,
-        positions: Float64Array,
-        previous: Float64Array,
-        inverse_masses: Float64Array,
-        multipliers: Float64Array,
-        *,
-        time: float,
-        substep: float,
-        method: Method,
-    ) -> None:
-        _solve_bending(
-            positions,
-            previous,
-            inverse_masses,
-            self.particles,
-            self.coefficients,
-            multipliers,
-            *self.scaling(substep, method),
-        )
-
-    def evaluate(
-        self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd"
-    ) -> tuple[Float64Array, Float64Array]:
+    def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
         coefficients = self.coefficients[index]
         gradient = np.einsum("k,ai->aki", coefficients, np.eye(3))
         return coefficients @ positions[self.particles[index]], gradient
@@ -136,53 +102,29 @@ class IsometricBendingConstraints(UniformConstraints):
 
 @njit(cache=True)
 def _solve_bending(
-    positions: Float64Array,
-    previous: Float64Array,
-    inverse_masses: Float64Array,
-    stencils: Int32Array,
-    coefficients: Float64Array,
-    multipliers: Float64Array,
-    compliance: float,
-    damping: float,
-    relaxation: float,
+    state: State, stencils: Int32Array, coefficients: Float64Array, multipliers: Float64Array, scaling: Scaling
 ) -> None:
+    x, old, weights = state
+    compliance, damping, relaxation = scaling
     for i in range(stencils.shape[0]):
-        a = stencils[i, 0]
-        b = stencils[i, 1]
-        c = stencils[i, 2]
-        d = stencils[i, 3]
-        of_a = coefficients[i, 0]
-        of_b = coefficients[i, 1]
-        of_c = coefficients[i, 2]
-        of_d = coefficients[i, 3]
-        step_a = inverse_masses[a] * of_a
-        step_b = inverse_masses[b] * of_b
-        step_c = inverse_masses[c] * of_c
-        step_d = inverse_masses[d] * of_d
+        a, b, c, d = stencils[i, 0], stencils[i, 1], stencils[i, 2], stencils[i, 3]
+        of_a, of_b, of_c, of_d = coefficients[i, 0], coefficients[i, 1], coefficients[i, 2], coefficients[i, 3]
+        step_a, step_b = weights[a] * of_a, weights[b] * of_b
+        step_c, step_d = weights[c] * of_c, weights[d] * of_d
         slope = step_a * of_a + step_b * of_b + step_c * of_c + step_d * of_d
         if slope == 0.0:
             continue
         inverse = 1.0 / ((1.0 + damping) * slope + compliance)
         for axis in range(3):
-            value = (
-                of_a * positions[a, axis]
-                + of_b * positions[b, axis]
-                + of_c * positions[c, axis]
-                + of_d * positions[d, axis]
-            )
+            value = of_a * x[a, axis] + of_b * x[b, axis] + of_c * x[c, axis] + of_d * x[d, axis]
             right = -value - compliance * multipliers[i, axis]
             if damping > 0.0:
-                before = (
-                    of_a * previous[a, axis]
-                    + of_b * previous[b, axis]
-                    + of_c * previous[c, axis]
-                    + of_d * previous[d, axis]
-                )
+                before = of_a * old[a, axis] + of_b * old[b, axis] + of_c * old[c, axis] + of_d * old[d, axis]
                 right -= damping * (value - before)
             change = right * inverse  # Eq. 6
             multipliers[i, axis] += change
             change *= relaxation
-            positions[a, axis] += step_a * change  # Eq. 7
-            positions[b, axis] += step_b * change
-            positions[c, axis] += step_c * change
-            positions[d, axis] += step_d * change
+            x[a, axis] += step_a * change  # Eq. 7
+            x[b, axis] += step_b * change
+            x[c, axis] += step_c * change
+            x[d, axis] += step_d * change

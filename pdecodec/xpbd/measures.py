@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pdecodec.sequence import Float64Array
-from pdecodec.xpbd.chain import ChainConstraints
-from pdecodec.xpbd.distance import DistanceConstraints
+from pdecodec.xpbd.distance import ChainConstraints
 from pdecodec.xpbd.solver import Solver
 
 
@@ -62,12 +61,9 @@ def particle_masses(solver: Solver) -> Float64Array:
 
 def measure_stretch(solver: Solver) -> Float64Array:
     """Present length over rest length, less 1, of every distance constraint and chain link, batch after batch."""
-    batches = [
-        batch for batch in solver.system.constraints if isinstance(batch, DistanceConstraints | ChainConstraints)
-    ]
-    return np.concatenate(
-        [np.zeros(0), *((batch.lengths_at(solver.positions) / batch.lengths - 1).ravel() for batch in batches)]
-    )
+    batches = [batch for batch in solver.system.constraints if isinstance(batch, ChainConstraints)]
+    lengths = [batch.lengths_at(solver.positions) / batch.lengths for batch in batches]
+    return np.concatenate([np.zeros(0), *(found.ravel() - 1 for found in lengths)])
 
 
 def measure_residuals(solver: Solver) -> list[float]:

@@ -8,30 +8,21 @@ from pdecodec.sequence import Int32Array
 
 
 def grid_quads(columns: int, rows: int) -> Int32Array:
-    """Quads of a grid of ``columns x rows`` vertices, row after row: vertex ``row * columns + column``.
-
-    Returns
-    -------
-    ((columns - 1) * (rows - 1), 4) int32
-        Counter-clockwise where columns run along x and rows along y.
-    """
+    """Quads of a grid, (quads, 4) int32: vertex ``row * columns + column``, counter-clockwise for x along columns."""
     vertex = np.arange(columns * rows, dtype=np.int32).reshape(rows, columns)
     quads = np.stack([vertex[:-1, :-1], vertex[:-1, 1:], vertex[1:, 1:], vertex[1:, :-1]], axis=-1)
     return quads.reshape(-1, 4)
 
 
 def tube_quads(curves: Int32Array) -> Int32Array:
-    """Quads of an open tube.
+    """Quads of an open tube, (sides * (rings - 1), 4) int32.
+
+    They face outwards where the curves run counter-clockwise for an eye that looks back along them.
 
     Parameters
     ----------
     curves : (sides, rings) int32
         Vertices of the lengthwise curves, which follow each other around the tube.
-
-    Returns
-    -------
-    (sides * (rings - 1), 4) int32
-        Outwards where the curves run counter-clockwise for an eye that looks back along them.
     """
     following = np.roll(curves, -1, axis=0)
     quads = np.stack([curves[:, :-1], following[:, :-1], following[:, 1:], curves[:, 1:]], axis=-1)
@@ -39,38 +30,18 @@ def tube_quads(curves: Int32Array) -> Int32Array:
 
 
 def triangulate(quads: Int32Array) -> Int32Array:
-    """Two triangles for each quad, the diagonal alternating from quad to quad so that no direction is stiffer.
-
-    Returns
-    -------
-    (2 * quads, 3) int32
-    """
+    """Two triangles for each quad, the diagonal alternating from quad to quad so that no direction is stiffer."""
     first = np.stack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1)
     second = np.stack([quads[:, [0, 1, 3]], quads[:, [1, 2, 3]]], axis=1)
     odd = np.arange(len(quads)) % 2 == 1
     return np.where(odd[:, None, None], second, first).reshape(-1, 3)
 
 
-def unique_edges(cells: Int32Array, corner_pairs: list[tuple[int, int]]) -> Int32Array:
-    """Edges of all cells, each once, sorted.
-
-    Parameters
-    ----------
-    cells : (cells, corners) int32
-    corner_pairs : list of (int, int)
-        Which corners of a cell an edge joins.
-
-    Returns
-    -------
-    (edges, 2) int32
-    """
-    pairs = np.concatenate([cells[:, list(pair)] for pair in corner_pairs])
+def tetrahedron_edges(tetrahedra: Int32Array) -> Int32Array:
+    """Edges of all tetrahedra, (tetrahedra, 4) int32: each edge once, sorted, (edges, 2) int32."""
+    pairs = np.concatenate([tetrahedra[:, [a, b]] for b in range(4) for a in range(b)])
     edges: Int32Array = np.unique(np.sort(pairs, axis=1), axis=0)
     return edges
-
-
-TRIANGLE_EDGES = [(0, 1), (1, 2), (2, 0)]
-TETRAHEDRON_EDGES = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
 
 
 def bending_stencils(triangles: Int32Array) -> Int32Array:
@@ -126,12 +97,7 @@ def lattice_tetrahedra(cells: int) -> Int32Array:
 
 
 def lattice_surface(cells: int) -> Int32Array:
-    """Quads on the six sides of a ``cells^3`` lattice, outwards, vertices numbered as in the lattice.
-
-    Returns
-    -------
-    (6 * cells**2, 4) int32
-    """
+    """Quads on the six sides of a ``cells^3`` lattice, (6 * cells**2, 4) int32, outwards, numbered as the lattice."""
     vertex = np.arange((cells + 1) ** 3, dtype=np.int32).reshape(cells + 1, cells + 1, cells + 1)
     sides = []
     for axis in range(3):

@@ -20,13 +20,12 @@ import math
 import numpy as np
 
 from pdecodec.sequence import DEFAULT_FPS, Float64Array, Int32Array
-from pdecodec.xpbd.attachment import Pins
-from pdecodec.xpbd.chain import ChainConstraints
 from pdecodec.xpbd.constraints import Constraints
-from pdecodec.xpbd.distance import DistanceConstraints
+from pdecodec.xpbd.distance import ChainConstraints, DistanceConstraints
 from pdecodec.xpbd.meshing import triangulate, tube_quads
-from pdecodec.xpbd.options import CubeRopeOptions
+from pdecodec.xpbd.scenes import CubeRopeOptions
 from pdecodec.xpbd.simulation import Scene
+from pdecodec.xpbd.surroundings import Pins
 from pdecodec.xpbd.system import STANDARD_GRAVITY, System
 
 DENSITY = 1000.0
@@ -154,8 +153,7 @@ def _rotation(axis: int, angle: float) -> Float64Array:
     first, second = (axis + 1) % 3, (axis + 2) % 3
     rotation = np.eye(3)
     rotation[[first, second], [first, second]] = math.cos(angle)
-    rotation[second, first] = math.sin(angle)
-    rotation[first, second] = -math.sin(angle)
+    rotation[second, first], rotation[first, second] = math.sin(angle), -math.sin(angle)
     return rotation
 
 

@@ -8,14 +8,13 @@ import numpy as np
 
 from pdecodec.sequence import Float64Array, Int32Array
 from pdecodec.xpbd.constraints import Constraints
-from pdecodec.xpbd.contact import Ground
 from pdecodec.xpbd.distance import DistanceConstraints
-from pdecodec.xpbd.meshing import TETRAHEDRON_EDGES, lattice_surface, lattice_tetrahedra, triangulate, unique_edges
-from pdecodec.xpbd.neo_hookean import NeoHookeanConstraints
-from pdecodec.xpbd.options import JellyOptions
+from pdecodec.xpbd.meshing import lattice_surface, lattice_tetrahedra, tetrahedron_edges, triangulate
+from pdecodec.xpbd.scenes import JellyOptions
 from pdecodec.xpbd.simulation import Scene
+from pdecodec.xpbd.surroundings import Ground
 from pdecodec.xpbd.system import System
-from pdecodec.xpbd.volume import VolumeConstraints, tetrahedron_volumes
+from pdecodec.xpbd.tetrahedra import NeoHookeanConstraints, VolumeConstraints, tetrahedron_volumes
 
 DENSITY = 1000.0
 """Water, mostly [kg/m^3]."""
@@ -51,8 +50,6 @@ def build(options: JellyOptions) -> Scene:
         system=system,
         visible=visible.astype(np.int32),
         faces=faces if options.faces == "quads" else triangulate(faces),
-        substeps=20,
-        frames=100,
     )
 
 
@@ -70,18 +67,12 @@ def _masses(positions: Float64Array, tetrahedra: Int32Array) -> Float64Array:
 
 
 def _constraints(positions: Float64Array, tetrahedra: Int32Array, options: JellyOptions) -> tuple[Constraints, ...]:
+    material = {"damping": DAMPING, "stiffness": 0.1}
     if options.material == "neo-hookean":
-        solid = NeoHookeanConstraints.from_positions(
-            positions, tetrahedra, young=options.young, poisson=options.poisson, damping=DAMPING, stiffness=0.1
-        )
-        return (solid,)
+        elastic = {"young": options.young, "poisson": options.poisson}
+        return (NeoHookeanConstraints.from_positions(positions, tetrahedra, **elastic, **material),)
     # A lattice of springs of stiffness E times the spacing stretches about as a solid of modulus E does.
     spring = options.young * options.size / options.cells
-    edges = DistanceConstraints.from_positions(
-        positions,
-        unique_edges(tetrahedra, TETRAHEDRON_EDGES),
-        compliance=1 / spring,
-        damping=DAMPING,
-        stiffness=0.1,
-    )
-    return (edges, VolumeConstraints.from_positions(positions, tetrahedra))
+    edges = tetrahedron_edges(tetrahedra)
+    springs = DistanceConstraints.from_positions(positions, edges, compliance=1 / spring, **material)
+    return (springs, VolumeConstraints.from_positions(positions, tetrahedra))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -49,8 +50,8 @@ class Scene:
     system: System
     visible: Int32Array
     faces: Int32Array
-    substeps: int
-    frames: int
+    substeps: int = 20
+    frames: int = 100
 
     def simulate(
         self,
@@ -73,11 +74,6 @@ class Scene:
         iterations : int
             Sweeps over all constraints in each substep.
         method : {"xpbd", "pbd"}
-
-        Raises
-        ------
-        SettingsError
-            If a number is out of range.
         """
         frames = self.frames if frames is None else frames
         if frames < 1:
@@ -118,23 +114,16 @@ class Simulation(MeshSequence):
         }
         self.notices = ()
         self._substeps = substeps
-        self._iterations = iterations
-        self._method = method
+        substep = 1 / (self.fps * substeps)
+        self._new_solver = partial(Solver, scene.system, substep=substep, iterations=iterations, method=method)
         self._restart()
 
     def _restart(self) -> None:
-        substep = 1 / (self.fps * self._substeps)
-        self.solver = Solver(self.scene.system, substep=substep, iterations=self._iterations, method=self._method)
+        self.solver = self._new_solver()
         self._frame = 0
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
-        """Positions of frames ``start`` to ``stop - 1``.
-
-        Raises
-        ------
-        SettingsError
-            If the simulation left all bounds: the substeps are too long for the scene.
-        """
+        """Positions of frames ``start`` to ``stop - 1``; SettingsError where too long substeps made them infinite."""
         check_frame_range(self, start, stop)
         points = np.empty((stop - start, self.vertex_count, 3), np.float32)
         if start < stop and start < self._frame:

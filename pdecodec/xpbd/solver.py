@@ -20,7 +20,7 @@ from numba import njit
 
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array
-from pdecodec.xpbd.constraints import Method
+from pdecodec.xpbd.constraints import Method, State
 from pdecodec.xpbd.system import System
 
 MAX_ITERATIONS = 10_000
@@ -46,11 +46,6 @@ class Solver:
     multipliers : list of float64 arrays
         Of each batch, after the last substep.
     substeps_done : int
-
-    Raises
-    ------
-    SettingsError
-        If a number is out of range.
     """
 
     def __init__(self, system: System, *, substep: float, iterations: int = 1, method: Method = "xpbd") -> None:
@@ -86,18 +81,18 @@ class Solver:
     def _advance_once(self) -> None:
         system = self.system
         time = (self.substeps_done + 1) * self.substep
-        state = (self.positions, self.previous, system.inverse_masses)
+        state = State(self.positions, self.previous, system.inverse_masses)
         keep = math.exp(-system.drag * self.substep)
-        _predict(*state, self.velocities, self._accelerations(), self.substep, keep)  # line 1
+        _predict(state, self.velocities, self._accelerations(), self.substep, keep)  # line 1
         for pins in system.pins:
             self.positions[pins.particles] = pins.path(time)
         for multipliers in self.multipliers:
             multipliers.fill(0.0)  # line 1
         for _ in range(self.iterations):  # line 2
             for batch, multipliers in zip(system.constraints, self.multipliers, strict=True):  # lines 3 to 6
-                batch.solve(*state, multipliers, time=time, substep=self.substep, method=self.method)
+                batch.solve(state, multipliers, time=time, substep=self.substep, method=self.method)
             for collider in system.colliders:
-                collider.solve(*state)
+                collider.solve(state)
         np.subtract(self.positions, self.previous, out=self.velocities)
         self.velocities /= self.substep  # line 9
         self.substeps_done += 1
@@ -114,16 +109,9 @@ class Solver:
 
 
 @njit(cache=True)
-def _predict(
-    positions: Float64Array,
-    previous: Float64Array,
-    inverse_masses: Float64Array,
-    velocities: Float64Array,
-    accelerations: Float64Array,
-    substep: float,
-    keep: float,
-) -> None:
+def _predict(state: State, velocities: Float64Array, accelerations: Float64Array, substep: float, keep: float) -> None:
     """Line 1: ``x_0 = x^n + dt v^n + dt^2 M^-1 F`` (Eq. 4), with the share `keep` of the velocity left by drag."""
+    positions, previous, inverse_masses = state
     for i in range(positions.shape[0]):
         for axis in range(3):
             previous[i, axis] = positions[i, axis]

@@ -9,10 +9,8 @@ import numpy as np
 
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array
-from pdecodec.xpbd.attachment import Pins
-from pdecodec.xpbd.constraints import Constraints, check_shape
-from pdecodec.xpbd.contact import Collider
-from pdecodec.xpbd.wind import Wind
+from pdecodec.xpbd.constraints import Constraints, check_positive, check_shape
+from pdecodec.xpbd.surroundings import Collider, Pins, Wind
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of free fall [m/s^2]."""
@@ -41,10 +39,6 @@ class System:
     drag : float [1/s]
         Rate at which all velocities fade, as in still air.
 
-    Raises
-    ------
-    SettingsError
-        If shapes disagree, a number is out of range, or a constraint names a particle that is not there.
     """
 
     positions: Float64Array
@@ -67,8 +61,7 @@ class System:
         check_shape("velocities", velocities, (count, 3))
         if (inverse_masses < 0).any():
             raise SettingsError(f"inverse mass {int(inverse_masses.argmin())} is negative")
-        if not (math.isfinite(self.drag) and self.drag >= 0):
-            raise SettingsError(f"drag must be 0 or a positive number, not {self.drag}")
+        check_positive("drag", self.drag)
         if not math.isfinite(self.gravity):
             raise SettingsError(f"gravity must be a finite number, not {self.gravity}")
         members = [item.particles for item in self.constraints] + [item.particles for item in self.pins]
@@ -81,7 +74,3 @@ class System:
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "inverse_masses", inverse_masses)
         object.__setattr__(self, "velocities", velocities)
-
-    @property
-    def particle_count(self) -> int:
-        return len(self.positions)

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from spec.decoder import groups
+from spec.decoder.attributes import read_attributes
 from spec.decoder.connectivity import read_faces_and_lines
-from spec.decoder.curves import extract_curves, order_lonely_points
-from spec.decoder.faces import read_rest_across
-from spec.decoder.fields import Container, read_container, require
-from spec.decoder.groups import GroupMotion
-from spec.decoder.mesh import Description, Mesh, read_attributes, read_connectivity, read_description, read_json
-from spec.decoder.motion import Float32Array, Motion, read_segments
+from spec.decoder.fields import read_container, require
+from spec.decoder.groups import read_groups, read_model
+from spec.decoder.mesh import Mesh, read_description, read_json, read_vertex_counts
+from spec.decoder.motion import Float32Array, Motion
 from spec.decoder.patches import build_patches
-from spec.decoder.shape import build_elements, read_model, read_rest
+from spec.decoder.reference import ReferenceFrame, read_reference
 from spec.decoder.space import build_space
 
 
@@ -27,7 +25,8 @@ class Animation:
     times: list[float]
     fps: float
     remarks: dict[str, Any]
-    motion: Motion | GroupMotion
+    reference: ReferenceFrame
+    motion: Motion
 
     def positions(self, time: float) -> Float32Array:
         """(vertices, 3) float32 [scene units] at a time [s]; vertices of all objects, one after the other."""
@@ -37,39 +36,22 @@ class Animation:
 def decode(data: bytes) -> Animation:
     """Decode the bytes of a file; CorruptFileError says what is wrong with it."""
     container = read_container(data)
-    description = read_description(container["SEQN"], container.major_version)
-    if container.major_version == 1:
-        read_connectivity(container["CONN"], description.meshes)
-    else:
-        read_faces_and_lines(container["CONN"], container.sections.get("ORDR", b""), description.meshes)
-    read_attributes(container.sections.get("ATTR", b""), description.meshes)
-    read_motion = _read_segment_motion if container.major_version == 1 else _read_group_motion
-    motion = read_motion(container, description)
+    counts, conn = read_vertex_counts(container["CONN"])
+    description = read_description(container["SEQN"], len(counts))
+    meshes = [Mesh(name, vertices) for name, vertices in zip(description.names, counts, strict=True)]
+    read_faces_and_lines(conn, container.sections.get("ORDR", b""), meshes)
+    reference = read_reference(container["REST"], meshes)
+    read_attributes(container.sections.get("ATTR", b""), meshes, reference.grid)
+    model = read_model(container["MODL"])
+    patches = build_patches(model.form.kind, meshes, reference.grid, model.form.points)
+    space = build_space(model.form, model.masks, patches, reference.grid)
+    chunks = [container[name] for name in ("TIME", "COEF", "CORR")]
+    groups = read_groups(container["GRUP"], len(description.times), chunks)
     meta = container.sections.get("META", b"")
     remarks = read_json(meta) if meta else {}
     require(isinstance(remarks, dict), "META is not a JSON object")
-    return Animation(description.meshes, description.times, description.fps, remarks, motion)
-
-
-def _read_segment_motion(container: Container, description: Description) -> Motion:
-    """Version 1: sections 7 to 12."""
-    found = extract_curves(description.meshes)
-    rest = read_rest(container["REST"], found)
-    order_lonely_points(found, rest.levels)
-    model = read_model(container["MODL"], len(found.curves))
-    elements = build_elements(found, rest, model)
-    segments = read_segments(container["SEGM"], container["COEF"], container["CORR"])
-    return Motion(description.times, segments, model, rest, elements)
-
-
-def _read_group_motion(container: Container, description: Description) -> GroupMotion:
-    """Version 2: sections 18 to 28."""
-    rest = read_rest_across(container["REST"], description.meshes)
-    model = groups.read_model(container["MODL"])
-    patches = build_patches(model.kind, description.meshes, rest.levels, model.points)
-    space = build_space(model.kind, patches, rest.levels, model.functions)
-    rows = groups.read_groups(container["GRUP"], [container[name] for name in ("TIME", "COEF", "CORR")])
-    return GroupMotion(description.times, rows, model, rest, space)
+    motion = Motion(description.times, groups, model, reference, space)
+    return Animation(meshes, description.times, description.fps, remarks, reference, motion)
 
 
 def decode_file(path: str | Path) -> Animation:

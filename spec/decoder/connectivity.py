@@ -1,12 +1,14 @@
-"""Section 29 of the specification: CONN and ORDR of version 2."""
+"""Sections 5 and 6 of the specification: CONN and ORDR."""
 
 from __future__ import annotations
 
-from spec.decoder.contexts import Contexts, Memory
+from spec.decoder.contexts import Contexts, MatchModel
 from spec.decoder.fields import require
 from spec.decoder.mesh import Mesh
-from spec.decoder.order import OrderModel, OrderReader, read_runs
+from spec.decoder.order import OrderModel, OrderReader, read_members
 from spec.decoder.surface import History, SurfaceReader
+
+SMALLEST = {"faces": 3, "lines": 1}
 
 Polygons = list[list[int]]
 
@@ -15,65 +17,69 @@ def read_faces_and_lines(conn: bytes, ordr: bytes, meshes: list[Mesh]) -> None:
     """Fill in the faces and lines of `meshes`."""
     contexts, orders = Contexts(conn), Contexts(ordr)
     history, model = History(), OrderModel(orders)
-    memories = {kind: Memory(contexts, kind) for kind in ("faces", "lines")}
-    any_surface = False
+    matches = {kind: MatchModel(contexts, kind) for kind in SMALLEST}
+    any_order = False
     for mesh in meshes:
-        kinds = []
-        for kind, smallest in (("faces", 3), ("lines", 1)):
-            count, size, corners = _read_head(contexts, kind, smallest)
+        for kind in SMALLEST:
+            count, size, corners = read_head(contexts, kind)
             if count and kind == "faces" and contexts.bit("surface"):
-                any_surface = True
                 has_border = bool(contexts.bit("has border"))
+                has_order = bool(contexts.bit("has order"))
                 surface = SurfaceReader(contexts, history, size, has_border).read(count, corners, mesh.vertices)
-                used = read_runs(orders, len(surface.borders), mesh.vertices)
-                faces = OrderReader(model, surface).read()
-                kinds.append([[used[number] for number in face] for face in faces])
+                if has_order:
+                    any_order = True
+                    used = read_members(orders, len(surface.borders), mesh.vertices)
+                    polygons = [[used[number] for number in face] for face in OrderReader(model, surface).read()]
+                else:
+                    polygons = [[side.vertex for side in face] for face in surface.faces]
             else:
-                memory = memories[kind]
-                kinds.append(_read_polygons(contexts, memory, kind, smallest, count, size, corners, mesh.vertices))
-        mesh.faces, mesh.lines = kinds
-    require(contexts.is_finished() and orders.is_finished(), "a section has bytes too many, or too few")
-    require(any_surface or not ordr, "an order of nothing")
+                polygons = read_polygons(contexts, matches[kind], kind, (count, size, corners), mesh.vertices)
+            if kind == "faces":
+                mesh.faces = polygons
+            else:
+                mesh.lines = polygons
+    contexts.finish()
+    orders.finish()
+    require(any_order or not ordr, "an order of nothing")
 
 
-def _read_head(contexts: Contexts, kind: str, smallest: int) -> tuple[int, int, int]:
-    """Section 29.2: number of polygons, common size or 0, corners."""
+def read_head(contexts: Contexts, kind: str) -> tuple[int, int, int]:
+    """5.1: number of polygons, common size or 0, corners."""
     count = contexts.number(kind, "count")
     if count == 0:
         return 0, 0, 0
     size = contexts.number(kind, "size")
-    require(size == 0 or size >= smallest, "polygons of too few corners")
+    require(size == 0 or size >= SMALLEST[kind], "polygons of too few corners")
     corners = count * size if size else contexts.number(kind, "corners")
-    require(smallest * count <= corners < 2**31, "polygons of too few corners, or too many")
+    require(SMALLEST[kind] * count <= corners < 2**31, "polygons of too few corners, or too many")
     return count, size, corners
 
 
-def _read_polygons(
-    contexts: Contexts, memory: Memory, kind: str, smallest: int, count: int, common: int, corners: int, vertices: int
+def read_polygons(
+    contexts: Contexts, matches: MatchModel, kind: str, head: tuple[int, int, int], vertices: int
 ) -> Polygons:
-    """Section 29.3: polygons in their order."""
+    """5.2: polygons in their order."""
+    count, common, corners = head
     polygons: Polygons = []
-    highest = -1
-    first = 0
-    recent = 0
+    highest, first, recent = -1, 0, 0
     for left in range(count - 1, -1, -1):
         size = common
         if common == 0:
-            remembered = memory.read(4)
-            size = smallest + contexts.number(kind, "larger by") if remembered is None else remembered
-            memory.add(size)
-        require(smallest <= size <= corners - smallest * left, "a polygon that does not fit")
+            matched = matches.read(4)
+            size = SMALLEST[kind] + contexts.number(kind, "larger by") if matched is None else matched
+            matches.add(size)
         corners -= size
+        require(size >= SMALLEST[kind] and corners >= SMALLEST[kind] * left, "a polygon that does not fit")
         polygon: list[int] = []
         for place in range(size):
             phase = min(place, 3)
             before = polygon[-1] if polygon else first
-            difference = memory.read(phase)
+            difference = matches.read(phase)
             if difference is None:
                 new = contexts.bit(kind, "new", phase, recent)
                 recent = (2 * recent + new) % 32
                 difference = highest + 1 - before if new else contexts.signed(kind, "difference", phase)
-            memory.add(difference)
+            matches.add(difference)
             vertex = before + difference
             require(0 <= vertex < vertices, "a vertex that is not there")
             polygon.append(vertex)

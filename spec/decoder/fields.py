@@ -1,4 +1,4 @@
-"""Sections 1 to 4 of the specification: the container, fields, compressed streams, variable-length integers."""
+"""Sections 2, 3.1 and 3.2 of the specification: the container, fields, compressed streams."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import zstandard
 
 IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
-IN_BOTH = {"META", "SEQN", "CONN", "REST", "MODL", "COEF", "CORR", "ATTR"}
-KNOWN = {1: IN_BOTH | {"SEGM"}, 2: IN_BOTH | {"ORDR", "GRUP", "TIME"}}
-"""Sections of each major version."""
+MAJOR_VERSION = 1
+KNOWN = {"META", "SEQN", "CONN", "ORDR", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR", "ATTR"}
 
 MOST_SECTIONS = 64
 
@@ -30,7 +29,6 @@ def require(condition: bool, complaint: str) -> None:
 class Container:
     """The sections of a file that this decoder knows, by type."""
 
-    major_version: int
     minor_version: int
     sections: dict[str, bytes]
 
@@ -40,64 +38,58 @@ class Container:
 
 
 def read_container(data: bytes) -> Container:
-    """Sections 2 and 3: header, table, and every section checked."""
+    """Section 2: header, table, and every section checked."""
     require(data[:12] == IDENTIFIER, "not a .pdeanim file")
     require(len(data) >= 28, "ends inside the header")
     major, minor, count, table_checksum, header_checksum = struct.unpack_from("<HHIII", data, 12)
     require(zlib.crc32(data[:24]) == header_checksum, "the header is damaged")
-    require(major in KNOWN, f"format version {major} is neither 1 nor 2")
+    require(major == MAJOR_VERSION, f"format version {major}")
     require(count <= MOST_SECTIONS, f"{count} sections")
     rows, end = [], 28
     for _ in range(count):
         require(end + 5 <= len(data), "the table is cut short")
         size = data[end + 4] >> 4
-        require(major == 1 or size <= 8, "a length of more than 8 bytes")
-        rows.append(data[end : end + (32 if major == 1 else 9 + size)])
-        end += 32 if major == 1 else 9 + size
+        require(size <= 8, "a length of more than 8 bytes")
+        rows.append(data[end : end + 9 + size])
+        end += 9 + size
     require(end <= len(data) and zlib.crc32(data[28:end]) == table_checksum, "the table is damaged")
     sections: dict[str, bytes] = {}
     types = set()
     for row in rows:
         kind, flags = row[:4].decode("latin-1"), row[4]
-        if major == 1:
-            offset, length, checksum = struct.unpack_from("<QQI", row, 8)
-        else:
-            offset, length, checksum = end, int.from_bytes(row[5:-4], "little"), int.from_bytes(row[-4:], "little")
-        require(offset == end, f"section {kind} does not begin where the one before it ends")
+        length, checksum = int.from_bytes(row[5:-4], "little"), int.from_bytes(row[-4:], "little")
+        require(kind != "CONN" or kind not in types, "runs of frames of different connectivity")
         require(kind not in types, f"section {kind} stands twice")
         types.add(kind)
-        end = offset + length
-        content = data[offset:end]
+        content = data[end : end + length]
+        end += length
         require(len(content) == length, "the file is truncated")
         require(zlib.crc32(content) == checksum, f"section {kind} is damaged")
-        if kind in KNOWN[major]:
+        if kind in KNOWN:
             sections[kind] = content
         else:
             require(not flags & 1, f"section {kind} is required and unknown")
     require(end == len(data), "bytes follow the last section")
-    return Container(major, minor, sections)
+    return Container(minor, sections)
 
 
 class Fields:
-    """Section 4.1: the fields of a section, read from front to back."""
+    """Section 3.1: the fields of a section, read from front to back."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
-        self._at = 0
+        self.position = 0
 
     def _take(self, size: int) -> bytes:
-        require(size <= len(self._data) - self._at, "a section ends too early")
-        self._at += size
-        return self._data[self._at - size : self._at]
+        require(size <= len(self._data) - self.position, "a section ends too early")
+        self.position += size
+        return self._data[self.position - size : self.position]
 
     def u8(self) -> int:
         return self._take(1)[0]
 
     def u32(self) -> int:
         return int.from_bytes(self._take(4), "little")
-
-    def u64(self) -> int:
-        return int.from_bytes(self._take(8), "little")
 
     def f64(self) -> float:
         (value,) = struct.unpack("<d", self._take(8))
@@ -113,24 +105,15 @@ class Fields:
                 return value
         raise CorruptFileError("a count has more than 9 bytes")
 
-    def sized(self) -> bytes:
-        return self._take(self.u64())
-
-    def text(self, *, short: bool = False) -> str:
-        try:
-            return self._take(self.count() if short else self.u64()).decode("utf-8")
-        except UnicodeDecodeError:
-            raise CorruptFileError("a text is not UTF-8") from None
-
-    def integers(self, count: int) -> list[int]:
-        return unpack_integers(self.sized(), count)
+    def rest(self) -> bytes:
+        return self._take(len(self._data) - self.position)
 
     def finish(self) -> None:
-        require(self._at == len(self._data), "a section has bytes too many")
+        require(self.position == len(self._data), "a section has bytes too many")
 
 
 def decompress(stream: bytes, most: int) -> bytes:
-    """Section 4.2: one zstandard frame of 1 to `most` bytes, or nothing."""
+    """Section 3.2: one zstandard frame of 1 to `most` bytes, or nothing."""
     if not stream:
         return b""
     try:
@@ -138,32 +121,3 @@ def decompress(stream: bytes, most: int) -> bytes:
         return zstandard.ZstdDecompressor().decompress(stream, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise CorruptFileError(f"a compressed stream is damaged: {error}") from None
-
-
-def unpack_integers(stream: bytes, count: int) -> list[int]:
-    """Section 4.3: exactly `count` variable-length integers."""
-    values = []
-    value = shift = 0
-    for byte in decompress(stream, 10 * count):
-        require(shift < 63 or (shift == 63 and byte < 2), "an integer is longer than 64 bits")
-        value |= (byte & 127) << shift
-        shift += 7
-        if byte < 128:
-            values.append(value >> 1 if value % 2 == 0 else -(value >> 1) - 1)
-            value = shift = 0
-    require(shift == 0 and len(values) == count, f"a stream does not hold {count} integers")
-    return values
-
-
-def wrapped(value: int) -> int:
-    """Section 4.3: a sum modulo 2^64, as a signed number."""
-    return (value + 2**63) % 2**64 - 2**63
-
-
-def running_sums(values: list[int]) -> list[int]:
-    """Each value with all before it."""
-    sums, total = [], 0
-    for value in values:
-        total = wrapped(total + value)
-        sums.append(total)
-    return sums

@@ -1,13 +1,12 @@
-"""Section 22 of the specification: the order of vertices, cut into patches, and sets of patches."""
+"""Section 9 of the specification: the order of vertices, cut into elements, and the partition tree."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
-from spec.decoder.curves import Curves, extract_curves, order_lonely_points
+from spec.decoder.curves import along_z_order, extract_curves
 from spec.decoder.mesh import Mesh
-from spec.decoder.shape import PIECE_POINTS, cut
 
 PATCH, CURVE = 0, 1
 NONE = -1
@@ -17,13 +16,15 @@ Links = list[list[int]]
 
 @dataclass
 class Patches:
-    """Vertices of each patch, and how sets of patches are halved."""
+    """Vertices of each patch, and the partition tree."""
 
     patches: list[list[int]]
+    begins: list[int]
+    """Of each node of the partition tree, the place of its first vertex."""
     children: list[int]
-    """Of each set, the number of its first half, the second follows it; -1 for a patch."""
-    set_of: list[int]
-    """The set that each patch is."""
+    """Of each node, the number of its first half, the second follows it; -1 for a patch."""
+    node_of: list[int]
+    """The node that each patch is."""
 
     @property
     def order(self) -> list[int]:
@@ -47,7 +48,7 @@ def build_patches(kind: int, meshes: list[Mesh], levels: list[list[int]], points
 
 
 def graph(meshes: list[Mesh], levels: list[list[int]]) -> Links:
-    """22.1: the neighbours of each vertex."""
+    """9.1: the neighbours of each vertex."""
     neighbours: Links = [[] for _ in levels]
 
     def link(one: int, other: int) -> None:
@@ -73,12 +74,10 @@ def graph(meshes: list[Mesh], levels: list[list[int]]) -> Links:
 
 
 def _by_halving(meshes: list[Mesh], levels: list[list[int]], points: int) -> Patches:
-    """22.1 to 22.3."""
+    """9.1 to 9.3."""
     neighbours = graph(meshes, levels)
-    lonely = [vertex for vertex, others in enumerate(neighbours) if not others]
-    by_place = Curves([lonely], [0] if lonely else [])
-    order_lonely_points(by_place, levels)
-    sets = [[vertex for vertex, others in enumerate(neighbours) if others] + by_place.curves[0]]
+    isolated = along_z_order([vertex for vertex, others in enumerate(neighbours) if not others], levels)
+    sets = [[vertex for vertex, others in enumerate(neighbours) if others] + isolated]
     begins, children = [0], []
     for number, members in enumerate(sets):  # grows on the way
         if len(members) <= points:
@@ -89,11 +88,11 @@ def _by_halving(meshes: list[Mesh], levels: list[list[int]], points: int) -> Pat
         sets += [order[:at], order[at:]]
         begins += [begins[number], begins[number] + at]
     found = sorted((number for number, child in enumerate(children) if child == NONE), key=lambda s: begins[s])
-    return Patches([sets[number] for number in found], children, found)
+    return Patches([sets[number] for number in found], begins, children, found)
 
 
 def visit(first: int, members: list[int], neighbours: Links) -> tuple[list[int], list[int], dict[int, int]]:
-    """22.2: the order of the visit, where its components begin, and the distances."""
+    """9.2: the order of the visit, where its components begin, and the distances."""
     inside = set(members)
     visited: list[int] = []
     components: list[int] = []
@@ -116,7 +115,7 @@ def visit(first: int, members: list[int], neighbours: Links) -> tuple[list[int],
 
 
 def halved(members: list[int], neighbours: Links) -> tuple[list[int], int]:
-    """22.3: the new order of a set, and where it is cut."""
+    """9.3: the new order of a set, and where it is cut."""
     size = len(members)
     visited, components, _ = visit(members[0], members, neighbours)
     if len(components) > 1:
@@ -127,19 +126,24 @@ def halved(members: list[int], neighbours: Links) -> tuple[list[int], int]:
 
 
 def _along_curves(meshes: list[Mesh], levels: list[list[int]], points: int) -> Patches:
-    """22.4."""
-    found = extract_curves(meshes)
-    order_lonely_points(found, levels)
-    length = next(index for index, wanted in enumerate(PIECE_POINTS) if wanted >= points)
-    pieces = [piece for curve in found.curves for piece in cut(curve, length)]
+    """9.4."""
+    pieces = [piece for curve in extract_curves(meshes, levels) for piece in cut(curve, points)]
+    starts = [0, *accumulate(len(piece) for piece in pieces)]
     ranges, children = [(0, len(pieces))], []
-    set_of = [NONE] * len(pieces)
+    node_of = [NONE] * len(pieces)
     for number, (begin, end) in enumerate(ranges):  # grows on the way
         if end - begin == 1:
             children.append(NONE)
-            set_of[begin] = number
+            node_of[begin] = number
             continue
         children.append(len(ranges))
         middle = (begin + end) // 2
         ranges += [(begin, middle), (middle, end)]
-    return Patches(pieces, children, set_of)
+    return Patches(pieces, [starts[begin] for begin, _ in ranges], children, node_of)
+
+
+def cut(curve: list[int], points: int) -> list[list[int]]:
+    """Pieces of about so many points."""
+    size = len(curve)
+    pieces = 1 if size <= points else (2 * size + points) // (2 * points)
+    return [curve[k * size // pieces : (k + 1) * size // pieces] for k in range(pieces)]

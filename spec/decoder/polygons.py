@@ -1,4 +1,4 @@
-"""The walk over a mesh's polygons: what each vertex can be predicted from, and in which order vertices come."""
+"""Sections 7.2 and 7.3 of the specification: a corner table, what vertices are predicted from, and in which order."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Corner = tuple[int, int]
 
 
 @dataclass
-class Stencil:
+class Neighbourhood:
     """What one corner of a polygon offers for the prediction of its vertex: vertices, or -1."""
 
     after: int
     before: int = NOTHING
-    opposite: int = NOTHING
+    across: int = NOTHING
     straight_after: int = NOTHING
     straight_before: int = NOTHING
     is_triangle: bool = False
@@ -31,16 +31,16 @@ class Stencil:
 class Polygons:
     """Polygons over vertices: faces, and after them pieces of lines, which have two corners.
 
-    A corner is a polygon's number and the place in it.
+    A corner is a polygon's number and the place in it; `corners` are those of each vertex.
     """
 
     def __init__(self, polygons: list[Polygon], vertices: int) -> None:
         self.polygons = polygons
-        self.fans: list[list[Corner]] = [[] for _ in range(vertices)]
+        self.corners: list[list[Corner]] = [[] for _ in range(vertices)]
         for p, polygon in enumerate(polygons):
             for i, vertex in enumerate(polygon):
-                self.fans[vertex].append((p, i))
-        self._mates = self._find_mates()
+                self.corners[vertex].append((p, i))
+        self._opposites = self._find_opposites()
 
     def vertex(self, corner: Corner) -> int:
         return self.polygons[corner[0]][corner[1]]
@@ -48,77 +48,71 @@ class Polygons:
     def size(self, corner: Corner) -> int:
         return len(self.polygons[corner[0]])
 
-    def following(self, corner: Corner) -> Corner:
+    def next(self, corner: Corner) -> Corner:
         return corner[0], (corner[1] + 1) % self.size(corner)
 
-    def preceding(self, corner: Corner) -> Corner:
+    def previous(self, corner: Corner) -> Corner:
         return corner[0], (corner[1] - 1) % self.size(corner)
 
-    def _find_mates(self) -> dict[Corner, Corner]:
-        mates: dict[Corner, Corner] = {}
-        for vertex, fan in enumerate(self.fans):
+    def _find_opposites(self) -> dict[Corner, Corner]:
+        found: dict[Corner, Corner] = {}
+        for vertex, corners in enumerate(self.corners):
             rings: dict[int, list[Corner]] = {}
-            for corner in fan:
+            for corner in corners:
                 if self.size(corner) > 2:
-                    before = self.preceding(corner)
-                    for edge, other in ((corner, self.vertex(self.following(corner))), (before, self.vertex(before))):
+                    before = self.previous(corner)
+                    for edge, other in ((corner, self.vertex(self.next(corner))), (before, self.vertex(before))):
                         if other > vertex:
                             rings.setdefault(other, []).append(edge)
             for ring in rings.values():
                 if len(ring) > 1:
-                    mates |= dict(zip(ring, ring[1:] + ring[:1], strict=True))
-            pieces = [corner for corner in fan if self.size(corner) == 2]
+                    found |= dict(zip(ring, ring[1:] + ring[:1], strict=True))
+            pieces = [corner for corner in corners if self.size(corner) == 2]
             if len(pieces) == 2:
-                mates[pieces[0]], mates[pieces[1]] = pieces[1], pieces[0]
-        return mates
+                found[pieces[0]], found[pieces[1]] = pieces[1], pieces[0]
+        return found
 
-    def _mate_of_size(self, corner: Corner, size: int) -> Corner | None:
-        mate = self._mates.get(corner)
-        return mate if mate is not None and self.size(mate) == size else None
+    def _beyond(self, corner: Corner | None, steps: int) -> Corner | None:
+        """The corner so many steps after the opposite of `corner`, if that is of as many corners."""
+        opposite = self._opposites.get(corner) if corner else None
+        if opposite is None or corner is None or self.size(opposite) != self.size(corner):
+            return None
+        return opposite[0], (opposite[1] + steps) % self.size(opposite)
 
-    def stencil(self, corner: Corner) -> Stencil:
+    def neighbourhood(self, corner: Corner) -> Neighbourhood:
         """What a corner offers."""
-        after, before = self.following(corner), self.preceding(corner)
+        after, before = self.next(corner), self.previous(corner)
         size = self.size(corner)
-        found = Stencil(self.vertex(after))
+        found = Neighbourhood(self.vertex(after), is_triangle=size == 3)
+
+        def at(place: Corner | None) -> int:
+            return NOTHING if place is None else self.vertex(place)
+
         if size == 2:
-            other_piece = self._mates.get(after)
-            if other_piece is not None:
-                found.straight_after = self.vertex(self.following(other_piece))
+            found.straight_after = at(self._beyond(after, 1))
             return found
         found.before = self.vertex(before)
-        mate = self._mates.get(before)
-        found.before_counts = mate is None or self.vertex(mate) == found.before
-        found.is_triangle = size == 3
+        opposite = self._opposites.get(before)
+        found.before_counts = opposite is None or self.vertex(opposite) == found.before
         if size == 3:
-            across = self._mate_of_size(after, 3)
-            if across is not None:
-                found.opposite = self.vertex(self.preceding(across))
-                beside = self._mate_of_size(self.following(across), 3)
-                if beside is not None:
-                    found.straight_after = self.vertex(self.preceding(beside))
-                beside = self._mate_of_size(self.preceding(across), 3)
-                if beside is not None:
-                    found.straight_before = self.vertex(self.preceding(beside))
+            found.across = at(self._beyond(after, 2))
+            found.straight_after = at(self._beyond(self._beyond(after, 1), 2))
+            found.straight_before = at(self._beyond(self._beyond(after, 2), 2))
         elif size == 4:
-            found.opposite = self.vertex(self.following(after))
-            beside = self._mate_of_size(after, 4)
-            if beside is not None:
-                found.straight_after = self.vertex(self.following(self.following(beside)))
-            beside = self._mate_of_size(self.preceding(before), 4)
-            if beside is not None:
-                found.straight_before = self.vertex(self.preceding(beside))
+            found.across = self.vertex(self.next(after))
+            found.straight_after = at(self._beyond(after, 2))
+            found.straight_before = at(self._beyond(self.previous(before), 3))
         return found
 
     def walk(self) -> list[int]:
         """The order in which vertices are coded."""
-        vertices = len(self.fans)
+        vertices = len(self.corners)
         order: list[int] = []
         known = [False] * vertices
         rank = [0] * vertices
         queues: list[deque[int]] = [deque() for _ in range(LAST_RANK + 1)]
         known_corners = [0] * len(self.polygons)
-        seeds = iter(vertex for vertex in range(vertices) if self.fans[vertex])
+        seeds = iter(vertex for vertex in range(vertices) if self.corners[vertex])
 
         def next_vertex() -> int:
             for queue in reversed(range(1, LAST_RANK + 1)):
@@ -131,13 +125,13 @@ class Polygons:
         while (vertex := next_vertex()) != NOTHING:
             known[vertex] = True
             order.append(vertex)
-            for corner in self.fans[vertex]:
+            for corner in self.corners[vertex]:
                 polygon = self.polygons[corner[0]]
                 known_corners[corner[0]] += 1
                 lacking = NOTHING
                 if known_corners[corner[0]] == len(polygon) - 1:
                     lacking = next((each for each in reversed(polygon) if not known[each]), NOTHING)
-                sides = [self.vertex(self.following(corner)), self.vertex(self.preceding(corner))]
+                sides = [self.vertex(self.next(corner)), self.vertex(self.previous(corner))]
                 for grown in sides if lacking in sides else [*sides, lacking]:
                     if grown != NOTHING and not known[grown]:
                         rank[grown] += (grown in sides) + 4 * (grown == lacking)

@@ -1,15 +1,16 @@
-"""Section 19 of the specification: bits, cells and mixed bits of the adaptive range coder, and how it ends."""
+"""Sections 3.3 to 3.5 and 3.7 of the specification: bits, bit models and mixed bits of the range coder, and its end."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 WIDEST = 1 << 48
 NARROWEST = 1 << 40
 FIRST_BYTES = 6
 COUNT_BITS = 10
 EVEN = 1 << 21 << COUNT_BITS
-"""A cell that knows nothing: its probability of 22 bits above its count of 10."""
+"""A bit model at first: its probability of 22 bits above its count of 10."""
 
 SLOWEST = 255
 LEAST = 32
@@ -20,7 +21,7 @@ SQUASH = [round(65536.0 / (1.0 + math.exp(x / -256.0))) for x in range(-LOGISTIC
 
 
 def adapted(cell: int, bit: int) -> int:
-    """Section 19.2: a cell after a bit."""
+    """Section 3.4: a bit model after a bit."""
     probability, count = cell >> COUNT_BITS, cell % (1 << COUNT_BITS)
     target = (1 << 22) - 1 if bit else 0
     probability += (target - probability) * (2**17 // (2 * count + 3)) >> 16
@@ -42,7 +43,7 @@ class RangeDecoder:
         self.taken = FIRST_BYTES
 
     def bit_with(self, probability: int) -> int:
-        """Section 19.1: a bit whose probability of being 1 is `probability` / 65536."""
+        """Section 3.3: a bit whose probability of being 1 is `probability` / 65536."""
         split = (self._width >> 16) * probability
         bit = int(self._code < split)
         if bit:
@@ -58,27 +59,42 @@ class RangeDecoder:
         return bit
 
     def bit(self, cells: list[int], index: int) -> int:
-        """Section 19.2: a bit of one cell."""
+        """Section 3.4: a bit of one model."""
         bit = self.bit_with(possible(cells[index] >> COUNT_BITS + 6))
         cells[index] = adapted(cells[index], bit)
         return bit
 
     def mixed(self, cells: list[int], chosen: list[int], weights: list[int]) -> int:
-        """Section 19.3: a bit by the opinions of several cells, as many as are chosen."""
-        opinions = [STRETCH[cells[index] >> COUNT_BITS + 10] for index in chosen]
-        total = sum(weight * opinion for weight, opinion in zip(weights, opinions, strict=True)) >> 16
+        """Section 3.5: a mixed bit of several models, as many as are chosen."""
+        stretched = [STRETCH[cells[index] >> COUNT_BITS + 10] for index in chosen]
+        total = sum(weight * s for weight, s in zip(weights, stretched, strict=True)) >> 16
         total = min(max(total, -LOGISTIC_LIMIT), LOGISTIC_LIMIT)
         probability = possible(SQUASH[total + LOGISTIC_LIMIT])
         bit = self.bit_with(probability)
         miss = (65536 if bit else 0) - probability
-        for i, (index, opinion) in enumerate(zip(chosen, opinions, strict=True)):
-            weights[i] += opinion * miss + 8192 >> 14
+        for i, (index, s) in enumerate(zip(chosen, stretched, strict=True)):
+            weights[i] += s * miss + 8192 >> 14
             cells[index] = adapted(cells[index], bit)
         return bit
 
+    def has_ended(self) -> bool:
+        """Whether more bytes were taken than any stream needs after its end."""
+        return self.taken > len(self._data) + FIRST_BYTES
+
     def is_finished(self) -> bool:
-        """Section 19.5: whether the stream ends where what is coded does."""
+        """Section 3.7: whether the stream ends where what is coded does."""
         beyond = self.taken - len(self._data)
         if not 0 <= beyond < FIRST_BYTES:
             return beyond == FIRST_BYTES
         return self._code < self._data[-1] << 8 * beyond
+
+
+class Rehearsal(RangeDecoder):
+    """Bits that are known, for models to learn from."""
+
+    def __init__(self, bits: Iterable[int]) -> None:
+        super().__init__(b"")
+        self._bits = iter(bits)
+
+    def bit_with(self, probability: int) -> int:
+        return next(self._bits)

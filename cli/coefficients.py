@@ -1,0 +1,82 @@
+"""`pdecodec coefficients`: the 32 coefficients of Eq. 17 out of a `.pdeanim` file, and all that they multiply."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from pdecodec.cli.console import counted, say
+from pdecodec.cli.options import check_apart, check_output, output_option, overwrite_option
+from pdecodec.errors import InputError, SettingsError, naming_file
+from pdecodec.whole_output import whole_file
+
+if TYPE_CHECKING:
+    from pdecodec.paperform import PaperForm
+
+AXES = "xyz"
+
+
+@click.command()
+@click.argument("source", metavar="FILE")
+@output_option
+@overwrite_option
+def coefficients(*, source: str, output: str, overwrite: bool) -> None:
+    """Write the 32 coefficients of each curve, axis and segment of time of FILE, encoded with --profile paper.
+
+    They are those of Eq. 17. A .npz file holds all that Eq. 18 needs, an array each: coefficients (groups, pieces,
+    axes, 4 of time, 8 of space), condition, order, starts, reference, u, r, times, and for each group alpha, centre,
+    half_length, first_frame. A .csv file has a row for each group, piece and axis: alpha, r, condition, c_w1 to c_w32.
+    """
+    from pdecodec.decoder import open_animation
+
+    path = Path(output)
+    if path.suffix.lower() not in (".npz", ".csv"):
+        raise SettingsError(f"{output}: coefficients are written as .npz or .csv; choose one of these")
+    check_output(output, overwrite=overwrite)
+    if not Path(source).is_file():
+        raise InputError("there is no such file", path=source)
+    check_apart(source, [output])
+    with naming_file(source), open_animation(source) as animation:
+        forms = [animation.coefficients(group) for group in range(animation.info()["groups"])]
+    with whole_file(path, overwrite=overwrite) as partial:
+        if path.suffix.lower() == ".npz":
+            with partial.open("wb") as file:
+                np.savez_compressed(file, **_arrays(forms))
+        else:
+            _write_rows(partial, forms)
+    pieces = len(forms[0].coefficients)
+    say(f"{path}: 32 coefficients for {counted(pieces, 'curve')}, 3 axes and {counted(len(forms), 'segment')} of time")
+
+
+def _arrays(forms: list[PaperForm]) -> dict[str, Any]:
+    first = forms[0]
+    return {
+        "coefficients": np.stack([form.coefficients for form in forms]),
+        "condition": np.stack([form.condition for form in forms]),
+        "order": first.order,
+        "starts": first.starts,
+        "reference": first.reference,
+        "u": first.u,
+        "r": np.array(first.r),
+        "alpha": np.array([form.alpha for form in forms]),
+        "centre": np.array([form.centre for form in forms]),
+        "half_length": np.array([form.half_length for form in forms]),
+        "first_frame": np.array([form.first_frame for form in forms]),
+        "times": np.concatenate([form.times for form in forms]),
+    }
+
+
+def _write_rows(path: Path, forms: list[PaperForm]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        numbers = [f"c_w{number}" for number in range(1, 33)]
+        writer.writerow(["segment", "piece", "axis", "alpha", "r", "condition", *numbers])
+        for segment, form in enumerate(forms):
+            for piece, condition in enumerate(form.condition):
+                for axis, name in enumerate(AXES):
+                    row = form.coefficients[piece, axis].ravel().tolist()
+                    writer.writerow([segment, piece, name, form.alpha, form.r, float(condition), *row])

@@ -1,0 +1,114 @@
+// A match model: what followed in a sequence of numbers the last time when the same numbers had gone before.
+//
+// Meshes that a program made repeat themselves: every row of a grid is numbered as the row before. The model finds the
+// place where the last six numbers stood before (the long match) and stays there as long as the sequence goes on in the
+// same way, so that it also finds where a row ends; and the place where the last three stood (the short match), looked up
+// anew for every number. Whether one of them is right is coded as a mixed bit; what neither gives is the caller's.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "entropy/range_coder.hpp"
+
+namespace pdeanim {
+
+class MatchModel {
+public:
+    static constexpr int phases = 8;  // kinds of numbers in one sequence, at most; they belong to the contexts
+
+    // Code whether the next number is one that the model proposes; if so, the number. In any case `add` comes next.
+    template <Mode mode> std::optional<i64> code(RangeCoder<mode> &coder, int phase, i64 number) {
+        look_up(phase);
+        const i64 place = long_place_, short_place = short_place_;
+        bool differ = short_place >= 0;
+        if (place >= 0) {
+            const i64 proposed = number_at(place);
+            int agreement = 0;
+            if (short_place >= 0) {
+                differ = number_at(short_place) != proposed;
+                agreement = differ ? 1 : 2;
+            }
+            const int run = static_cast<int>(least<i64>(run_, longest_run));
+            BitModel &of_run = of_run_[run][phase][agreement];
+            bool right;
+            if (run == longest_run) {
+                right = coder.bit(of_run, number == proposed);
+            } else {
+                right = coder.template mixed<2>({&of_run, &long_recent_[long_history_][agreement]}, long_weights_.data(),
+                                                number == proposed);
+            }
+            long_history_ = 2 * (long_history_ & 127) + right;
+            if (right) return proposed;
+            long_place_ = -1;
+        }
+        if (differ) {
+            const i64 proposed = number_at(short_place);
+            const int distance = static_cast<int>(least<i64>(count_ - short_place, farthest));
+            const bool right =
+                coder.template mixed<2>({&short_recent_[short_history_][phase], &short_distance_[distance][phase]},
+                                        short_weights_.data(), number == proposed);
+            short_history_ = 2 * (short_history_ & 127) + right;
+            if (right) return proposed;
+        }
+        return std::nullopt;
+    }
+
+    // Add the number that came after `code`.
+    void add(i64 number) {
+        if (long_place_ >= 0) {
+            ++long_place_;
+            ++run_;
+        }
+        if (long_slot_ >= 0) {
+            long_table_[long_slot_] = count_ + 1;
+            short_table_[short_slot_] = count_ + 1;
+        }
+        past_[count_ & (past_size - 1)] = number;
+        ++count_;
+    }
+
+private:
+    static constexpr int long_context = 6, short_context = 3;
+    static constexpr int table_bits = 13;        // of the tables of places: they stay within the processor's cache
+    static constexpr i64 past_size = 1 << 14;    // numbers that are kept: two rows of a grid of a thousand columns
+    static constexpr u32 hash_factor = 0x9E3779B1u;  // 2^32 over the golden ratio (Knuth, volume 3, section 6.4)
+    static constexpr int longest_run = 63, farthest = 63;  // runs and distances beyond these are alike
+
+    i64 number_at(i64 place) const { return past_[place & (past_size - 1)]; }
+
+    void look_up(int phase) {
+        if (long_place_ >= 0 && run_ >= longest_run) {
+            // Nothing here is new: time is better spent elsewhere.
+            long_slot_ = short_slot_ = -1;
+            short_place_ = -1;
+            return;
+        }
+        u32 mixed = static_cast<u32>(phase);
+        for (int back = 1; back <= long_context; ++back) {
+            mixed = mixed * hash_factor + static_cast<u32>(number_at(count_ - back));
+            if (back == short_context) short_slot_ = static_cast<i32>(mixed >> (32 - table_bits));
+        }
+        long_slot_ = static_cast<i32>(mixed >> (32 - table_bits));
+        if (long_place_ < 0) {
+            long_place_ = long_table_[long_slot_] - 1;
+            run_ = 0;
+        }
+        short_place_ = short_table_[short_slot_] - 1;
+        if (count_ - long_place_ > past_size) long_place_ = -1;
+        if (count_ - short_place_ > past_size) short_place_ = -1;
+    }
+
+    i64 count_ = 0, long_place_ = -1, short_place_ = -1, run_ = 0;
+    i32 long_slot_ = -1, short_slot_ = -1;
+    int long_history_ = 0, short_history_ = 0;  // which of the last 8 matches were right, the latest in bit 0
+    Weights<2> long_weights_ = equal_weights<2>(), short_weights_ = equal_weights<2>();
+    std::array<std::array<std::array<BitModel, 3>, phases>, longest_run + 1> of_run_;
+    std::array<std::array<BitModel, 3>, 256> long_recent_;
+    std::array<std::array<BitModel, phases>, 256> short_recent_;
+    std::array<std::array<BitModel, phases>, farthest + 1> short_distance_;
+    std::vector<i64> long_table_ = std::vector<i64>(1 << table_bits), short_table_ = long_table_;
+    std::vector<i64> past_ = std::vector<i64>(past_size);
+};
+
+}  // namespace pdeanim

@@ -1,0 +1,195 @@
+// The adaptive binary range coder: integers only, so that any language can follow it bit by bit.
+//
+// Every model is written once, as a template over the coder's mode: it encodes, it decodes, or it adds up what encoding
+// would cost. `bit` takes a bit and hands it back; when decoding, what it is given does not matter, and it hands back the
+// bit that the bytes hold. A mixed bit weighs several inputs in the logistic domain, with weights that learn as well
+// (Mahoney 2005, "Adaptive weighing of context models for lossless data compression").
+#pragma once
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include "arithmetic.hpp"
+#include "entropy/tables.hpp"
+
+namespace pdeanim {
+
+enum class Mode { encode, decode, measure };
+
+// An adaptive bit model: 22 bits of the probability of a 1 above 10 bits that count how often it was adapted, so that it
+// learns fast at first and settles later.
+class BitModel {
+public:
+    static constexpr int probability_bits = 22, count_bits = 10;
+    static constexpr u32 slowest = 255;  // adaptations after which it becomes no slower: about as many bits it remembers
+
+    // In 1/65536.
+    constexpr i32 probability() const { return static_cast<i32>(state_ >> (count_bits + probability_bits - 16)); }
+
+    // What it says of the next bit, in the logistic domain [1/256].
+    i32 opinion() const { return tables::stretch[state_ >> (count_bits + probability_bits - 12)]; }
+
+    constexpr void adapt(bool bit) {
+        const u32 count = state_ & ((1u << count_bits) - 1);
+        const i64 before = state_ >> count_bits;
+        const i64 target = bit ? (1 << probability_bits) - 1 : 0;
+        const i64 rate = 131072 / (2 * static_cast<i64>(count) + 3);  // 1 / (n + 1.5) in 1/65536
+        const i64 after = before + (((target - before) * rate) >> 16);
+        state_ = static_cast<u32>(after) << count_bits | (count < slowest ? count + 1 : count);
+    }
+
+private:
+    u32 state_ = 1u << (probability_bits - 1 + count_bits);
+};
+
+// Weights of the inputs of a mixed bit, in 1/65536.
+template <std::size_t inputs> using Weights = std::array<i32, inputs>;
+
+// Weights that trust all inputs alike: together more than one, for where they agree they know more than each.
+template <std::size_t inputs> constexpr Weights<inputs> equal_weights() {
+    Weights<inputs> weights{};
+    weights.fill(static_cast<i32>(6 * 65536 / (5 * inputs)));
+    return weights;
+}
+
+template <Mode mode> class RangeCoder {
+public:
+    static constexpr int range_bits = 48;  // of the interval: its product with a probability stays within 64
+    static constexpr u64 top = u64{1} << range_bits, bottom = top >> 8;
+    static constexpr int first_bytes = range_bits / 8;
+    static constexpr i32 rarest = 32;  // least probability of either bit, in 1/65536: no bit costs more than 11 bits
+    static constexpr int cost_bits = 16;
+
+    RangeCoder() requires(mode != Mode::decode) = default;
+
+    // Decode these bytes; zeros follow them. They must outlive the coder.
+    explicit RangeCoder(std::span<const u8> data) requires(mode == Mode::decode) : data_(data) {
+        for (int i = 0; i < first_bytes; ++i) code_ = code_ << 8 | next();
+    }
+
+    // One bit whose probability of being 1 is `probability` / 65536, at least `rarest` from either end.
+    bool with(i32 probability, bool bit) {
+        if constexpr (mode == Mode::measure) {
+            cost_ += tables::costs[(bit ? probability : 65536 - probability) >> 4];
+            return bit;
+        } else {
+            const u64 split = (range_ >> 16) * static_cast<u64>(probability);
+            if constexpr (mode == Mode::encode) {
+                if (!bit) {
+                    low_ += split;
+                    if (low_ >= top) {
+                        low_ -= top;
+                        carry();
+                    }
+                }
+            } else {
+                bit = code_ < split;
+                if (!bit) code_ -= split;
+            }
+            range_ = bit ? split : range_ - split;
+            while (range_ < bottom) {
+                if constexpr (mode == Mode::encode) {
+                    written_.push_back(static_cast<u8>(low_ >> (range_bits - 8)));
+                    low_ = (low_ & (bottom - 1)) << 8;
+                } else {
+                    code_ = code_ << 8 | next();
+                }
+                range_ <<= 8;
+            }
+            return bit;
+        }
+    }
+
+    // A bypass bit: either value is as likely.
+    bool bypass(bool bit) { return with(1 << 15, bit); }
+
+    // One bit with an adaptive bit model, which learns.
+    bool bit(BitModel &model, bool bit) {
+        bit = with(clamp(model.probability(), rarest, 65536 - rarest), bit);
+        model.adapt(bit);
+        return bit;
+    }
+
+    // One bit with the mixed opinion of several inputs, all of them different; inputs and weights learn.
+    template <std::size_t inputs>
+    bool mixed(const std::array<BitModel *, inputs> &chosen, i32 *weights, bool bit) {
+        std::array<i32, inputs> opinions;
+        i64 total = 0;
+        for (std::size_t i = 0; i < inputs; ++i) {
+            opinions[i] = chosen[i]->opinion();
+            total += static_cast<i64>(weights[i]) * opinions[i];
+        }
+        total = clamp<i64>(total >> 16, -tables::logistic_limit, tables::logistic_limit);
+        const i32 probability = clamp<i32>(tables::squash[total + tables::logistic_limit], rarest, 65536 - rarest);
+        bit = with(probability, bit);
+        const i32 miss = (bit ? 65536 : 0) - probability;
+        for (std::size_t i = 0; i < inputs; ++i) {
+            weights[i] += (opinions[i] * miss + (1 << (learning_shift - 1))) >> learning_shift;
+            chosen[i]->adapt(bit);
+        }
+        return bit;
+    }
+
+    // End encoding: the shortest bytes that, with zeros after them, lie in the interval.
+    std::vector<u8> finish() requires(mode == Mode::encode) {
+        u64 value = 0;
+        int kept = 0;
+        for (; kept <= first_bytes; ++kept) {
+            const u64 unit = u64{1} << (range_bits - 8 * kept);
+            value = (low_ + unit - 1) / unit * unit;
+            if (value < low_ + range_) break;
+        }
+        if (value >= top) {
+            value -= top;
+            carry();
+        }
+        for (; kept > 0; --kept) {
+            written_.push_back(static_cast<u8>(value >> (range_bits - 8)));
+            value = (value << 8) & (top - 1);
+        }
+        return std::move(written_);
+    }
+
+    // Whether a decoder has come to the end of its bytes, and needed every one of them.
+    //
+    // An encoder writes a byte each time the interval is widened, and `finish` up to six more, only as many as it takes to
+    // be in the interval. So no more than six zeros follow the end, and without the last byte of `finish` the number
+    // would be below the interval.
+    bool is_finished() const requires(mode == Mode::decode) {
+        const std::size_t size = data_.size();
+        if (position_ < size || position_ - size >= first_bytes) return position_ == size + first_bytes;
+        return code_ < static_cast<u64>(data_[size - 1]) << 8 * (position_ - size);
+    }
+
+    // Where damage is noticed: the decoder has looked at the bytes up to this one.
+    std::size_t byte() const requires(mode == Mode::decode) { return least(position_, data_.size()); }
+
+    // Bytes that were taken beyond the end; a sound stream takes six at most.
+    std::size_t beyond() const requires(mode == Mode::decode) {
+        return position_ > data_.size() ? position_ - data_.size() : 0;
+    }
+
+    // What encoding would have cost so far [bits].
+    double bits() const requires(mode == Mode::measure) { return static_cast<double>(cost_) / (1 << cost_bits); }
+
+private:
+    static constexpr int learning_shift = 14;  // rate at which weights learn, as a power of two
+
+    u64 next() { return position_ < data_.size() ? data_[position_++] : (++position_, 0); }
+
+    // Add one to the number that the bytes written so far are.
+    void carry() {
+        for (std::size_t at = written_.size(); at-- > 0;) {
+            if (++written_[at] != 0) return;
+        }
+    }
+
+    u64 low_ = 0, range_ = top, code_ = 0;
+    std::span<const u8> data_;
+    std::size_t position_ = 0;
+    std::vector<u8> written_;
+    i64 cost_ = 0;
+};
+
+}  // namespace pdeanim

@@ -1,0 +1,175 @@
+#include "mesh/corner_table.hpp"
+
+#include <array>
+#include <utility>
+
+namespace pdeanim {
+
+CornerTable::CornerTable(Polygons mesh) : polygons(std::move(mesh)) {
+    const std::vector<i64> &starts = polygons.starts;
+    const i64 corners = static_cast<i64>(polygons.vertex.size()), vertex_count = polygons.vertices;
+    polygon.resize(corners);
+    size.resize(corners);
+    next.resize(corners);
+    previous.resize(corners);
+    fan_starts.assign(vertex_count + 1, 0);
+    for (i64 p = 0; p + 1 < static_cast<i64>(starts.size()); ++p) {
+        const i32 first = static_cast<i32>(starts[p]), last = static_cast<i32>(starts[p + 1] - 1);
+        for (i32 corner = first; corner <= last; ++corner) {
+            polygon[corner] = static_cast<i32>(p);
+            size[corner] = last + 1 - first;
+            next[corner] = corner < last ? corner + 1 : first;
+            previous[corner] = corner > first ? corner - 1 : last;
+        }
+    }
+    for (const i32 v : polygons.vertex) ++fan_starts[v + 1];
+    for (i64 v = 0; v < vertex_count; ++v) fan_starts[v + 1] += fan_starts[v];
+    std::vector<i64> fill(fan_starts.begin(), fan_starts.end() - 1);
+    fan.resize(corners);
+    for (i32 corner = 0; corner < corners; ++corner) fan[fill[vertex(corner)]++] = corner;
+
+    // Edges of faces, at the smaller of their ends: the first and the latest corner on the edge to each other end.
+    opposite.assign(corners, -1);
+    std::vector<i32> seen_from(vertex_count, -1), first_seen(vertex_count), last_seen(vertex_count);
+    const i64 face_corners = starts[polygons.faces];
+    for (i32 v = 0; v < vertex_count; ++v) {
+        for (i64 k = fan_starts[v]; k < fan_starts[v + 1] && fan[k] < face_corners; ++k) {
+            for (int side = 0; side < 2; ++side) {
+                const i32 edge = side == 0 ? fan[k] : previous[fan[k]];
+                const i32 other = vertex(side == 0 ? next[edge] : edge);
+                if (other <= v) continue;
+                if (seen_from[other] != v) {
+                    seen_from[other] = v;
+                    first_seen[other] = edge;
+                } else {
+                    opposite[last_seen[other]] = edge;
+                    opposite[edge] = first_seen[other];
+                }
+                last_seen[other] = edge;
+            }
+        }
+    }
+    for (i32 v = 0; v < vertex_count; ++v) {
+        int pieces = 0;
+        i32 one = 0, two = 0;
+        for (i64 k = fan_starts[v]; k < fan_starts[v + 1]; ++k) {
+            if (fan[k] < face_corners) continue;
+            ++pieces;
+            two = one;
+            one = fan[k];
+        }
+        if (pieces == 2) {
+            opposite[one] = two;
+            opposite[two] = one;
+        }
+    }
+}
+
+std::vector<Neighbourhood> neighbourhoods(const CornerTable &corners) {
+    const auto &opposite = corners.opposite, &next = corners.next, &previous = corners.previous, &size = corners.size;
+    std::vector<Neighbourhood> found(corners.fan.size());
+    for (std::size_t k = 0; k < found.size(); ++k) {
+        Neighbourhood &own = found[k];
+        const i32 corner = corners.fan[k], after = next[corner], before = previous[corner];
+        own.after = corners.vertex(after);
+        if (size[corner] == 2) {
+            if (opposite[after] >= 0) own.straight_after = corners.vertex(next[opposite[after]]);
+            continue;
+        }
+        own.before = corners.vertex(before);
+        // Else the vertex before is the vertex after of the corner at the same vertex in the polygon beside.
+        own.before_counts = opposite[before] < 0 || corners.vertex(opposite[before]) == corners.vertex(before);
+        if (size[corner] == 3) {
+            own.is_triangle = true;
+            const i32 across = opposite[after];
+            if (across < 0 || size[across] != 3) continue;
+            own.opposite = corners.vertex(previous[across]);
+            const i32 over_after = opposite[next[across]], over_before = opposite[previous[across]];
+            if (over_after >= 0 && size[over_after] == 3) own.straight_after = corners.vertex(previous[over_after]);
+            if (over_before >= 0 && size[over_before] == 3) own.straight_before = corners.vertex(previous[over_before]);
+        } else if (size[corner] == 4) {
+            own.opposite = corners.vertex(next[after]);
+            const i32 over_after = opposite[after], over_before = opposite[previous[before]];
+            if (over_after >= 0 && size[over_after] == 4) own.straight_after = corners.vertex(next[next[over_after]]);
+            if (over_before >= 0 && size[over_before] == 4) own.straight_before = corners.vertex(previous[over_before]);
+        }
+    }
+    return found;
+}
+
+std::vector<i32> prediction_order(const CornerTable &corners) {
+    constexpr i64 last_rank = 63;      // best rank that is told from others: 12 faces that lack nothing but the vertex
+    constexpr i64 face_lacks_one = 4;  // what a rank gains from a face that lacks nothing but the vertex: it predicts best
+    constexpr i64 beside_known = 1;    // what it gains from each edge of a face to a known vertex
+    const std::vector<i64> &starts = corners.polygons.starts;
+    const i64 vertex_count = corners.vertices();
+    std::vector<i32> order;
+    order.reserve(vertex_count);
+    std::vector<bool> is_known(vertex_count);
+    std::vector<i32> known_corners(starts.size() - 1);
+    std::vector<i64> rank(vertex_count);
+    // A queue for each rank, as linked lists. A vertex enters one whenever its rank grows: twice a corner for edges, once a
+    // polygon. Entries of older ranks are passed over.
+    struct Entry {
+        i32 vertex;
+        i64 next;
+    };
+    std::vector<Entry> entries;
+    entries.reserve(2 * corners.fan.size() + starts.size());
+    std::array<i64, last_rank + 1> first, last;
+    first.fill(-1);
+    last.fill(-1);
+    i64 best = 0, seed = 0;
+    while (static_cast<i64>(order.size()) < vertex_count) {
+        i64 vertex = -1;
+        while (best > 0 && vertex < 0) {
+            const i64 entry = first[best];
+            if (entry < 0) {
+                --best;
+                continue;
+            }
+            first[best] = entries[entry].next;
+            const i32 found = entries[entry].vertex;
+            if (!is_known[found] && least(rank[found], last_rank) == best) vertex = found;
+        }
+        if (vertex < 0) {
+            while (seed < vertex_count && (is_known[seed] || corners.fan_starts[seed] == corners.fan_starts[seed + 1])) {
+                ++seed;
+            }
+            if (seed == vertex_count) break;
+            vertex = seed;
+        }
+        is_known[vertex] = true;
+        order.push_back(static_cast<i32>(vertex));
+        for (i64 k = corners.fan_starts[vertex]; k < corners.fan_starts[vertex + 1]; ++k) {
+            const i32 corner = corners.fan[k], polygon = corners.polygon[corner];
+            i32 lacking = -1;
+            if (++known_corners[polygon] == starts[polygon + 1] - starts[polygon] - 1) {
+                for (i64 other = starts[polygon]; other < starts[polygon + 1]; ++other) {
+                    if (!is_known[corners.polygons.vertex[other]]) lacking = corners.polygons.vertex[other];
+                }
+            }
+            const i32 after = corners.vertex(corners.next[corner]), before = corners.vertex(corners.previous[corner]);
+            for (int turn = 0; turn < 3; ++turn) {
+                const i32 grown = turn == 0 ? after : turn == 1 ? before : lacking;
+                if (grown < 0 || is_known[grown] || (turn == 2 && (grown == after || grown == before))) continue;
+                rank[grown] += (turn < 2 ? beside_known : 0) + (grown == lacking ? face_lacks_one : 0);
+                const i64 queue = least(rank[grown], last_rank), entry = static_cast<i64>(entries.size());
+                entries.push_back({grown, -1});
+                if (first[queue] < 0) {
+                    first[queue] = entry;
+                } else {
+                    entries[last[queue]].next = entry;
+                }
+                last[queue] = entry;
+                best = most(best, queue);
+            }
+        }
+    }
+    for (i64 vertex = 0; vertex < vertex_count; ++vertex) {
+        if (!is_known[vertex]) order.push_back(static_cast<i32>(vertex));
+    }
+    return order;
+}
+
+}  // namespace pdeanim

@@ -1,0 +1,78 @@
+// Prediction of a vertex of the reference frame from the known vertices around it, in integers.
+//
+// Four things are looked at, each the mean of what the corners at the vertex find:
+//
+// * parallelograms: across the edge to the next triangle, or inside a quad (Touma and Gotsman 1998; several at once,
+//   Cohen-Or, Cohen and Irony 2002);
+// * the crease: how far such a parallelogram bends over its own two other edges: what it is about to miss;
+// * straight on: from the vertex opposite over a neighbour, along a line, over a quad, or through a triangle vertex of six;
+// * the neighbours themselves, and how far the prediction missed them.
+//
+// The first of parallelograms, straight on and neighbours that there is is the base. The others are predictor terms:
+// weights in the stream bring them in, one set in all directions and another along the surface's normal alone, where
+// curvature acts.
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "mesh/corner_table.hpp"
+
+namespace pdeanim {
+
+using Vector = std::array<i64, 3>;
+
+constexpr int fraction_bits = 4;  // of predictions: small residuals depend on where between two grid points they lie
+constexpr int grid_bits = 40;     // grid coordinates are 0 to 2^40 - 1
+
+// The terms by their number in the stream.
+enum Term { crease, straight, miss, neighbours, term_count };
+
+// What the base is: 0 nothing known around, 1 the neighbours, 2 straight on, and from 3 on one, two or more
+// parallelograms, each without and with straight on.
+constexpr int kind_count = 9, first_of_parallelograms = 3;
+
+// Weights of the terms in 1/32, -127 to 127: in all directions, and of their component along the normal.
+using TermWeights = std::array<std::array<std::array<i32, term_count>, 2>, kind_count>;
+
+// What is known around a vertex.
+struct Around {
+    std::array<Vector, term_count> terms{};  // [1/16]
+    Vector base{}, normal{}, errors{};       // [1/16], of any length, mean size of the neighbours' residuals [1/16]
+    i64 spread = 0;                          // how far the parallelograms disagree
+    int parallelograms = 0, kind = 0;
+
+    // The base and the weighted terms [1/16].
+    Vector predicted(const std::array<std::array<i32, term_count>, 2> &weights) const;
+};
+
+// The vertices of a mesh on the way through its prediction order.
+class Predictor {
+public:
+    Predictor(const CornerTable &corners, std::vector<Neighbourhood> around, std::vector<Vector> grid)
+        : grid(std::move(grid)), corners_(corners), around_(std::move(around)), points_(this->grid.size()) {}
+
+    // What is known around a vertex that comes next.
+    Around look_around(i32 vertex) const;
+
+    // Note that a vertex is known now: its grid coordinates are set; `residual` are the sizes of its residuals.
+    void learn(i32 vertex, const Around &around, const Vector &residual);
+
+    std::vector<Vector> grid;
+
+private:
+    struct Point {
+        Vector miss{}, error{};  // grid coordinates minus base [1/16]; sizes of residuals
+        bool is_known = false;
+    };
+
+    void add_normal(i32 a, i32 b, i32 d, Vector &normal) const;
+
+    const CornerTable &corners_;
+    std::vector<Neighbourhood> around_;
+    std::vector<Point> points_;
+    i32 last_ = -1, last_seed_ = -1;  // the vertex before, and the last one that nothing was known around
+    Vector seed_errors_{};            // sizes of residuals of such vertices [1/16]
+};
+
+}  // namespace pdeanim

@@ -1,0 +1,107 @@
+#include "reference/reference.hpp"
+
+#include <algorithm>
+#include <numeric>
+
+#include "errors.hpp"
+#include "reference/point_model.hpp"
+#include "reference/term_weights.hpp"
+#include "reference/welds.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+// Point of each vertex, numbered as the corners and then the other vertices meet them; empty if none is shared.
+std::vector<i32> shared_points(const Polygons &mesh, std::span<const Vector> grid) {
+    const i64 vertices = static_cast<i64>(grid.size());
+    std::vector<i32> by_place(vertices), place(vertices);
+    std::iota(by_place.begin(), by_place.end(), 0);
+    std::sort(by_place.begin(), by_place.end(), [&](i32 a, i32 b) { return grid[a] < grid[b]; });
+    i32 places = 0;
+    for (i64 k = 0; k < vertices; ++k) {
+        if (k > 0 && grid[by_place[k]] != grid[by_place[k - 1]]) ++places;
+        place[by_place[k]] = places;
+    }
+    if (vertices == 0 || places + 1 == vertices) return {};
+    std::vector<i32> number(places + 1, -1), point_of(vertices);
+    i32 points = 0;
+    const auto meet = [&](i64 vertex) {
+        if (number[place[vertex]] < 0) number[place[vertex]] = points++;
+    };
+    for (const i32 vertex : mesh.vertex) meet(vertex);
+    for (i64 vertex = 0; vertex < vertices; ++vertex) meet(vertex);
+    for (i64 vertex = 0; vertex < vertices; ++vertex) point_of[vertex] = number[place[vertex]];
+    return point_of;
+}
+
+Polygons welded(const Polygons &mesh, const std::vector<i32> &point_of, i64 points) {
+    Polygons found = mesh;
+    for (i32 &vertex : found.vertex) vertex = point_of[vertex];
+    found.vertices = points;
+    return found;
+}
+
+std::vector<u8> encode(const Polygons &mesh, std::span<const Vector> grid, u8 kind, const std::vector<i32> &point_of) {
+    RangeCoder<Mode::encode> coder;
+    Polygons surface = mesh;
+    std::vector<Vector> points(grid.begin(), grid.end());
+    if (kind & welds_points) {
+        std::vector<i32> coded = point_of;
+        const i64 count = code_welds(coder, CornerTable(mesh), coded);
+        points.resize(count);
+        for (std::size_t vertex = 0; vertex < grid.size(); ++vertex) points[point_of[vertex]] = grid[vertex];
+        surface = welded(mesh, point_of, count);
+    }
+    const CornerTable corners(std::move(surface));
+    const std::vector<i32> order = prediction_order(corners);
+    const std::vector<Neighbourhood> around = neighbourhoods(corners);
+    Predictor seen(corners, around, points);
+    TermWeights weights = choose_term_weights(order, seen);
+    Predictor predictor(corners, around, std::move(points));
+    PointModel model(kind & matches_residuals);
+    model.code_weights(coder, weights);
+    model.code(coder, order, weights, predictor);
+    return coder.finish();
+}
+
+}  // namespace
+
+CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> grid) {
+    const std::vector<i32> point_of = shared_points(mesh, grid);
+    CodedReference best{0, encode(mesh, grid, 0, point_of)};
+    const auto try_also = [&](u8 kind) {
+        std::vector<u8> data = encode(mesh, grid, kind, point_of);
+        if (data.size() < best.data.size()) best = {kind, std::move(data)};
+    };
+    if (!point_of.empty()) try_also(welds_points);
+    try_also(best.kind | matches_residuals);
+    return best;
+}
+
+std::vector<Vector> decode_reference(const Polygons &mesh, u8 kind, std::span<const u8> data) {
+    RangeCoder<Mode::decode> coder(data);
+    const bool is_welded = kind & welds_points;
+    std::vector<i32> point_of(mesh.vertices);
+    i64 points = mesh.vertices;
+    Polygons surface = mesh;
+    if (is_welded) {
+        points = code_welds(coder, CornerTable(mesh), point_of);
+        surface = welded(mesh, point_of, points);
+    }
+    const CornerTable corners(std::move(surface));
+    PointModel model(kind & matches_residuals);
+    TermWeights weights{};
+    model.code_weights(coder, weights);
+    Predictor predictor(corners, neighbourhoods(corners), std::vector<Vector>(points));
+    model.code(coder, prediction_order(corners), weights, predictor);
+    if (!coder.is_finished()) {
+        throw CorruptError("section REST does not end where its numbers do; get the file again");
+    }
+    if (!is_welded) return std::move(predictor.grid);
+    std::vector<Vector> grid(mesh.vertices);
+    for (i64 vertex = 0; vertex < mesh.vertices; ++vertex) grid[vertex] = predictor.grid[point_of[vertex]];
+    return grid;
+}
+
+}  // namespace pdeanim

@@ -1,0 +1,175 @@
+"""Hard edges: which corners of a vertex share a normal, read from a source's normals; and normals computed by them.
+
+The attribute ``normal_group`` of domain ``corner``, int32, numbers the normals of each vertex from 0 in the order of
+their first corners. A vertex whose corners all have number 0 is smooth. The attribute is absent where the source had no
+normals. Normals themselves are not kept: they are computed anew from the positions of each frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.formats.attribute_roles import expanded
+from pdecodec.sequence import (
+    Attribute,
+    AttributeDomain,
+    Connectivity,
+    Float32Array,
+    Float64Array,
+    Int32Array,
+    MeshObject,
+)
+
+NORMAL_GROUP = "normal_group"
+
+SAME_NORMAL = 1e-3
+"""Largest difference of the coordinates of two unit normals that are one: a twentieth of a degree shows no edge."""
+
+CORNERS_AT_ONCE = 2**18
+"""Corners whose normals are computed together, which bounds the memory that takes."""
+
+_NOWHERE = (0.0, 0.0, 1.0)
+"""Normal where there is no face, or a face without an area."""
+
+
+def normal_group(connectivity: Connectivity, keys: NDArray[np.number] | None, tolerance: float = 0.0) -> Attribute:
+    """The attribute of corners that share a normal where their keys are the same.
+
+    Parameters
+    ----------
+    connectivity : Connectivity
+    keys : (corners,) or (corners, k) array or None
+        None where every vertex has one normal.
+    tolerance : float
+        Largest difference of keys that are the same.
+    """
+    corners = connectivity.face_indices
+    groups = np.zeros(corners.size, np.int32)
+    if keys is not None:
+        rows = np.nan_to_num(np.asarray(keys, np.float64).reshape(corners.size, -1))
+        left = np.argsort(corners, kind="stable")
+        number = 0
+        while left.size:
+            # Of each vertex, the corners whose normal is that of the first corner left.
+            starts = np.flatnonzero(np.diff(corners[left], prepend=-1))
+            leaders = np.repeat(left[starts], np.diff(starts, append=left.size))
+            same = np.abs(rows[left] - rows[leaders]).max(axis=1) <= tolerance
+            groups[left[same]] = number
+            left = left[~same]
+            number += 1
+    return Attribute(NORMAL_GROUP, "corner", groups)
+
+
+def read_normal_group(
+    connectivity: Connectivity,
+    domain: AttributeDomain,
+    normals: NDArray[np.floating],
+    indices: NDArray[np.integer] | None,
+    order: NDArray[np.int64],
+) -> Attribute:
+    """The attribute of a source's normals: by index where corners share rows of them, else by value.
+
+    Parameters
+    ----------
+    connectivity : Connectivity
+    domain : {"vertex", "face", "corner", "object"}
+        What there is a normal for.
+    normals : (n, 3) array
+    indices : (rows of the domain,) array or None
+        Row of `normals` of each; negative for none. Corners that are only counted say nothing of what they share.
+    order : (corners,) int64
+        Corner of the source that each corner of `connectivity` was.
+    """
+    if domain == "face":
+        return normal_group(connectivity, np.repeat(np.arange(connectivity.face_count), connectivity.face_counts))
+    if domain != "corner":
+        return normal_group(connectivity, None)
+    if indices is None or np.array_equal(indices, np.arange(len(normals))):
+        return normal_group(connectivity, _unit(normals.astype(np.float64))[order], SAME_NORMAL)
+    return normal_group(connectivity, indices[order])
+
+
+class NormalRows:
+    """Normals of a mesh as rows: one for each vertex in order, then one for each further group of corners there.
+
+    Attributes
+    ----------
+    groups, corner_rows : (corners,) int32
+        Number of each corner's normal at its vertex, and its row.
+    count : int
+    is_smooth : bool
+        Whether rows are vertices.
+    """
+
+    def __init__(self, connectivity: Connectivity, groups: NDArray[np.integer]) -> None:
+        corners, counts = connectivity.face_indices.astype(np.int64), connectivity.face_counts
+        self.groups: Int32Array = normal_group(connectivity, groups).values
+        split = self.groups > 0
+        keys = corners * (int(self.groups.max(initial=0)) + 1) + self.groups
+        pairs, extra = np.unique(keys[split], return_inverse=True)
+        rows = corners.copy()
+        rows[split] = connectivity.vertex_count + extra.reshape(-1)
+        self.corner_rows: Int32Array = rows.astype(np.int32)
+        self.count = connectivity.vertex_count + pairs.size
+        self.is_smooth = not split.any()
+        self._corners, self._counts = corners, counts
+        self._starts = np.cumsum(counts, dtype=np.int64) - counts
+        places = np.arange(corners.size)
+        self._next, self._previous = places + 1, places - 1
+        self._next[self._starts + counts - 1] = self._starts
+        self._previous[self._starts] = self._starts + counts - 1
+        self._by_row = np.argsort(rows, kind="stable")
+        self._used, self._row_starts = np.unique(rows[self._by_row], return_index=True)
+
+    def of(self, points: Float32Array) -> Float32Array:
+        """(frames, rows, 3) float32: unit normals at positions (frames, vertices, 3)."""
+        return np.stack(list(self.of_each(points)))
+
+    def of_each(self, points: Float32Array) -> Iterator[Float32Array]:
+        """(rows, 3) float32 of each frame: its faces' normals, weighted by the angles of their corners."""
+        step = max(1, CORNERS_AT_ONCE // self._corners.size)
+        for start in range(0, len(points), step):
+            with np.errstate(invalid="ignore", over="ignore"):
+                yield from self._of_block(points[start : start + step].astype(np.float64))
+
+    def _of_block(self, points: Float64Array) -> Float32Array:
+        here = points[:, self._corners]
+        # From the first corner of each face, so that far from the origin nothing cancels.
+        from_first = here - np.repeat(here[:, self._starts], self._counts, axis=1)
+        areas = np.add.reduceat(np.cross(from_first, from_first[:, self._next]), self._starts, axis=1)
+        ahead, back = here[:, self._next] - here, here[:, self._previous] - here
+        angles = np.arctan2(np.linalg.norm(np.cross(ahead, back), axis=-1), (ahead * back).sum(axis=-1))
+        parts = np.repeat(_unit(areas), self._counts, axis=1) * angles[..., None]
+        sums = np.zeros((len(points), self.count, 3))
+        sums[:, self._used] = np.add.reduceat(parts[:, self._by_row], self._row_starts, axis=1)
+        return _unit(sums, _NOWHERE).astype(np.float32)
+
+
+def normal_rows(item: MeshObject) -> NormalRows | None:
+    """Rows of an object's normals; None where its source had none."""
+    found = group_attribute(item)
+    return None if found is None else NormalRows(item.connectivity, expanded(found))
+
+
+def group_attribute(item: MeshObject) -> Attribute | None:
+    """The attribute that says which corners share a normal."""
+    for one in item.attributes:
+        if (
+            one.name == NORMAL_GROUP
+            and one.domain == "corner"
+            and one.values.ndim == 1
+            and one.values.dtype.kind in "iu"
+        ):
+            return one if item.connectivity.face_count else None
+    return None
+
+
+def _unit(vectors: Float64Array, instead: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Float64Array:
+    """Vectors (..., 3) of length 1; `instead` of those without a direction."""
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    good = (lengths > 0) & (lengths < np.inf)
+    found: Float64Array = np.where(good, vectors / np.where(good, lengths, 1), instead)
+    return found

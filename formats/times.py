@@ -1,0 +1,117 @@
+"""Times and frame rates as files store them: rounded, regular, sampled apart, or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.sequence import DEFAULT_FPS, Float64Array, check_times
+
+SAME_TIME = 1e-6
+"""Seconds within which two sample times are one: files round theirs to six decimals, or to float32."""
+
+RATE_SLACK = 1e-6
+"""Relative distance at which a frame rate is taken for the round one it was meant to be."""
+
+FLOAT32_ROUNDING = 2.0**-23
+"""Relative error of a time after float32, with a bit to spare."""
+
+Timing = tuple[Float64Array, float, tuple[str, ...]]
+"""Times [s], nominal frame rate [1/s], and notices about them."""
+
+_ASSUMED = f"assumed {DEFAULT_FPS:g} frames per second; pass --fps to change"
+
+_KEPT = "the file stores its times, they are kept; {:g} frames per second is only the nominal rate"
+
+
+def merged_times(groups: Sequence[Float64Array]) -> Float64Array:
+    """Every time of several lists, once, in order; times within :data:`SAME_TIME` are one."""
+    every = np.sort(np.concatenate(groups))
+    kept: Float64Array = every[np.concatenate([[True], np.diff(every) > SAME_TIME])]
+    return kept
+
+
+def round_rate(rate: float) -> float:
+    """The rate meant by one that was stored as a rounded spacing: 24, 29.97 (30000 / 1001), or itself."""
+    for meant in (round(rate), round(rate * 1.001) / 1.001, round(rate, 3)):
+        if meant > 0 and abs(rate - meant) <= RATE_SLACK * rate:
+            return float(meant)
+    return rate
+
+
+def snapped_times(times: ArrayLike, rate: float, slack: float = SAME_TIME) -> Float64Array:
+    """Times [s] that are frames of a rate [1/s] but for a slack [s], without that rounding; others as they are."""
+    stored = np.asarray(times, np.float64)
+    frames = np.rint(stored * rate)
+    if (np.abs(frames / rate - stored) <= slack).all() and (np.diff(frames) > 0).all():
+        return frames / rate
+    return stored
+
+
+def regular_rate(times: Float64Array, fps: float) -> float | None:
+    """The rate of times that are a constant step apart; None where they are not, or there is only one."""
+    if times.size < 2:
+        return None
+    spacing = float(times[-1] - times[0]) / (times.size - 1)
+    for rate in (fps, round_rate(1.0 / spacing), 1.0 / spacing):
+        if (np.abs(times[0] + np.arange(times.size) / rate - times) <= SAME_TIME / 10).all():
+            return float(rate)
+    return None
+
+
+def rate_or_default(stored: float | None, asked: float | None) -> tuple[float, tuple[str, ...]]:
+    """Frame rate that the caller asked for, else that of the file, else 24, and notices about it."""
+    if asked is not None:
+        differs = stored is not None and abs(stored - asked) > RATE_SLACK * stored
+        return asked, (_KEPT.format(asked),) if differs else ()
+    return (DEFAULT_FPS, (_ASSUMED,)) if stored is None else (stored, ())
+
+
+def timing_of_stored(times: Float64Array, fps: float | None) -> Timing:
+    """Stored times [s], checked, at the rate asked for, else at that of their mean spacing."""
+    span = float(times[-1] - times[0]) if times.size > 1 else 0.0
+    rate, notices = rate_or_default(round_rate((times.size - 1) / span) if span > 0 else None, fps)
+    return *check_times(times.size, times, rate), notices
+
+
+def timing_of_numbers(numbers: Sequence[int] | None, fps: float | None) -> Timing:
+    """Frame numbers over the rate; a single file without a number is at time 0."""
+    rate, notices = rate_or_default(None, fps)
+    if numbers is None:
+        return np.zeros(1), rate, ()
+    return np.asarray(numbers, np.float64) / rate, rate, notices
+
+
+def timing_of_arrays(arrays: Mapping[str, NDArray[Any]], frames: int, fps: float | None) -> Timing:
+    """Times of a file that may hold ``times`` (frames,), a rate ``fps`` (), both or neither.
+
+    Stored times win over the rate asked for, a stored rate does not.
+
+    Raises
+    ------
+    InputError
+        If stored times or rate are not numbers, or times do not increase.
+    """
+    times, stored = _numbers(arrays, "times"), _numbers(arrays, "fps")
+    if stored is not None and stored.size != 1:
+        raise InputError(f"fps must be one number, not {stored.shape}")
+    rate = fps if fps is not None else None if stored is None else float(stored.reshape(-1)[0])
+    notices: tuple[str, ...] = ()
+    if times is not None and fps is not None:
+        notices = (_KEPT.format(fps),)
+    elif times is None and rate is None:
+        notices = (_ASSUMED,)
+    return *check_times(frames, times, rate), notices
+
+
+def _numbers(arrays: Mapping[str, NDArray[Any]], name: str) -> Float64Array | None:
+    if name not in arrays:
+        return None
+    array = arrays[name]
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"{name} must be numbers, not {array.dtype}")
+    return array.astype(np.float64)

@@ -1,0 +1,23 @@
+"""Types of the native core (core/bindings.cpp)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Int32Array = NDArray[np.int32]
+Int64Array = NDArray[np.int64]
+Part = tuple[int, Int32Array, Int32Array, Int32Array, Int32Array]
+
+class CorruptError(Exception): ...
+class LimitError(Exception): ...
+
+def encode_connectivity(parts: Sequence[Part], keep_order: bool) -> tuple[bytes, bytes]: ...
+def coded_orders(parts: Sequence[Part]) -> list[tuple[Int32Array, Int32Array, Int32Array] | None]: ...
+def decode_connectivity(
+    conn: bytes, ordr: bytes, vertices: Sequence[int], most_corners: int
+) -> list[tuple[Int32Array, Int32Array, Int32Array, Int32Array]]: ...
+def encode_reference(starts: Int64Array, vertex: Int32Array, faces: int, grid: Int64Array) -> tuple[int, bytes]: ...
+def decode_reference(
+    starts: Int64Array, vertex: Int32Array, faces: int, vertices: int, predictor: int, data: bytes
+) -> Int64Array: ...

@@ -1,1 +1,0 @@
-"""Measurements: what the codec, the paper and the baselines do on given sequences."""

@@ -1,0 +1,256 @@
+"""What acts on particles from outside: pins and attachments, the ground and a sphere, wind.
+
+Contacts are rigid inequalities, ``C = distance to the surface - thickness >= 0``, taken after the constraints in each
+iteration, so that no particle ends a substep inside. Friction acts on the positions: of the way that a particle slid
+in this substep, as much is taken back as Coulomb's law allows for the depth it was pushed out by (Macklin, Mueller,
+Chentanez and Kim, "Unified particle physics for real-time applications", TOG 2014, Eq. 24). Nothing bounces.
+
+Moving air presses on each triangle of area ``A`` and normal ``n`` with ``f = rho/2 c A |u.n| (u.n) n``, ``u`` being the
+air's velocity past it; its corners share that. Gusts are a sum of sines carried downstream at the wind's speed
+(Taylor's frozen turbulence): no random numbers, the same at every run.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numba import njit
+
+from pdecodec.errors import SettingsError
+from pdecodec.sequence import Float64Array, Int32Array
+from pdecodec.xpbd.constraints import Linear, Method, Scaling, State, UniformConstraints, check_positive
+
+Path = Callable[[float], Float64Array]
+"""From time [s] to positions [m], (particles, 3) float64. Must depend on the time alone."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Pins:
+    """Particles that are held, or carried along a path, whatever pulls at them.
+
+    Their inverse mass in the system is 0.
+
+    Parameters
+    ----------
+    particles : (pins,) int32
+    path : callable
+        From time [s] to positions [m], (pins, 3).
+    """
+
+    particles: Int32Array
+    path: Path
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AttachmentConstraints(UniformConstraints):
+    """Springs of rest length 0 from particles to points that stand or move and have no mass, ``C = x - p(t)``.
+
+    Each axis is a row with a constant gradient, so one solve is exact.
+
+    Parameters
+    ----------
+    particles : (constraints, 1) int32
+    path : callable
+        From time [s] to the points [m], (constraints, 3).
+    compliance : float [m/N]
+    """
+
+    members: ClassVar[int] = 1
+    rows_of_each: ClassVar[int] = 3
+    path: Path
+
+    def _sweep(self, state: State, multipliers: Float64Array, scaling: Scaling, time: float, method: Method) -> None:
+        targets = np.ascontiguousarray(self.path(time), dtype=np.float64)
+        _solve_attachments(state, self.particles, targets, multipliers, scaling)
+
+    def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
+        return positions[self.particles[index, 0]] - self.path(time)[index], np.eye(3)[:, None, :]
+
+    def values(self, positions: Float64Array, *, time: float) -> Float64Array:
+        return positions[self.particles[:, 0]] - self.path(time)
+
+
+@njit(cache=True)
+def _solve_attachments(
+    state: State, particles: Int32Array, targets: Float64Array, multipliers: Float64Array, scaling: Scaling
+) -> None:
+    positions, previous, inverse_masses = state
+    compliance, damping, relaxation = scaling
+    for i in range(particles.shape[0]):
+        particle = particles[i, 0]
+        weight = inverse_masses[particle]
+        if weight == 0.0:
+            continue
+        for axis in range(3):
+            moved = positions[particle, axis] - previous[particle, axis]
+            right = targets[i, axis] - positions[particle, axis] - compliance * multipliers[i, axis] - damping * moved
+            change = right / ((1.0 + damping) * weight + compliance)  # Eq. 6
+            multipliers[i, axis] += change
+            positions[particle, axis] += weight * relaxation * change  # Eq. 7
+
+
+@dataclass(frozen=True, kw_only=True)
+class Collider(ABC):
+    """Something that particles cannot enter.
+
+    Parameters
+    ----------
+    friction : float
+        Coulomb's coefficient.
+    thickness : float [m]
+        Distance that particles keep from the surface.
+    """
+
+    friction: float = 0.0
+    thickness: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_positive("friction", self.friction)
+        check_positive("thickness", self.thickness)
+
+    def solve(self, state: State) -> None:
+        """Push particles out and rub them; changes positions in place."""
+        positions, previous, inverse_masses = state
+        depth = self._depth(positions)
+        inside = np.flatnonzero((depth > 0) & (inverse_masses > 0))
+        if inside.size:
+            depth = depth[inside]
+            points, normal = self._surface(positions[inside], depth)
+            way = points - previous[inside]
+            way -= (way * normal).sum(axis=1)[:, None] * normal
+            slid = np.sqrt((way * way).sum(axis=1))
+            held = self.friction * depth
+            share = np.divide(held, slid, out=np.ones_like(slid), where=slid > held)
+            positions[inside] = points - share[:, None] * way
+
+    @abstractmethod
+    def _depth(self, positions: Float64Array) -> Float64Array:
+        """How far each particle is inside, (particles,) [m]; less than 0 outside."""
+
+    @abstractmethod
+    def _surface(self, points: Float64Array, depth: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Points so deep inside, (n, 3), taken to the surface, and the normals there."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground(Collider):
+    """The half space below ``y = height`` [m]."""
+
+    height: float = 0.0
+
+    def _depth(self, positions: Float64Array) -> Float64Array:
+        return self.height + self.thickness - positions[:, 1]
+
+    def _surface(self, points: Float64Array, depth: Float64Array) -> tuple[Float64Array, Float64Array]:
+        points[:, 1] = self.height + self.thickness
+        return points, np.array([[0.0, 1.0, 0.0]])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sphere(Collider):
+    """A ball that stands still; `center` and `radius` in metres."""
+
+    center: tuple[float, float, float]
+    radius: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (math.isfinite(self.radius) and self.radius > 0):
+            raise SettingsError(f"the sphere's radius must be more than 0 m, not {self.radius}")
+
+    def _depth(self, positions: Float64Array) -> Float64Array:
+        x, y, z = (positions[:, axis] - self.center[axis] for axis in range(3))
+        depth: Float64Array = self.radius + self.thickness - np.sqrt(x * x + y * y + z * z)
+        return depth
+
+    def _surface(self, points: Float64Array, depth: Float64Array) -> tuple[Float64Array, Float64Array]:
+        distance = (self.radius + self.thickness - depth)[:, None]
+        # A particle at the very centre leaves upwards: every direction is as good.
+        upwards = np.broadcast_to([0.0, 1.0, 0.0], points.shape).copy()
+        normal = np.divide(points - self.center, distance, out=upwards, where=distance > 0)
+        return points + depth[:, None] * normal, normal
+
+
+AIR_DENSITY = 1.2
+"""Air at 20 degrees Celsius and sea level [kg/m^3]."""
+
+GUST_FREQUENCIES = (0.61, 1.37, 2.53)
+"""Gusts a second: no two in a small ratio, so that the sum does not repeat within a clip [Hz]."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Wind:
+    """A steady wind with gusts.
+
+    Parameters
+    ----------
+    triangles : (triangles, 3) int32
+    velocity : (3,) float64 [m/s]
+    gusts : float
+        Amplitude of the gusts across the wind over the wind's speed.
+    drag : float
+        Coefficient ``c``; a flat plate across the wind has about 1.2.
+    """
+
+    triangles: Int32Array
+    velocity: Float64Array
+    gusts: float = 0.0
+    drag: float = 1.2
+
+    def __post_init__(self) -> None:
+        check_positive("gusts", self.gusts)
+        check_positive("drag", self.drag)
+        object.__setattr__(self, "triangles", np.ascontiguousarray(self.triangles, dtype=np.int32))
+        object.__setattr__(self, "velocity", np.ascontiguousarray(self.velocity, dtype=np.float64))
+
+    def forces(self, positions: Float64Array, velocities: Float64Array, *, time: float) -> Float64Array:
+        """Forces on the particles [N], (particles, 3) float64, at `positions` [m] and `velocities` [m/s]."""
+        forces = np.zeros_like(positions)
+        past = self.air_velocity(positions, time=time) - velocities
+        _add_forces(positions, past, self.triangles, 0.5 * AIR_DENSITY * self.drag, forces)
+        return forces
+
+    def air_velocity(self, points: Float64Array, *, time: float) -> Float64Array:
+        """Velocity of the air [m/s] at `points`, (n, 3)."""
+        speed = float(np.linalg.norm(self.velocity))
+        if speed == 0 or self.gusts == 0:
+            return np.broadcast_to(self.velocity, points.shape)
+        downstream = self.velocity / speed
+        sideways = np.cross(downstream, np.eye(3)[np.abs(downstream).argmin()])
+        sideways /= np.linalg.norm(sideways)
+        upward = np.cross(sideways, downstream)
+        phase = 2 * math.pi * np.array(GUST_FREQUENCIES) * (time - points @ downstream / speed)[:, None]
+        swing = self.gusts * speed / len(GUST_FREQUENCIES)
+        gust_sideways = swing * np.sin(phase).sum(axis=1)
+        gust_upward = swing * np.cos(phase / math.sqrt(2)).sum(axis=1)
+        air: Float64Array = self.velocity + gust_sideways[:, None] * sideways + gust_upward[:, None] * upward
+        return air
+
+
+@njit(cache=True)
+def _add_forces(
+    positions: Float64Array, past: Float64Array, triangles: Int32Array, pressure: float, forces: Float64Array
+) -> None:
+    """Add to `forces`; `past` is the air's velocity past each particle, `pressure` half density times drag."""
+    across, speeds = np.empty(3), np.empty(3)
+    for i in range(triangles.shape[0]):
+        a, b, c = triangles[i, 0], triangles[i, 1], triangles[i, 2]
+        for axis in range(3):
+            u, v = (axis + 1) % 3, (axis + 2) % 3
+            first = (positions[b, u] - positions[a, u]) * (positions[c, v] - positions[a, v])
+            across[axis] = first - (positions[b, v] - positions[a, v]) * (positions[c, u] - positions[a, u])
+            speeds[axis] = (past[a, axis] + past[b, axis] + past[c, axis]) * across[axis]
+        double_area = math.sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2])
+        if double_area > 0.0:
+            speed = (speeds[0] + speeds[1] + speeds[2]) / (3.0 * double_area)
+            # Area times normal is half of what is across; each corner takes a third.
+            share = pressure * abs(speed) * speed / 6.0
+            for axis in range(3):
+                forces[a, axis] += share * across[axis]
+                forces[b, axis] += share * across[axis]
+                forces[c, axis] += share * across[axis]

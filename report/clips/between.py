@@ -1,0 +1,171 @@
+"""Errors between frames: frames are left out of the encoding, and compared with what the decoder gives there.
+
+Beside it stand the ways in which animation tools fill in frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdecodec.decoder import open_animation
+from pdecodec.encoder import encode
+from pdecodec.metrics import DistortionMeter, frame_scale
+from pdecodec.report.figure import Figure, Table
+from pdecodec.report.vegalite import channel, log_axis, tooltip
+from pdecodec.selection import FrameSelection
+from pdecodec.sequence import ArraySequence, Float32Array, Float64Array
+from pdecodec.settings import EffortName
+
+STRIDES = (2, 4)
+"""Every second frame is kept, every fourth."""
+
+BETWEEN_TOLERANCE = 1e-4
+"""Of the encoding: so tight that what is seen between frames is the interpolation, not the quantisation."""
+
+VALUES_AT_A_TIME = 2**20
+"""Coordinates of kept frames interpolated at a time: the spline's coefficients then stay near 40 MB."""
+
+PDECODEC = "pdecodec, profile auto"
+
+Interpolation = Callable[[Float64Array, Float32Array, Float64Array], Float32Array]
+"""From knots (kept,) [s], positions (kept, vertices, 3) and times (n,) [s] to positions (n, vertices, 3)."""
+
+
+@dataclass(frozen=True)
+class BetweenRow:
+    """One way to get frames that were left out where one in `stride` was kept; errors are over the diagonal of frame 0.
+
+    `way` is :data:`PDECODEC` or of :data:`INTERPOLATIONS`, which start from the kept frames as they were, unquantised.
+    """
+
+    clip: str
+    stride: int
+    way: str
+    frames: int
+    max_error: float
+    rms_error: float
+
+
+def measure_between(clip: str, sequence: ArraySequence, *, effort: EffortName) -> Iterator[BetweenRow]:
+    """Every way at every stride; nothing where a clip is too short to leave a frame out.
+
+    Frames after the last one kept are not between frames and do not count.
+    """
+    for stride in STRIDES:
+        kept = np.arange(0, sequence.frame_count, stride)
+        left_out = np.setdiff1d(np.arange(int(kept[-1])), kept)
+        if left_out.size == 0:
+            return
+        report = encode(FrameSelection(sequence, kept.tolist()), tolerance=BETWEEN_TOLERANCE, effort=effort)
+        times = sequence.times[left_out]
+        with open_animation(report.data or b"") as animation:
+            decoded = animation.sample(times)
+        knots, points = sequence.times[kept], sequence.points[kept]
+        ways = {PDECODEC: decoded, **{name: way(knots, points, times) for name, way in INTERPOLATIONS.items()}}
+        for name, positions in ways.items():
+            meter = DistortionMeter(scale=frame_scale(sequence.points[0]))
+            meter.add(sequence.points[left_out], positions)
+            found = meter.result()
+            yield BetweenRow(
+                clip, stride, name, int(left_out.size), found.max_error / found.scale, found.rms_error / found.scale
+            )
+
+
+def cubic_spline(knots: Float64Array, points: Float32Array, times: Float64Array) -> Float32Array:
+    """Cubic spline (not-a-knot) through the kept frames: the smoothest that animation tools offer."""
+    from scipy.interpolate import CubicSpline
+
+    flat = points.reshape(len(points), -1)
+    found = np.empty((len(times), flat.shape[1]), np.float32)
+    step = max(1, VALUES_AT_A_TIME // len(points))
+    for start in range(0, flat.shape[1], step):
+        columns = slice(start, start + step)
+        found[:, columns] = CubicSpline(knots, flat[:, columns].astype(np.float64), axis=0)(times)
+    return found.reshape(len(times), *points.shape[1:])
+
+
+def straight_lines(knots: Float64Array, points: Float32Array, times: Float64Array) -> Float32Array:
+    """Straight from kept frame to kept frame: what most players of point caches do."""
+    before = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
+    share = ((times - knots[before]) / (knots[before + 1] - knots[before]))[:, None, None]
+    return np.asarray((1.0 - share) * points[before] + share * points[before + 1], np.float32)
+
+
+def nearest_frame(knots: Float64Array, points: Float32Array, times: Float64Array) -> Float32Array:
+    """The kept frame nearest in time, of two the earlier: what Alembic's library gives unless told otherwise."""
+    before = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
+    is_later = knots[before + 1] - times < times - knots[before]
+    return points[before + is_later]
+
+
+INTERPOLATIONS: Mapping[str, Interpolation] = {
+    "cubic spline": cubic_spline,
+    "straight lines": straight_lines,
+    "nearest frame (Alembic's default)": nearest_frame,
+}
+"""By name, in the order of tables."""
+
+COLOURS = ("#0072B2", "#009E73", "#E69F00", "#D55E00")
+
+ORDINALS = {2: "second", 4: "fourth"}
+
+ERRORS = {"rms_error": "root mean square", "max_error": "maximum"}
+"""What is drawn, in words."""
+
+
+def between_figure(rows: Sequence[BetweenRow]) -> Figure:
+    """Root mean square and maximum error of every way, for each stride."""
+    ways = [PDECODEC, *INTERPOLATIONS]
+    values = [
+        {"way": row.way, "kept": f"every {ORDINALS[row.stride]} frame kept", "measure": name, "error": error}
+        for row in rows
+        for field, name in ERRORS.items()
+        if (error := getattr(row, field)) > 0
+    ]
+    kept = list(dict.fromkeys(str(value["kept"]) for value in values))
+    errors = [getattr(row, field) for row in rows for field in ERRORS]
+    colour = channel("way", scale={"domain": ways, "range": list(COLOURS)}, legend=None)
+    chart = {
+        "data": {"values": values},
+        "facet": {"column": channel("kept", sort=kept), "row": channel("measure", sort=list(ERRORS.values()))},
+        "spec": {
+            "width": 250,
+            "height": {"step": 26},
+            "mark": {"type": "point", "filled": True, "size": 120, "opacity": 1},
+            "encoding": {
+                "y": channel("way", sort=ways, axis={"grid": True}),
+                "x": log_axis("error", "error over the diagonal", errors, number="~e"),
+                "color": colour,
+                "tooltip": tooltip("way", ("error", ".3g")),
+            },
+        },
+    }
+    return Figure(
+        name="between-frames",
+        title="Frames that were left out, and what came back",
+        lesson=_lesson(rows),
+        table=Table(
+            ("one frame kept in", "way", "frames left out", "rms error over the diagonal", "maximum error"),
+            tuple((row.stride, row.way, row.frames, row.rms_error, row.max_error) for row in rows),
+        ),
+        shows_table=True,
+        chart=chart if values else None,
+    )
+
+
+def _lesson(rows: Sequence[BetweenRow]) -> str:
+    if not rows:
+        return "The clip is too short to leave a frame out."
+    said = []
+    for stride in dict.fromkeys(row.stride for row in rows):
+        by_way = {row.way: row for row in rows if row.stride == stride}
+        ours = by_way[PDECODEC].rms_error
+        beside = ", ".join(f"{name} {by_way[name].rms_error:.2g}" for name in INTERPOLATIONS)
+        said.append(f"Every {ORDINALS[stride]} frame kept: rms {ours:.2g} of the diagonal; {beside}.")
+    return (
+        f"{' '.join(said)} The file was encoded at {BETWEEN_TOLERANCE:g}; the other ways start from the frames as they "
+        "were. A bound holds at frames; what is between them nobody recorded, and this is how well it is guessed."
+    )

@@ -1,0 +1,207 @@
+"""Where the error of a decoded file is: over time, and over the mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pdecodec.decoder import open_animation
+from pdecodec.encoder import encode
+from pdecodec.metrics import Distortion, DistortionMeter, frame_scale
+from pdecodec.report.charts import as_seen, draw_mesh, heat_map, hide_axes, polygons_of
+from pdecodec.report.figure import Canvas, Figure, Table
+from pdecodec.report.vegalite import WIDTH, channel, rule, tooltip
+from pdecodec.sequence import ArraySequence, Connectivity, Float32Array, Float64Array
+from pdecodec.settings import EffortName
+
+WORST_VERTICES = 20
+"""Named in the table."""
+
+COLOURS = ("#D55E00", "#0072B2")
+
+MOST_FACES = 60_000
+"""Faces that are drawn one by one; of larger meshes the vertices are, which takes seconds instead of minutes."""
+
+LEAST_POINT, POINT_AREA = 0.5, 30_000.0
+"""Area of a vertex's disc [points^2]: as if all of them covered so much together, and never less than can be seen."""
+
+AMBIENT = 0.75
+"""Of the light: colours are to be read off, and the shape still to be seen."""
+
+WEAKEST = 0.12
+"""Of the colours, so that what is exact is seen on white, too."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorField:
+    """Errors of one decoded file, over the diagonal of frame 0, float64.
+
+    E_An and E_Mn of Eqs. 26 and 27, (frames,); the largest of each vertex over all frames and those of the worst frame,
+    (vertices,); and what was decoded at the worst frame, (vertices, 3) [scene units].
+    """
+
+    tolerance: float
+    distortion: Distortion
+    average_by_frame: Float64Array
+    maximum_by_frame: Float64Array
+    maximum_by_vertex: Float64Array
+    at_worst_frame: Float64Array
+    worst_points: Float32Array
+
+
+def measure_field(sequence: ArraySequence, *, tolerance: float, effort: EffortName) -> ErrorField:
+    """Encode under profile "auto", decode, and keep where the errors are."""
+    report = encode(sequence, tolerance=tolerance, effort=effort)
+    scale = frame_scale(sequence.points[0])
+    meter = DistortionMeter(scale=scale)
+    by_vertex = np.zeros(sequence.vertex_count)
+    with open_animation(report.data or b"") as animation:
+        for start, block in sequence.blocks():
+            decoded = animation.read_frames(start, start + len(block))
+            meter.add(block, decoded)
+            for before, after in zip(block, decoded, strict=True):
+                np.maximum(by_vertex, _distances(before, after), out=by_vertex)
+        distortion = meter.result()
+        worst = distortion.worst_frame
+        worst_points = animation.read_frames(worst, worst + 1)[0]
+    return ErrorField(
+        tolerance=tolerance,
+        distortion=distortion,
+        average_by_frame=np.array(meter.average_by_frame) / scale,
+        maximum_by_frame=np.array(meter.maximum_by_frame) / scale,
+        maximum_by_vertex=by_vertex / scale,
+        at_worst_frame=_distances(sequence.points[worst], worst_points) / scale,
+        worst_points=worst_points,
+    )
+
+
+def _distances(reference: Float32Array, other: Float32Array) -> Float64Array:
+    return np.asarray(np.linalg.norm(reference.astype(np.float64) - other, axis=1))
+
+
+def error_figures(sequence: ArraySequence, field: ErrorField) -> list[Figure]:
+    """Error by frame, and the mesh coloured by it."""
+    return [_over_time(sequence, field), _over_mesh(sequence, field)]
+
+
+def _over_time(sequence: ArraySequence, field: ErrorField) -> Figure:
+    names = ("largest", "mean")
+    times = sequence.times.tolist()
+    rows = tuple(
+        zip(range(len(times)), times, field.maximum_by_frame.tolist(), field.average_by_frame.tolist(), strict=True)
+    )
+    values = [
+        {"frame": frame, "time": at, "which": name, "error": error}
+        for frame, at, *errors in rows
+        for name, error in zip(names, errors, strict=True)
+    ]
+    lines = {
+        "data": {"values": values},
+        "mark": {"type": "line", "point": len(times) == 1, "strokeWidth": 1.6},
+        "encoding": {
+            "x": channel("time", "time [s]", "quantitative", scale={"zero": False}),
+            "y": channel("error", "error over the diagonal", "quantitative"),
+            "color": channel("which", scale={"domain": list(names), "range": list(COLOURS)}),
+            "tooltip": tooltip("frame", ("time", ".4g"), "which", ("error", ".3g")),
+        },
+    }
+    found = field.distortion
+    return Figure(
+        name="error-over-time",
+        title=f"Error over time, at tolerance {field.tolerance:g}",
+        lesson=(
+            f"Largest and mean distance of a frame's vertices (E_M and E_A, Eqs. 27 and 26), over frame 0's diagonal. "
+            f"The worst vertex is number {found.worst_vertex}, in frame {found.worst_frame} "
+            f"({times[found.worst_frame]:.4g} s): {found.max_error / found.scale:.3g} of the diagonal, "
+            f"{found.max_error:.3g} scene units."
+        ),
+        table=Table(("frame", "time [s]", "largest error over the diagonal", "mean error over the diagonal"), rows),
+        chart={"width": WIDTH, "height": 240, "layer": [lines, rule("y", field.tolerance)]},
+    )
+
+
+def _over_mesh(sequence: ArraySequence, field: ErrorField) -> Figure:
+    found = field.distortion
+    order = (-field.maximum_by_vertex).argsort(kind="stable")[:WORST_VERTICES]
+    return Figure(
+        name="error-over-mesh",
+        title=f"Error over the mesh, at tolerance {field.tolerance:g}",
+        lesson=(
+            f"Left: the decoded frame {found.worst_frame}, the worst one, by its own errors; the ring is around vertex "
+            f"{found.worst_vertex}. Right: frame 0 by the largest error of each vertex over all frames. The palest is "
+            "exact, the darkest red is the bound."
+        ),
+        table=Table.from_columns(
+            {
+                "vertex": order,
+                "largest error over the diagonal": field.maximum_by_vertex[order],
+                f"error in frame {found.worst_frame}": field.at_worst_frame[order],
+            }
+        ),
+        draw=lambda canvas: draw_error_pictures(canvas, sequence, field),
+        size=(9.0, 5.0),
+    )
+
+
+def draw_error_pictures(canvas: Canvas, sequence: ArraySequence, field: ErrorField) -> None:
+    """The worst frame by its own errors, and frame 0 by the largest error of each vertex."""
+    heat = heat_map(1.0)
+    panels = canvas.subplots(1, 2)
+    turn = _axes_for_view(sequence)
+    worst = field.distortion.worst_frame
+    for panel, title, points, errors in (
+        (panels[0], f"frame {worst}, decoded", field.worst_points, field.at_worst_frame),
+        (panels[1], "largest of all frames, on frame 0", sequence.points[0], field.maximum_by_vertex),
+    ):
+        seen = as_seen(points.astype(np.float64) @ turn.T)
+        _draw(panel, seen, sequence.connectivity, errors / field.tolerance, heat)
+        panel.autoscale_view()
+        panel.margins(0.04)
+        hide_axes(panel)
+        panel.set_title(title, loc="left")
+        if panel is panels[0]:
+            at = seen[field.distortion.worst_vertex, :2]
+            panel.plot(*at, "o", markersize=16, markerfacecolor="none", markeredgecolor=COLOURS[1], markeredgewidth=2)
+    bar = canvas.colorbar(heat, ax=panels, shrink=0.6, ticks=(0, 0.5, 1))
+    bar.set_label(f"error over the bound of {field.tolerance:g}")
+
+
+def _draw(panel: Any, seen: Float64Array, connectivity: Connectivity, shares: Float64Array, heat: Any) -> None:
+    if 0 < connectivity.face_count <= MOST_FACES:
+        polygons = polygons_of(connectivity)
+        colours = [_colours(heat, shares[rows].max(axis=1)) for rows in polygons]
+        draw_mesh(panel, seen, polygons, colours, ambient=AMBIENT)
+    if connectivity.line_count:
+        from matplotlib.collections import LineCollection
+
+        starts = np.cumsum(connectivity.line_counts)[:-1]
+        for line in np.split(connectivity.line_indices, starts):
+            ends = seen[line, :2]
+            panel.add_collection(
+                LineCollection(
+                    list(np.stack([ends[:-1], ends[1:]], axis=1)),
+                    colors=_colours(heat, np.maximum(shares[line[:-1]], shares[line[1:]])),
+                    linewidths=1.5,
+                )
+            )
+    if not connectivity.line_count and not 0 < connectivity.face_count <= MOST_FACES:
+        order = np.argsort(seen[:, 2], kind="stable")
+        area = max(LEAST_POINT, POINT_AREA / len(seen))
+        panel.scatter(*seen[order, :2].T, s=min(area, 60.0), c=_colours(heat, shares[order]), linewidths=0)
+
+
+def _colours(heat: Any, shares: Float64Array) -> Float64Array:
+    return np.asarray(heat.to_rgba(WEAKEST + (1 - WEAKEST) * shares))[:, :3]
+
+
+def _axes_for_view(sequence: ArraySequence) -> Float64Array:
+    """(3, 3): from the scene's axes to right, up and towards the viewer; the wide side is seen."""
+    up = {"X": 0, "Z": 2}.get(str(sequence.metadata.get("up_axis", "Y")).upper(), 1)
+    wide = np.ptp(sequence.points[0].astype(np.float64), axis=0)
+    first, second = (up + 1) % 3, (up + 2) % 3
+    axes = np.eye(3)
+    # Right, up, towards: a right-handed frame either way.
+    right, towards = (axes[second], axes[first]) if wide[second] >= wide[first] else (axes[first], -axes[second])
+    return np.stack([right, axes[up], towards])

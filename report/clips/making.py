@@ -1,0 +1,223 @@
+"""Making a report: find clips, measure each, write its page, and where there are several, one page of them all."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pdecodec.errors import InputError, naming_file
+from pdecodec.report.charts import require_drawing
+from pdecodec.report.clips.between import BetweenRow, measure_between
+from pdecodec.report.clips.coder_figures import distinct, label
+from pdecodec.report.clips.comparison import Change, compare_measurements, comparison_figure, comparison_text
+from pdecodec.report.clips.errors import measure_field
+from pdecodec.report.clips.measurement import KeptMeasurements, Measurement
+from pdecodec.report.clips.measuring import ReportPlan, measure_clip
+from pdecodec.report.clips.pages import ClipFindings, clip_report, corpus_report, merit_table, reference_tolerance
+from pdecodec.report.clips.recommendation import recommend
+from pdecodec.report.figure import Figure, Report, Section, Table
+from pdecodec.report.page import as_markdown, write_report
+from pdecodec.sequence import ArraySequence, Progress
+from pdecodec.whole_output import whole_file
+
+KEPT = "measurements.json"
+"""In the report's folder: what an interrupted run, or another one, need not measure again."""
+
+SUMMARY = "summary.md"
+
+
+@dataclass(frozen=True)
+class ReportResult:
+    """What a report found: its page, all points, changes beside an earlier report if there is one, a summary in
+    Markdown for a pull request, and how many points were measured now and kept from before.
+    """
+
+    page: Path
+    points: tuple[Measurement, ...]
+    changes: tuple[Change, ...]
+    summary: str
+    measured: int
+    kept: int
+
+    @property
+    def broken(self) -> list[Measurement]:
+        """Points of pdecodec's own that do not keep their bound; there should be none."""
+        return [point for point in self.points if point.kind == "profile" and not point.reached]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything a dashboard wants, ready for JSON."""
+        advice = {
+            clip: [
+                {"use": item.use.name, "text": item.text, "take": None if item.point is None else item.point.to_dict()}
+                for item in recommend([point for point in self.points if point.clip == clip])
+            ]
+            for clip in distinct(point.clip for point in self.points)
+        }
+        return {
+            "page": str(self.page),
+            "measured": self.measured,
+            "kept": self.kept,
+            "points": [point.to_dict() for point in self.points],
+            "recommendations": advice,
+            "changes": [
+                {
+                    "clip": change.new.clip,
+                    "coder": change.new.coder,
+                    "tolerance": change.new.tolerance,
+                    "growth": change.growth,
+                    "verdict": change.verdict,
+                }
+                for change in self.changes
+            ],
+        }
+
+
+def make_report(
+    clips: Iterator[tuple[str, ArraySequence]],
+    directory: Path,
+    plan: ReportPlan,
+    *,
+    several: bool,
+    skipped: Sequence[str] = (),
+    old: Sequence[Measurement] | None = None,
+    fresh: bool = False,
+    progress: Progress | None = None,
+) -> ReportResult:
+    """Measure clips, one in memory at a time, and write their report into `directory`, made where it is not there.
+
+    With `several`, each clip has a page of its own, in a folder of its name, beside the one of all. `skipped` says why
+    baselines that are not there are not, `old` is an earlier report to compare with, and `fresh` measures what an
+    earlier run has kept, too.
+
+    Raises
+    ------
+    MissingExtraError
+        If charts cannot be drawn here.
+    InputError
+        If a clip cannot be read or measured; what was measured until then is kept.
+    """
+    require_drawing()
+    directory.mkdir(parents=True, exist_ok=True)
+    kept = KeptMeasurements(directory / KEPT, fresh=fresh)
+    points: list[Measurement] = []
+    between: list[BetweenRow] = []
+
+    def write(page: Report, of: Sequence[Measurement], folder: Path) -> Path:
+        folder.mkdir(exist_ok=True)
+        whole = _with_points(page, of, None if old is None else compare_measurements(old, of))
+        return write_report(whole, folder, record={"points": [point.to_dict() for point in of]})[0]
+
+    report: Report | None = None
+    names = []
+    for name, sequence in clips:
+        findings = _measure(name, sequence, plan, kept, progress)
+        names.append(name)
+        points += findings.points
+        between += findings.between
+        report = clip_report(findings, plan, skipped)
+        if several:
+            write(report, findings.points, directory / name)
+    if report is None:
+        raise InputError("there is no clip to report on")
+    if several:
+        links = tuple((name, f"{name}/index.html") for name in names)
+        report = replace(corpus_report(points, between, plan, skipped), links=links)
+    page = write(report, points, directory)
+    changes = None if old is None else compare_measurements(old, points)
+    summary = _summary(report, points, changes, plan, several=several)
+    with whole_file(directory / SUMMARY, overwrite=True) as partial:
+        partial.write_text(summary, encoding="utf-8")
+    return ReportResult(page, tuple(points), tuple(changes or ()), summary, kept.measured, kept.kept)
+
+
+def _measure(
+    name: str, sequence: ArraySequence, plan: ReportPlan, kept: KeptMeasurements, progress: Progress | None
+) -> ClipFindings:
+    def announce(what: str) -> None:
+        if progress is not None:
+            progress(plan.points, plan.points, f"{name}: {what}")
+
+    with naming_file(name):
+        points = measure_clip(name, sequence, plan, kept, progress=progress)
+        announce("between frames")
+        between = tuple(measure_between(name, sequence, effort=plan.effort))
+        announce("over the mesh")
+        field = measure_field(sequence, tolerance=reference_tolerance(plan.tolerances), effort=plan.effort)
+    return ClipFindings(name, sequence, tuple(points), between, field)
+
+
+def _with_points(report: Report, points: Sequence[Measurement], changes: Sequence[Change] | None) -> Report:
+    """The report with every point in its last section, and in its first the comparison, if there is one."""
+    sections = list(report.sections)
+    names = [name for name in points[0].to_dict() if name != "sections"]
+    rows = [point.to_dict() | {"coder": label(point.coder)} for point in points]
+    every = Figure(
+        name="points",
+        title="Every measured point",
+        lesson="Everything that was measured of every coder at every tolerance is in this file.",
+        table=Table(tuple(names), tuple(tuple(row[name] for name in names) for row in rows)),
+    )
+    sections[-1] = replace(sections[-1], figures=(*sections[-1].figures, every))
+    if changes is not None:
+        sections.insert(0, Section("What changed", "", (comparison_figure(changes),)))
+    return replace(report, sections=tuple(sections))
+
+
+def _summary(
+    report: Report, points: Sequence[Measurement], changes: Sequence[Change] | None, plan: ReportPlan, *, several: bool
+) -> str:
+    """Markdown of what a reviewer wants to see: a table, the advice, and what changed."""
+    parts = [f"## {report.title}", report.summary]
+    if changes is not None:
+        parts.append(f"**Beside the earlier report.** {comparison_text(changes)}")
+    tolerances = [reference_tolerance(plan.tolerances)] if several else plan.tolerances
+    parts.append(
+        as_markdown(merit_table(points, coder=plan.profiles[0], tolerances=tolerances, means=several)).rstrip()
+    )
+    if not several:
+        parts.append("\n".join(f"- {item.text}" for item in recommend(points)))
+    return "\n\n".join(parts) + "\n"
+
+
+def find_clips(given: Sequence[Path], extensions: Sequence[str], frame_extensions: Sequence[str]) -> dict[str, Path]:
+    """Every clip by a name of its own, in order; InputError if a folder holds none.
+
+    A file, a pattern or a folder of frames is a clip; of another folder every file and every folder of frames in it is
+    one. Extensions, lower case with the dot, are of files that hold a clip and of those that hold a frame. Names are
+    those of files without extension; where two are equal, with it, and then with their folder.
+    """
+    paths: list[Path] = []
+    for path in given:
+        paths += _inside(path, extensions, frame_extensions) if path.is_dir() else [path]
+    paths = list(dict.fromkeys(paths))
+    ways = (lambda path: path.stem or path.name, lambda path: path.name, lambda path: f"{path.parent.name}-{path.name}")
+    named: dict[str, Path] = {}
+    for path in paths:
+        for way in ways:
+            if Counter(way(other) for other in paths)[way(path)] == 1:
+                named[way(path)] = path
+                break
+        else:
+            named[f"{len(named) + 1}-{path.name}"] = path
+    return named
+
+
+def _inside(folder: Path, extensions: Sequence[str], frame_extensions: Sequence[str]) -> list[Path]:
+    if _has_frames(folder, frame_extensions):
+        return [folder]
+    found = [
+        path
+        for path in sorted(folder.iterdir())
+        if (path.is_file() and path.suffix.lower() in extensions)
+        or (path.is_dir() and _has_frames(path, frame_extensions))
+    ]
+    if not found:
+        raise InputError("there is no mesh sequence in this folder; name files or frame patterns", path=folder)
+    return found
+
+
+def _has_frames(folder: Path, frame_extensions: Sequence[str]) -> bool:
+    return any(path.suffix.lower() in frame_extensions for path in folder.iterdir())

@@ -1,0 +1,256 @@
+"""One measured point, a coder on a clip at a tolerance; and points kept from run to run.
+
+What is kept lets a report that was cut off go on where it was.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import pdecodec
+from pdecodec.errors import InputError
+from pdecodec.metrics import bits_per_vertex_frame
+from pdecodec.sequence import ArraySequence
+from pdecodec.whole_output import whole_file
+
+Kind = Literal["profile", "baseline"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurement:
+    """What one coder made of one clip at one tolerance; all of it is None where the coder cannot keep the tolerance.
+
+    Attributes
+    ----------
+    clip : str
+    coder : str
+        A profile of pdecodec, or a baseline's name.
+    kind : {"profile", "baseline"}
+    published : bool
+        False where a baseline has a stage that its source does not describe.
+    tolerance : float
+        Largest Euclidean vertex distance allowed, over frame 0's diagonal.
+    refusal : str or None
+        Why the coder cannot keep the tolerance.
+    frames, vertices : int
+    size : int or None [bytes]
+        All that a decoder needs but connectivity and attributes.
+    constant_size : int [bytes]
+        Connectivity, order and attributes as pdecodec keeps them: the same for every coder.
+    max_error, rms_error, p99_error : float or None
+        Over frame 0's diagonal, of what came back from the bytes.
+    within : float or None
+        Share of positions within the tolerance.
+    kg_error : float or None [%]
+        None, too, where every frame is a single point.
+    encode_seconds, decode_seconds, copy_seconds, random_seconds : float or None
+        Of encoding; of opening and decoding all; of `np.copyto` of the same positions; of one frame at a random time
+        of an open file (None for baselines, which have no times).
+    coefficients : int or None
+        Numbers that the motion is made of (profiles).
+    sections : dict of str to int [bytes]
+        Of the file (profiles); the sum is the file.
+    summary : str
+        What model was taken and why (profiles).
+    """
+
+    clip: str
+    coder: str
+    kind: Kind
+    published: bool = True
+    tolerance: float
+    refusal: str | None = None
+    frames: int
+    vertices: int
+    size: int | None = None
+    constant_size: int = 0
+    max_error: float | None = None
+    rms_error: float | None = None
+    p99_error: float | None = None
+    within: float | None = None
+    kg_error: float | None = None
+    encode_seconds: float | None = None
+    decode_seconds: float | None = None
+    copy_seconds: float | None = None
+    random_seconds: float | None = None
+    coefficients: int | None = None
+    sections: Mapping[str, int] = field(default_factory=dict)
+    summary: str = ""
+
+    @property
+    def reached(self) -> bool:
+        """Whether there are bytes that keep the tolerance."""
+        return self.size is not None and self.max_error is not None and self.max_error <= self.tolerance
+
+    @property
+    def raw_size(self) -> int:
+        """Bytes of the positions as float32."""
+        return 12 * self.frames * self.vertices
+
+    @property
+    def whole_size(self) -> int:
+        """Bytes of everything that is stored, connectivity and attributes included."""
+        return (self.size or 0) + self.constant_size
+
+    @property
+    def bpvf(self) -> float | None:
+        """Bits per vertex and frame, connectivity and attributes left out."""
+        if self.size is None:
+            return None
+        return bits_per_vertex_frame(self.size, vertices=self.vertices, frames=self.frames)
+
+    @property
+    def ratio(self) -> float | None:
+        """Raw positions over everything that is stored."""
+        return None if self.size is None else self.raw_size / self.whole_size
+
+    @property
+    def encode_rate(self) -> float | None:
+        """Raw float32 taken in [MB/s]."""
+        return None if not self.encode_seconds else self.raw_size / 1e6 / self.encode_seconds
+
+    @property
+    def decode_rate(self) -> float | None:
+        """Raw float32 given back, opening included [MB/s]."""
+        return None if not self.decode_seconds else self.raw_size / 1e6 / self.decode_seconds
+
+    @property
+    def decode_multiple(self) -> float | None:
+        """Time of opening and decoding all, over that of a copy of the result."""
+        if not self.decode_seconds or not self.copy_seconds:
+            return None
+        return self.decode_seconds / self.copy_seconds
+
+    def to_dict(self) -> dict[str, Any]:
+        """Fields and what follows from them, ready for JSON."""
+        return asdict(self) | {name: getattr(self, name) for name in DERIVED}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Measurement:
+        """Undo :meth:`to_dict`.
+
+        Raises
+        ------
+        InputError
+            If the values are not a measurement's.
+        """
+        try:
+            point = cls(**{name: value for name, value in values.items() if name not in DERIVED})
+        except (TypeError, AttributeError) as error:
+            raise InputError("holds a measured point that is not one of a report") from error
+        for name, kinds in _KINDS.items():
+            if not isinstance(getattr(point, name), kinds):
+                raise InputError(f"holds a measured point whose {name} is {getattr(point, name)!r}")
+        return point
+
+
+DERIVED = ("bpvf", "ratio", "encode_rate", "decode_rate", "decode_multiple")
+"""Properties of a measurement that are written, too."""
+
+
+_NUMBER = (int, float, type(None))
+
+_KINDS: dict[str, tuple[type, ...]] = {
+    **dict.fromkeys(("clip", "coder", "kind", "summary"), (str,)),
+    **dict.fromkeys(("frames", "vertices", "constant_size"), (int,)),
+    **dict.fromkeys(("size", "max_error", "rms_error", "p99_error", "within", "kg_error", "coefficients"), _NUMBER),
+    **dict.fromkeys(("encode_seconds", "decode_seconds", "copy_seconds", "random_seconds"), _NUMBER),
+    "published": (bool,),
+    "tolerance": (int, float),
+    "refusal": (str, type(None)),
+    "sections": (dict,),
+}
+"""What each field may be in JSON."""
+
+
+def best_baseline(points: Iterable[Measurement], tolerance: float, *, published: bool = False) -> Measurement | None:
+    """The baseline with the fewest bytes that keeps a tolerance, of all or of those that are as published."""
+    able = [
+        point
+        for point in points
+        if point.kind == "baseline"
+        and point.tolerance == tolerance
+        and point.reached
+        and (point.published or not published)
+    ]
+    return min(able, key=lambda point: point.size or 0, default=None)
+
+
+def size_ratio(point: Measurement, other: Measurement | None) -> float | None:
+    """Bytes of one over those of another, connectivity left out."""
+    return None if other is None or not other.size or point.size is None else point.size / other.size
+
+
+class KeptMeasurements:
+    """Measurements by what they are of, in a JSON file that is written after every new one; how many were new and
+    found.
+
+    With `fresh` everything is measured anew. InputError is raised if the file is not one of these.
+    """
+
+    def __init__(self, path: Path, *, fresh: bool = False) -> None:
+        self.measured = self.kept = 0
+        self._path = path
+        self._points: dict[str, dict[str, Any]] = _read(path) if path.exists() and not fresh else {}
+
+    def find(self, key: str, clip: str) -> Measurement | None:
+        """The measurement of a key (:func:`measurement_key`), under the name that its clip has now."""
+        if key not in self._points:
+            return None
+        self.kept += 1
+        return replace(Measurement.from_dict(self._points[key]), clip=clip)
+
+    def keep(self, key: str, point: Measurement) -> None:
+        """Add a measurement, and write the file."""
+        self.measured += 1
+        self._points[key] = point.to_dict()
+        # Another run may have kept measurements in the meantime.
+        on_disk = _read(self._path) if self._path.exists() else {}
+        with whole_file(self._path, overwrite=True) as partial:
+            partial.write_text(json.dumps({**on_disk, **self._points}, indent=1, sort_keys=True), encoding="utf-8")
+
+
+def _read(path: Path) -> dict[str, dict[str, Any]]:
+    try:
+        kept: dict[str, dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
+        for point in kept.values():
+            Measurement.from_dict(point)
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError, AttributeError, InputError) as error:
+        raise InputError("does not hold kept measurements; delete it, or name another folder", path=path) from error
+    return kept
+
+
+def measurement_key(digest: str, version: str, tolerance: float) -> str:
+    """What a measurement is kept under: a clip's digest, its coder's version, and the tolerance."""
+    return hashlib.sha256(f"{digest} {version} {tolerance!r}".encode()).hexdigest()[:32]
+
+
+def clip_digest(sequence: ArraySequence) -> str:
+    """Of all that coders are given: positions, times, faces, lines, names and attributes."""
+    digest = hashlib.sha256(repr(sequence.points.shape).encode())
+    digest.update(sequence.points.tobytes())
+    digest.update(sequence.times.tobytes())
+    for item in sequence.objects:
+        digest.update(f"{item.name!r} {[attribute.name for attribute in item.attributes]!r}".encode())
+        faces = item.connectivity
+        arrays = (faces.face_counts, faces.face_indices, faces.line_counts, faces.line_indices)
+        for array in (*arrays, *(attribute.values for attribute in item.attributes)):
+            digest.update(f"{array.shape} {array.dtype} ".encode())
+            digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+@cache
+def codec_version() -> str:
+    """Changes when what pdecodec writes, or how fast, may: a digest of its code."""
+    digest = hashlib.sha256()
+    folder = Path(pdecodec.__file__).parent
+    for path in sorted([*folder.glob("*.py"), *folder.glob("kernels/*.py")]):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]

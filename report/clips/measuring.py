@@ -1,0 +1,276 @@
+"""Measuring a clip: encode, decode the bytes again, compare; nothing is believed that did not come back from bytes.
+
+Profiles use every core themselves and are measured one after the other, alone. Baselines use one core each; so many run
+at a time as the plan says, in processes of their own. What an earlier run has kept is not measured again. Times are
+medians, since this or that run is always disturbed.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import statistics
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from pdecodec.decoder import Animation, open_animation
+from pdecodec.encoder import encode
+from pdecodec.encodereport import CONSTANT_SECTIONS
+from pdecodec.errors import InputError
+from pdecodec.metrics import Distortion, frame_scale, measure_distortion
+from pdecodec.report.baselines.baseline import Baseline, UnreachableError
+from pdecodec.report.baselines.search import RateCurve
+from pdecodec.report.clips.measurement import KeptMeasurements, Measurement, clip_digest, codec_version, measurement_key
+from pdecodec.selection import FrameSelection
+from pdecodec.sequence import ArraySequence, Float32Array, Progress
+from pdecodec.settings import EffortName, Profile
+
+TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
+"""From what is seen in the background to what an archive wants: two a decade."""
+
+PROFILES: tuple[Profile, ...] = ("auto", "paper")
+
+JOBS = 2
+"""Baselines measured at a time."""
+
+WARM_UP_FRAMES = 8
+"""Encoded and decoded once before anything is timed, so that compiling is not."""
+
+RUNS = 5
+"""The median of these counts."""
+
+COPY_RUNS = 15
+"""Copies are short, so that one disturbance is much."""
+
+RANDOM_FRAMES = 100
+"""Times at which single frames are decoded."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportPlan:
+    """What is measured: tolerances from coarse to fine, profiles, baselines that can run here, the effort of profile
+    auto, and how many baselines are measured at a time.
+    """
+
+    tolerances: tuple[float, ...] = TOLERANCES
+    profiles: tuple[Profile, ...] = PROFILES
+    baselines: tuple[Baseline, ...] = ()
+    effort: EffortName = "default"
+    jobs: int = JOBS
+
+    @property
+    def points(self) -> int:
+        """How many measurements a clip has."""
+        return (len(self.profiles) + len(self.baselines)) * len(self.tolerances)
+
+
+def measure_clip(
+    clip: str, sequence: ArraySequence, plan: ReportPlan, kept: KeptMeasurements, *, progress: Progress | None = None
+) -> list[Measurement]:
+    """Every measurement of a clip, in the order of the plan: profiles, then baselines, each from coarse to fine.
+
+    What is kept is not measured again; what is new is kept as soon as it is there. InputError is raised if a process
+    that measures baselines ended, as happens where memory runs out.
+    """
+    digest = clip_digest(sequence)
+    found: dict[tuple[str, float], Measurement] = {}
+
+    def add(point: Measurement, version: str = "") -> None:
+        if version:
+            kept.keep(measurement_key(digest, version, point.tolerance), point)
+        found[point.coder, point.tolerance] = point
+        if progress is not None:
+            progress(len(found), plan.points, f"{clip}: {point.coder}")
+
+    def missing(version: str) -> list[float]:
+        """Tolerances of which nothing is kept; what is kept is taken."""
+        there = {item: kept.find(measurement_key(digest, version, item), clip) for item in plan.tolerances}
+        for point in there.values():
+            if point is not None:
+                add(point)
+        return [tolerance for tolerance, point in there.items() if point is None]
+
+    for profile in plan.profiles:
+        version = f"{codec_version()} {profile} {plan.effort}"
+        absent = missing(version)
+        if absent:
+            warm_up(sequence, profile=profile, tolerances=absent, effort=plan.effort)
+        for tolerance in absent:
+            add(measure_profile(clip, sequence, profile=profile, tolerance=tolerance, effort=plan.effort), version)
+    constant_size = found[plan.profiles[0], plan.tolerances[0]].constant_size
+    tasks = {baseline: absent for baseline in plan.baselines if (absent := missing(baseline.version()))}
+    for baseline, points in _measure_baselines(clip, sequence, tasks, jobs=plan.jobs):
+        for point in points:
+            add(point, baseline.version())
+    coders = [*plan.profiles, *(baseline.name for baseline in plan.baselines)]
+    every = [found[coder, tolerance] for coder in coders for tolerance in plan.tolerances]
+    return [point if point.kind == "profile" else replace(point, constant_size=constant_size) for point in every]
+
+
+def measure_profile(
+    clip: str,
+    sequence: ArraySequence,
+    *,
+    profile: Profile,
+    tolerance: float,
+    effort: EffortName = "default",
+) -> Measurement:
+    """Encode under a profile, decode the bytes, compare.
+
+    Raises
+    ------
+    AssertionError
+        If connectivity came back otherwise.
+    """
+    started = time.perf_counter()
+    report = encode(sequence, profile=profile, tolerance=tolerance, effort=effort)
+    encode_seconds = time.perf_counter() - started
+    data = report.data or b""
+    decoded = np.empty_like(sequence.points)
+
+    def decode() -> None:
+        with open_animation(data) as animation:
+            animation.sample(animation.times, out=decoded)
+
+    decode_seconds = median_seconds(decode)
+    scale = frame_scale(sequence.points[0])
+    with open_animation(data) as animation:
+        if not animation.connectivity.same_as(sequence.connectivity):
+            raise AssertionError(f"{clip}: connectivity came back otherwise")
+        found = measure_distortion(sequence, animation, scale=scale, limit=tolerance * scale)
+        random_seconds = random_frame_seconds(animation)
+    constant = sum(size for section, size in report.sections.items() if section in CONSTANT_SECTIONS)
+    return Measurement(
+        clip=clip,
+        coder=profile,
+        kind="profile",
+        tolerance=tolerance,
+        frames=sequence.frame_count,
+        vertices=sequence.vertex_count,
+        size=report.file_bytes - constant,
+        constant_size=constant,
+        within=found.within,
+        **_errors(found, scale),
+        encode_seconds=encode_seconds,
+        decode_seconds=decode_seconds,
+        copy_seconds=copy_seconds(decoded),
+        random_seconds=random_seconds,
+        coefficients=report.coefficients,
+        sections=report.sections,
+        summary=report.summary,
+    )
+
+
+def measure_baseline(
+    clip: str, sequence: ArraySequence, baseline: Baseline, tolerances: Sequence[float]
+) -> Iterator[Measurement]:
+    """Search the fewest bytes with which a baseline keeps each tolerance; a measurement for each, in their order."""
+    scale = frame_scale(sequence.points[0])
+    copied = copy_seconds(sequence.points)
+    curve = RateCurve(baseline, sequence.points, sequence.connectivity)
+    for tolerance in tolerances:
+        empty = Measurement(
+            clip=clip,
+            coder=baseline.name,
+            kind="baseline",
+            published=baseline.published,
+            tolerance=tolerance,
+            frames=sequence.frame_count,
+            vertices=sequence.vertex_count,
+        )
+        try:
+            result = curve.reach(tolerance * scale)
+        except UnreachableError as refusal:
+            yield replace(empty, refusal=str(refusal))
+            continue
+        yield replace(
+            empty,
+            size=result.size,
+            # The search takes nothing that is not within the bound everywhere.
+            within=1.0,
+            **_errors(result.distortion, scale),
+            encode_seconds=result.encode_seconds,
+            decode_seconds=result.decode_seconds,
+            copy_seconds=copied,
+        )
+
+
+def _errors(found: Distortion, scale: float) -> dict[str, Any]:
+    """Errors of a measurement, lengths over the diagonal `scale`."""
+    return {
+        "max_error": found.max_error / scale,
+        "rms_error": found.rms_error / scale,
+        "p99_error": found.p99_error / scale,
+        "kg_error": found.to_dict()["kg_error"],
+    }
+
+
+def warm_up(sequence: ArraySequence, *, profile: Profile, tolerances: Sequence[float], effort: EffortName) -> None:
+    """Encode and decode a few frames: what compiles, compiles now."""
+    start = FrameSelection(sequence, range(min(WARM_UP_FRAMES, sequence.frame_count)))
+    for tolerance in {min(tolerances), max(tolerances)}:
+        report = encode(start, profile=profile, tolerance=tolerance, effort=effort)
+        with open_animation(report.data or b"") as animation:
+            animation.read_frames(0, animation.frame_count)
+
+
+def _measure_baselines(
+    clip: str, sequence: ArraySequence, tasks: Mapping[Baseline, list[float]], *, jobs: int
+) -> Iterator[tuple[Baseline, list[Measurement]]]:
+    """Baselines with their measurements, each as soon as it is done."""
+    if jobs == 1 or len(tasks) < 2:
+        for baseline, tolerances in tasks.items():
+            yield baseline, _measure_one(clip, sequence, baseline, tolerances)
+        return
+    # Started anew, not forked: numba's threads do not survive a fork.
+    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"))
+    try:
+        running = {pool.submit(_measure_one, clip, sequence, item, absent): item for item, absent in tasks.items()}
+        for future in as_completed(running):
+            yield running[future], future.result()
+    except BrokenProcessPool as error:
+        raise InputError(
+            f"{clip}: a process that measured other methods ended, as happens where memory runs out; "
+            "what was measured is kept: run it again with --jobs 1, or with --no-baselines"
+        ) from error
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _measure_one(
+    clip: str, sequence: ArraySequence, baseline: Baseline, tolerances: Sequence[float]
+) -> list[Measurement]:
+    start = FrameSelection(sequence, range(min(WARM_UP_FRAMES, sequence.frame_count))).to_array()
+    for _ in measure_baseline(clip, start, baseline, tolerances[:1]):
+        pass
+    return list(measure_baseline(clip, sequence, baseline, tolerances))
+
+
+def median_seconds(work: Callable[[], object], *, runs: int = RUNS) -> float:
+    """Median time of some runs, after one that does not count: it compiles, and fills caches."""
+    work()
+    return statistics.median(_seconds(work) for _ in range(runs))
+
+
+def copy_seconds(points: Float32Array) -> float:
+    """Median time of `np.copyto` of positions: what decoding is set beside."""
+    return median_seconds(partial(np.copyto, np.empty_like(points), points), runs=COPY_RUNS)
+
+
+def random_frame_seconds(animation: Animation) -> float:
+    """Median time of one frame at a random time, of an animation that is open; the same times in every run."""
+    times = np.random.default_rng(0).uniform(animation.times[0], animation.times[-1], RANDOM_FRAMES)
+    animation.positions(float(times[0]))
+    return statistics.median(_seconds(partial(animation.positions, float(at))) for at in times)
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    started = time.perf_counter()
+    work()
+    return time.perf_counter() - started

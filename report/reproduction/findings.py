@@ -1,0 +1,185 @@
+"""Everything that one run of the reproduction measures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from pdecodec.report.reproduction import bspline, cost, printed
+from pdecodec.report.reproduction.functions import Residuals, residuals
+from pdecodec.report.reproduction.leak import Elimination, OtherShape, Rung, draw_another_shape, eliminate, ladder
+from pdecodec.report.reproduction.method import (
+    HONEST,
+    PRINTED,
+    FrameErrors,
+    Outcome,
+    Variant,
+    choose_rates,
+    every_variant,
+    frame_errors,
+    map_rates,
+    reconstruct_all,
+)
+from pdecodec.report.reproduction.rope import Rope, RopeSettings, simulate_rope
+from pdecodec.sequence import Float64Array, Progress
+
+MAP_RATES = np.geomspace(0.05, 20.0, 12)
+"""Values of alpha and r of the map."""
+
+WITHIN = 2.0
+"""A value within this factor of the paper's counts as reached: rope, stiffness and frame are not theirs."""
+
+PLAIN_RATE = 0.0
+"""Where the functions are polynomials, of degree 3 in t and 7 in u."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spline:
+    """One reading of the B-spline baseline: control points a curve, errors of the first curve and of all."""
+
+    name: str
+    control_points: int
+    first: FrameErrors
+    every: FrameErrors
+
+
+class Findings:
+    """What is measured of a rope, each when it is first used; errors are over D, of frames 0 to 10."""
+
+    def __init__(self, rope: Rope) -> None:
+        self.rope = rope
+        self.curves, self.diameter = rope.curves, rope.diameter
+
+    def _errors(self, variant: Variant, curves: Float64Array | None = None) -> FrameErrors:
+        return reconstruct_all(self.curves if curves is None else curves, variant, self.diameter)
+
+    @cached_property
+    def printed_first(self) -> FrameErrors:
+        """The method as printed, of the first curve, measured as the paper does."""
+        return self._errors(PRINTED, self.curves[:1])
+
+    @cached_property
+    def printed_every(self) -> FrameErrors:
+        """The same of all curves."""
+        return self._errors(PRINTED)
+
+    @cached_property
+    def honest_first(self) -> FrameErrors:
+        """The first curve with u by arc length and no elimination, in the scene."""
+        return self._errors(HONEST, self.curves[:1])
+
+    @cached_property
+    def honest_every(self) -> FrameErrors:
+        """The same of all curves."""
+        return self._errors(HONEST)
+
+    @cached_property
+    def splines(self) -> list[Spline]:
+        """Every reading of the baseline."""
+        found = []
+        for name, (count, reading) in bspline.READINGS.items():
+            curves = np.stack([reading(curve) for curve in self.curves])
+            first = frame_errors(self.curves[:1], curves[:1], self.diameter)
+            found.append(Spline(name, count, first, frame_errors(self.curves, curves, self.diameter)))
+        return found
+
+    def spline(self, reading: Callable[[Float64Array], Float64Array]) -> Spline:
+        """Errors of one reading of :data:`pdecodec.report.reproduction.bspline.READINGS`."""
+        names = [name for name, (_, function) in bspline.READINGS.items() if function is reading]
+        return next(item for item in self.splines if item.name == names[0])
+
+    @cached_property
+    def windows(self) -> dict[str, tuple[FrameErrors, FrameErrors, FrameErrors]]:
+        """For each look at the simulation: as printed, honest, fair B-splines; all curves."""
+        return {
+            name: (
+                self._errors(PRINTED, curves),
+                self._errors(HONEST, curves),
+                frame_errors(curves, np.stack([bspline.fair(curve) for curve in curves]), self.diameter),
+            )
+            for name, curves in self.rope.windows().items()
+        }
+
+    @cached_property
+    def rungs(self) -> list[Rung]:
+        return ladder(self.curves, self.diameter)
+
+    @cached_property
+    def other_shape(self) -> OtherShape:
+        return draw_another_shape(self.curves[0])
+
+    @cached_property
+    def elimination(self) -> Elimination:
+        return eliminate(self.curves[0])
+
+    @cached_property
+    def printed_map(self) -> tuple[Float64Array, Float64Array]:
+        """Mean E_A and largest E_M of the first curve over :data:`MAP_RATES`."""
+        return map_rates(self.curves[0], PRINTED, MAP_RATES, self.diameter)
+
+    @cached_property
+    def honest_map(self) -> tuple[Float64Array, Float64Array]:
+        return map_rates(self.curves[0], HONEST, MAP_RATES, self.diameter)
+
+    @cached_property
+    def printed_chosen(self) -> Variant:
+        """With the alpha and r that the keyframes choose."""
+        return choose_rates(self.curves[0], PRINTED)
+
+    @cached_property
+    def honest_chosen(self) -> Variant:
+        return choose_rates(self.curves[0], HONEST)
+
+    @cached_property
+    def polynomials_over_chosen(self) -> float:
+        """Mean E_A of the honest method of polynomials over that at the chosen rates; first curve."""
+        plain = replace(self.honest_chosen, alpha=PLAIN_RATE, r=PLAIN_RATE)
+        return self._errors(plain, self.curves[:1]).mean / self._errors(self.honest_chosen, self.curves[:1]).mean
+
+    @cached_property
+    def variants(self) -> list[Outcome]:
+        return every_variant(self.curves[0], self.diameter)
+
+    @cached_property
+    def equation(self) -> Residuals:
+        return residuals(PRINTED.alpha, PRINTED.r)
+
+    @cached_property
+    def stores(self) -> list[cost.Store]:
+        return cost.stores(
+            self.rope,
+            printed_error=self.printed_every.largest,
+            honest_error=self.honest_every.largest,
+            spline_error=self.spline(bspline.fair).every.largest,
+        )
+
+    @cached_property
+    def routes(self) -> list[cost.Route]:
+        return cost.routes(self.rope)
+
+    @cached_property
+    def printed_fit_seconds(self) -> float:
+        """CPU time of the method as printed on all curves [s]."""
+        return cost.printed_fit_seconds(self.rope)
+
+
+def measure(settings: RopeSettings, progress: Progress | None = None) -> Findings:
+    """Simulate the rope and measure everything."""
+    names = [name for name, value in vars(Findings).items() if isinstance(value, cached_property)]
+    if progress is not None:
+        progress(0, len(names), "simulating the rope")
+    findings = Findings(simulate_rope(settings))
+    for done, name in enumerate(names, 1):
+        if progress is not None:
+            progress(done, len(names), name.replace("_", " "))
+        getattr(findings, name)
+    return findings
+
+
+def reaches_table_1(errors: FrameErrors) -> bool:
+    """Whether the mean average error and the largest maximum error are within a factor 2 of the paper's."""
+    ratios = np.array([errors.mean / printed.PDE_MEAN, errors.largest / printed.PDE_LARGEST])
+    return bool(((ratios >= 1 / WITHIN) & (ratios <= WITHIN)).all())

@@ -1,0 +1,201 @@
+"""The section on the codec: both profiles on clips that are hard for a reason."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pdecodec.decoder import open_animation
+from pdecodec.encoder import encode
+from pdecodec.encodereport import CONSTANT_SECTIONS
+from pdecodec.metrics import bits_per_vertex_frame, frame_scale, measure_distortion
+from pdecodec.report.charts import BLUE, FAILING, FAILURE, ORANGE, label_ends, mark_failing, name_rows, write
+from pdecodec.report.figure import Canvas, Figure, Section, Table, Value
+from pdecodec.report.stability.nasty_clips import FPS, NASTY, far_away, impact, teleport
+from pdecodec.sequence import ArraySequence, Float64Array
+from pdecodec.settings import EncodeSettings
+
+TOLERANCE = 1e-3
+
+PROFILES: dict[str, tuple[EncodeSettings, str]] = {
+    "auto": (EncodeSettings(tolerance=TOLERANCE), BLUE),
+    "paper": (EncodeSettings(profile="paper"), ORANGE),
+}
+"""Settings and colour. Profile paper has no bound of its own: 32 functions a curve, and whatever error that leaves."""
+
+RAW_BITS = 96.0
+"""Of float32 positions, a vertex and frame: above, a file is larger than its input."""
+
+
+def coded(clip: ArraySequence, settings: EncodeSettings) -> tuple[float, float]:
+    """Rate in bits a vertex and frame, and largest error over the tolerance, of the decoded bytes."""
+    report = encode(clip, settings=settings)
+    with open_animation(report.data or b"") as animation:
+        found = measure_distortion(clip, animation.to_array())
+    counted = report.file_bytes - sum(report.sections.get(name, 0) for name in CONSTANT_SECTIONS)
+    bits = bits_per_vertex_frame(counted, vertices=clip.vertex_count, frames=clip.frame_count)
+    return bits, found.max_error / (TOLERANCE * frame_scale(clip.points[0]))
+
+
+def stress_figure(side: int, frames: int) -> Figure:
+    """Every nasty clip, of a sheet of `side` vertices a side, with both profiles."""
+    clips = {name: make(side, frames) for name, make in NASTY.items()}
+    found = {
+        profile: {name: coded(clip, settings) for name, clip in clips.items()}
+        for profile, (settings, _) in PROFILES.items()
+    }
+    rows: list[tuple[Value, ...]] = [(name, profile, *found[profile][name]) for name in clips for profile in PROFILES]
+
+    def draw(canvas: Canvas) -> None:
+        left, right = canvas.subplots(1, 2, sharey=True)
+        heights = name_rows(left, list(clips), space=0.1, lines=0.4)
+        right.grid(axis="y", alpha=0.4)
+        left.set(xscale="log", xlim=(0.02, 600), xlabel="bits a vertex and frame")
+        right.set(xscale="log", xlim=(3e-4, 1e9), xlabel="largest error over the tolerance of 1e-3")
+        for (profile, (_, colour)), marker in zip(PROFILES.items(), "oD", strict=True):
+            for panel, values in zip((left, right), zip(*found[profile].values(), strict=True), strict=True):
+                panel.plot(np.maximum(values, 4e-4), heights, marker, color=colour, markersize=6.5)
+        # Named where the two are apart: the smaller at its left, the larger at its right.
+        bits = {profile: found[profile]["topology soup"][0] for profile in PROFILES}
+        row = heights[list(clips).index("topology soup")]
+        for profile, offset, place in zip(sorted(bits, key=bits.__getitem__), (-8, 8), ("right", "left"), strict=True):
+            colour = PROFILES[profile][1]
+            write(left, profile, (bits[profile], row), (offset, 0), size=8.5, ha=place, color=colour)
+        mark_failing(left, "larger\nthan raw", right_of=RAW_BITS, at=0.12)
+        mark_failing(right, "fails: beyond the bound", right_of=1.0 + 1e-9, at=0.05)
+
+    worst = {profile: max((item[1], name) for name, item in found[profile].items()) for profile in PROFILES}
+    dearest = max((item[0], name) for name, item in found["auto"].items())
+    return Figure(
+        name="codec-stress",
+        title="Clips that are hard for a reason",
+        lesson=(
+            f"Profile auto holds its bound on every clip (largest error {worst['auto'][0]:.5f} of it); what is hard "
+            f"costs bits, up to {dearest[0]:.3g} a vertex and frame ({dearest[1]}), where raw float32 takes 96. "
+            f"Profile paper, the model alone, has no bound and leaves up to {worst['paper'][0]:.2g} times the "
+            f"tolerance ({worst['paper'][1]})."
+        ),
+        table=Table(("clip", "profile", "bits a vertex and frame", "largest error over the tolerance"), tuple(rows)),
+        draw=draw,
+        size=(10.5, 4.4),
+        consequence=(
+            "auto takes whatever is cheapest at the bound, and corrects single vertices where no model holds; profile "
+            "paper is for comparison and says in its report what error it leaves."
+        ),
+    )
+
+
+def between_figure(side: int, samples: int) -> Figure:
+    """One vertex over time through an impact and through a jump, at so many times."""
+    frames, vertex = 24, side * side // 2
+    clips = {"fast impact": (impact(side, frames), 1), "teleporting": (teleport(side, frames), 0)}
+    times: dict[str, Float64Array] = {}
+    found: dict[tuple[str, str], Float64Array] = {}
+    overshoot: dict[tuple[str, str], float] = {}
+    for name, (clip, axis) in clips.items():
+        path = clip.points[:, vertex, axis].astype(np.float64)
+        jump = int(np.abs(np.diff(np.diff(path))).argmax()) + 1
+        at = times[name] = np.linspace(max(0, jump - 5) / FPS, min(frames - 1, jump + 5) / FPS, samples)
+        left = np.minimum(np.floor(at * FPS + 1e-9).astype(int), frames - 2)
+        low, high = np.minimum(path[left], path[left + 1]), np.maximum(path[left], path[left + 1])
+        for profile, (settings, _) in PROFILES.items():
+            with open_animation(encode(clip, settings=settings).data or b"") as animation:
+                values = found[name, profile] = animation.sample(at)[:, vertex, axis].astype(np.float64)
+            overshoot[name, profile] = float(np.maximum(values - high, low - values).max() / np.ptp(path))
+    rows: list[tuple[Value, ...]] = [
+        (name, float(t), *(float(found[name, profile][i]) for profile in PROFILES))
+        for name in clips
+        for i, t in enumerate(times[name])
+    ]
+
+    def draw(canvas: Canvas) -> None:
+        for panel, (name, (clip, axis)) in zip(canvas.subplots(1, 2), clips.items(), strict=True):
+            x = times[name] * FPS
+            inside = np.arange(np.ceil(x[0]), np.floor(x[-1]) + 1).astype(int)
+            shown = clip.points[inside, vertex, axis]
+            for profile, (_, colour) in PROFILES.items():
+                panel.plot(x, found[name, profile], color=colour)
+            panel.plot(inside, shown, "ko", markersize=4)
+            panel.set(title=name, xlabel="frame", ylabel=f"{'xyz'[axis]} of one vertex, sheet of side 1")
+            panel.set_xlim(x[0], x[-1] + 0.32 * (x[-1] - x[0]))
+            last = {profile: float(found[name, profile][-1]) for profile in PROFILES}
+            ends = [(x[-1], last[profile], profile, colour) for profile, (_, colour) in PROFILES.items()]
+            label_ends(panel, [*ends, (x[-1], float(shown[-1]), "frames (dots)", "black")])
+
+    return Figure(
+        name="codec-between",
+        title="Between frames, where the motion has a corner",
+        lesson=(
+            "No smooth motion turns a corner: between the frames around an impact the decoded motion of profile auto "
+            f"leaves the span of its two frames by up to {overshoot['fast impact', 'auto']:.1%} of the fall; around a "
+            f"jump by {overshoot['teleporting', 'auto']:.1%} of the jump. At the frames themselves the bound holds; "
+            f"profile paper misses the frames too, by up to {overshoot['teleporting', 'paper']:.0%} of the jump."
+        ),
+        table=Table(("clip", "time [s]", *PROFILES), tuple(rows)),
+        draw=draw,
+        size=(10.5, 4.2),
+        consequence=(
+            "the bound is promised at the input's frames and nowhere else; encode at a higher frame rate where "
+            "impacts matter."
+        ),
+    )
+
+
+def distance_figure(side: int, frames: int, count: int) -> Figure:
+    """The same clip farther and farther from the origin."""
+    offsets = np.geomspace(1.0, 1e7, count)
+    bits, errors = np.array([coded(far_away(side, frames, o), PROFILES["auto"][0]) for o in offsets.tolist()]).T
+    spacing = np.spacing(offsets.astype(np.float32)).astype(np.float64) / (TOLERANCE * np.sqrt(2.0))
+
+    def draw(canvas: Canvas) -> None:
+        left, right = canvas.subplots(1, 2)
+        for panel, values in ((left, errors), (right, bits)):
+            panel.set(xscale="log", xlabel="distance from the origin, over the clip's size", xlim=(1, 1e7))
+            panel.plot(offsets, values, "o-", color=BLUE)
+        left.set(ylabel="largest error over the bound", ylim=(0, 1.25), title="the bound")
+        mark_failing(left, "fails", above=1.0)
+        right.set(ylabel="bits a vertex and frame", title="what it costs", ylim=(0, 1.35 * bits.max()))
+        beyond = offsets[spacing > 1].min(initial=offsets[-1])
+        for panel in (left, right):
+            panel.axvspan(beyond, 1e7, color=FAILING, zorder=0, linewidth=0)
+        place = (beyond, right.get_ylim()[1])
+        write(right, "float32 coarser\nthan the bound", place, (4, -4), size=8.5, va="top", color=FAILURE)
+
+    return Figure(
+        name="codec-distance",
+        title="Far from the origin",
+        lesson=(
+            f"The bound holds at every distance (largest error {errors.max():.5f} of it). It costs "
+            f"{bits[0]:.2g} bits a vertex and frame near the origin and up to {bits.max():.2g} "
+            "where the spacing of float32 comes near the bound: the input itself is a staircase there, and its steps "
+            "are what is encoded. Farther out few steps are left to encode."
+        ),
+        table=Table.from_columns(
+            {
+                "distance over size": offsets,
+                "bits a vertex and frame": bits,
+                "largest error over the bound": errors,
+                "float32 spacing over the bound": spacing,
+            }
+        ),
+        draw=draw,
+        size=(10.0, 4.0),
+        consequence=(
+            "the last bits of float32 are budgeted in the bound; move a clip to the origin before encoding where you "
+            "can."
+        ),
+    )
+
+
+def codec_section(*, quick: bool) -> Section:
+    """Every figure of the codec; `quick` takes smaller clips, and fewer of them."""
+    side, frames = (8, 16) if quick else (28, 36)
+    return Section(
+        "The codec",
+        f"Clips of {side * side} vertices and {frames} frames, at a tolerance of 1e-3 of frame 0's diagonal. Rates "
+        "leave connectivity out.",
+        (
+            stress_figure(side, frames),
+            between_figure(side, 101 if quick else 601),
+            distance_figure(side, frames, 3 if quick else 8),
+        ),
+    )

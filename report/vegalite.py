@@ -1,0 +1,137 @@
+"""Interactive charts: Vega-Lite descriptions, drawn into PNG and SVG here and by the reader's browser in the page.
+
+One description serves all three. Colours of text and lines are the page's CSS variables there, so that charts follow
+light, dark and paper; series have colours that stand out on either. vl-convert, of the extra `report`, loads when
+something is drawn.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+Chart = Mapping[str, Any]
+"""A Vega-Lite view without schema, colours of text, and fonts: :func:`_complete` adds these."""
+
+SCHEMA = "https://vega.github.io/schema/vega-lite/v6.json"
+"""A name; nothing is loaded from there."""
+
+VERSION = "6.4"
+"""Of Vega-Lite, of those that vl-convert brings: another could draw otherwise."""
+
+PNG_SCALE = 2.0
+"""Pixels of a PNG for each of the chart's: sharp on paper and on dense screens."""
+
+WIDTH = 640
+"""Of the plotting area of a chart that fills the page [pixels]; beside it stand names of series."""
+
+_PAPER = {"ink": "#1a1a1a", "quiet": "#555555", "rule": "#dddddd", "background": "#ffffff"}
+
+_PAGE = {"ink": "var(--ink)", "quiet": "var(--quiet)", "rule": "var(--rule)", "background": "transparent"}
+
+SCRIPT = """
+for (const place of document.querySelectorAll("div.chart")) {
+  const chart = JSON.parse(place.previousElementSibling.textContent);
+  vegaEmbed(place, chart, { actions: false, renderer: "svg" })
+    .then(() => { place.dataset.drawn = "yes"; })
+    .catch((error) => { console.error(place.id, error); });
+}
+"""
+"""Draws every chart of the page."""
+
+
+def as_svg(chart: Chart) -> bytes:
+    """The chart as it is printed."""
+    import vl_convert
+
+    drawn: str = vl_convert.vegalite_to_svg(_complete(chart, _PAPER), vl_version=VERSION, allowed_base_urls=[])
+    return drawn.encode()
+
+
+def as_png(chart: Chart) -> bytes:
+    """The chart as it is printed, :data:`PNG_SCALE` pixels for one."""
+    import vl_convert
+
+    drawn: bytes = vl_convert.vegalite_to_png(
+        _complete(chart, _PAPER), vl_version=VERSION, scale=PNG_SCALE, allowed_base_urls=[]
+    )
+    return drawn
+
+
+def for_page(chart: Chart) -> str:
+    """The chart's description in JSON, for a script element: it cannot end the element."""
+    return json.dumps(_complete(chart, _PAGE), allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
+
+
+@cache
+def page_script() -> str:
+    """What draws the charts of a page: Vega, Vega-Lite, and :data:`SCRIPT`; nothing is loaded from a network."""
+    import vl_convert
+
+    bundle: str = vl_convert.javascript_bundle(SCRIPT, vl_version=VERSION)
+    return bundle.replace("</script", "<\\/script")
+
+
+def _complete(chart: Chart, colours: Mapping[str, str]) -> dict[str, Any]:
+    ink, quiet, rule = colours["ink"], colours["quiet"], colours["rule"]
+    texts = {"labelColor": quiet, "titleColor": ink, "titleFontWeight": "normal", "titleFontSize": 12}
+    config = {
+        "background": colours["background"],
+        "font": "sans-serif",
+        "view": {"stroke": None},
+        "axis": {**texts, "gridColor": rule, "domainColor": quiet, "tickColor": quiet, "labelFontSize": 11},
+        "legend": {**texts, "labelFontSize": 11, "labelLimit": 320, "symbolStrokeWidth": 2},
+        "header": {"labelColor": ink, "titleColor": ink, "labelFontSize": 12},
+        "title": {"color": ink, "fontWeight": "normal", "fontSize": 12, "anchor": "start"},
+        "text": {"color": quiet},
+        "rule": {"color": quiet},
+    }
+    return {"$schema": SCHEMA, "config": config, **chart}
+
+
+def log_axis(field: str, title: str, values: Sequence[float], *, number: str = "~g") -> dict[str, Any]:
+    """An encoding on a logarithmic axis with as many ticks as the positive `values` bear; `number` formats labels."""
+    ticks = log_ticks([value for value in values if value > 0])
+    return {
+        "field": field,
+        "type": "quantitative",
+        "title": title,
+        "scale": {"type": "log", "domain": [ticks[0], ticks[-1]], "nice": False},
+        "axis": {"values": ticks, "format": number},
+    }
+
+
+def log_ticks(values: Sequence[float]) -> list[float]:
+    """Round numbers from below the smallest positive value to above the largest: 1, 2, 5 a decade, or decades."""
+    low, high = (min(values), max(values)) if values else (1.0, 10.0)
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    steps = (1, 2, 5) if last - first <= 3 else (1, 3) if last - first <= 5 else (1,)
+    every = [float(f"{step}e{power}") for power in range(first, last + 2) for step in steps]
+    begin = max(index for index, tick in enumerate(every) if tick <= low)
+    end = next(index for index, tick in enumerate(every) if tick >= high and index > begin)
+    return every[begin : end + 1]
+
+
+def channel(field: str, title: str | None = None, kind: str = "nominal", **more: Any) -> dict[str, Any]:
+    """An encoding of one field; without a title its axis or legend has none."""
+    return {"field": field, "type": kind, "title": title, **more}
+
+
+def tooltip(*fields: str | tuple[str | None, ...]) -> list[dict[str, Any]]:
+    """What is shown over a point: fields by name, or by name, format of the number and title."""
+    shown = [(field,) if isinstance(field, str) else field for field in fields]
+    return [
+        {key: value for key, value in zip(("field", "format", "title"), item, strict=False) if value} for item in shown
+    ]
+
+
+def rule(axis: str, value: float) -> dict[str, Any]:
+    """A dashed line at a value of the x or the y axis."""
+    return {
+        "data": {"values": [{}]},
+        "mark": {"type": "rule", "strokeDash": [4, 3]},
+        "encoding": {axis: {"datum": value}},
+    }
