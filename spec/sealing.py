@@ -233,14 +233,15 @@ def scripted(
     return change(parts, kind, head + coder.to_bytes())
 
 
-def counted(number: int) -> str:
-    """Bits of a number from 1 on: how many digits it has, then those below the first (3.6)."""
-    return "1" * (number.bit_length() - 1) + "0" + f"{number:b}"[1:]
+def counted(number: int, most: int | None = None) -> str:
+    """Bits of a number from 1 on of at most so many digits: how many it has, then those below the first (3.6)."""
+    digits = number.bit_length()
+    return "1" * (digits - 1) + ("" if digits == most else "0") + f"{number:b}"[1:]
 
 
 def numbers(*values: int) -> str:
     """Bits of numbers from 0 on (3.6)."""
-    return "".join(counted(value + 1) for value in values)
+    return "".join(counted(value + 1, contexts.MOST_DIGITS) for value in values)
 
 
 def text(characters: bytes) -> str:

@@ -6,6 +6,12 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The same examples in every run, so that what fails in one fails in all; PDECODEC_EXAMPLES=new searches further.
+settings.register_profile("same", derandomize=True)
+if os.environ.get("PDECODEC_EXAMPLES") != "new":
+    settings.load_profile("same")
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import resource
 import struct
+import sys
 import tracemalloc
 from collections.abc import Iterator
 from dataclasses import replace
@@ -46,7 +48,22 @@ DAMAGED = ("groups_of_shapes", "raw_vertices", "welded", "polygons_attributes", 
 MEMORY = 2**25
 """Limit that every file here is opened with."""
 
+MOST_MEMORY = 2**32
+"""Address space that a test may take beyond what is taken: more is a MemoryError, not a machine without memory."""
+
 SOUND, CORRUPT, LIMIT = "sound", "CorruptFileError", "LimitError"
+
+
+@pytest.fixture(autouse=True)
+def _bounded_memory() -> Iterator[None]:
+    if sys.platform != "linux":
+        yield
+        return
+    taken = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (taken + MOST_MEMORY, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, before)
 
 
 def outcome(data: bytes) -> str:
@@ -124,7 +141,7 @@ WHOLES = (0, 1, 2, 127, 128, 4096, 4097, 2**16, 2**31 - 1, 2**31, 2**32 - 1)
 
 @settings(
     max_examples=400,
-    deadline=timedelta(seconds=20),
+    deadline=timedelta(seconds=60),
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(
@@ -194,7 +211,7 @@ def hostile_sizes() -> Iterator[tuple[str, bytes, str]]:
         ("rows", numbers(1) + text(b"a") + numbers(0, 2, 0, 2, most, 0), LIMIT),
         ("columns", numbers(1) + text(b"a") + numbers(3, 5, most, 0, 1, 0), LIMIT),
         ("values", numbers(1) + text(b"a") + numbers(3, 9, most, 0, most, 0), LIMIT),
-        ("a table", numbers(1) + text(b"a") + numbers(0, 1, 2, 0, 0) + 99 * "1" + numbers(1, most), CORRUPT),
+        ("a table", numbers(1) + text(b"a") + numbers(0, 1, 2, 0, 0) + numbers(1, most), LIMIT),
     ):
         yield name, seal(scripted([*few, Part("ATTR", b"")], "ATTR", head)), expected
 

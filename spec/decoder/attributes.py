@@ -243,7 +243,7 @@ class AttributeReader:
         positions: list[Vector] = [[0, 0, 0] for _ in range(count + 1)]
         others: list[Vector | None] = [None] * (count + 1)
         for element in reversed(range(elements.count)):
-            corners, wedge = elements.corners[element], wedges[element]
+            corners, wedge = elements.corners(element), wedges[element]
             positions[wedge], others[wedge] = [0, 0, 0], None
             if corners:
                 positions[wedge] = surface.levels[surface.by_vertex.vertex(corners[0])]

@@ -38,12 +38,15 @@ class Elements:
 
     count: int
     of_corner: dict[Corner, int]
-    corners: list[list[Corner]] = field(init=False)
+    _corners: dict[int, list[Corner]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.corners = [[] for _ in range(self.count)]
         for corner, element in sorted(self.of_corner.items()):
-            self.corners[element].append(corner)
+            self._corners.setdefault(element, []).append(corner)
+
+    def corners(self, element: int) -> list[Corner]:
+        """The corners of an element: none of objects, whose number alone takes no memory."""
+        return self._corners.get(element, [])
 
 
 class WedgeReader:
@@ -70,7 +73,7 @@ class WedgeReader:
             self._contexts.check_not_ended()
             refused: set[int] = set()
             wedge = NOTHING
-            for corner in elements.corners[element][:MOST_CORNERS]:
+            for corner in elements.corners(element)[:MOST_CORNERS]:
                 wedge = self._compare(table, normals, elements, earlier, found, corner, refused)
                 if wedge != NOTHING:
                     break
