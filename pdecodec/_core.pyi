@@ -1,4 +1,4 @@
-"""Types of the native core (core/bindings.cpp)."""
+"""Types of the native core (core/bindings)."""
 
 from collections.abc import Sequence
 

@@ -1,0 +1,49 @@
+// What the bindings share: numpy's arrays and Python's bytes as views, and vectors as arrays that own them.
+#pragma once
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "arithmetic.hpp"
+
+namespace pdeanim::bindings {
+
+namespace nb = nanobind;
+
+template <class T> using Flat = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+// Rows of so many numbers.
+template <class T, int columns>
+using Rows = nb::ndarray<const T, nb::shape<-1, columns>, nb::c_contig, nb::device::cpu>;
+
+template <class T> std::span<const T> view(const Flat<T> &array) { return {array.data(), array.size()}; }
+
+inline std::span<const u8> view(const nb::bytes &data) {
+    return {reinterpret_cast<const u8 *>(data.data()), data.size()};
+}
+
+inline nb::bytes to_bytes(const std::vector<u8> &data) { return nb::bytes(data.data(), data.size()); }
+
+// A one-dimensional array that owns its values.
+template <class T> nb::object to_array(std::vector<T> &&values) {
+    auto *kept = new std::vector<T>(std::move(values));
+    nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<std::vector<T> *>(pointer); });
+    return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<1>>(kept->data(), {kept->size()}, owner));
+}
+
+// Rows of `columns` numbers each, as an array that owns them.
+template <class T> nb::object to_rows(std::vector<T> &&values, std::size_t columns) {
+    auto *kept = new std::vector<T>(std::move(values));
+    nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<std::vector<T> *>(pointer); });
+    return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<2>>(kept->data(), {kept->size() / columns, columns}, owner));
+}
+
+// One function a part of the core; each adds its classes and functions to the module.
+void bind_connectivity(nb::module_ &module);
+void bind_reference(nb::module_ &module);
+
+}  // namespace pdeanim::bindings
