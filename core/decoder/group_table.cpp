@@ -78,6 +78,11 @@ GroupTable::GroupTable(const Container &container, i64 frames) {
         throw CorruptError("section SEQN declares " + std::to_string(frames) + " frames, the groups have " +
                            std::to_string(frames - left));
     }
+    for (const Group &group : groups_) {
+        if ((group.basis == TimeBasis::closed_form) != (groups_[0].basis == TimeBasis::closed_form)) {
+            throw CorruptError("section GRUP has groups in closed form and others; a file has one or the other");
+        }
+    }
     for (std::size_t i = 0; i < ends.size(); ++i) {
         if (container.entry(chunk_sections[i]).length != ends[i]) {
             throw CorruptError("section " + std::string(chunk_sections[i]) + " has another length than the groups say");

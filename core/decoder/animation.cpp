@@ -1,0 +1,518 @@
+#include "decoder/animation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <thread>
+
+#include "decoder/fields.hpp"
+#include "decoder/limits.hpp"
+#include "evaluate/fields.hpp"
+#include "mesh/curves.hpp"
+#include "parallel.hpp"
+#include "reference/reference.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+// Peak memory of what a file declares: of a mesh for each vertex (curves, reference frame, and twelve functions each,
+// twice); of opening for each frame (times, their spline, a row of the table); of connectivity for each corner; of a group
+// for each coefficient (quantised, its value, its share of the affine functions, and the value on a vertex) and for each
+// value of a function of time.
+constexpr u64 bytes_per_vertex = 600, bytes_per_frame = 96, bytes_per_corner = 128;
+constexpr u64 bytes_per_coefficient = 40, bytes_per_time_value = 120;
+
+constexpr i64 kept_most = i64{64} << 20;  // bytes of decoded groups that are kept
+constexpr i64 most_vertices = (i64{1} << 31) - 1;
+constexpr i64 frames_between_looks = 64;  // frames that are evaluated before a cancel is noticed
+constexpr u8 predictors = 4;              // of the reference frame
+
+// Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered through.
+Polygons polygons_of(std::span<const Connectivity> parts) {
+    Polygons mesh;
+    i64 shift = 0;
+    for (const Connectivity &part : parts) {
+        for (const i32 index : part.face_indices) mesh.vertex.push_back(static_cast<i32>(index + shift));
+        for (const i32 size : part.face_sizes) mesh.starts.push_back(mesh.starts.back() + size);
+        shift += part.vertices;
+    }
+    mesh.faces = static_cast<i64>(mesh.starts.size()) - 1;
+    mesh.vertices = shift;
+    shift = 0;
+    for (const Connectivity &part : parts) {
+        std::size_t at = 0;
+        for (const i32 size : part.line_sizes) {
+            for (i32 k = 0; k + 1 < size; ++k) {
+                mesh.vertex.push_back(static_cast<i32>(part.line_indices[at + k] + shift));
+                mesh.vertex.push_back(static_cast<i32>(part.line_indices[at + k + 1] + shift));
+                mesh.starts.push_back(mesh.starts.back() + 2);
+            }
+            at += size;
+        }
+        shift += part.vertices;
+    }
+    return mesh;
+}
+
+std::span<Position> as_positions(std::span<float> out) {
+    return {reinterpret_cast<Position *>(out.data()), out.size() / 3};
+}
+
+}  // namespace
+
+Animation::Animation(std::unique_ptr<Source> source, const Options &options)
+    : source_(std::move(source)), container_(*source_), max_memory_(options.max_memory), left_(options.max_memory),
+      threads_(options.threads > 0 ? options.threads
+                                   : static_cast<int>(most(std::thread::hardware_concurrency(), 1u))) {
+    sequence_ = SequenceDescription::of_bytes(container_.read("SEQN"), static_cast<i64>(max_memory_ / bytes_per_frame));
+    polygons_ = container_.read("CONN");
+    FieldReader fields(polygons_, "CONN");
+    const i64 count = fields.count();
+    for (i64 object = 0; object < count; ++object) {
+        const i64 own = fields.count(), before = first_vertices_.back();
+        first_vertices_.push_back(own > most_vertices - before ? most_vertices + 1 : before + own);
+    }
+    if (vertices() < 1 || vertices() > most_vertices) {
+        throw CorruptError("section CONN declares too few vertices or too many, 1 to " + std::to_string(most_vertices) +
+                           " can be");
+    }
+    const std::span<const u8> rest = fields.rest();
+    polygons_ = std::vector<u8>(rest.begin(), rest.end());
+    table_.emplace(container_, frames());
+    model_ = Model::of_bytes(container_.read("MODL"));
+    take(bytes_per_frame * frames(), std::to_string(frames()) + " frames");
+    take(bytes_per_vertex * vertices(), std::to_string(vertices()) + " vertices");
+}
+
+void Animation::take(u64 bytes, const std::string &what) {
+    if (bytes > left_) {
+        throw LimitError("declares " + what + ", about " + std::to_string(bytes + max_memory_ - left_) +
+                         " bytes to decode; the limit is " + std::to_string(max_memory_) +
+                         "; raise it if you trust the file");
+    }
+    left_ -= bytes;
+}
+
+void Animation::check_cancelled() {
+    if (is_cancelled_.exchange(false)) throw CancelledError();
+}
+
+const std::vector<std::string> &Animation::names() {
+    const std::lock_guard guard(lock_);
+    if (!names_) {
+        names_ = sequence_.names(objects(), [&](i64 size) { take(static_cast<u64>(size), "names of objects"); });
+    }
+    return *names_;
+}
+
+const std::vector<Connectivity> &Animation::connectivity() {
+    const std::lock_guard guard(lock_);
+    if (!connectivity_) {
+        std::vector<i64> counts;
+        for (i64 object = 0; object < objects(); ++object) counts.push_back(first_vertex(object + 1) - first_vertex(object));
+        const std::vector<u8> orders = container_.read_optional("ORDR");
+        const i64 most = static_cast<i64>(left_ / bytes_per_corner);
+        std::vector<Connectivity> found = decode_connectivity(polygons_, orders, counts, most);
+        for (const Connectivity &part : found) left_ -= bytes_per_corner * (part.face_indices.size() + part.line_indices.size());
+        connectivity_ = std::move(found);
+    }
+    return *connectivity_;
+}
+
+std::vector<ConnectivityView> Animation::views() {
+    std::vector<ConnectivityView> found;
+    for (const Connectivity &part : connectivity()) {
+        found.push_back({part.vertices, part.face_sizes, part.face_indices, part.line_sizes, part.line_indices});
+    }
+    return found;
+}
+
+const Reference &Animation::reference() {
+    const std::lock_guard guard(lock_);
+    if (!reference_) {
+        const std::vector<u8> data = container_.read("REST");
+        FieldReader fields(data, "REST");
+        Reference found;
+        found.step = fields.real();
+        for (double &coordinate : found.origin) coordinate = fields.real();
+        const u8 predictor = fields.integer<u8>();
+        if (predictor >= predictors) {
+            throw CorruptError("section REST names predictor " + std::to_string(predictor) + ", this decoder has 0 to " +
+                               std::to_string(predictors - 1));
+        }
+        bool is_sound = found.step > 0.0 && found.step <= limits::largest_step;
+        for (const double coordinate : found.origin) is_sound = is_sound && std::abs(coordinate) <= limits::largest_step;
+        if (!is_sound) throw CorruptError("section REST has a quantisation step or an origin out of range");
+        found.grid = decode_reference(polygons_of(connectivity()), predictor, fields.rest());
+        for (const GridPoint &point : found.grid) {
+            for (int axis = 0; axis < 3; ++axis) {
+                found.points.push_back(found.origin[axis] + static_cast<double>(point[axis]) * found.step);
+            }
+        }
+        reference_ = std::move(found);
+    }
+    return *reference_;
+}
+
+const std::vector<std::vector<Attribute>> &Animation::attributes() {
+    const std::lock_guard guard(lock_);
+    if (!attributes_) {
+        const std::vector<u8> data = container_.read_optional("ATTR");
+        std::vector<std::vector<Attribute>> found(objects());
+        if (!data.empty()) {
+            const std::vector<GridPoint> &grid = reference().grid;
+            found = decode_attributes(data, views(), grid, static_cast<i64>(least<u64>(left_, INT64_MAX)));
+        }
+        attributes_ = std::move(found);
+    }
+    return *attributes_;
+}
+
+const SpaceBasis &Animation::space() {
+    const std::lock_guard guard(lock_);
+    if (!space_) {
+        const SpaceForm &form = model_.form;
+        const std::vector<ConnectivityView> parts = views();
+        std::shared_ptr<const Patches> patches;
+        if (form.kind == SpaceKind::patch) {
+            // The patches of most meshes follow from connectivity alone: they are made while the reference is decoded.
+            std::optional<Patches> early;
+            std::exception_ptr failure;
+            {
+                const auto make = [&] {
+                    try {
+                        early = early_patches(parts, form.points);
+                    } catch (...) {
+                        failure = std::current_exception();
+                    }
+                };
+                const std::jthread other = threads_ > 1 && !reference_ ? std::jthread(make) : std::jthread();
+                reference();
+            }
+            if (failure) std::rethrow_exception(failure);
+            patches = std::make_shared<const Patches>(
+                build_patches(parts, reference().grid, form.points, early ? &*early : nullptr));
+        } else {
+            Curves curves = extract_curves(parts, reference().grid);
+            patches = std::make_shared<const Patches>(cut_curves(std::move(curves.order), curves.starts, form.points));
+        }
+        space_ = std::make_unique<SpaceBasis>(form, patches, reference().grid, std::span<const u8>(model_.masks), threads_);
+        check_motion();
+    }
+    return *space_;
+}
+
+// The memory that the largest group needs must be there before any is decoded.
+void Animation::check_motion() {
+    u64 widest = 0, longest = 0;
+    for (const Group &group : table_->groups()) {
+        widest = most(widest, static_cast<u64>(group.channels()));
+        longest = most(longest, static_cast<u64>(group.frames * group.functions));
+    }
+    // Both are bounded: 4,096 frames a group, 3 functions a frame, 3 axes.
+    try {
+        take(bytes_per_coefficient * vertices() * widest + bytes_per_time_value * longest,
+             std::to_string(widest) + " functions of time on " + std::to_string(vertices()) + " vertices");
+    } catch (...) {
+        space_.reset();
+        throw;
+    }
+}
+
+const std::vector<u8> &Animation::remarks() {
+    const std::lock_guard guard(lock_);
+    if (!remarks_) remarks_ = container_.read_optional("META");
+    return *remarks_;
+}
+
+std::vector<double> Animation::coefficients(std::size_t group) {
+    const std::lock_guard guard(lock_);
+    const SpaceBasis &basis = space();
+    return group_coefficients(table_->groups()[group], table_->chunks(container_, group)[1], basis);
+}
+
+ClosedForm Animation::closed_form(std::size_t index) const {
+    const Group &group = table_->groups()[index];
+    const std::span<const double> own(times().data() + group.first, static_cast<std::size_t>(group.frames));
+    return ClosedForm(own, group.alpha, group.functions);
+}
+
+DecodedGroup Animation::decode(std::size_t index, int threads) const {
+    const Group &group = table_->groups()[index];
+    try {
+        const std::span<const double> own(times().data() + group.first, static_cast<std::size_t>(group.frames));
+        return decode_group(group, table_->chunks(container_, index), *space_, own,
+                            static_cast<i64>(least<u64>(left_, INT64_MAX)), threads);
+    } catch (const CorruptError &error) {
+        if (error.frame >= 0) throw;
+        throw CorruptError(error.what(), error.offset, group.first);
+    }
+}
+
+void Animation::keep(std::size_t index, DecodedGroup group) {
+    kept_bytes_ += group.bytes();
+    kept_.emplace_front(index, std::move(group));
+    while (kept_bytes_ > kept_most && kept_.size() > 1) {
+        kept_bytes_ -= kept_.back().second.bytes();
+        kept_.pop_back();
+    }
+}
+
+const DecodedGroup &Animation::group(std::size_t index) {
+    const auto found = std::find_if(kept_.begin(), kept_.end(), [&](const auto &item) { return item.first == index; });
+    if (found != kept_.end()) {
+        kept_.splice(kept_.begin(), kept_, found);
+        return kept_.front().second;
+    }
+    check_cancelled();
+    space();
+    keep(index, decode(index, threads_));
+    return kept_.front().second;
+}
+
+bool Animation::is_kept(std::size_t index) const {
+    return std::any_of(kept_.begin(), kept_.end(), [&](const auto &item) { return item.first == index; });
+}
+
+// Decode the groups that frames at increasing times need first, as many at once as there are threads; fewer where they
+// would not be kept together.
+void Animation::decode_ahead(std::span<const double> sorted) {
+    std::vector<std::size_t> wanted;
+    i64 expected_bytes = 0;
+    for (const double time : sorted) {
+        if (time > times().back() || static_cast<int>(wanted.size()) == threads_) break;
+        const std::size_t index = table_->group_of(frame_at(most(time, times().front())));
+        if (!wanted.empty() && wanted.back() == index) continue;
+        const Group &own = table_->groups()[index];
+        expected_bytes += own.channels() * vertices() * static_cast<i64>(own.is_single ? sizeof(float) : sizeof(double));
+        if (is_kept(index) || (!wanted.empty() && expected_bytes > kept_most)) break;
+        wanted.push_back(index);
+    }
+    if (wanted.size() < 2) return;
+    space();
+    std::vector<std::optional<DecodedGroup>> found(wanted.size());
+    in_shares(static_cast<i64>(wanted.size()), threads_, [&](i64 first, i64 end) {
+        for (i64 k = first; k < end; ++k) found[k] = decode(wanted[k], 1);
+    });
+    for (std::size_t k = wanted.size(); k-- > 0;) keep(wanted[k], std::move(*found[k]));
+}
+
+ResidualScale Animation::residual_scale() { return {space().elements().patches->order, model_.residual_step}; }
+
+std::vector<Position> Animation::model_at_frame(i64 frame) {
+    const DecodedGroup &own = group(table_->group_of(frame));
+    std::vector<Position> found(vertices());
+    std::span<float> out(found[0].data(), 3 * found.size());
+    std::visit(
+        [&](const auto &functions) {
+            const std::size_t row = 3 * own.group.functions;
+            const std::span time(functions.time.data() + (frame - own.group.first) * row, row);
+            evaluate_frames(time, own.fields(functions), reference().points, out);
+        },
+        own.functions);
+    return found;
+}
+
+// Positions at frames of one group in a row.
+void Animation::evaluate_frames_of_group(i64 first, i64 count, std::span<float> out) {
+    const DecodedGroup &own = group(table_->group_of(first));
+    const std::vector<double> &points = reference().points;
+    const ResidualScale scale = residual_scale();
+    const std::size_t size = 3 * vertices();
+    in_shares((count + frames_at_once - 1) / frames_at_once, threads_, [&](i64 tile, i64 end) {
+        const i64 begin = tile * frames_at_once, frames = least(end * frames_at_once, count) - begin;
+        const std::span<float> part = out.subspan(begin * size, frames * size);
+        std::visit(
+            [&](const auto &functions) {
+                const std::size_t row = 3 * own.group.functions;
+                const std::span time(functions.time.data() + (first + begin - own.group.first) * row, frames * row);
+                evaluate_frames(time, own.fields(functions), points, part);
+            },
+            own.functions);
+        for (i64 k = 0; k < frames; ++k) {
+            add_residuals(own.residuals, first + begin + k - own.group.first, scale, 1.0, {},
+                          as_positions(part.subspan(k * size, size)));
+        }
+    });
+}
+
+// Displacement of all vertices at a time by the model alone, or a derivative of it: (vertices, 3).
+std::vector<double> Animation::displacement(double time, int derivative) {
+    std::vector<double> moved(3 * vertices());
+    const auto add = [&](std::size_t index, std::span<const double> weights) {
+        const DecodedGroup &own = group(index);
+        std::visit([&](const auto &functions) { add_displacement(weights, own.fields(functions), moved); }, own.functions);
+    };
+    if (table_->groups()[0].basis == TimeBasis::closed_form) {
+        if (closed_forms_.empty()) {
+            for (std::size_t k = 0; k < table_->groups().size(); ++k) closed_forms_.push_back(closed_form(k));
+        }
+        for (const GroupWeights &own : closed_form_weights(closed_forms_, time, derivative)) {
+            const i64 functions = table_->groups()[own.group].functions;
+            std::vector<double> weights;
+            for (int axis = 0; axis < 3; ++axis) {
+                weights.insert(weights.end(), own.weights.begin(), own.weights.begin() + functions);
+            }
+            add(own.group, weights);
+        }
+        return moved;
+    }
+    if (!spline_) spline_.emplace(times());
+    std::vector<double> of_frames(spline_->width());
+    const i64 first = spline_->weights(time, derivative, of_frames);
+    const i64 end = least(first + spline_->width(), frames());
+    for (std::size_t index = table_->group_of(first); index <= table_->group_of(end - 1); ++index) {
+        const Group &own = table_->groups()[index];
+        const i64 low = most(own.first, first), high = least(own.first + own.frames, end);
+        std::vector<double> weights(3 * own.functions);
+        bool counts = false;
+        for (i64 frame = low; frame < high; ++frame) {
+            const double share = of_frames[frame - first];
+            if (share == 0.0) continue;
+            counts = true;
+            std::visit(
+                [&](const auto &functions) {
+                    const auto *row = functions.time.data() + (frame - own.first) * 3 * own.functions;
+                    for (std::size_t k = 0; k < weights.size(); ++k) weights[k] += share * static_cast<double>(row[k]);
+                },
+                group(index).functions);
+        }
+        if (counts) add(index, weights);
+    }
+    return moved;
+}
+
+// Positions between two frames, whose residuals fade by a hat function.
+void Animation::evaluate_between(double time, std::span<float> out) {
+    const std::vector<double> moved = displacement(time, 0);
+    const std::vector<double> &points = reference().points;
+    for (std::size_t i = 0; i < out.size(); ++i) out[i] = static_cast<float>(points[i] + moved[i]);
+    const i64 left = frame_at(time);
+    const double share = (time - times()[left]) / (times()[left + 1] - times()[left]);
+    const ResidualScale scale = residual_scale();
+    for (const i64 frame : {left, left + 1}) {
+        const DecodedGroup *own = &group(table_->group_of(frame));
+        const i64 inside = frame - own->group.first;
+        const double weight = frame == left ? 1.0 - share : share;
+        std::vector<Position> base;
+        if (own->residuals.raw_frame_starts[inside] < own->residuals.raw_frame_starts[inside + 1]) {
+            base = model_at_frame(frame);
+        }
+        add_residuals(own->residuals, inside, scale, weight, base, as_positions(out));
+    }
+}
+
+// Velocity or acceleration at a time inside the clip: residuals change at constant speed from one frame to the next; at a
+// frame the speed to the next one counts.
+void Animation::evaluate_derivative(int derivative, double time, std::span<float> out) {
+    if (frames() == 1) {
+        std::fill(out.begin(), out.end(), 0.0f);
+        return;
+    }
+    std::vector<double> found = displacement(time, derivative);
+    if (derivative == 1) {
+        const i64 after = least(frame_at(time) + 1, frames() - 1);
+        const double step = times()[after] - times()[after - 1];
+        const ResidualScale scale = residual_scale();
+        std::vector<std::array<double, 3>> added[2];
+        for (int k = 0; k < 2; ++k) {
+            const i64 frame = after - 1 + k;
+            const DecodedGroup *own = &group(table_->group_of(frame));
+            const i64 inside = frame - own->group.first;
+            std::vector<Position> base;
+            if (own->residuals.raw_frame_starts[inside] < own->residuals.raw_frame_starts[inside + 1]) {
+                base = model_at_frame(frame);
+            }
+            added[k].resize(vertices());
+            residual_displacements(own->residuals, inside, scale, base, added[k]);
+        }
+        for (i64 v = 0; v < vertices(); ++v) {
+            for (int axis = 0; axis < 3; ++axis) found[3 * v + axis] += (added[1][v][axis] - added[0][v][axis]) / step;
+        }
+    }
+    for (std::size_t i = 0; i < out.size(); ++i) out[i] = static_cast<float>(found[i]);
+}
+
+// The last frame that is not after a time inside the clip.
+i64 Animation::frame_at(double time) const {
+    return std::upper_bound(times().begin(), times().end(), time) - times().begin() - 1;
+}
+
+// All vertices, at increasing times.
+void Animation::evaluate_all(Quantity quantity, std::span<const double> sorted, std::span<float> out) {
+    const std::size_t size = 3 * vertices();
+    const double first = times().front(), last = times().back();
+    std::size_t row = 0;
+    while (row < sorted.size()) {
+        check_cancelled();
+        const std::span<float> here = out.subspan(row * size, size);
+        const double time = clamp(sorted[row], first, last);
+        if (quantity != Quantity::positions) {
+            if (sorted[row] < first || sorted[row] > last) {
+                std::fill(here.begin(), here.end(), 0.0f);
+            } else {
+                evaluate_derivative(quantity == Quantity::velocities ? 1 : 2, time, here);
+            }
+            ++row;
+            continue;
+        }
+        const i64 frame = frame_at(time);
+        if (times()[frame] != time) {
+            evaluate_between(time, here);
+            ++row;
+            continue;
+        }
+        if (!is_kept(table_->group_of(frame))) decode_ahead(sorted.subspan(row));
+        // Frames of one group that follow one another are evaluated together.
+        const Group &own = table_->groups()[table_->group_of(frame)];
+        const i64 most_here = least(own.first + own.frames - frame, frames_between_looks);
+        i64 count = 1;
+        while (count < most_here && row + count < sorted.size() && sorted[row + count] == times()[frame + count]) ++count;
+        evaluate_frames_of_group(frame, count, out.subspan(row * size, count * size));
+        row += count;
+    }
+}
+
+void Animation::evaluate(Quantity quantity, std::span<const double> asked, std::optional<i64> object, std::span<float> out) {
+    const i64 begin = object ? first_vertex(*object) : 0, end = object ? first_vertex(*object + 1) : vertices();
+    const std::size_t size = 3 * (end - begin), whole = 3 * vertices();
+    if (out.size() != asked.size() * size) throw ArgumentError("the array to write to has another size");
+    for (const double time : asked) {
+        if (std::isnan(time)) throw ArgumentError("times must be numbers");
+    }
+    const std::lock_guard guard(lock_);
+    std::vector<std::size_t> order(asked.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return asked[a] < asked[b]; });
+    const bool is_in_order = std::is_sorted(order.begin(), order.end());
+    if (is_in_order && !object) {
+        evaluate_all(quantity, asked, out);
+        return;
+    }
+    // As many times at once as fit in the memory that groups are kept in.
+    const std::size_t at_once = most<std::size_t>(kept_most / (sizeof(float) * whole), 1);
+    std::vector<float> rows;
+    for (std::size_t first = 0; first < order.size(); first += at_once) {
+        const std::size_t count = least(at_once, order.size() - first);
+        std::vector<double> sorted;
+        for (std::size_t k = 0; k < count; ++k) sorted.push_back(asked[order[first + k]]);
+        rows.resize(count * whole);
+        evaluate_all(quantity, sorted, rows);
+        for (std::size_t k = 0; k < count; ++k) {
+            const auto from = rows.begin() + static_cast<std::ptrdiff_t>(k * whole + 3 * begin);
+            std::copy_n(from, size, out.begin() + static_cast<std::ptrdiff_t>(order[first + k] * size));
+        }
+    }
+}
+
+void Animation::verify() {
+    const std::lock_guard guard(lock_);
+    container_.verify();
+    names();
+    attributes();
+    remarks();
+    for (std::size_t index = 0; index < table_->groups().size(); ++index) group(index);
+}
+
+}  // namespace pdeanim

@@ -1,0 +1,138 @@
+// An open file: owns its parts, and decodes each when it is first needed.
+//
+// From the bytes to a position: container -> sequence, table of groups, model (opening); connectivity -> reference frame ->
+// space basis -> groups -> evaluation. Every public function may be called from several threads; they take turns.
+#pragma once
+
+#include <atomic>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "attributes/attributes.hpp"
+#include "basis/space_basis.hpp"
+#include "connectivity/connectivity.hpp"
+#include "decoder/container.hpp"
+#include "decoder/decoded_group.hpp"
+#include "decoder/group_table.hpp"
+#include "decoder/model.hpp"
+#include "decoder/sequence.hpp"
+#include "evaluate/spline.hpp"
+#include "residuals/added.hpp"
+#include "time_functions/closed_form.hpp"
+
+namespace pdeanim {
+
+// A call ended because another thread called `cancel`.
+struct CancelledError : std::runtime_error {
+    CancelledError() : std::runtime_error("cancelled") {}
+};
+
+enum class Quantity { positions, velocities, accelerations };
+
+// The reference frame on its grid; a vertex is at origin + grid * step.
+struct Reference {
+    std::vector<GridPoint> grid;
+    std::array<double, 3> origin{};  // [scene units]
+    double step = 0.0;               // [scene units]
+    std::vector<double> points;      // (vertices, 3) [scene units]
+};
+
+class Animation {
+public:
+    static constexpr u64 usual_memory = u64{4} << 30;  // some five million vertices
+
+    struct Options {
+        u64 max_memory = usual_memory;  // that a file may ask for [bytes]
+        int threads = 0;                // 0: one a processor
+    };
+
+    // Read the headers. CorruptError or LimitError where the file is not sound or asks for too much.
+    Animation(std::unique_ptr<Source> source, const Options &options);
+
+    const Container &container() const { return container_; }
+    const GroupTable &table() const { return *table_; }
+    const Model &model() const { return model_; }
+    const std::vector<double> &times() const { return sequence_.times; }
+    double fps() const { return sequence_.fps; }
+    i64 frames() const { return static_cast<i64>(sequence_.times.size()); }
+    i64 vertices() const { return first_vertices_.back(); }
+    i64 objects() const { return static_cast<i64>(first_vertices_.size()) - 1; }
+    i64 first_vertex(i64 object) const { return first_vertices_[object]; }
+
+    // What is decoded when it is first asked for.
+    const std::vector<std::string> &names();
+    const std::vector<Connectivity> &connectivity();
+    const Reference &reference();
+    const std::vector<std::vector<Attribute>> &attributes();
+    const SpaceBasis &space();
+    const std::vector<u8> &remarks();  // section META as it is
+
+    // Coefficients of one group [scene units]: (functions of space, functions of time, axes).
+    std::vector<double> coefficients(std::size_t group);
+
+    // The functions of time of one group in closed form.
+    ClosedForm closed_form(std::size_t group) const;
+
+    // A quantity of all vertices, or of one object's, at times [s] in any order: out is (times, vertices, 3). Outside the
+    // clip its first or last frame stands still. ArgumentError for a time that is not a number.
+    void evaluate(Quantity quantity, std::span<const double> times, std::optional<i64> object, std::span<float> out);
+
+    // Check every byte, and decode everything.
+    void verify();
+
+    // Hold other callers off, for what belongs together.
+    std::unique_lock<std::recursive_mutex> locked() { return std::unique_lock(lock_); }
+
+    // Make calls that are under way end with a CancelledError.
+    void cancel() { is_cancelled_ = true; }
+
+private:
+    void take(u64 bytes, const std::string &what);
+    void check_cancelled();
+    std::vector<ConnectivityView> views();
+    void check_motion();
+    void decode_ahead(std::span<const double> sorted);
+    bool is_kept(std::size_t index) const;
+    const DecodedGroup &group(std::size_t index);
+    DecodedGroup decode(std::size_t index, int threads) const;
+    void keep(std::size_t index, DecodedGroup group);
+    ResidualScale residual_scale();
+    std::vector<Position> model_at_frame(i64 frame);
+    std::vector<double> displacement(double time, int derivative);
+    void evaluate_frames_of_group(i64 first, i64 count, std::span<float> out);
+    void evaluate_between(double time, std::span<float> out);
+    void evaluate_derivative(int derivative, double time, std::span<float> out);
+    void evaluate_all(Quantity quantity, std::span<const double> sorted, std::span<float> out);
+    i64 frame_at(double time) const;
+
+    std::unique_ptr<Source> source_;
+    Container container_;
+    u64 max_memory_, left_;
+    int threads_;
+    SequenceDescription sequence_;
+    std::vector<u8> polygons_;             // section CONN behind its head
+    std::vector<i64> first_vertices_{0};  // of each object, and the number of all
+    std::optional<GroupTable> table_;
+    Model model_;
+    std::recursive_mutex lock_;
+    std::atomic<bool> is_cancelled_ = false;
+
+    std::optional<std::vector<std::string>> names_;
+    std::optional<std::vector<Connectivity>> connectivity_;
+    std::optional<Reference> reference_;
+    std::optional<std::vector<std::vector<Attribute>>> attributes_;
+    std::unique_ptr<SpaceBasis> space_;
+    std::optional<std::vector<u8>> remarks_;
+    std::optional<FrameSpline> spline_;
+    std::vector<ClosedForm> closed_forms_;
+
+    // Decoded groups, the latest first: all of most clips, so that scrubbing does not decode one twice.
+    std::list<std::pair<std::size_t, DecodedGroup>> kept_;
+    i64 kept_bytes_ = 0;
+};
+
+}  // namespace pdeanim

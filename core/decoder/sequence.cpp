@@ -1,0 +1,84 @@
+#include "decoder/sequence.hpp"
+
+#include <cmath>
+
+#include "decoder/fields.hpp"
+#include "description/description.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+// How times are stored: start + i / rate, (start + i) / rate, one by one, or start + i (1 / rate), which rounds otherwise.
+enum TimeRule : u8 { stepped, counted, listed, by_period };
+
+// Added to the rule: its rate is the frame rate, which then is not stored again; the frame rate, or the start, is a whole
+// number of 0 or more, and stored as a count.
+constexpr u8 at_frame_rate = 4, whole_frame_rate = 8, whole_start = 16;
+
+constexpr double largest_time = 0x1p53, shortest_step = 0x1p-53;  // [s]
+
+double read_real(FieldReader &fields, bool is_whole) {
+    if (!is_whole) return fields.real();
+    const i64 value = fields.count();
+    if (value > i64{1} << 53) throw CorruptError("section SEQN has a whole number out of range");
+    return static_cast<double>(value);
+}
+
+double ruled_time(u8 rule, double start, double rate, i64 frame) {
+    const double step = static_cast<double>(frame);
+    if (rule == by_period) return start + step * (1.0 / rate);
+    return rule == stepped ? start + step / rate : (start + step) / rate;
+}
+
+bool are_sound(std::span<const double> times) {
+    for (std::size_t i = 0; i < times.size(); ++i) {
+        if (!(std::abs(times[i]) <= largest_time)) return false;
+        if (i > 0 && !(times[i] - times[i - 1] >= shortest_step)) return false;
+    }
+    return true;
+}
+
+}  // namespace
+
+SequenceDescription SequenceDescription::of_bytes(std::span<const u8> data, i64 most_frames) {
+    FieldReader fields(data, "SEQN");
+    const i64 runs = fields.count(), frames = fields.count();
+    if (runs != 1) {
+        throw CorruptError("section SEQN declares " + std::to_string(runs) + " runs of frames; this version reads files of one");
+    }
+    if (frames < 1) throw CorruptError("section SEQN declares no frames");
+    if (frames > most_frames) {
+        throw LimitError("section SEQN declares " + std::to_string(frames) + " frames, more than the memory limit allows");
+    }
+    const u8 flags = fields.integer<u8>(), rule = flags & ~(at_frame_rate | whole_frame_rate | whole_start);
+    SequenceDescription found;
+    found.fps = read_real(fields, flags & whole_frame_rate);
+    if (!(found.fps > 0.0)) throw CorruptError("section SEQN has a frame rate that is not positive");
+    const auto keep = [&](std::span<const u8> rest) { found.coded_.assign(rest.begin(), rest.end()); };
+    if ((flags | whole_frame_rate) == (listed | whole_frame_rate)) {
+        keep(fields.rest());
+        found.listed_ = frames;
+        found.times = decode_times(found.coded_, frames);
+    } else if (rule == stepped || rule == counted || rule == by_period) {
+        const double start = read_real(fields, flags & whole_start);
+        const double rate = flags & at_frame_rate ? found.fps : fields.real();
+        keep(fields.rest());
+        for (i64 frame = 0; rate > 0.0 && frame < frames; ++frame) {
+            found.times.push_back(ruled_time(rule, start, rate, frame));
+        }
+    }
+    if (found.times.empty()) {
+        throw CorruptError("section SEQN stores its times in an unknown way (" + std::to_string(flags) + ")");
+    }
+    if (!are_sound(found.times)) {
+        throw CorruptError("section SEQN has times that do not increase or lie out of range");
+    }
+    return found;
+}
+
+std::vector<std::string> SequenceDescription::names(i64 objects, const TakeMemory &take) const {
+    return decode_names(coded_, listed_, objects, take);
+}
+
+}  // namespace pdeanim
