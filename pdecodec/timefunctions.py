@@ -151,4 +151,5 @@ def _transform(wanted: Float64Array) -> Int64Array:
     from scipy.fft import dct
 
     waves = dct(wanted, axis=1, norm="ortho")
-    return np.copysign(np.floor(np.abs(waves) + ROUNDING), waves).astype(np.int64)
+    quantised: Int64Array = np.copysign(np.floor(np.abs(waves) + ROUNDING), waves).astype(np.int64)
+    return quantised

@@ -1,6 +1,7 @@
 // Python's view of section TIME.
 #include "time_functions/time_functions.hpp"
 
+#include <array>
 #include <stdexcept>
 
 #include "bindings/bindings.hpp"
@@ -33,9 +34,9 @@ TimeMethod method_of(u8 method) {
 template <class T> nb::object to_block(std::vector<T> &&values, i64 first, i64 second, i64 third) {
     auto *kept = new std::vector<T>(std::move(values));
     nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<std::vector<T> *>(pointer); });
-    return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<3>>(
-        kept->data(), {static_cast<std::size_t>(first), static_cast<std::size_t>(second), static_cast<std::size_t>(third)},
-        owner));
+    const std::array<std::size_t, 3> shape = {static_cast<std::size_t>(first), static_cast<std::size_t>(second),
+                                              static_cast<std::size_t>(third)};
+    return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<3>>(kept->data(), 3, shape.data(), owner));
 }
 
 nb::object to_values(std::vector<double> &&values, const TimeShape &shape) {

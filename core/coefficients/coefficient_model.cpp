@@ -37,11 +37,12 @@ i64 CoefficientModel::code_count(RangeCoder<mode> &coder, int band, i64 before, 
     const int wanted = bit_length(count), limit = bit_length(most);
     const int digits_before = bit_length(before), digits_latest = bit_length(latest_count_[band]);
     int digits = 0;
-    while (digits < limit &&
-           coder.template mixed<3>({&count_by_band_[band][digits], &count_by_both_[digits][digits_before][digits_latest],
-                                    &count_by_latest_[digits][digits_latest]},
-                                   count_weights_[digits].data(), wanted > digits)) {
-        ++digits;
+    for (; digits < limit; ++digits) {
+        const bool is_longer = coder.template mixed<3>(
+            {&count_by_band_[band][digits], &count_by_both_[digits][digits_before][digits_latest],
+             &count_by_latest_[digits][digits_latest]},
+            count_weights_[digits].data(), wanted > digits);
+        if (!is_longer) break;
     }
     i64 value = least(digits, 1);
     for (int digit = digits - 2; digit >= 0; --digit) {
@@ -75,7 +76,8 @@ i64 CoefficientModel::code_coefficient(RangeCoder<mode> &coder, int band, i64 ro
         const i64 at = found - 1;
         const bool is_larger = coder.template mixed<4>(
             {&larger_by_sum_[at][sum], &larger_by_band_[at][band][ranked],
-             &larger_by_nearest_[at][largest_around][least<i64>(r1 + p1, 7)], &larger_by_sum_and_rank_[at][sum][ranked]},
+             &larger_by_nearest_[at][largest_around][least<i64>(r1 + p1, 7)],
+             &larger_by_sum_and_rank_[at][sum][ranked]},
             larger_weights_[at].data(), size > found);
         if (!is_larger) break;
     }
@@ -95,9 +97,11 @@ i64 CoefficientModel::code_coefficient(RangeCoder<mode> &coder, int band, i64 ro
 template i64 CoefficientModel::code_count(RangeCoder<Mode::encode> &, int, i64, i64, i64);
 template i64 CoefficientModel::code_count(RangeCoder<Mode::decode> &, int, i64, i64, i64);
 template i64 CoefficientModel::code_count(RangeCoder<Mode::measure> &, int, i64, i64, i64);
-template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::encode> &, int, i64, i64, const CoefficientsAround &, i64);
-template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::decode> &, int, i64, i64, const CoefficientsAround &, i64);
-template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::measure> &, int, i64, i64, const CoefficientsAround &,
-                                                i64);
+template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::encode> &, int, i64, i64,
+                                                const CoefficientsAround &, i64);
+template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::decode> &, int, i64, i64,
+                                                const CoefficientsAround &, i64);
+template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::measure> &, int, i64, i64,
+                                                const CoefficientsAround &, i64);
 
 }  // namespace pdeanim

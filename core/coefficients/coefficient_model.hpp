@@ -1,7 +1,8 @@
 // Context models of quantised coefficients.
 //
-// A subband is coded in context bands of rows. Of each band comes how many channels it needs, then its coefficients up to
-// there. Each decision mixes inputs that look at the channel, at the band, and at the sizes of neighbours that are known.
+// A subband is coded in context bands of rows. Of each band comes how many channels it needs, then its coefficients up
+// to there. Each decision mixes inputs that look at the channel, at the band, and at the sizes of neighbours that are
+// known.
 #pragma once
 
 #include "entropy/range_coder.hpp"
@@ -19,7 +20,7 @@ struct CoefficientsAround {
 
 class CoefficientModel {
 public:
-    static constexpr int depths = 16;        // bands of the wavelets, one for each depth: 0 the whole's affine functions
+    static constexpr int depths = 16;        // bands of nodes, one for each depth
     static constexpr int element_bands = 9;  // bands of an element's rows
     static constexpr int bands = depths + element_bands;
     static constexpr i64 largest = i64{1} << 40;       // magnitude of a coefficient
@@ -27,8 +28,8 @@ public:
 
     CoefficientModel();
 
-    // Code how many channels, at most `most`, a band needs; `before` is how many the band before it in the subband does.
-    // CorruptError where the bits hold more.
+    // Code how many channels, at most `most`, a band needs; `before` is how many the band before it in the subband
+    // does. CorruptError where the bits hold more.
     template <Mode mode> i64 code_count(RangeCoder<mode> &coder, int band, i64 before, i64 most, i64 count);
 
     // Code a coefficient, `row` of its element (affine functions included) or of its subband, at a rank of functions of
@@ -43,7 +44,7 @@ private:
 
     static constexpr int ratios = 24;    // classes of sums of neighbours' sizes
     static constexpr int ranks = 20;     // classes of ranks
-    static constexpr int modelled = 14;  // sizes up to which a coefficient is counted up; larger ones give the rest in binary
+    static constexpr int modelled = 14;  // sizes up to which one counts up; larger ones give the rest in binary
     static constexpr int count_digits = 20, escape_digits = 41;
     static constexpr int heads = 64;  // leading digits of a count that are told apart
 

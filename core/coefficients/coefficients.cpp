@@ -56,7 +56,8 @@ private:
                 while (place + affine >= band_ends[band - CoefficientModel::depths]) ++band;
                 stop = least(size, band_ends[band - CoefficientModel::depths] - affine);
             }
-            count = model_->code_count(coder, band, count, layout.channels, channels_needed(begin + place, begin + stop));
+            const i64 needed = channels_needed(begin + place, begin + stop);
+            count = model_->code_count(coder, band, count, layout.channels, needed);
             for (; place < stop; ++place) {
                 code_row(band, place + affine, count, row_at(begin + place), place, row_of(beside, place),
                          row_of(above, place));

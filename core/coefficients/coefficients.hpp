@@ -1,9 +1,9 @@
 // Quantised coefficients of a group of frames (a chunk of section COEF).
 //
 // They stand in rows, one for each function of space, of as many numbers as there are channels: functions of time, or
-// three times as many where each axis has its own. Functions of time stand by falling importance and so do those of space
-// within a subband, so that what is not zero gathers in a corner. Rows are coded subband by subband: the whole's affine
-// functions, the wavelets of each node of the partition tree, the other functions of each element.
+// three times as many where each axis has its own. Functions of time stand by falling importance and so do those of
+// space within a subband, so that what is not zero gathers in a corner. Rows are coded subband by subband: the whole's
+// affine functions, the wavelets of each node of the partition tree, the other functions of each element.
 #pragma once
 
 #include <memory>
@@ -17,7 +17,8 @@ namespace pdeanim {
 // Rows that are coded together: subband s is rows starts[s] to starts[s + 1] - 1.
 struct Subbands {
     std::span<const i64> starts;
-    std::span<const i64> kinds;    // depth of a node (0 for the whole's affine functions), or -1 - affine functions of an element
+    // The depth of a node, 0 for the whole's affine functions; or -1 less the affine functions of an element.
+    std::span<const i64> kinds;
     std::span<const i64> parents;  // subband of the node above; of no meaning for subband 0
 
     i64 count() const { return static_cast<i64>(kinds.size()); }
@@ -45,8 +46,8 @@ public:
     CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data, std::span<i64> coefficients);
     ~CoefficientDecoder();
 
-    // Write the coefficients of the subbands up to `end` - 1 that are not there yet; CorruptError where the bytes hold a
-    // number that cannot be.
+    // Write the coefficients of the subbands up to `end` - 1 that are not there yet; CorruptError where the bytes hold
+    // a number that cannot be.
     void decode(i64 end);
 
     // CorruptError unless the bytes end where the coefficients do.

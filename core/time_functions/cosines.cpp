@@ -11,8 +11,8 @@ namespace {
 // Frequencies that are added up at once: sums stay in registers meanwhile.
 constexpr int at_once = 4;
 
-// cos x for x from 0 to pi / 2, as phi_0(x) - phi_2(x) of the series functions of order 4 at rate 1: no two terms of one
-// of them have different signs.
+// cos x for x from 0 to pi / 2, as phi_0(x) - phi_2(x) of the series functions of order 4 at rate 1: no two terms of
+// one of them have different signs.
 double cosine(double x) {
     constexpr int terms = 14;
     const double square = x * x, power = square * square;
@@ -79,7 +79,8 @@ std::vector<double> transformed_values(const TimeShape &shape, std::span<const i
     std::vector<double> values(shape.numbers());
     for (i64 channel = 0; channel < functions * axes; ++channel) {
         for (i64 frame = 0; frame < frames; ++frame) {
-            values[(frame * axes + channel % axes) * functions + channel / axes] = sums[channel * frames + frame] * step;
+            const double sum = sums[channel * frames + frame];
+            values[(frame * axes + channel % axes) * functions + channel / axes] = sum * step;
         }
     }
     return values;

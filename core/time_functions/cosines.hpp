@@ -8,8 +8,8 @@
 
 namespace pdeanim {
 
-// One period of the cosine in 4 `frames` samples, cos(2 pi j / (4 frames)) within 2^-51; the same bits on every machine.
-// There is a frame or more.
+// One period of the cosine in 4 `frames` samples, cos(2 pi j / (4 frames)) within 2^-51; the same bits on every
+// machine. There is a frame or more.
 std::vector<double> cosine_wave(i64 frames);
 
 // The inverse transform of a number for each frequency, in steps.

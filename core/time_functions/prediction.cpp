@@ -110,7 +110,8 @@ template <class Numbers> std::vector<double> follow(const TimeShape &shape, cons
                     prediction = 0.0;
                     model.start();
                 }
-                const double miss = static_cast<double>(numbers.at((function * frames + frame) * axes + axis, prediction));
+                const i64 index = (function * frames + frame) * axes + axis;
+                const double miss = static_cast<double>(numbers.at(index, prediction));
                 const double value = prediction + miss;
                 values[(frame * axes + axis) * functions + function] = value * step;
                 energy += miss * miss;

@@ -54,7 +54,8 @@ std::vector<i64> quantise_straight(const TimeShape &shape, std::span<const doubl
                     fastest = faster;
                     end = frame;
                 }
-                const i64 lowest = static_cast<i64>(std::ceil(slowest)), highest = static_cast<i64>(std::floor(fastest));
+                const i64 lowest = static_cast<i64>(std::ceil(slowest));
+                const i64 highest = static_cast<i64>(std::floor(fastest));
                 const auto is_possible = [&](i64 other) { return lowest <= other && other <= highest; };
                 i64 found = speed;
                 if (!is_possible(speed)) {

@@ -1,9 +1,9 @@
 // Functions of time that are stored (a chunk of section TIME): trajectories and shapes, one value a frame and axis.
 //
-// By one of three methods, of which an encoder takes the cheapest. Motion without a rhythm, jumps and starts included, is
-// predicted from frame to frame. Motion that swings or repeats itself is a sum of cosines. Motion between keyframes is a
-// row of straight lines: changes of speed, nearly all of them zero. Each way whole numbers are left, small for the most
-// part, which are coded alike.
+// By one of three methods, of which an encoder takes the cheapest. Motion without a rhythm, jumps and starts included,
+// is predicted from frame to frame. Motion that swings or repeats itself is a sum of cosines. Motion between keyframes
+// is a row of straight lines: changes of speed, nearly all of them zero. Each way whole numbers are left, small for the
+// most part, which are coded alike.
 #pragma once
 
 #include <span>
@@ -39,9 +39,9 @@ double measure_time_functions(const TimeShape &shape, std::span<const i64> quant
 std::vector<double> time_function_values(TimeMethod method, const TimeShape &shape, std::span<const i64> quantised,
                                          double step);
 
-// Undo `encode_time_functions`: the values. CorruptError if the method is unknown or cannot be, or bytes are left over or
-// missing; other damage gives other values. Memory and time are bounded by the shape, which the caller has held against
-// its limits.
+// Undo `encode_time_functions`: the values. CorruptError if the method is unknown or cannot be, or bytes are left over
+// or missing; other damage gives other values. Memory and time are bounded by the shape, which the caller has held
+// against its limits.
 std::vector<double> decode_time_functions(std::span<const u8> data, const TimeShape &shape, double step);
 
 }  // namespace pdeanim

@@ -59,7 +59,9 @@ public:
                 BitModel *const of_place = by_place_[grade(place)][grade((2 * same + around) / 3)].data();
                 i64 here = 0;
                 for (i64 axis = 0; axis < axes; ++axis) {
-                    const i64 size = axis == 0 ? wide : axis == 1 ? (3 * wide + 48 * here) >> 2 : (wide + 8 * here) >> 1;
+                    const i64 size = axis == 0   ? wide
+                                     : axis == 1 ? (3 * wide + 48 * here) >> 2
+                                                 : (wide + 8 * here) >> 1;
                     const i64 one = at(0, 1, axis), two = at(0, 2, axis), four = at(0, 4, axis);
                     const Expected expected = {
                         {by_size_[grade(size / 24)][axis].data(), of_place,
@@ -90,10 +92,10 @@ private:
         const int wanted = bit_length(magnitude + 1) - 1;
         int exponent = expected.exponent;
         if (decide(coder, expected, rise + told_apart(exponent), wanted > exponent)) {
-            ++exponent;
-            while (exponent < most_exponent && decide(coder, expected, rise + told_apart(exponent), wanted > exponent)) {
+            do {
                 ++exponent;
-            }
+            } while (exponent < most_exponent &&
+                     decide(coder, expected, rise + told_apart(exponent), wanted > exponent));
         } else {
             while (exponent > 0 && !decide(coder, expected, fall + told_apart(exponent - 1), wanted > exponent - 1)) {
                 --exponent;

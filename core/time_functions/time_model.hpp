@@ -1,8 +1,8 @@
 // Context models of quantised functions of time.
 //
-// Of each number comes its exponent, beginning with the one that its neighbours (in time or frequency, among axes, among
-// functions) make likely and going up or down from there, so that large numbers cost few decisions; then the bits below
-// the leading one, and the sign.
+// Of each number comes its exponent, beginning with the one that its neighbours (in time or frequency, among axes,
+// among functions) make likely and going up or down from there, so that large numbers cost few decisions; then the bits
+// below the leading one, and the sign.
 #pragma once
 
 #include <type_traits>
