@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.coefficientcoding import encode_coefficients, measure_coefficients
 from pdecodec.displacements import Displacements, Origin, TimeFunctions, time_basis_of
 from pdecodec.group_corrections import GroupCorrections, GroupPlan, add_frames, correct_group, encode_group, plan_group
 from pdecodec.groups import (
@@ -21,9 +22,8 @@ from pdecodec.groups import (
     margins,
     normalised_modes,
 )
-from pdecodec.levelcoding import encode_levels, measure_levels
-from pdecodec.modes import QuantisedModes, quantise_modes
 from pdecodec.spacebasis import SpaceBasis
+from pdecodec.timefunctions import QuantisedTimeFunctions, quantise_time_functions
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -90,7 +90,7 @@ class FittedGroup:
     ----------
     entry : GroupEntry
         Sizes and checksum still zero.
-    modes : QuantisedModes or None
+    modes : QuantisedTimeFunctions or None
         None where there is none to code.
     levels : (columns, width) int64
     base : (frames, vertices, 3) float64 [scene units]
@@ -103,7 +103,7 @@ class FittedGroup:
     """
 
     entry: GroupEntry
-    modes: QuantisedModes | None
+    modes: QuantisedTimeFunctions | None
     levels: Int64Array
     base: Float64Array
     corrections: GroupCorrections
@@ -253,14 +253,14 @@ class GroupFitter:
         """Bits of the coefficients alone, before functions of time are quantised: to compare space bases by."""
         moved = self.displacements(choice.origin).coefficients(choice.time)
         levels = quantise_sparsely(basis.project(moved), grid_step(choice.step), _axes(choice.time))
-        return measure_levels(levels, basis, axes=_axes(choice.time))
+        return measure_coefficients(levels, basis, axes=_axes(choice.time))
 
     def fit(self, basis: SpaceBasis, choice: GroupChoice) -> FittedGroup:
         """Fit, and measure what it costs."""
         step, mode_step = grid_step(choice.step), grid_step(choice.step + choice.mode_step)
         moved, axes = self.displacements(choice.origin), _axes(choice.time)
         levels = quantise_sparsely(basis.project(moved.coefficients(choice.time)), step, axes)
-        modes: QuantisedModes | None = None
+        modes: QuantisedTimeFunctions | None = None
         if choice.time == "cosines":
             used = np.flatnonzero(levels.any(axis=0))
             count = int(used[-1]) // axes + 1 if used.size else 0
@@ -320,11 +320,11 @@ class GroupFitter:
         return missed * share[:, :, None]
 
     def fitted(
-        self, basis: SpaceBasis, entry: GroupEntry, levels: Int64Array, modes: QuantisedModes | None = None
+        self, basis: SpaceBasis, entry: GroupEntry, levels: Int64Array, modes: QuantisedTimeFunctions | None = None
     ) -> FittedGroup:
         """What coefficients in given functions decode to and cost, residuals included."""
         mode_bits = modes.bits if modes else 0.0
-        level_bits = measure_levels(levels, basis, axes=entry.axes) if entry.width else 0.0
+        level_bits = measure_coefficients(levels, basis, axes=entry.axes) if entry.width else 0.0
         functions = self._functions(basis, entry, levels, modes)
         base = self._decoded(functions)
         corrections = self._corrections(basis, entry, levels, functions.time, base)
@@ -347,7 +347,7 @@ class GroupFitter:
         entry, levels, modes, corrections = fitted.entry, fitted.levels, fitted.modes, fitted.corrections
         chunks = (
             modes.to_bytes() if modes else b"",
-            encode_levels(levels, basis, axes=entry.axes) if entry.width else b"",
+            encode_coefficients(levels, basis, axes=entry.axes) if entry.width else b"",
             encode_group(corrections, basis.starts, fitted.plan),
         )
         decoded = fitted.base.astype(np.float32)
@@ -356,7 +356,7 @@ class GroupFitter:
         return EncodedGroup(entry.with_chunks(chunks), chunks, decoded, corrections.count, coefficients)
 
     def _functions(
-        self, basis: SpaceBasis, entry: GroupEntry, levels: Int64Array, modes: QuantisedModes | None
+        self, basis: SpaceBasis, entry: GroupEntry, levels: Int64Array, modes: QuantisedTimeFunctions | None
     ) -> GroupFunctions:
         decoded = modes.decoded if modes else np.zeros((self.frames, entry.mode_axes, 0))
         return group_functions(entry, functions_of_time(entry, decoded, self.times), levels, basis)
@@ -388,14 +388,14 @@ class GroupFitter:
         levels: Int64Array,
         step: float,
         mode_step: float,
-    ) -> tuple[QuantisedModes | None, Int64Array]:
+    ) -> tuple[QuantisedTimeFunctions | None, Int64Array]:
         """Quantised functions of time, and coefficients of what they decode to."""
         energies, functions = moved.functions(time)
         axes = _axes(time)
         used = _needed(levels, axes)
         while used.size:
             scaled = (functions[:, used] * np.sqrt(energies[used])).reshape(self.frames, 3 // axes, used.size)
-            modes = quantise_modes(scaled, mode_step)
+            modes = quantise_time_functions(scaled, mode_step)
             unit = normalised_modes(modes.decoded).reshape(len(functions), used.size)
             levels = quantise_sparsely(basis.project(moved.along(unit, time)), step, axes)
             needed = _needed(levels, axes)

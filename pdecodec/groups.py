@@ -22,6 +22,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec._core import cosine_wave
 from pdecodec.basis import MAX_RATE, TIME_FUNCTIONS
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.closedform import ClosedForm
@@ -29,7 +30,6 @@ from pdecodec.container import ContainerReader
 from pdecodec.errors import CorruptFileError
 from pdecodec.expansion import Expansion
 from pdecodec.limits import LARGEST_STEP
-from pdecodec.modes import cosine_wave
 from pdecodec.shares import in_shares
 from pdecodec.spacebasis import SpaceBasis
 

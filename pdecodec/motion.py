@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.closedform import ClosedForm, weights_at
+from pdecodec.coefficientcoding import decode_coefficients, decode_coefficients_in_parts
 from pdecodec.container import ContainerReader
 from pdecodec.errors import CorruptFileError, LimitError
 from pdecodec.expansion import Expansion
@@ -28,12 +29,11 @@ from pdecodec.groups import (
     evaluate_group,
     functions_of_time,
 )
-from pdecodec.levelcoding import decode_levels_in_parts
-from pdecodec.modes import decode_modes
 from pdecodec.reference import RestShape
 from pdecodec.shares import thread_count
 from pdecodec.spacebasis import SpaceBasis
 from pdecodec.spline import FrameSpline
+from pdecodec.timefunctions import decode_time_functions
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -152,9 +152,7 @@ class Motion:
     def coefficients(self, index: int) -> Float64Array:
         """(functions of space, of time, axes) float64 [scene units]: of one group, as the bytes have them."""
         entry = self._table.entries[index]
-        levels = np.zeros((self._space.functions, entry.width), np.int64)
-        for _ in decode_levels_in_parts(self._chunks(index)[1], self._space, levels, axes=entry.axes):
-            pass
+        levels = decode_coefficients(self._chunks(index)[1], self._space, entry.width, axes=entry.axes)
         found: Float64Array = np.multiply(levels, entry.step, dtype=np.float64)
         return found.reshape(self._space.functions, entry.functions, entry.axes)
 
@@ -200,7 +198,9 @@ class Motion:
         def beside() -> tuple[FloatArray, GroupCorrections]:
             modes = np.zeros((entry.frames, 3, 0))
             if entry.basis in SAMPLED_BASES:
-                modes = decode_modes(time_chunk, entry.frames, entry.functions, entry.mode_step, axes=entry.mode_axes)
+                modes = decode_time_functions(
+                    time_chunk, entry.frames, entry.functions, entry.mode_step, axes=entry.mode_axes
+                )
             corrections = decode_group(corrected, entry.frames, self._space.starts, most_bytes=self._most_bytes)
             with np.errstate(all="ignore"):  # a thread of its own has settings of its own
                 return functions_of_time(entry, modes, self._times[frames]), corrections
@@ -226,7 +226,7 @@ class Motion:
             expansion.expand(first, end)
 
         begun = []
-        for first, end in decode_levels_in_parts(data, space, levels, axes=entry.axes):
+        for first, end in decode_coefficients_in_parts(data, space, levels, axes=entry.axes):
             if first == 0:
                 rows = slice(0, int(starts[0]))
                 np.multiply(levels[rows], entry.step, out=coefficients[rows])

@@ -1,4 +1,4 @@
-"""The independent decoder of modes gives what the library gives, to the last bit, whoever wrote the bytes."""
+"""The independent decoder of functions of time gives what the library gives, to the last bit, of any bytes."""
 
 from __future__ import annotations
 
@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_modes import any_modes, assert_same_bits, swings, wanderings
+from test_timefunctions import LARGEST, any_functions, assert_same_bits, swings, wanderings
 
+from pdecodec._core import time_function_values
 from pdecodec.errors import CorruptFileError
-from pdecodec.kernels.modes import MOST_EXPONENT, follow_modes
-from pdecodec.modes import FOLLOWED, STRAIGHT, TRANSFORMED, Float64Array, decode_modes, quantised_by_each_method
+from pdecodec.timefunctions import (
+    PREDICTED,
+    STRAIGHT,
+    TRANSFORMED,
+    Float64Array,
+    decode_time_functions,
+    quantised_by_each_method,
+)
 from spec.decoder import timefunctions as independent
 from spec.decoder.fields import CorruptFileError as IndependentCorruptFileError
 
@@ -27,8 +34,8 @@ def assert_all_methods_agree(scaled: Float64Array, step: float) -> None:
 
 
 @settings(max_examples=25, deadline=None)
-@given(any_modes())
-def test_it_decodes_any_modes_by_all_methods(scaled: Float64Array) -> None:
+@given(any_functions())
+def test_it_decodes_any_functions_by_all_methods(scaled: Float64Array) -> None:
     assert_all_methods_agree(scaled, 1.0)
 
 
@@ -37,16 +44,16 @@ def test_it_decodes_any_modes_by_all_methods(scaled: Float64Array) -> None:
     [wanderings(60, 5), swings(60, 5), wanderings(60, 5)[:, :1], swings(60, 5)[:, 1:2]],
     ids=["wanderings", "swings", "wanderings the same on all axes", "swings the same on all axes"],
 )
-def test_it_decodes_modes_from_which_much_was_learnt(scaled: Float64Array) -> None:
+def test_it_decodes_functions_from_which_much_was_learnt(scaled: Float64Array) -> None:
     assert_all_methods_agree(scaled, 0.37)
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.sampled_from([FOLLOWED, TRANSFORMED, STRAIGHT]), st.binary(max_size=60))
+@given(st.sampled_from([PREDICTED, TRANSFORMED, STRAIGHT]), st.binary(max_size=60))
 def test_it_makes_the_same_of_bytes_that_nobody_wrote(method: int, content: bytes) -> None:
     data = bytes([method]) + content
     try:
-        mine = decode_modes(data, 9, 4, 0.5)
+        mine = decode_time_functions(data, 9, 4, 0.5)
     except CorruptFileError:
         with pytest.raises(IndependentCorruptFileError):
             independent.read_time_functions(data, 9, 4, 0.5)
@@ -56,8 +63,6 @@ def test_it_makes_the_same_of_bytes_that_nobody_wrote(method: int, content: byte
 
 
 def test_it_begins_anew_where_a_prediction_runs_away() -> None:
-    levels = np.full((3, 40, 3), 2 ** (MOST_EXPONENT + 1) - 2)
-    values = np.empty(levels.shape)
-    follow_modes(levels, values, values, False, 0.5, np.empty(4), np.empty((4, 4)), np.empty(4), np.empty(4))
-    theirs = np.array(independent.predicted(levels.tolist(), 40))
-    assert_same_bits(values, np.ascontiguousarray(theirs.transpose(0, 2, 1)))
+    numbers = np.full((3, 40, 3), LARGEST)
+    theirs = np.array(independent.predicted(numbers.tolist(), 40))
+    assert_same_bits(time_function_values(PREDICTED, numbers, 1.0), np.ascontiguousarray(theirs.transpose(2, 1, 0)))

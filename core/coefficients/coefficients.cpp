@@ -1,0 +1,173 @@
+#include "coefficients/coefficients.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+#include <type_traits>
+
+#include "coefficients/coefficient_model.hpp"
+#include "errors.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+// Rows of an element, affine ones included, at which its bands end: the numbers of polynomials of two variables.
+constexpr std::array<i64, CoefficientModel::element_bands> band_ends = {6, 10, 15, 21, 28, 36, 48, 64, i64{1} << 62};
+
+// Codes the subbands of a group one after another.
+template <Mode mode> class CoefficientCoder {
+public:
+    using Number = std::conditional_t<mode == Mode::decode, i64, const i64>;
+
+    CoefficientCoder(const CoefficientLayout &layout, std::span<Number> coefficients, RangeCoder<mode> coder = {})
+        : coder(std::move(coder)), layout(layout), coefficients_(coefficients.data()) {}
+
+    // Those up to `end` - 1 that have not been coded yet.
+    void code(i64 end) {
+        for (; next_ < end; ++next_) code_subband(next_);
+    }
+
+    RangeCoder<mode> coder;
+    const CoefficientLayout layout;
+
+private:
+    Number *row_at(i64 row) const { return coefficients_ + row * layout.channels; }
+
+    // A place of a subband that is known, or nothing.
+    const i64 *row_of(i64 subband, i64 place) const {
+        const std::span<const i64> starts = layout.subbands.starts;
+        if (subband < 0 || place >= starts[subband + 1] - starts[subband]) return nullptr;
+        return row_at(starts[subband] + place);
+    }
+
+    void code_subband(i64 subband) {
+        const Subbands &subbands = layout.subbands;
+        const i64 begin = subbands.starts[subband], size = subbands.starts[subband + 1] - begin;
+        const bool is_element = subbands.kinds[subband] < 0;
+        const i64 affine = is_element ? -1 - subbands.kinds[subband] : 0;
+        const i64 above = subband > 0 ? subbands.parents[subband] : -1;
+        i64 &beside = latest_[is_element];
+        int band = is_element ? CoefficientModel::depths
+                              : static_cast<int>(least<i64>(subbands.kinds[subband], CoefficientModel::depths - 1));
+        i64 count = layout.channels;
+        for (i64 place = 0; place < size;) {
+            i64 stop = size;
+            if (is_element) {
+                while (place + affine >= band_ends[band - CoefficientModel::depths]) ++band;
+                stop = least(size, band_ends[band - CoefficientModel::depths] - affine);
+            }
+            const i64 needed = channels_needed(begin + place, begin + stop);
+            count = model_->code_count(coder, band, count, layout.channels, needed);
+            for (; place < stop; ++place) {
+                code_row(band, place + affine, count, row_at(begin + place), place, row_of(beside, place),
+                         row_of(above, place));
+            }
+        }
+        beside = subband;
+    }
+
+    // Channels up to the last that is not zero in some rows.
+    i64 channels_needed(i64 first, i64 end) const {
+        i64 needed = 0;
+        if constexpr (mode != Mode::decode) {
+            for (i64 row = first; row < end; ++row) {
+                const i64 *numbers = row_at(row);
+                i64 channel = layout.channels;
+                while (channel > needed && numbers[channel - 1] == 0) --channel;
+                needed = most(needed, channel);
+            }
+        }
+        return needed;
+    }
+
+    void code_row(int band, i64 row, i64 count, Number *numbers, i64 place, const i64 *beside, const i64 *above) {
+        const i64 channels = layout.channels;
+        const int axes = layout.axes;
+        const i64 *one = place > 0 ? numbers - channels : nullptr, *two = place > 1 ? numbers - 2 * channels : nullptr;
+        i64 other_axes = 0;
+        for (i64 channel = 0, rank = 0, axis = 0; channel < count; ++channel) {
+            const CoefficientsAround around = {
+                .one_row = one ? size_of(one[channel]) : 0,
+                .two_rows = two ? size_of(two[channel]) : 0,
+                .one_rank = rank >= 1 ? size_of(numbers[channel - axes]) : 0,
+                .two_ranks = rank >= 2 ? size_of(numbers[channel - 2 * axes]) : 0,
+                .beside = beside ? size_of(beside[channel]) : 0,
+                .other_axes = other_axes,
+                .above = above ? size_of(above[channel]) : 0,
+            };
+            const i64 found = model_->code_coefficient(coder, band, row, rank, around, numbers[channel]);
+            if constexpr (mode == Mode::decode) numbers[channel] = found;
+            other_axes += size_of(found);
+            if (++axis == axes) {
+                axis = other_axes = 0;
+                ++rank;
+            }
+        }
+    }
+
+    Number *coefficients_;
+    std::unique_ptr<CoefficientModel> model_ = std::make_unique<CoefficientModel>();
+    std::array<i64, 2> latest_ = {-1, -1};  // latest subband of a node, and that of an element
+    i64 next_ = 0;
+};
+
+void check_size(const CoefficientLayout &layout, std::size_t numbers) {
+    layout.check();
+    if (static_cast<i64>(numbers) != layout.rows * layout.channels) {
+        throw std::invalid_argument("as many coefficients as rows times channels");
+    }
+}
+
+}  // namespace
+
+void CoefficientLayout::check() const {
+    const auto &[starts, kinds, parents] = subbands;
+    bool agree = starts.size() == kinds.size() + 1 && parents.size() == kinds.size() && starts.front() == 0 &&
+                 starts.back() == rows && std::is_sorted(starts.begin(), starts.end());
+    for (i64 subband = 1; agree && subband < subbands.count(); ++subband) {
+        agree = parents[subband] >= 0 && parents[subband] < subband;
+    }
+    if (!agree) throw std::invalid_argument("subbands that follow each other, each after that of the node above");
+    if ((axes != 1 && axes != 3) || channels < 0 || channels > CoefficientModel::most_channels || channels % axes) {
+        throw std::invalid_argument("channels of one axis or of three");
+    }
+}
+
+std::vector<u8> encode_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients) {
+    check_size(layout, coefficients.size());
+    if (std::all_of(coefficients.begin(), coefficients.end(), [](i64 number) { return number == 0; })) return {};
+    CoefficientCoder<Mode::encode> all(layout, coefficients);
+    all.code(layout.subbands.count());
+    return all.coder.finish();
+}
+
+double measure_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients) {
+    check_size(layout, coefficients.size());
+    CoefficientCoder<Mode::measure> all(layout, coefficients);
+    all.code(layout.subbands.count());
+    return all.coder.bits();
+}
+
+class CoefficientDecoder::State : public CoefficientCoder<Mode::decode> {
+    using CoefficientCoder::CoefficientCoder;
+};
+
+CoefficientDecoder::CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data,
+                                       std::span<i64> coefficients) {
+    check_size(layout, coefficients.size());
+    if (!data.empty()) state_ = std::make_unique<State>(layout, coefficients, RangeCoder<Mode::decode>(data));
+}
+
+CoefficientDecoder::~CoefficientDecoder() = default;
+
+void CoefficientDecoder::decode(i64 end) {
+    if (state_) state_->code(least(end, state_->layout.subbands.count()));
+}
+
+void CoefficientDecoder::finish() const {
+    if (state_ && !state_->coder.is_finished()) {
+        throw CorruptError("section COEF does not end where its levels do; get the file again");
+    }
+}
+
+}  // namespace pdeanim
