@@ -49,3 +49,80 @@ def encode_time_functions(method: int, quantised: Int64Array) -> bytes: ...
 def measure_time_functions(quantised: Int64Array) -> float: ...
 def decode_time_functions(data: bytes, frames: int, functions: int, axes: int, step: float) -> Float64Array: ...
 def cosine_wave(frames: int) -> Float64Array: ...
+
+BYTES_PER_RESIDUAL: int
+"""Memory of decoding that limits count for a residual."""
+
+BYTES_PER_RAW_VERTEX: int
+
+class Residuals:
+    """Residuals and raw vertices of consecutive frames. Places ascend within a frame; arrays cannot be written.
+
+    Raises
+    ------
+    ValueError
+        If places do not ascend, a residual is zero or beyond 2^40 steps, or arrays do not match.
+    """
+
+    def __init__(
+        self,
+        frame_starts: Int64Array,
+        places: Int32Array,
+        quantised: Int64Array,
+        raw_frame_starts: Int64Array,
+        raw_places: Int32Array,
+        raw_positions: NDArray[np.float32],
+    ) -> None: ...
+    @property
+    def frame_starts(self) -> Int64Array:
+        """(frames + 1,): residuals of frame f are those from ``frame_starts[f]`` to ``frame_starts[f + 1] - 1``."""
+    @property
+    def places(self) -> Int32Array:
+        """(residuals,)."""
+    @property
+    def quantised(self) -> Int64Array:
+        """(residuals, 3), in steps."""
+    @property
+    def raw_frame_starts(self) -> Int64Array:
+        """(frames + 1,)."""
+    @property
+    def raw_places(self) -> Int32Array:
+        """(raw vertices,): none of them with a residual in the same frame."""
+    @property
+    def raw_positions(self) -> NDArray[np.float32]:
+        """(raw vertices, 3) [scene units]."""
+    @property
+    def frames(self) -> int: ...
+    @property
+    def count(self) -> int:
+        """Residuals and raw vertices."""
+    @property
+    def nbytes(self) -> int: ...
+
+def quantise_residuals(
+    points: NDArray[np.float32],
+    base: NDArray[np.float64],
+    order: Int32Array,
+    margins: NDArray[np.float64],
+    bound: float,
+    step: float,
+) -> Residuals: ...
+def join_residuals(parts: Sequence[Residuals]) -> Residuals: ...
+def reference_distances(residuals: Residuals) -> Int64Array: ...
+def measure_residuals(
+    residuals: Residuals, patches: Int64Array, is_predicted: bool, distances: Int64Array
+) -> float: ...
+def encode_residuals(residuals: Residuals, patches: Int64Array, is_predicted: bool, distances: Int64Array) -> bytes: ...
+def decode_residuals(data: bytes, frames: int, patches: Int64Array, most_bytes: int) -> Residuals: ...
+def add_residuals(
+    residuals: Residuals,
+    first: int,
+    order: Int32Array,
+    step: float,
+    out: NDArray[np.float32],
+    weight: float,
+    base: NDArray[np.float32] | None,
+) -> None: ...
+def residual_displacements(
+    residuals: Residuals, frame: int, order: Int32Array, step: float, base: NDArray[np.float32] | None
+) -> NDArray[np.float64]: ...

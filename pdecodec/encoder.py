@@ -24,7 +24,6 @@ from pdecodec.attributes import encode_attributes
 from pdecodec.blasthreads import one_blas_thread
 from pdecodec.connectivity import encode_connectivity
 from pdecodec.container import Section, Spool, container_pieces, section_sizes, write_container
-from pdecodec.corrections import LAST_BINADE, correction_step
 from pdecodec.description import encode_remarks, encode_sequence_description
 from pdecodec.effort import EFFORTS
 from pdecodec.encodereport import EncodeReport, counted, generator
@@ -36,6 +35,7 @@ from pdecodec.groups import CHUNK_SECTIONS, GroupEntry, write_group_table
 from pdecodec.metrics import frame_scale
 from pdecodec.modelchoice import ModelSearch
 from pdecodec.reference import RestShape, decode_rest, encode_rest, quantise_rest
+from pdecodec.residuals import LAST_BINADE, residual_step
 from pdecodec.selection import CodedOrderSequence
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
@@ -139,7 +139,7 @@ class Encoder(ABC):
         self._scale = frame_scale(self._first)
         self._bound = settings.bound(self._scale)
         largest = float(np.abs(self._first).max())
-        self._residual_step = correction_step(self._scale if self._bound is None else self._bound, largest)
+        self._residual_step = residual_step(self._scale if self._bound is None else self._bound, largest)
         # Where float32 is coarser than the bound, a finer model would describe its rounding.
         spacing = float(np.spacing(np.float32(min(largest, LAST_BINADE))))
         self._unit = max(FINEST_STEP * self._scale if self._bound is None else self._bound, spacing)

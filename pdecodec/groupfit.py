@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pdecodec.coefficientcoding import encode_coefficients, measure_coefficients
 from pdecodec.displacements import Displacements, Origin, TimeFunctions, time_basis_of
-from pdecodec.group_corrections import GroupCorrections, GroupPlan, add_frames, correct_group, encode_group, plan_group
 from pdecodec.groups import (
     SINGLE_IS_ENOUGH,
     SINGLE_MARGIN,
@@ -21,6 +20,14 @@ from pdecodec.groups import (
     group_functions,
     margins,
     normalised_modes,
+)
+from pdecodec.residuals import (
+    ResidualPlan,
+    Residuals,
+    add_residuals,
+    encode_residuals,
+    plan_residuals,
+    quantise_residuals,
 )
 from pdecodec.spacebasis import SpaceBasis
 from pdecodec.timefunctions import QuantisedTimeFunctions, quantise_time_functions
@@ -95,9 +102,8 @@ class FittedGroup:
     levels : (columns, width) int64
     base : (frames, vertices, 3) float64 [scene units]
         Positions before corrections, and before they are rounded to float32.
-    corrections : GroupCorrections
-    plan : GroupPlan
-        Of the corrections.
+    residuals : Residuals
+    plan : ResidualPlan
     bits, mode_bits : float
         Of all three chunks, measured, and of the modes alone.
     """
@@ -106,8 +112,8 @@ class FittedGroup:
     modes: QuantisedTimeFunctions | None
     levels: Int64Array
     base: Float64Array
-    corrections: GroupCorrections
-    plan: GroupPlan
+    residuals: Residuals
+    plan: ResidualPlan
     bits: float
     mode_bits: float
 
@@ -327,10 +333,10 @@ class GroupFitter:
         level_bits = measure_coefficients(levels, basis, axes=entry.axes) if entry.width else 0.0
         functions = self._functions(basis, entry, levels, modes)
         base = self._decoded(functions)
-        corrections = self._corrections(basis, entry, levels, functions.time, base)
-        plan = plan_group(corrections, basis.starts)
+        residuals = self._residuals(basis, entry, levels, functions.time, base)
+        plan = plan_residuals(residuals, basis.starts)
         bits = mode_bits + level_bits + plan.bits
-        return FittedGroup(entry, modes, levels, base, corrections, plan, bits, mode_bits)
+        return FittedGroup(entry, modes, levels, base, residuals, plan, bits, mode_bits)
 
     def encode(self, fitted: FittedGroup, basis: SpaceBasis) -> EncodedGroup:
         """A fit as bytes.
@@ -344,16 +350,16 @@ class GroupFitter:
             off = max(float(np.abs(one - other).max()) for one, other in zip(exact, fitted.base, strict=True))
             if off > 0.5 * SINGLE_MARGIN * self._correction_step:
                 fitted = self.fitted(basis, entry, fitted.levels, fitted.modes)
-        entry, levels, modes, corrections = fitted.entry, fitted.levels, fitted.modes, fitted.corrections
+        entry, levels, modes, residuals = fitted.entry, fitted.levels, fitted.modes, fitted.residuals
         chunks = (
             modes.to_bytes() if modes else b"",
             encode_coefficients(levels, basis, axes=entry.axes) if entry.width else b"",
-            encode_group(corrections, basis.starts, fitted.plan),
+            encode_residuals(residuals, basis.starts, fitted.plan),
         )
         decoded = fitted.base.astype(np.float32)
-        add_frames(decoded, corrections, 0, basis.order.astype(np.int64), step=self._correction_step)
+        add_residuals(decoded, residuals, 0, basis.order, step=self._correction_step)
         coefficients = int(np.count_nonzero(levels)) + (modes.decoded.size if modes else 0)
-        return EncodedGroup(entry.with_chunks(chunks), chunks, decoded, corrections.count, coefficients)
+        return EncodedGroup(entry.with_chunks(chunks), chunks, decoded, residuals.count, coefficients)
 
     def _functions(
         self, basis: SpaceBasis, entry: GroupEntry, levels: Int64Array, modes: QuantisedTimeFunctions | None
@@ -367,14 +373,14 @@ class GroupFitter:
         evaluate_group(functions, slice(None), np.ascontiguousarray(self._rest.T), out)
         return out
 
-    def _corrections(
+    def _residuals(
         self, basis: SpaceBasis, entry: GroupEntry, levels: Int64Array, time: FloatArray, base: Float64Array
-    ) -> GroupCorrections:
-        """Corrections of positions before rounding, for the vertices that may miss the bound with another decoder."""
-        return correct_group(
+    ) -> Residuals:
+        """Residuals of positions before rounding, for the vertices that may miss the bound with another decoder."""
+        return quantise_residuals(
             self.points,
             base,
-            basis.order.astype(np.int64),
+            basis.order,
             bound=self._bound,
             margins=margins(entry, time, levels, self._correction_step),
             step=self._correction_step,

@@ -18,7 +18,6 @@ from pdecodec.coefficientcoding import decode_coefficients, decode_coefficients_
 from pdecodec.container import ContainerReader
 from pdecodec.errors import CorruptFileError, LimitError
 from pdecodec.expansion import Expansion
-from pdecodec.group_corrections import GroupCorrections, add_frame, add_frames, decode_group
 from pdecodec.groupmodel import GroupModelDescription
 from pdecodec.groups import (
     SAMPLED_BASES,
@@ -30,6 +29,7 @@ from pdecodec.groups import (
     functions_of_time,
 )
 from pdecodec.reference import RestShape
+from pdecodec.residuals import Residuals, add_residuals, decode_residuals, residual_displacements
 from pdecodec.shares import thread_count
 from pdecodec.spacebasis import SpaceBasis
 from pdecodec.spline import FrameSpline
@@ -55,11 +55,11 @@ class DecodedGroup:
     """What the chunks of one group decode to."""
 
     functions: GroupFunctions
-    corrections: GroupCorrections
+    residuals: Residuals
 
     @property
     def nbytes(self) -> int:
-        return self.functions.nbytes + self.corrections.nbytes
+        return self.functions.nbytes + self.residuals.nbytes
 
 
 class Motion:
@@ -93,7 +93,7 @@ class Motion:
         most_bytes: int,
     ) -> None:
         self._container, self._table, self._times = container, table, times
-        self._correction_step, self._space, self._most_bytes = model.correction_step, space, most_bytes
+        self._residual_step, self._space, self._most_bytes = model.correction_step, space, most_bytes
         self._vertices = space.order.size
         widest = max(entry.width for entry in table.entries)
         longest = max(entry.frames * entry.functions for entry in table.entries)
@@ -105,7 +105,7 @@ class Motion:
             )
         self._most_bytes -= needed
         self._reference = np.ascontiguousarray(reference.points.T)
-        self._order: Int64Array = space.order.astype(np.int64)
+        self._order = space.order
         self._cache: OrderedDict[int, DecodedGroup] = OrderedDict()
         self._cached_bytes = 0
 
@@ -124,7 +124,7 @@ class Motion:
                 first = frame - int(self._table.firsts[group])
                 frames = slice(first, first + stop - start)
                 evaluate_group(decoded.functions, frames, self._reference, out[start:stop])
-                add_frames(out[start:stop], decoded.corrections, first, self._order, step=self._correction_step)
+                add_residuals(out[start:stop], decoded.residuals, first, self._order, step=self._residual_step)
             else:
                 out[start] = (self._reference + self._displacement(times[start], 0)).T
                 self._add_residuals_between(out[start], times[start])
@@ -192,25 +192,25 @@ class Motion:
 
     def _decode(self, index: int) -> DecodedGroup:
         entry = self._table.entries[index]
-        time_chunk, coefficients, corrected = self._chunks(index)
+        time_chunk, coefficients, coded = self._chunks(index)
         frames = slice(int(self._table.firsts[index]), int(self._table.firsts[index + 1]))
 
-        def beside() -> tuple[FloatArray, GroupCorrections]:
+        def beside() -> tuple[FloatArray, Residuals]:
             modes = np.zeros((entry.frames, 3, 0))
             if entry.basis in SAMPLED_BASES:
                 modes = decode_time_functions(
                     time_chunk, entry.frames, entry.functions, entry.mode_step, axes=entry.mode_axes
                 )
-            corrections = decode_group(corrected, entry.frames, self._space.starts, most_bytes=self._most_bytes)
+            residuals = decode_residuals(coded, entry.frames, self._space.starts, most_bytes=self._most_bytes)
             with np.errstate(all="ignore"):  # a thread of its own has settings of its own
-                return functions_of_time(entry, modes, self._times[frames]), corrections
+                return functions_of_time(entry, modes, self._times[frames]), residuals
 
         # The three chunks know nothing of each other, and the compiled loops let other threads run.
         with ThreadPoolExecutor(max(thread_count() - 1, 1)) as pool:
             found = pool.submit(beside)
             planes = self._decode_planes(entry, coefficients, pool.submit)
-            weights, corrections = found.result()
-        return DecodedGroup(GroupFunctions(weights, by_function(entry, planes)), corrections)
+            weights, residuals = found.result()
+        return DecodedGroup(GroupFunctions(weights, by_function(entry, planes)), residuals)
 
     def _decode_planes(self, entry: GroupEntry, data: bytes, submit: Callable[..., Any]) -> FloatArray:
         """Coefficients, and patch by patch what they make of its vertices: by other threads, while there is time."""
@@ -288,21 +288,19 @@ class Motion:
         share = float((time - self._times[left]) / (self._times[left + 1] - self._times[left]))
         for frame, weight in ((left, 1.0 - share), (left + 1, share)):
             index = self._table.group_of(frame)
-            corrections, inside = self._group(index).corrections, frame - int(self._table.firsts[index])
-            starts = corrections.literal_frame_starts
-            base = self._model_at_frame(frame) if starts[inside] < starts[inside + 1] else None
-            step = self._correction_step
-            add_frame(out, corrections, inside, self._order, step=step, weight=weight, base=base)
+            residuals, inside = self._group(index).residuals, frame - int(self._table.firsts[index])
+            base = self._base(residuals, frame, inside)
+            step = self._residual_step
+            add_residuals(out[None], residuals, inside, self._order, step=step, weight=weight, base=base)
 
     def _residual(self, frame: int) -> Float64Array:
         """(vertices, 3) float64: what the residuals of a frame add to its positions."""
         index = self._table.group_of(frame)
-        corrections, inside = self._group(index).corrections, frame - int(self._table.firsts[index])
-        some = slice(corrections.frame_starts[inside], corrections.frame_starts[inside + 1])
-        raw = slice(corrections.literal_frame_starts[inside], corrections.literal_frame_starts[inside + 1])
-        added = np.zeros((self._vertices, 3))
-        added[self._order[corrections.places[some]]] = corrections.levels[some] * self._correction_step
-        if raw.start < raw.stop:
-            vertices = self._order[corrections.literal_places[raw]]
-            added[vertices] = corrections.literals[raw].astype(np.float64) - self._model_at_frame(frame)[vertices]
-        return added
+        residuals, inside = self._group(index).residuals, frame - int(self._table.firsts[index])
+        base = self._base(residuals, frame, inside)
+        return residual_displacements(residuals, inside, self._order, step=self._residual_step, base=base)
+
+    def _base(self, residuals: Residuals, frame: int, inside: int) -> Float32Array | None:
+        """What raw vertices of a frame stand in for, where there are any: positions by the model alone."""
+        starts = residuals.raw_frame_starts
+        return self._model_at_frame(frame) if starts[inside] < starts[inside + 1] else None

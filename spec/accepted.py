@@ -26,8 +26,8 @@ from pdecodec import (
 )
 from pdecodec.displacements import TimeFunctions
 from pdecodec.effort import EFFORTS
-from pdecodec.group_corrections import GroupCorrections, encode_group
 from pdecodec.groupfit import GroupFitter
+from pdecodec.residuals import Residuals, encode_residuals
 from pdecodec.sequence import MeshSequence
 from pdecodec.spacebasis import SpaceKind
 from spec.sealing import Part, seal, take_apart, with_first_group
@@ -291,25 +291,24 @@ SEQUENCES: dict[str, tuple[Callable[[], MeshSequence], Choices]] = {
 }
 
 
-def corrected(levels: np.ndarray[Any, np.dtype[np.int64]]) -> GroupCorrections:
+def of_field(quantised: np.ndarray[Any, np.dtype[np.int64]]) -> Residuals:
     """Residuals, (frames, vertices, 3); rows of zeros are none. No raw vertices."""
-    frames, places = np.nonzero(levels.any(axis=2))
-    starts = np.searchsorted(frames, np.arange(len(levels) + 1)).astype(np.int64)
-    none = np.zeros(0, np.int64)
-    literals = np.zeros((0, 3), np.float32)
-    return GroupCorrections(starts, places, levels[frames, places], np.zeros_like(starts), none, literals)
+    frames, places = np.nonzero(quantised.any(axis=2))
+    starts = np.searchsorted(frames, np.arange(len(quantised) + 1)).astype(np.int64)
+    none, raw = np.zeros(0, np.int32), np.zeros((0, 3), np.float32)
+    return Residuals(starts, places.astype(np.int32), quantised[frames, places], np.zeros_like(starts), none, raw)
 
 
-def residuals_by_hand() -> Iterator[tuple[str, GroupCorrections]]:
+def residuals_by_hand() -> Iterator[tuple[str, Residuals]]:
     """Of eight frames of 24 vertices in one patch."""
     random = np.random.default_rng(0)
     turn = random.integers(-40, 40, (3, 24, 3)) * (random.random((3, 24, 1)) < 0.4)
-    yield "residuals_in_a_cycle", corrected(turn[np.arange(8) % 3])
+    yield "residuals_in_a_cycle", of_field(turn[np.arange(8) % 3])
     drift = np.cumsum(np.cumsum(random.integers(-3, 4, (8, 24, 3)), axis=0), axis=0) * 20
-    yield "residuals_predicted", corrected(drift)
+    yield "residuals_predicted", of_field(drift)
     huge = np.zeros((8, 24, 3), np.int64)
     huge[1, 5], huge[2, 5], huge[2, 23] = (2**40, -(2**40), 1), (-(2**40), 2**40, -1), (0, 0, 7)
-    yield "residuals_from_end_to_end", corrected(huge)
+    yield "residuals_from_end_to_end", of_field(huge)
 
 
 def accepted() -> Iterator[tuple[str, bytes]]:
@@ -321,8 +320,8 @@ def accepted() -> Iterator[tuple[str, bytes]]:
     for name, (make, choices) in SEQUENCES.items():
         yield name, encoded(make(), choices)
     still = take_apart(encoded(clip(np.repeat(wave(1, 4, 6), 8, axis=0), grid(4, 6)), Choices()))
-    for name, corrections in residuals_by_hand():
-        chunk = encode_group(corrections, np.array([0, 24]))
+    for name, residuals in residuals_by_hand():
+        chunk = encode_residuals(residuals, np.array([0, 24]))
         yield name, seal(with_first_group(still, "CORR", chunk))
     parts = take_apart(encoded(sheet(), Choices(longest_group=4)))
     unknown = [Part("XYZW", b"anything", 0), *parts, Part("\xff\x00ab", b"", 0x0E)]

@@ -47,5 +47,6 @@ void bind_connectivity(nb::module_ &module);
 void bind_reference(nb::module_ &module);
 void bind_coefficients(nb::module_ &module);
 void bind_time_functions(nb::module_ &module);
+void bind_residuals(nb::module_ &module);
 
 }  // namespace pdeanim::bindings

@@ -14,4 +14,5 @@ NB_MODULE(_core, module) {
     bind_reference(module);
     bind_coefficients(module);
     bind_time_functions(module);
+    bind_residuals(module);
 }
