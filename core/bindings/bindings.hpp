@@ -51,5 +51,6 @@ std::vector<ConnectivityView> views_of(const nb::list &parts);
 void bind_connectivity(nb::module_ &module);
 void bind_reference(nb::module_ &module);
 void bind_curves(nb::module_ &module);
+void bind_evaluate(nb::module_ &module);
 
 }  // namespace pdeanim::bindings

@@ -13,4 +13,5 @@ NB_MODULE(_core, module) {
     bind_connectivity(module);
     bind_reference(module);
     bind_curves(module);
+    bind_evaluate(module);
 }
