@@ -15,4 +15,6 @@ NB_MODULE(_core, module) {
     bind_coefficients(module);
     bind_time_functions(module);
     bind_residuals(module);
+    bind_curves(module);
+    bind_evaluate(module);
 }
