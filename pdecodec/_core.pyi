@@ -1,12 +1,15 @@
 """Types of the native core (core/bindings)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
+AttributeFields = tuple[str, int, int, NDArray[Any], Int32Array | None, Sequence[str]]
+DecodedAttribute = tuple[str, int, NDArray[Any], Int32Array | None, tuple[str, ...]]
 Part = tuple[int, Int32Array, Int32Array, Int32Array, Int32Array]
 
 class CorruptError(Exception): ...
@@ -21,3 +24,17 @@ def encode_reference(starts: Int64Array, vertex: Int32Array, faces: int, grid: I
 def decode_reference(
     starts: Int64Array, vertex: Int32Array, faces: int, vertices: int, predictor: int, data: bytes
 ) -> Int64Array: ...
+def encode_description(times: NDArray[np.float64], names: Sequence[str]) -> bytes: ...
+def decode_times(data: bytes, times: int) -> NDArray[np.float64]: ...
+def decode_names(data: bytes, times: int, objects: int, take: Callable[[int], object]) -> list[str]: ...
+def encode_attributes(
+    parts: Sequence[Part],
+    attributes: Sequence[Sequence[AttributeFields]],
+    grid: Int64Array,
+    uv_tolerance: float | None,
+    keeps_rows: bool,
+) -> bytes: ...
+def decode_attributes(
+    data: bytes, parts: Sequence[Part], grid: Int64Array, most_bytes: int
+) -> list[list[DecodedAttribute]]: ...
+def fan_numbers(vertices: Int32Array, keys: Int32Array) -> Int32Array: ...

@@ -4,8 +4,6 @@
 
 namespace pdeanim::bindings {
 
-namespace {
-
 std::vector<ConnectivityView> views_of(const nb::list &parts) {
     std::vector<ConnectivityView> views;
     for (const nb::handle part : parts) {
@@ -16,6 +14,8 @@ std::vector<ConnectivityView> views_of(const nb::list &parts) {
     }
     return views;
 }
+
+namespace {
 
 nb::tuple py_encode_connectivity(const nb::list &parts, bool keep_order) {
     const std::vector<ConnectivityView> views = views_of(parts);

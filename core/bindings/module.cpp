@@ -12,4 +12,6 @@ NB_MODULE(_core, module) {
     nb::exception<LimitError>(module, "LimitError");
     bind_connectivity(module);
     bind_reference(module);
+    bind_description(module);
+    bind_attributes(module);
 }
