@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from typing import Literal
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +12,8 @@ Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 Float64Array = NDArray[np.float64]
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
+AttributeFields = tuple[str, int, int, NDArray[Any], Int32Array | None, Sequence[str]]
+DecodedAttribute = tuple[str, int, NDArray[Any], Int32Array | None, tuple[str, ...]]
 Part = tuple[int, Int32Array, Int32Array, Int32Array, Int32Array]
 
 class CorruptError(Exception): ...
@@ -160,3 +164,17 @@ class FrameSpline:
         Of the position at each time, of the velocity [1/s] or of the acceleration [1/s^2]. Times outside the clip are
         taken as its nearest end.
         """
+def encode_description(times: NDArray[np.float64], names: Sequence[str]) -> bytes: ...
+def decode_times(data: bytes, times: int) -> NDArray[np.float64]: ...
+def decode_names(data: bytes, times: int, objects: int, take: Callable[[int], object]) -> list[str]: ...
+def encode_attributes(
+    parts: Sequence[Part],
+    attributes: Sequence[Sequence[AttributeFields]],
+    grid: Int64Array,
+    uv_tolerance: float | None,
+    keeps_rows: bool,
+) -> bytes: ...
+def decode_attributes(
+    data: bytes, parts: Sequence[Part], grid: Int64Array, most_bytes: int
+) -> list[list[DecodedAttribute]]: ...
+def fan_numbers(vertices: Int32Array, keys: Int32Array) -> Int32Array: ...

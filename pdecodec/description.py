@@ -1,25 +1,24 @@
-"""Coding of what surrounds the motion: times and names of objects (SEQN), remarks (META)."""
+"""Coding of what surrounds the motion: times and names of objects (SEQN, `core/description/`), remarks (META)."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec import _core
 from pdecodec.bytestream import FieldReader, FieldWriter
-from pdecodec.codedstream import CodedStream
+from pdecodec.connectivity import core_errors
 from pdecodec.entropy import compress, decompress
 from pdecodec.errors import CorruptFileError, InputError, LimitError
 from pdecodec.sequence import LARGEST_TIME, SHORTEST_TIME_STEP, MeshSequence
 
 Float64Array = NDArray[np.float64]
-Int64Array = NDArray[np.int64]
-UInt8Array = NDArray[np.uint8]
 
 RUNS = 1
 """Runs of frames of one connectivity in a file; later versions of the software will read more."""
@@ -53,7 +52,7 @@ class SequenceDescription:
     coded : bytes
         Listed times, and the names of objects.
     listed : int
-        How many bytes the former have.
+        How many of the former there are.
     """
 
     times: Float64Array
@@ -75,15 +74,18 @@ class SequenceDescription:
         CorruptFileError
             If there are more or fewer names, or they are not UTF-8.
         """
-        stream = CodedStream.of_bytes(self.coded, "SEQN")
-        stream.bytes(np.zeros(self.listed, np.uint8))
-        names = tuple(stream.text("", take) for _ in range(count))
-        stream.check_finished()
-        return names
+        with core_errors():
+            return tuple(_core.decode_names(self.coded, self.listed, count, take))
 
 
 def encode_sequence_description(sequence: MeshSequence) -> bytes:
-    """Section SEQN: frames, times, names of objects."""
+    """Section SEQN: frames, times, names of objects.
+
+    Raises
+    ------
+    InputError
+        If a name is not text that UTF-8 can hold.
+    """
     kind, start, rate = _time_rule(sequence.times, sequence.fps)
     is_listed = kind == TIMES_LISTED
     is_usual = not is_listed and rate == sequence.fps
@@ -98,12 +100,19 @@ def encode_sequence_description(sequence: MeshSequence) -> bytes:
         if not is_usual:
             writer.numbers("d", rate)
 
-    def write(stream: CodedStream) -> None:
-        stream.bytes(_bytes_of_times(sequence.times) if is_listed else np.zeros(0, np.uint8))
-        for item in sequence.objects:
-            stream.text(item.name, int)
+    names = checked_texts(item.name for item in sequence.objects)
+    return writer.to_bytes() + _core.encode_description(sequence.times if is_listed else np.zeros(0), names)
 
-    return writer.to_bytes() + CodedStream.to_bytes("SEQN", write)
+
+def checked_texts(texts: Iterable[str]) -> list[str]:
+    """The same texts; InputError for one that UTF-8 cannot hold."""
+    checked = list(texts)
+    for text in checked:
+        try:
+            text.encode("utf-8")
+        except UnicodeEncodeError as error:
+            raise InputError(f"the name {text!r} is not text that UTF-8 can hold; rename it") from error
+    return checked
 
 
 def decode_sequence_description(data: bytes, most_frames: int) -> SequenceDescription:
@@ -130,9 +139,9 @@ def decode_sequence_description(data: bytes, most_frames: int) -> SequenceDescri
         raise CorruptFileError("section SEQN has a frame rate that is not positive")
     listed, times = 0, np.zeros(0)
     if flags | WHOLE_FRAME_RATE == TIMES_LISTED | WHOLE_FRAME_RATE:
-        listed = 8 * frames
-        coded = reader.rest()
-        times = _times_of_bytes(CodedStream.of_bytes(coded, "SEQN").bytes(np.zeros(listed, np.uint8)))
+        listed, coded = frames, reader.rest()
+        with core_errors():
+            times = _core.decode_times(coded, listed)
     elif kind in TIME_RULES:
         start = _read_real(reader, is_whole=bool(flags & WHOLE_START))
         rate = fps if flags & AT_FRAME_RATE else reader.reals("d")[0]
@@ -163,24 +172,6 @@ def _read_real(reader: FieldReader, *, is_whole: bool) -> float:
     if value > LARGEST_WHOLE:
         raise CorruptFileError("section SEQN has a whole number out of range")
     return float(value)
-
-
-def _bytes_of_times(times: Float64Array) -> UInt8Array:
-    """Second differences of the places of times among all float64: first bytes of all, then second bytes."""
-    places = _flipped(times.view(np.int64))
-    steps = np.diff(np.diff(places, prepend=np.int64(0)), prepend=np.int64(0))
-    return ((steps << 1) ^ (steps >> 63)).astype("<i8").view(np.uint8).reshape(-1, 8).T.ravel()
-
-
-def _times_of_bytes(planes: UInt8Array) -> Float64Array:
-    coded = np.ascontiguousarray(planes.reshape(8, -1).T).view("<u8").ravel().astype(np.uint64)
-    steps = (coded >> np.uint64(1)).astype(np.int64) ^ -(coded & np.uint64(1)).astype(np.int64)
-    return _flipped(np.cumsum(np.cumsum(steps))).view(np.float64)
-
-
-def _flipped(bits: Int64Array) -> Int64Array:
-    """Bits of float64 as numbers in the same order, and back."""
-    return bits ^ ((bits >> 63) & np.int64(2**63 - 1))
 
 
 def _ruled_times(kind: int, start: float, rate: float, frames: int) -> Float64Array:

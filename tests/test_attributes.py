@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -16,12 +18,13 @@ from numpy.typing import NDArray
 from sequence_cases import assert_same_attributes, rich_sequence
 
 from pdecodec.attributes import VALUE_TYPES, decode_attributes, encode_attributes, reorder_attributes
-from pdecodec.codedstream import CodedStream
 from pdecodec.entropy import compress
 from pdecodec.errors import CorruptFileError, InputError, LimitError
 from pdecodec.sequence import Attribute, Connectivity, MeshObject
+from spec.decoder import contexts
 from spec.decoder.attributes import read_attributes
 from spec.decoder.fields import CorruptFileError as IndependentError
+from spec.sealing import EndOfScriptError, ScriptedCoder, numbers, text
 
 Int64Array = NDArray[np.int64]
 
@@ -454,16 +457,16 @@ def test_attributes_beyond_the_memory_limit_are_refused_and_others_are_not(attri
     assert_same_attributes(decode_attributes(data, bare(objects), levels, PLENTY)[0].attributes, (attribute,))
 
 
-def coded(*fields: tuple[str, int], name: str = "a") -> bytes:
+def coded(*fields: tuple[str, int]) -> bytes:
     """Section ATTR of one attribute, of any numbers at its head."""
-
-    def write(stream: CodedStream) -> None:
-        stream.number("attributes", 1)
-        stream.text(name, int)
-        for field, number in fields:
-            stream.number(field, number)
-
-    return CodedStream.to_bytes("ATTR", write)
+    coder = ScriptedCoder(numbers(1) + text(b"a") + numbers(*(number for _, number in fields)))
+    objects = [MeshObject("m", connectivity_of(3, [[0, 1, 2]]))]
+    with (
+        patch.object(contexts, "RangeDecoder", lambda data: coder),
+        suppress(EndOfScriptError, IndependentError),
+    ):
+        read_attributes(b"the script", meshes_of(objects), levels_of(objects).tolist())
+    return coder.to_bytes()
 
 
 def head(domain: int = 0, kind: int = 0, columns: int = 3, rule: int = 0) -> list[tuple[str, int]]:

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sequence_cases import rich_sequence
 
+from pdecodec import _core
 from pdecodec.bytestream import FieldReader, FieldWriter
-from pdecodec.codedstream import CodedStream
 from pdecodec.description import (
     ALL_FLAGS,
     AT_FRAME_RATE,
@@ -23,7 +23,6 @@ from pdecodec.description import (
     TIMES_COUNTED,
     TIMES_LISTED,
     TIMES_STEPPED,
-    _bytes_of_times,
     decode_remarks,
     decode_sequence_description,
     encode_remarks,
@@ -144,8 +143,7 @@ def listed(times: list[float]) -> bytes:
     """Section SEQN with times one by one."""
     regular = encode_sequence_description(clip(np.array([0.0, 1.0, 2.5])))
     head = regular[: -len(decode_sequence_description(regular, 9).coded)]
-    planes = _bytes_of_times(np.array(times))
-    return head + CodedStream.to_bytes("SEQN", lambda stream: stream.bytes(planes))
+    return head + _core.encode_description(np.array(times), [])
 
 
 @pytest.mark.parametrize(

@@ -17,4 +17,6 @@ NB_MODULE(_core, module) {
     bind_residuals(module);
     bind_curves(module);
     bind_evaluate(module);
+    bind_description(module);
+    bind_attributes(module);
 }

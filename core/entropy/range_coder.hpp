@@ -12,6 +12,7 @@
 
 #include "arithmetic.hpp"
 #include "entropy/tables.hpp"
+#include "errors.hpp"
 
 namespace pdeanim {
 
@@ -174,6 +175,13 @@ public:
     // Bytes that were taken beyond the end; a sound stream takes six at most.
     std::size_t beyond() const requires(mode == Mode::decode) {
         return position_ > data_.size() ? position_ - data_.size() : 0;
+    }
+
+    // CorruptError where decoding goes on although the bytes have long ended: what they do not hold is not worth a wait.
+    void check_not_ended() const {
+        if constexpr (mode == Mode::decode) {
+            if (beyond() > first_bytes) throw CorruptError("ends too early");
+        }
     }
 
     // What encoding would have cost so far [bits].

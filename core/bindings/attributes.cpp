@@ -1,0 +1,163 @@
+// Python's view of section ATTR.
+#include "attributes/attributes.hpp"
+
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include "attributes/rows.hpp"
+#include "bindings/bindings.hpp"
+
+namespace pdeanim::bindings {
+
+namespace {
+
+std::span<const GridPoint> points_of(const Rows<i64, 3> &grid) {
+    return {reinterpret_cast<const GridPoint *>(grid.data()), grid.shape(0)};
+}
+
+// Faces and lines that fit each other and their vertices, and a grid that fits them all.
+void check(const std::vector<ConnectivityView> &parts, const Rows<i64, 3> &grid) {
+    std::size_t vertices = 0;
+    for (const ConnectivityView &part : parts) {
+        const auto check_polygons = [&](std::span<const i32> sizes, std::span<const i32> indices) {
+            i64 corners = 0;
+            for (const i32 size : sizes) {
+                if (size < 1) throw nb::value_error("a polygon has no corners");
+                corners += size;
+            }
+            if (corners != static_cast<i64>(indices.size())) throw nb::value_error("polygons do not fit their corners");
+            for (const i32 vertex : indices) {
+                if (vertex < 0 || vertex >= part.vertices) throw nb::index_error("a vertex is not there");
+            }
+        };
+        check_polygons(part.face_sizes, part.face_indices);
+        check_polygons(part.line_sizes, part.line_indices);
+        vertices += static_cast<std::size_t>(part.vertices);
+    }
+    if (vertices != grid.shape(0)) throw nb::value_error("grid coordinates do not fit the vertices");
+}
+
+AttributeView attribute_view(const nb::handle &fields) {
+    const nb::tuple attribute = nb::cast<nb::tuple>(fields);
+    AttributeView view_of{};
+    view_of.name = nb::cast<std::string>(attribute[0]);
+    const i64 domain = nb::cast<i64>(attribute[1]), type = nb::cast<i64>(attribute[2]);
+    const auto values = nb::cast<nb::ndarray<nb::ro, nb::c_contig, nb::device::cpu>>(attribute[3]);
+    if (domain < 0 || domain >= domain_count || type < 0 || type >= value_types) {
+        throw nb::value_error("an attribute is of no known kind");
+    }
+    if (values.ndim() < 1 || values.ndim() > 2) throw nb::value_error("values are no rows");
+    view_of.domain = static_cast<Domain>(domain);
+    view_of.type = static_cast<ValueType>(type);
+    if (static_cast<i64>(values.itemsize()) != bytes_of(view_of.type)) throw nb::value_error("values are of another type");
+    view_of.rows = static_cast<i64>(values.shape(0));
+    view_of.columns = values.ndim() == 2 ? static_cast<i64>(values.shape(1)) + 1 : 0;
+    view_of.values = {static_cast<const u8 *>(values.data()), values.nbytes()};
+    if (!attribute[4].is_none()) {
+        view_of.indices = view(nb::cast<Flat<i32>>(attribute[4]));
+        for (const i32 row : *view_of.indices) {
+            if (row < -1 || row >= view_of.rows) throw nb::index_error("a row of an attribute is not there");
+        }
+    }
+    view_of.labels = nb::cast<std::vector<std::string>>(attribute[5]);
+    return view_of;
+}
+
+void check_rows(const AttributeView &attribute, const ConnectivityView &part) {
+    const std::size_t rows = attribute.indices ? attribute.indices->size() : static_cast<std::size_t>(attribute.rows);
+    const std::size_t wanted = attribute.domain == Domain::vertex   ? static_cast<std::size_t>(part.vertices)
+                               : attribute.domain == Domain::face   ? part.face_sizes.size()
+                               : attribute.domain == Domain::corner ? part.face_indices.size()
+                                                                    : rows;
+    if (rows != wanted) throw nb::value_error("rows of an attribute do not fit its domain");
+}
+
+nb::bytes py_encode_attributes(const nb::list &parts, const nb::list &attributes, const Rows<i64, 3> &grid,
+                               std::optional<double> uv_tolerance, bool keeps_rows) {
+    const std::vector<ConnectivityView> views = views_of(parts);
+    check(views, grid);
+    if (attributes.size() != views.size()) throw nb::value_error("attributes do not fit the parts");
+    std::vector<AttributedPart> attributed;
+    for (std::size_t part = 0; part < views.size(); ++part) {
+        attributed.push_back({views[part], {}});
+        for (const nb::handle fields : nb::cast<nb::list>(attributes[part])) {
+            attributed.back().attributes.push_back(attribute_view(fields));
+            check_rows(attributed.back().attributes.back(), views[part]);
+        }
+    }
+    std::vector<u8> data;
+    {
+        nb::gil_scoped_release release;
+        data = encode_attributes(attributed, points_of(grid), {uv_tolerance, keeps_rows});
+    }
+    return to_bytes(data);
+}
+
+nb::dlpack::dtype dtype_of(ValueType type) {
+    switch (type) {
+    case ValueType::float32: return nb::dtype<float>();
+    case ValueType::float64: return nb::dtype<double>();
+    case ValueType::int32: return nb::dtype<i32>();
+    case ValueType::uint8: return nb::dtype<u8>();
+    default: return nb::dtype<i64>();
+    }
+}
+
+nb::object to_values(Attribute &attribute) {
+    auto *kept = new std::vector<u8>(std::move(attribute.values));
+    nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<std::vector<u8> *>(pointer); });
+    const std::size_t shape[] = {static_cast<std::size_t>(attribute.rows), static_cast<std::size_t>(attribute.numbers())};
+    return nb::cast(nb::ndarray<nb::numpy>(kept->data(), attribute.columns ? 2 : 1, shape, owner, nullptr,
+                                           dtype_of(attribute.type)));
+}
+
+nb::list py_decode_attributes(const nb::bytes &data, const nb::list &parts, const Rows<i64, 3> &grid, i64 most_bytes) {
+    const std::vector<ConnectivityView> views = views_of(parts);
+    check(views, grid);
+    std::vector<std::vector<Attribute>> decoded;
+    {
+        nb::gil_scoped_release release;
+        decoded = decode_attributes(view(data), views, points_of(grid), most_bytes);
+    }
+    nb::list found;
+    for (std::vector<Attribute> &of_part : decoded) {
+        nb::list attributes;
+        for (Attribute &attribute : of_part) {
+            nb::object values = to_values(attribute), indices = nb::none();
+            if (attribute.indices) indices = to_array(std::move(*attribute.indices));
+            attributes.append(nb::make_tuple(attribute.name, static_cast<i64>(attribute.domain), values, indices,
+                                             nb::tuple(nb::cast(attribute.labels))));
+        }
+        found.append(attributes);
+    }
+    return found;
+}
+
+nb::object py_fan_numbers(const Flat<i32> &vertices, const Flat<i32> &keys) {
+    if (vertices.size() != keys.size()) throw nb::value_error("keys do not fit the corners");
+    for (const i32 vertex : view(vertices)) {
+        if (vertex < 0) throw nb::index_error("a vertex is not there");
+    }
+    std::vector<i32> found;
+    {
+        nb::gil_scoped_release release;
+        found = fan_numbers(view(vertices), view(keys));
+    }
+    return to_array(std::move(found));
+}
+
+}  // namespace
+
+void bind_attributes(nb::module_ &module) {
+    module.def("encode_attributes", &py_encode_attributes, nb::arg("parts"), nb::arg("attributes"), nb::arg("grid"),
+               nb::arg("uv_tolerance"), nb::arg("keeps_rows"),
+               "Section ATTR of parts as in encode_connectivity, with a list of attributes (name, domain, type, values, "
+               "indices or None, labels) each.");
+    module.def("decode_attributes", &py_decode_attributes, nb::arg("data"), nb::arg("parts"), nb::arg("grid"),
+               nb::arg("most_bytes"), "Attributes (name, domain, values, indices or None, labels) of each part.");
+    module.def("fan_numbers", &py_fan_numbers, nb::arg("vertices"), nb::arg("keys"),
+               "Of each corner, the number of its key among those of its vertex, as they come first, int32.");
+}
+
+}  // namespace pdeanim::bindings
