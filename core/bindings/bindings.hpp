@@ -45,5 +45,6 @@ template <class T> nb::object to_rows(std::vector<T> &&values, std::size_t colum
 // One function a part of the core; each adds its classes and functions to the module.
 void bind_connectivity(nb::module_ &module);
 void bind_reference(nb::module_ &module);
+void bind_xpbd(nb::module_ &module);
 
 }  // namespace pdeanim::bindings
