@@ -46,5 +46,6 @@ template <class T> nb::object to_rows(std::vector<T> &&values, std::size_t colum
 void bind_connectivity(nb::module_ &module);
 void bind_reference(nb::module_ &module);
 void bind_xpbd(nb::module_ &module);
+void bind_text(nb::module_ &module);
 
 }  // namespace pdeanim::bindings

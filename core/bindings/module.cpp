@@ -13,4 +13,5 @@ NB_MODULE(_core, module) {
     bind_connectivity(module);
     bind_reference(module);
     bind_xpbd(module);
+    bind_text(module);
 }

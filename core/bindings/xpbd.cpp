@@ -22,7 +22,9 @@ using ScalingNumbers = std::tuple<double, double, double>;
 
 // An array as a view of so many items that are made of its numbers.
 template <class Item, class Array> std::span<Item> items(const Array &array, std::size_t count) {
-    if (array.size() * sizeof(*array.data()) != count * sizeof(Item)) throw nb::value_error("arrays do not fit each other");
+    if (array.size() * sizeof(*array.data()) != count * sizeof(Item)) {
+        throw nb::value_error("arrays do not fit each other");
+    }
     return {reinterpret_cast<Item *>(array.data()), count};
 }
 

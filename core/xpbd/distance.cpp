@@ -42,8 +42,8 @@ void solve_distances(const Particles &particles, std::span<const Members<2>> pai
 // Eqs. 6 and 7 for chain after chain, by elimination without pivoting: the matrix is positive definite.
 void solve_chains(const Particles &particles, std::size_t links, std::span<const i32> chains,
                   std::span<const double> lengths, std::span<double> multipliers, const Scaling &scaling) {
-    // The share of the diagonal under which a pivot is rounding: a straight rigid chain that is held at both ends has one
-    // link too many, and that link is left as it is.
+    // The share of the diagonal under which a pivot is rounding: a straight rigid chain that is held at both ends has
+    // one link too many, and that link is left as it is.
     constexpr double smallest_pivot = 1e-12;
     struct Link {
         Point direction;

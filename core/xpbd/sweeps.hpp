@@ -1,8 +1,9 @@
 // The simulator's loops: extended position-based dynamics (Fang et al. 2024, Algorithm 1).
 //
-// A sweep takes the constraints of one batch one after another, in the given order, and changes positions and multipliers
-// in place (Eqs. 6 and 7). Everything runs on one thread, in the order of operations that is written here, so that the same
-// scene gives the same bits. What the constraints are is said in pdecodec/xpbd. Callers have checked all indices.
+// A sweep takes the constraints of one batch one after another, in the given order, and changes positions and
+// multipliers in place (Eqs. 6 and 7). Everything runs on one thread, in the order of operations that is written here, so
+// that the same scene gives the same bits. What the constraints are is said in pdecodec/xpbd. Callers have checked all
+// indices.
 #pragma once
 
 #include <array>
@@ -66,8 +67,8 @@ void solve_tetrahedra(const Particles &particles, std::span<const Members<4>> te
 void project_tetrahedra(const Particles &particles, std::span<const Members<4>> tetrahedra,
                         std::span<const InverseRest> inverse_rest, double stiffness);
 
-// Add the wind's forces [N]; `past` is the air's velocity past each particle [m/s], `pressure` half its density times the
-// coefficient of drag [kg/m^3].
+// Add the wind's forces [N]; `past` is the air's velocity past each particle [m/s], `pressure` half its density times
+// the coefficient of drag [kg/m^3].
 void add_wind(std::span<const Point> positions, std::span<const Point> past, std::span<const Members<3>> triangles,
               double pressure, std::span<Point> forces);
 

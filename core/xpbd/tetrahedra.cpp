@@ -10,7 +10,7 @@ using Matrix = std::array<std::array<double, 3>, 3>;
 
 // Both rows of a neo-Hookean constraint at the present positions.
 struct Rows {
-    double size, determinant;              // sqrt(tr(F^T F)) and det F
+    double size, determinant;                      // sqrt(tr(F^T F)) and det F
     std::array<Point, 4> of_size, of_determinant;  // their gradients, by corner
 };
 
@@ -157,8 +157,8 @@ void solve_tetrahedra(const Particles &particles, std::span<const Members<4>> te
             const i32 particle = corners[corner];
             const double weight = inverse_masses[particle];
             for (int axis = 0; axis < 3; ++axis) {
-                const double change = rows.of_size[corner][axis] * change_d + rows.of_determinant[corner][axis] * change_h;
-                positions[particle][axis] += weight * change;  // Eq. 7
+                const double d = rows.of_size[corner][axis], h = rows.of_determinant[corner][axis];
+                positions[particle][axis] += weight * (d * change_d + h * change_h);  // Eq. 7
             }
         }
     }
