@@ -1,5 +1,7 @@
-// What the report's baselines are coded with. No file of ours holds any of it, so that it is a part of the bindings only.
+// What the report's baselines are coded with. No file of ours holds any of it: it is a part of the bindings only.
+#include <algorithm>
 #include <array>
+#include <memory>
 
 #include "bindings/bindings.hpp"
 #include "entropy/range_coder.hpp"
@@ -8,8 +10,8 @@ namespace pdeanim::bindings {
 
 namespace {
 
-// Numbers below 2^62 in magnitude: zero or not, sign, binary digits one by one, then the digits below the leading one. No
-// neighbours are looked at: that is what the published schemes do.
+// Numbers below 2^62 in magnitude: zero or not, sign, how many binary digits in unary, then the digits below the
+// leading one. No neighbours are looked at: that is what the published schemes do.
 class BandModel {
 public:
     // What was learned is carried to the next band but trusted less: bands (modes, frequencies, frames) follow one
@@ -38,9 +40,9 @@ public:
     }
 
 private:
-    static constexpr u32 trusted = 24;     // adaptations that count at the start of a band
+    static constexpr u32 trusted = 24;  // adaptations that count at the start of a band
     static constexpr int most_digits = 62;
-    static constexpr i64 tree_size = 4;    // two digits are coded given those before them; the rest are close to even
+    static constexpr i64 tree_size = 4;  // two digits are coded given those before them; the rest are close to even
     BitModel zero_, sign_;
     std::array<BitModel, most_digits> more_;
     std::array<std::array<BitModel, most_digits + tree_size>, most_digits + 1> digits_;
@@ -78,26 +80,52 @@ nb::object py_decode_bands(const nb::bytes &data, std::size_t bands, std::size_t
     return to_array(std::move(values));
 }
 
-// Means of parallelograms subtracted from all places, or, to undo that, added to them, first place to last. Without a
-// parallelogram it is the place before; the first place has nothing to go by.
-nb::object py_parallelograms(const Numbers &values, const Flat<i64> &starts, const Rows<i64, 3> &corners, bool undo) {
-    const std::size_t rows = values.shape(0), columns = values.shape(1);
-    if (starts.size() != rows + 1 || (rows > 0 && static_cast<u64>(starts.data()[rows]) > corners.shape(0))) {
-        throw nb::value_error("there are not as many parallelograms as the places have");
-    }
-    std::vector<i64> found(values.data(), values.data() + values.size());
-    {
-        nb::gil_scoped_release release;
-        const i64 *known = undo ? found.data() : values.data();
-        const i64 *corner = corners.data();
-        std::vector<i64> total(columns);
-        for (std::size_t i = 1; i < rows; ++i) {
-            const i64 count = starts.data()[i + 1] - starts.data()[i];
+// Numbers of vertices in the order of a traversal: the mean of the parallelograms at each place subtracted, or, to undo
+// that, added, first place to last. Without a parallelogram it is the place before; the first has nothing to go by.
+void predict(std::span<i64> changed, std::span<const i64> known, std::size_t columns, std::span<const i64> starts,
+             const i64 *corners, bool undo) {
+    std::vector<i64> mean(columns);
+    for (std::size_t i = 1; i < starts.size() - 1; ++i) {
+        const i64 count = starts[i + 1] - starts[i];
+        for (std::size_t k = 0; k < columns; ++k) mean[k] = count > 0 ? 0 : known[(i - 1) * columns + k];
+        for (const i64 *corner = corners + 3 * starts[i]; corner < corners + 3 * starts[i + 1]; corner += 3) {
+            const i64 *a = known.data() + corner[0] * columns, *b = known.data() + corner[1] * columns;
+            const i64 *c = known.data() + corner[2] * columns;
+            for (std::size_t k = 0; k < columns; ++k) mean[k] += a[k] + b[k] - c[k];
+        }
+        for (std::size_t k = 0; k < columns; ++k) {
+            if (count > 0) mean[k] = floor_divide(2 * mean[k] + count, 2 * count);
+            changed[i * columns + k] += undo ? mean[k] : -mean[k];
         }
     }
-    return to_rows(std::move(found), columns);
+}
+
+nb::object py_parallelograms(const Numbers &values, const Flat<i64> &starts, const Rows<i64, 3> &corners, bool undo) {
+    const std::size_t rows = values.shape(0), columns = values.shape(1);
+    const std::span<const i64> ends = view(starts), known{values.data(), values.size()};
+    const auto is_known = [&](i64 place) { return static_cast<u64>(place) < rows; };
+    if (ends.size() != rows + 1 || ends.front() != 0 || ends.back() != static_cast<i64>(corners.shape(0)) ||
+        !std::is_sorted(ends.begin(), ends.end()) ||
+        !std::all_of(corners.data(), corners.data() + corners.size(), is_known)) {
+        throw nb::value_error("parallelograms are not those of the places");
+    }
+    std::vector<i64> changed(known.begin(), known.end());
+    {
+        nb::gil_scoped_release release;
+        predict(changed, undo ? changed : known, columns, ends, corners.data(), undo);
+    }
+    return to_array(std::move(changed));
 }
 
 }  // namespace
+
+void bind_baselines(nb::module_ &module) {
+    module.def("encode_bands", &py_encode_bands, nb::arg("values"), "Bytes of (bands, numbers) int64.");
+    module.def("decode_bands", &py_decode_bands, nb::arg("data"), nb::arg("bands"), nb::arg("numbers"),
+               "The numbers of all bands, one after another, int64.");
+    module.def("parallelograms", &py_parallelograms, nb::arg("values"), nb::arg("starts"), nb::arg("corners"),
+               nb::arg("undo"),
+               "(places, columns) int64, in one row, less what parallelograms predict; or that undone.");
+}
 
 }  // namespace pdeanim::bindings

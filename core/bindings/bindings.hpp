@@ -47,5 +47,6 @@ void bind_connectivity(nb::module_ &module);
 void bind_reference(nb::module_ &module);
 void bind_xpbd(nb::module_ &module);
 void bind_text(nb::module_ &module);
+void bind_baselines(nb::module_ &module);
 
 }  // namespace pdeanim::bindings

@@ -14,4 +14,5 @@ NB_MODULE(_core, module) {
     bind_reference(module);
     bind_xpbd(module);
     bind_text(module);
+    bind_baselines(module);
 }

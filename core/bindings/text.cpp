@@ -102,7 +102,7 @@ void bind_text(nb::module_ &module) {
              "Fill positions, (vertices, 3) float32, of another frame; numbers that are left to read, or None where it "
              "differs.");
     module.def("write_rows", &py_write_rows, nb::arg("rows"), nb::arg("word"),
-               "Lines of a word and the numbers of a row, (rows, columns) float32; None where nine digits are too few.");
+               "Lines of a word and a row's numbers, (rows, columns) float32; None where nine digits are too few.");
 }
 
 }  // namespace pdeanim::bindings

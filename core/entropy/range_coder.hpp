@@ -39,6 +39,12 @@ public:
         state_ = static_cast<u32>(after) << count_bits | (count < slowest ? count + 1 : count);
     }
 
+    // Count no more adaptations than these, so that it learns faster again.
+    constexpr void trust(u32 adaptations) {
+        const u32 count = state_ & ((1u << count_bits) - 1);
+        if (count > adaptations) state_ -= count - adaptations;
+    }
+
 private:
     u32 state_ = 1u << (probability_bits - 1 + count_bits);
 };

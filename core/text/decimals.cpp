@@ -13,8 +13,8 @@ constexpr int most_exponent_digits = 4;  // exponents of more digits are left to
 constexpr i64 largest_exponent = 60;     // beyond it all but 0 overflows; below its negative, less 18, all underflows
 constexpr i64 exact_power = 22;          // 10^22 is the largest power of ten that a double holds exactly
 constexpr i64 exact_mantissa = i64{1} << 53;  // integers up to here are exact as doubles
-// Bounds the relative error of a scaled mantissa: conversion, power of ten, product and dropped digits cost under 4 units
-// of 2^-53.
+// Bounds the relative error of a scaled mantissa: conversion, power of ten, product and dropped digits cost under 4
+// units of 2^-53.
 constexpr double margin = 0x1p-50;
 constexpr i64 smallest_point = -3, largest_point = 9;  // 0.0001 to 999999999 are written without an exponent
 constexpr std::size_t number_width = 18;  // bytes of the longest number, "-1.23456789e-38", and a separator, with room
@@ -85,7 +85,8 @@ std::optional<Decimal> shortest(float number) {
     for (int digits = 6; digits < 10; ++digits) {
         const i64 shift = digits - 1 - leading;
         if (shift > largest_exponent || shift < -largest_exponent) return {};
-        Decimal found{static_cast<i64>(std::nearbyint(shift >= 0 ? wide * powers[shift] : wide / powers[-shift])), -shift};
+        const double scaled = shift >= 0 ? wide * powers[shift] : wide / powers[-shift];
+        Decimal found{static_cast<i64>(std::nearbyint(scaled)), -shift};
         const Scaled back = scale(found);
         if (back.is_certain && back.value == number) {
             for (; found.mantissa % 10 == 0; ++found.exponent) found.mantissa /= 10;
