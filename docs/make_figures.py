@@ -42,7 +42,7 @@ def tables(record: Mapping[str, Any], *, made: str, machine: str) -> str:
         ([clip, *(found.get(tolerance) for tolerance in tolerances)] for clip, found in shares.items()),
     )
     versions = record["versions"]
-    made_with = ", ".join(f"{name} {versions[name]}" for name in ("Python", "numpy", "numba"))
+    made_with = ", ".join(f"{name} {versions[name]}" for name in ("Python", "numpy", "scipy"))
     return "\n\n".join(
         [
             f"Profile `auto` at tolerance {reference:g}:",

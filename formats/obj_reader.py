@@ -24,11 +24,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec._core import ObjScan, ObjStructure
 from pdecodec.errors import InputError
 from pdecodec.formats.frame_files import FrameFiles, find_frames
 from pdecodec.formats.normals import normal_group, read_normal_group
-from pdecodec.formats.obj_kernels import FACE, copy_structure, find_positions
-from pdecodec.formats.obj_text import ObjScan, ObjText, read_text, scan
+from pdecodec.formats.obj_text import ObjText, read_text, scan
 from pdecodec.formats.registry import read_errors
 from pdecodec.formats.scene_writing import DEFAULT_NAME
 from pdecodec.formats.times import Timing, timing_of_numbers
@@ -87,7 +87,7 @@ class ObjSequence(MeshSequence):
         useful = min(MOST_THREADS, os.cpu_count() or 1) if len(text.data) >= PARALLEL_BYTES else 1
         self._threads = threads or useful
         first = scan(text)
-        model = _Model(first)
+        model = _Model(text, first)
         self.objects = model.objects
         self.metadata = model.metadata
         self.notices = notices + model.notices
@@ -111,13 +111,7 @@ class _Structure:
     """What must not change from frame to frame, as bytes to compare quickly and as indices to compare well."""
 
     def __init__(self, text: ObjText, first: ObjScan) -> None:
-        structure = np.empty(text.codes.size, np.uint8)
-        before = np.empty((first.element_sizes.size + len(first.others), 2), np.int32)
-        length, used = copy_structure(text.codes, structure, before)
-        self._bytes, self._before = structure[:length].copy(), before[:used].copy()
-        self._vertex_count = first.vertex_sizes.size
-        self._element_kinds, self._element_sizes = first.element_kinds, first.element_sizes
-        self._corners = first.corners[:, :2]
+        self._lines, self._first = ObjStructure(text.data), first
 
     def read_positions(self, path: Path, frame: int, points: Float32Array) -> None:
         """Read a frame's positions into `points`, (vertices, 3) float32.
@@ -128,35 +122,34 @@ class _Structure:
             If the file is unusable or its connectivity is another one.
         """
         text = read_text(path, frame)
-        starts = np.empty(points.size, np.int64)
-        if find_positions(text.codes, self._bytes, self._before, starts):
-            points[:] = text.parse(starts).reshape(points.shape)
+        unread = self._lines.read_positions(text.data, points)
+        if unread is not None:
+            text.read_rest(unread, points)
             return
         # A frame that is written differently: find out whether it is different.
         other = scan(text)
-        _Model(other)  # refuses statements that carry geometry
+        _Model(text, other)  # refuses statements that carry geometry
         difference = self._difference(other)
         if difference:
             raise InputError(
                 f"{difference}; every frame must have the connectivity of the first", path=path, frame=frame
             )
-        points[:] = other.vertex_numbers[:, :3]
+        points[:] = other.positions
 
     def _difference(self, other: ObjScan) -> str | None:
-        vertices, elements = other.vertex_sizes.size, other.element_sizes.size
-        if vertices != self._vertex_count:
-            return f"there are {vertices} vertices, the first frame has {self._vertex_count}"
-        if elements != self._element_sizes.size:
-            return f"there are {elements} faces, lines and points, the first frame has {self._element_sizes.size}"
-        changed = np.flatnonzero(
-            (other.element_sizes != self._element_sizes) | (other.element_kinds != self._element_kinds)
-        )
+        first = self._first
+        if other.vertex_count != first.vertex_count:
+            return f"there are {other.vertex_count} vertices, the first frame has {first.vertex_count}"
+        sizes, elements = first.element_sizes, other.element_sizes.size
+        if elements != sizes.size:
+            return f"there are {elements} faces, lines and points, the first frame has {sizes.size}"
+        changed = np.flatnonzero((other.element_sizes != sizes) | (other.is_face != first.is_face))
         if changed.size:
             return f"face, line or point {changed[0]} has another size or kind than in the first frame"
-        unlike = other.corners[:, :2] != self._corners
+        unlike = other.corners[:, :2] != first.corners[:, :2]
         corners = np.flatnonzero(unlike.any(axis=1))
         if corners.size:
-            element = int(np.searchsorted(np.cumsum(self._element_sizes), corners[0], side="right"))
+            element = int(np.searchsorted(np.cumsum(sizes), corners[0], side="right"))
             what = "vertices" if unlike[corners[0], 0] else "texture vertices"
             return f"face, line or point {element} has other {what} than in the first frame"
         return None
@@ -244,14 +237,14 @@ class _Model:
         With file and line, for statements that carry geometry we do not read, or that are none at all.
     """
 
-    def __init__(self, scan: ObjScan) -> None:
+    def __init__(self, text: ObjText, scan: ObjScan) -> None:
         self._scan = scan
         states = {"group": _State(), "material": _State(), "smoothing": _State(), "object": _State()}
         marks: list[tuple[str | None, int, int]] = [(None, 0, 0)]
         self.metadata: dict[str, str] = {}
         left_out: dict[str, None] = {}
         for offset, vertices, elements in scan.others.tolist():
-            word, argument = _statement(scan.text, offset)
+            word, argument = _statement(text, offset)
             match word:
                 case "o":
                     states["object"].change(elements, argument or None)
@@ -261,16 +254,16 @@ class _Model:
                 case "usemtl":
                     states["material"].change(elements, argument or None)
                 case "s":
-                    states["smoothing"].change(elements, _smoothing_group(scan.text, offset, argument))
+                    states["smoothing"].change(elements, _smoothing_group(text, offset, argument))
                 case "mtllib":
                     self.metadata["mtllib"] = argument
                 case _:
                     left_out[word] = None
-        marks.append((None, scan.vertex_sizes.size, scan.element_sizes.size))
+        marks.append((None, scan.vertex_count, scan.element_sizes.size))
         self._states = {name: state.per_element(scan.element_sizes.size) for name, state in states.items()}
         self._labels = {name: tuple(state.labels) for name, state in states.items()}
         self._corner_starts = np.concatenate([[0], np.cumsum(scan.element_sizes, dtype=np.int64)])
-        self._is_face = scan.element_kinds == FACE
+        self._is_face = scan.is_face.astype(bool)
         parts = [
             _Part(name, (vertex, vertex_end), (element, element_end))
             for (name, vertex, element), (_, vertex_end, element_end) in pairwise(marks)
@@ -337,7 +330,7 @@ class _Model:
         used = np.unique(indices[indices >= 0])
         if used.size == 0:
             return None
-        values = self._scan.texture_numbers[:, : max(2, self._scan.texture_size)]
+        values = self._scan.textures[:, : max(2, self._scan.texture_size)]
         if compact:
             indices = np.where(indices >= 0, np.searchsorted(used, indices), -1)
             values = values[used]
@@ -349,7 +342,7 @@ class _Model:
         if not colored.any():
             return None
         width = 4 if (sizes == 7).any() else 3
-        values = self._scan.vertex_numbers[slice(*part.vertices), 3 : 3 + width].copy()
+        values = self._scan.vertex_extras[slice(*part.vertices), :width].copy()
         if width == 4:
             values[sizes == 6, 3] = 1.0
         if colored.all():
@@ -358,7 +351,7 @@ class _Model:
         return Attribute("color", "vertex", values[colored], indices=indices)
 
     def _normals(self, indices: Int32Array, connectivity: Connectivity) -> Attribute | None:
-        normals = self._scan.normal_numbers
+        normals = self._scan.normals
         if indices.max(initial=-1) < 0:
             return None
         first, last = int(indices.min()), int(indices.max())

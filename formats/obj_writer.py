@@ -16,9 +16,9 @@ from itertools import repeat
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec import _core
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import indexed_rows, left_out, uv_sets, vertex_color
-from pdecodec.formats.decimal_text import NUMBER_WIDTH, format_rows, format_rows_plainly
 from pdecodec.formats.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern, write_frames
 from pdecodec.formats.normals import group_attribute, normal_rows
 from pdecodec.formats.registry import Output
@@ -146,26 +146,28 @@ class _ObjectText:
         if self.normals is None:
             return b""
         rows = np.round(self.normals.of(points[None])[0], NORMAL_DECIMALS) + np.float32(0)
-        return _rows_text(rows, b"v").replace(b"v", b"vn")
+        return _rows_text(rows, "vn")
 
 
 def _vertex_text(points: Float32Array, color: Float32Array | None) -> bytes:
     """``v`` lines of finite points, and of colours (vertices, 3 or 4), of which NaN rows are none."""
     if color is None:
-        return _rows_text(points, b"v")
+        return _rows_text(points, "v")
     colored = np.isfinite(color[:, 0])
     if colored.all():
-        return _rows_text(np.hstack([points, color]), b"v")
+        return _rows_text(np.hstack([points, color]), "v")
     return b"".join(
-        _rows_text(np.concatenate([point, shade])[None] if has else point[None], b"v")
+        _rows_text(np.concatenate([point, shade])[None] if has else point[None], "v")
         for point, shade, has in zip(points, color, colored.tolist(), strict=True)
     )
 
 
-def _rows_text(rows: Float32Array, word: bytes) -> bytes:
-    out = np.empty(rows.shape[0] * (2 + rows.shape[1] * NUMBER_WIDTH), np.uint8)
-    length = format_rows(np.ascontiguousarray(rows), word[0], out)
-    return out[:length].tobytes() if length >= 0 else format_rows_plainly(rows, word)
+def _rows_text(rows: Float32Array, word: str) -> bytes:
+    """Lines of a word and finite numbers, (rows, columns); all of nine digits where that is not enough for one."""
+    text = _core.write_rows(np.ascontiguousarray(rows), word)
+    if text is None:
+        return "".join(word + "".join(f" {value:.9g}" for value in row) + "\n" for row in rows.tolist()).encode()
+    return text
 
 
 def _color_rows(color: Attribute | None) -> Float32Array | None:
@@ -189,7 +191,7 @@ def _texture(uv: Attribute | None, corners: int) -> tuple[bytes, NDArray[np.int6
     if not np.isfinite(values).all():
         raise InputError("a UV is not finite, OBJ has no text for it; repair the attribute")
     indices = np.arange(corners) if uv.indices is None else uv.indices.astype(np.int64)
-    return _rows_text(values, b"v").replace(b"v", b"vt"), indices, len(values)
+    return _rows_text(values, "vt"), indices, len(values)
 
 
 def _polyline_text(item: MeshObject, first_vertex: int) -> bytes:

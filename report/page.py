@@ -28,7 +28,7 @@ from pdecodec.whole_output import whole_file
 PAGE = "index.html"
 RECORD = "report.json"
 
-LIBRARIES = ("numpy", "scipy", "numba", "matplotlib")
+LIBRARIES = ("numpy", "scipy", "matplotlib")
 """Whose versions are recorded: those that compute and draw."""
 
 STYLE = """

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from pdecodec import _core
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence
 from pdecodec.formats.obj_reader import PARALLEL_BYTES, ObjSequence
@@ -482,6 +483,14 @@ def test_random_bytes_are_refused(tmp_path_factory: pytest.TempPathFactory, nois
     with pytest.raises(InputError):
         read(tmp_path_factory.mktemp("noise"), noise)
 
+
+def test_the_core_refuses_text_that_it_would_read_beyond():
+    for make in (_core.ObjScan, _core.ObjStructure, lambda text: _core.ObjStructure(b"").read_positions(text, NOWHERE)):
+        with pytest.raises(ValueError, match="must end with a line feed"):
+            make(b"v 1 2 3")
+
+
+NOWHERE = np.zeros((0, 3), np.float32)
 
 WHOLE = (THREE + "vt 0 0\nvn 0 0 1\no a\ng b\nusemtl c\ns 1\nf 1/1/1 2/1/1 -1/-1/-1\nl 1 2\np 3\n").encode()
 OTHERS = [b"\n", b"/", b"-", b" ", b"v", b"f", b"#", b"\\", b"9", b"e", b".", b"\xff", b"\r", b""]

@@ -217,6 +217,24 @@ def test_gusts_travel_with_the_wind() -> None:
     assert np.abs(later - wind.velocity).max() > 0.1
 
 
+def test_a_sweep_refuses_particles_that_are_not_there_and_arrays_that_it_cannot_change() -> None:
+    positions, masses = np.zeros((3, 3)), np.ones(3)
+    batch = DistanceConstraints(particles=PAIR, lengths=np.ones(1))
+    for particles in ([[0, 3]], [[-1, 0]]):
+        with pytest.raises(IndexError, match="no particle of this number"):
+            DistanceConstraints(particles=np.array(particles), lengths=np.ones(1)).solve(
+                State(positions, positions, masses), batch.new_multipliers(), **ONCE
+            )
+    for wrong in (State(positions, positions, masses[:2]), State(positions, positions[:2], masses)):
+        with pytest.raises(ValueError, match="do not fit"):
+            batch.solve(wrong, batch.new_multipliers(), **ONCE)
+    with pytest.raises(ValueError, match="do not fit"):
+        batch.solve(State(positions, positions, masses), np.zeros((2, 1)), **ONCE)
+    for unchangeable in (positions.astype(np.float32), np.zeros((6, 3))[::2]):
+        with pytest.raises(TypeError, match="incompatible"):
+            batch.solve(State(unchangeable, positions, masses), batch.new_multipliers(), **ONCE)
+
+
 PAIR = np.array([[0, 1]])
 ONE = {"particles": PAIR, "lengths": np.ones(1)}
 TETRAHEDRON = (np.eye(4, 3), [[0, 1, 2, 3]])

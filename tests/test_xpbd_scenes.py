@@ -165,14 +165,9 @@ def test_another_process_with_other_threads_gives_the_same_bits() -> None:
             f"import hashlib; from pdecodec.xpbd.scenes import build; scene = build({name!r}, **{SMALL[name]});"
             "print(hashlib.sha256(scene.simulate(frames=10).read_frames(0, 10).tobytes()).hexdigest())"
         )
-        found = printed_by(script, OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
+        found = printed_by(script, OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
         own = build(name, **SMALL[name]).simulate(frames=10).read_frames(0, 10)
         assert found == hashlib.sha256(own.tobytes()).hexdigest()
-
-
-def test_the_list_of_scenes_comes_without_numba() -> None:
-    listing = "from pdecodec.xpbd.scenes import SCENES; [entry.options for entry in SCENES.values()]"
-    assert printed_by(f"import sys; {listing}; print('numba' in sys.modules)") == "False"
 
 
 def test_the_rope_keeps_its_section_and_is_not_turned_inside_out() -> None:

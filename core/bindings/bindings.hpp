@@ -45,7 +45,6 @@ template <class T> nb::object to_rows(std::vector<T> &&values, std::size_t colum
 
 // Connectivity of objects, each (vertices, face sizes, face indices, line sizes, line indices), whose arrays the caller
 // keeps; ValueError where they do not fit together.
-// Faces and lines of parts (vertices, face sizes, face indices, line sizes, line indices), int32.
 std::vector<ConnectivityView> views_of(const nb::list &parts);
 
 // One function a part of the core; each adds its classes and functions to the module.
@@ -58,5 +57,8 @@ void bind_curves(nb::module_ &module);
 void bind_evaluate(nb::module_ &module);
 void bind_description(nb::module_ &module);
 void bind_attributes(nb::module_ &module);
+void bind_xpbd(nb::module_ &module);
+void bind_text(nb::module_ &module);
+void bind_baselines(nb::module_ &module);
 
 }  // namespace pdeanim::bindings

@@ -19,4 +19,7 @@ NB_MODULE(_core, module) {
     bind_evaluate(module);
     bind_description(module);
     bind_attributes(module);
+    bind_xpbd(module);
+    bind_text(module);
+    bind_baselines(module);
 }

@@ -39,6 +39,12 @@ public:
         state_ = static_cast<u32>(after) << count_bits | (count < slowest ? count + 1 : count);
     }
 
+    // Count no more adaptations than these, so that it learns faster again.
+    constexpr void trust(u32 adaptations) {
+        const u32 count = state_ & ((1u << count_bits) - 1);
+        if (count > adaptations) state_ -= count - adaptations;
+    }
+
 private:
     // After n adaptations, 1 / (n + 1.5) in 1/65536; divisions would take as long as all the rest.
     static constexpr std::array<i32, slowest + 1> rates = [] {

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array, Int32Array
 from pdecodec.xpbd.constraints import Linear, Method, RowShapes, Scaling, State, UniformConstraints
@@ -88,7 +88,7 @@ class IsometricBendingConstraints(UniformConstraints):
         return cls(particles=members, coefficients=coefficients, **material)
 
     def _sweep(self, state: State, multipliers: Float64Array, scaling: Scaling, time: float, method: Method) -> None:
-        _solve_bending(state, self.particles, self.coefficients, multipliers, scaling)
+        _core.solve_bending(state, self.particles, self.coefficients, multipliers, scaling)
 
     def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
         coefficients = self.coefficients[index]
@@ -98,33 +98,3 @@ class IsometricBendingConstraints(UniformConstraints):
     def values(self, positions: Float64Array, *, time: float) -> Float64Array:
         values: Float64Array = np.einsum("ck,cki->ci", self.coefficients, positions[self.particles])
         return values
-
-
-@njit(cache=True)
-def _solve_bending(
-    state: State, stencils: Int32Array, coefficients: Float64Array, multipliers: Float64Array, scaling: Scaling
-) -> None:
-    x, old, weights = state
-    compliance, damping, relaxation = scaling
-    for i in range(stencils.shape[0]):
-        a, b, c, d = stencils[i, 0], stencils[i, 1], stencils[i, 2], stencils[i, 3]
-        of_a, of_b, of_c, of_d = coefficients[i, 0], coefficients[i, 1], coefficients[i, 2], coefficients[i, 3]
-        step_a, step_b = weights[a] * of_a, weights[b] * of_b
-        step_c, step_d = weights[c] * of_c, weights[d] * of_d
-        slope = step_a * of_a + step_b * of_b + step_c * of_c + step_d * of_d
-        if slope == 0.0:
-            continue
-        inverse = 1.0 / ((1.0 + damping) * slope + compliance)
-        for axis in range(3):
-            value = of_a * x[a, axis] + of_b * x[b, axis] + of_c * x[c, axis] + of_d * x[d, axis]
-            right = -value - compliance * multipliers[i, axis]
-            if damping > 0.0:
-                before = of_a * old[a, axis] + of_b * old[b, axis] + of_c * old[c, axis] + of_d * old[d, axis]
-                right -= damping * (value - before)
-            change = right * inverse  # Eq. 6
-            multipliers[i, axis] += change
-            change *= relaxation
-            x[a, axis] += step_a * change  # Eq. 7
-            x[b, axis] += step_b * change
-            x[c, axis] += step_c * change
-            x[d, axis] += step_d * change

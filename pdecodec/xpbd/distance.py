@@ -8,21 +8,16 @@ tridiagonal, and solving it as a block costs about as much as three sweeps (Deul
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
+from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array, Int32Array
 from pdecodec.xpbd.constraints import Linear, MeasuredConstraints, Method, RowShapes, Scaling, State
-
-SMALLEST_PIVOT = 1e-12
-"""Share of the diagonal under which a pivot is rounding: a straight rigid chain held at both ends has one link too
-many, and that link is left as it is."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -61,9 +56,9 @@ class ChainConstraints(MeasuredConstraints):
 
     def _sweep(self, state: State, multipliers: Float64Array, scaling: Scaling, time: float, method: Method) -> None:
         if method == "pbd":
-            _solve_distances(state, self.pairs, self.lengths.reshape(-1), multipliers.reshape(-1), scaling)
+            _core.solve_distances(state, self.pairs, self.lengths.reshape(-1), multipliers.reshape(-1), scaling)
         else:
-            _solve_chains(state, self.particles, self.lengths, multipliers, scaling)
+            _core.solve_chains(state, self.particles, self.lengths, multipliers, scaling)
 
     def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
         difference = np.diff(positions[self.particles[index]], axis=0)
@@ -102,94 +97,8 @@ class DistanceConstraints(ChainConstraints):
     arrays: ClassVar[RowShapes] = {"lengths": ()}
 
     def _sweep(self, state: State, multipliers: Float64Array, scaling: Scaling, time: float, method: Method) -> None:
-        _solve_distances(state, self.particles, self.lengths, multipliers.reshape(-1), scaling)
+        _core.solve_distances(state, self.particles, self.lengths, multipliers.reshape(-1), scaling)
 
     @staticmethod
     def measured(positions: Float64Array, particles: Int32Array) -> Float64Array:
         return ChainConstraints.measured(positions, particles).reshape(-1)
-
-
-@njit(cache=True)
-def _solve_distances(
-    state: State, pairs: Int32Array, lengths: Float64Array, multipliers: Float64Array, scaling: Scaling
-) -> None:
-    positions, previous, inverse_masses = state
-    compliance, damping, relaxation = scaling
-    for i in range(pairs.shape[0]):
-        a, b = pairs[i, 0], pairs[i, 1]
-        weight_a, weight_b = inverse_masses[a], inverse_masses[b]
-        weight = weight_a + weight_b
-        x = positions[b, 0] - positions[a, 0]
-        y = positions[b, 1] - positions[a, 1]
-        z = positions[b, 2] - positions[a, 2]
-        length = math.sqrt(x * x + y * y + z * z)
-        if weight == 0.0 or length == 0.0:
-            # Two held particles have nothing to give; two at one place have no direction to part in.
-            continue
-        inverse = 1.0 / length
-        right = lengths[i] - length - compliance * multipliers[i]
-        if damping > 0.0:
-            rate = x * (positions[b, 0] - previous[b, 0] - positions[a, 0] + previous[a, 0])
-            rate += y * (positions[b, 1] - previous[b, 1] - positions[a, 1] + previous[a, 1])
-            rate += z * (positions[b, 2] - previous[b, 2] - positions[a, 2] + previous[a, 2])
-            right -= damping * rate * inverse
-        change = right / ((1.0 + damping) * weight + compliance)  # Eq. 6
-        multipliers[i] += change
-        scale = relaxation * change * inverse
-        positions[a, 0] -= weight_a * scale * x  # Eq. 7
-        positions[a, 1] -= weight_a * scale * y
-        positions[a, 2] -= weight_a * scale * z
-        positions[b, 0] += weight_b * scale * x
-        positions[b, 1] += weight_b * scale * y
-        positions[b, 2] += weight_b * scale * z
-
-
-@njit(cache=True)
-def _solve_chains(
-    state: State, chains: Int32Array, lengths: Float64Array, multipliers: Float64Array, scaling: Scaling
-) -> None:
-    """Eqs. 6 and 7 for chain after chain, by elimination without pivoting: the matrix is positive definite."""
-    positions, previous, inverse_masses = state
-    compliance, damping, _ = scaling
-    links = chains.shape[1] - 1
-    direction = np.empty((links, 3))
-    upper = np.empty(links)  # of the bidiagonal matrix that elimination leaves, its diagonal 1
-    right = np.empty(links)
-    change = np.empty(links)
-    for chain in range(chains.shape[0]):
-        pivot = 0.0
-        for i in range(links):
-            a, b = chains[chain, i], chains[chain, i + 1]
-            square, rate, bend = 0.0, 0.0, 0.0
-            for axis in range(3):
-                direction[i, axis] = positions[b, axis] - positions[a, axis]
-                square += direction[i, axis] * direction[i, axis]
-            length = math.sqrt(square)
-            inverse = 1.0 / length if length > 0.0 else 0.0
-            for axis in range(3):
-                direction[i, axis] *= inverse
-                moved = positions[b, axis] - previous[b, axis] - positions[a, axis] + previous[a, axis]
-                rate += direction[i, axis] * moved
-                if i > 0:
-                    bend += direction[i - 1, axis] * direction[i, axis]
-            right[i] = lengths[chain, i] - length - compliance * multipliers[chain, i] - damping * rate
-            directed = 1.0 if length > 0.0 else 0.0
-            full = (1.0 + damping) * directed * (inverse_masses[a] + inverse_masses[b]) + compliance
-            diagonal = full
-            if i > 0:
-                coupling = -(1.0 + damping) * inverse_masses[a] * bend
-                upper[i - 1] = coupling * pivot
-                diagonal -= coupling * upper[i - 1]
-                right[i] -= coupling * right[i - 1]
-            pivot = 1.0 / diagonal if diagonal > SMALLEST_PIVOT * full else 0.0
-            right[i] *= pivot
-        change[links - 1] = right[links - 1]
-        for i in range(links - 2, -1, -1):
-            change[i] = right[i] - upper[i] * change[i + 1]
-        for i in range(links):
-            multipliers[chain, i] += change[i]  # Eq. 6
-            a, b = chains[chain, i], chains[chain, i + 1]
-            for axis in range(3):
-                step = direction[i, axis] * change[i]
-                positions[a, axis] -= inverse_masses[a] * step  # Eq. 7
-                positions[b, axis] += inverse_masses[b] * step

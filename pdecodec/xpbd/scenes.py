@@ -1,7 +1,4 @@
-"""The bundled scenes by name, and their options: frozen dataclasses that check themselves and explain themselves.
-
-This file loads without numba, so that a command line can list scenes and options at once.
-"""
+"""The bundled scenes by name, and their options: frozen dataclasses that check themselves and explain themselves."""
 
 from __future__ import annotations
 
@@ -151,7 +148,7 @@ class SceneEntry:
         One sentence.
     options_type : type of SceneOptions
     builder : str
-        Module and function that make the scene of its options; imported then, since they bring numba along.
+        Module and function that make the scene of its options; imported then.
     """
 
     description: str

@@ -16,8 +16,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array
 from pdecodec.xpbd.constraints import Method, State
@@ -83,7 +83,7 @@ class Solver:
         time = (self.substeps_done + 1) * self.substep
         state = State(self.positions, self.previous, system.inverse_masses)
         keep = math.exp(-system.drag * self.substep)
-        _predict(state, self.velocities, self._accelerations(), self.substep, keep)  # line 1
+        _core.predict(*state, self.velocities, self._accelerations(), self.substep, keep)  # line 1
         for pins in system.pins:
             self.positions[pins.particles] = pins.path(time)
         for multipliers in self.multipliers:
@@ -106,15 +106,3 @@ class Solver:
         accelerations *= system.inverse_masses[:, None]
         accelerations[:, 1] -= system.gravity
         return accelerations
-
-
-@njit(cache=True)
-def _predict(state: State, velocities: Float64Array, accelerations: Float64Array, substep: float, keep: float) -> None:
-    """Line 1: ``x_0 = x^n + dt v^n + dt^2 M^-1 F`` (Eq. 4), with the share `keep` of the velocity left by drag."""
-    positions, previous, inverse_masses = state
-    for i in range(positions.shape[0]):
-        for axis in range(3):
-            previous[i, axis] = positions[i, axis]
-            if inverse_masses[i] > 0.0:
-                step = keep * velocities[i, axis] + substep * accelerations[i, axis]
-                positions[i, axis] += substep * step  # Eq. 4

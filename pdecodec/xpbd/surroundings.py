@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
+from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array, Int32Array
 from pdecodec.xpbd.constraints import Linear, Method, Scaling, State, UniformConstraints, check_positive
@@ -66,32 +66,13 @@ class AttachmentConstraints(UniformConstraints):
 
     def _sweep(self, state: State, multipliers: Float64Array, scaling: Scaling, time: float, method: Method) -> None:
         targets = np.ascontiguousarray(self.path(time), dtype=np.float64)
-        _solve_attachments(state, self.particles, targets, multipliers, scaling)
+        _core.solve_attachments(state, self.particles, targets, multipliers, scaling)
 
     def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
         return positions[self.particles[index, 0]] - self.path(time)[index], np.eye(3)[:, None, :]
 
     def values(self, positions: Float64Array, *, time: float) -> Float64Array:
         return positions[self.particles[:, 0]] - self.path(time)
-
-
-@njit(cache=True)
-def _solve_attachments(
-    state: State, particles: Int32Array, targets: Float64Array, multipliers: Float64Array, scaling: Scaling
-) -> None:
-    positions, previous, inverse_masses = state
-    compliance, damping, relaxation = scaling
-    for i in range(particles.shape[0]):
-        particle = particles[i, 0]
-        weight = inverse_masses[particle]
-        if weight == 0.0:
-            continue
-        for axis in range(3):
-            moved = positions[particle, axis] - previous[particle, axis]
-            right = targets[i, axis] - positions[particle, axis] - compliance * multipliers[i, axis] - damping * moved
-            change = right / ((1.0 + damping) * weight + compliance)  # Eq. 6
-            multipliers[i, axis] += change
-            positions[particle, axis] += weight * relaxation * change  # Eq. 7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,7 +193,7 @@ class Wind:
         """Forces on the particles [N], (particles, 3) float64, at `positions` [m] and `velocities` [m/s]."""
         forces = np.zeros_like(positions)
         past = self.air_velocity(positions, time=time) - velocities
-        _add_forces(positions, past, self.triangles, 0.5 * AIR_DENSITY * self.drag, forces)
+        _core.add_wind(positions, past, self.triangles, 0.5 * AIR_DENSITY * self.drag, forces)
         return forces
 
     def air_velocity(self, points: Float64Array, *, time: float) -> Float64Array:
@@ -230,27 +211,3 @@ class Wind:
         gust_upward = swing * np.cos(phase / math.sqrt(2)).sum(axis=1)
         air: Float64Array = self.velocity + gust_sideways[:, None] * sideways + gust_upward[:, None] * upward
         return air
-
-
-@njit(cache=True)
-def _add_forces(
-    positions: Float64Array, past: Float64Array, triangles: Int32Array, pressure: float, forces: Float64Array
-) -> None:
-    """Add to `forces`; `past` is the air's velocity past each particle, `pressure` half density times drag."""
-    across, speeds = np.empty(3), np.empty(3)
-    for i in range(triangles.shape[0]):
-        a, b, c = triangles[i, 0], triangles[i, 1], triangles[i, 2]
-        for axis in range(3):
-            u, v = (axis + 1) % 3, (axis + 2) % 3
-            first = (positions[b, u] - positions[a, u]) * (positions[c, v] - positions[a, v])
-            across[axis] = first - (positions[b, v] - positions[a, v]) * (positions[c, u] - positions[a, u])
-            speeds[axis] = (past[a, axis] + past[b, axis] + past[c, axis]) * across[axis]
-        double_area = math.sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2])
-        if double_area > 0.0:
-            speed = (speeds[0] + speeds[1] + speeds[2]) / (3.0 * double_area)
-            # Area times normal is half of what is across; each corner takes a third.
-            share = pressure * abs(speed) * speed / 6.0
-            for axis in range(3):
-                forces[a, axis] += share * across[axis]
-                forces[b, axis] += share * across[axis]
-                forces[c, axis] += share * across[axis]

@@ -23,9 +23,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array, Int32Array
 from pdecodec.xpbd.constraints import Constraints, Linear, MeasuredConstraints, Method, RowShapes, Scaling, State
@@ -50,7 +50,7 @@ class VolumeConstraints(MeasuredConstraints):
     volumes: Float64Array
 
     def _sweep(self, state: State, multipliers: Float64Array, scaling: Scaling, time: float, method: Method) -> None:
-        _solve_volumes(state, self.particles, self.volumes, multipliers.reshape(-1), scaling)
+        _core.solve_volumes(state, self.particles, self.volumes, multipliers.reshape(-1), scaling)
 
     def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
         corners = positions[self.particles[index]]
@@ -69,42 +69,6 @@ def tetrahedron_volumes(positions: Float64Array, tetrahedra: Int32Array) -> Floa
     corners = positions[tetrahedra]
     volumes: Float64Array = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6
     return volumes
-
-
-@njit(cache=True)
-def _solve_volumes(
-    state: State, tetrahedra: Int32Array, volumes: Float64Array, multipliers: Float64Array, scaling: Scaling
-) -> None:
-    positions, previous, inverse_masses = state
-    compliance, damping, relaxation = scaling
-    edges, gradient = np.empty((3, 3)), np.empty((4, 3))
-    for i in range(tetrahedra.shape[0]):
-        for corner in range(3):
-            for axis in range(3):
-                edges[corner, axis] = positions[tetrahedra[i, corner + 1], axis] - positions[tetrahedra[i, 0], axis]
-        for corner in range(3):
-            u, v = (corner + 1) % 3, (corner + 2) % 3
-            for axis in range(3):
-                j, k = (axis + 1) % 3, (axis + 2) % 3
-                gradient[corner + 1, axis] = (edges[u, j] * edges[v, k] - edges[u, k] * edges[v, j]) / 6.0
-        slope, rate, volume = 0.0, 0.0, 0.0
-        for axis in range(3):
-            gradient[0, axis] = -(gradient[1, axis] + gradient[2, axis] + gradient[3, axis])
-            volume += edges[0, axis] * gradient[1, axis]
-            for corner in range(4):
-                particle = tetrahedra[i, corner]
-                slope += inverse_masses[particle] * gradient[corner, axis] ** 2
-                rate += gradient[corner, axis] * (positions[particle, axis] - previous[particle, axis])
-        if slope == 0.0:
-            continue
-        right = volumes[i] - volume - compliance * multipliers[i] - damping * rate
-        change = right / ((1.0 + damping) * slope + compliance)  # Eq. 6
-        multipliers[i] += change
-        change *= relaxation
-        for corner in range(4):
-            particle = tetrahedra[i, corner]
-            for axis in range(3):
-                positions[particle, axis] += inverse_masses[particle] * gradient[corner, axis] * change  # Eq. 7
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -190,10 +154,11 @@ class NeoHookeanConstraints(Constraints):
 
     def solve(self, state: State, multipliers: Float64Array, *, time: float, substep: float, method: Method) -> None:
         if method == "pbd":
-            _project_tetrahedra(state, self.particles, self.inverse_rest, self.stiffness)
+            _core.project_tetrahedra(state, self.particles, self.inverse_rest, self.stiffness)
         else:
+            shapes = (self.particles, self.inverse_rest, self.volumes)
             material = (self.shear, self.bulk, self.damping / substep)
-            _solve_tetrahedra(state, self.particles, self.inverse_rest, self.volumes, multipliers, material, substep)
+            _core.solve_tetrahedra(state, *shapes, multipliers, *material, substep)
 
     def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
         inverse = self.inverse_rest[index]
@@ -223,125 +188,3 @@ class NeoHookeanConstraints(Constraints):
         """Elastic energy [J], Eq. 2, less its value at rest."""
         rest = 0.5 * (3 * self.shear + self.shear**2 / self.bulk) * float(self.volumes.sum())
         return super().energy(positions, time=time) - rest
-
-
-@njit(cache=True)
-def _linearise(
-    positions: Float64Array, corners: Int32Array, inverse: Float64Array, slopes: Float64Array, gradients: Float64Array
-) -> tuple[float, float]:
-    """Fill in gradients of ``sqrt(tr(F^T F))`` and ``det F``, (2, 4, 3), which are returned; `slopes` is scratch."""
-    deformation, cofactor = slopes[0], slopes[1]
-    square = 0.0
-    for i in range(3):
-        first = positions[corners[1], i] - positions[corners[0], i]
-        second = positions[corners[2], i] - positions[corners[0], i]
-        third = positions[corners[3], i] - positions[corners[0], i]
-        for j in range(3):
-            entry = first * inverse[0, j] + second * inverse[1, j] + third * inverse[2, j]
-            deformation[i, j] = entry
-            square += entry * entry
-    size = math.sqrt(square)
-    determinant = 0.0
-    for i in range(3):
-        k, m = (i + 1) % 3, (i + 2) % 3
-        for j in range(3):
-            u, v = (j + 1) % 3, (j + 2) % 3
-            cofactor[i, j] = deformation[k, u] * deformation[m, v] - deformation[k, v] * deformation[m, u]
-    for j in range(3):
-        determinant += deformation[0, j] * cofactor[0, j]
-    for row in range(2):
-        scale = 1.0 if row == 1 else 1.0 / size if size > 0.0 else 0.0
-        slope = slopes[row]
-        for i in range(3):
-            gradients[row, 0, i] = 0.0
-            for corner in range(3):
-                entry = slope[i, 0] * inverse[corner, 0] + slope[i, 1] * inverse[corner, 1]
-                entry = (entry + slope[i, 2] * inverse[corner, 2]) * scale
-                gradients[row, corner + 1, i] = entry
-                gradients[row, 0, i] -= entry
-    return size, determinant
-
-
-@njit(cache=True)
-def _solve_tetrahedra(
-    state: State,
-    tetrahedra: Int32Array,
-    inverse_rest: Float64Array,
-    volumes: Float64Array,
-    multipliers: Float64Array,
-    material: tuple[float, float, float],
-    substep: float,
-) -> None:
-    positions, previous, inverse_masses = state
-    shear, bulk, damping = material
-    slopes, gradients = np.empty((2, 3, 3)), np.empty((2, 4, 3))
-    deviatoric, hydrostatic = gradients[0], gradients[1]
-    target = 1.0 + shear / bulk
-    for i in range(tetrahedra.shape[0]):
-        corners = tetrahedra[i]
-        size, determinant = _linearise(positions, corners, inverse_rest[i], slopes, gradients)
-        # How often this substep would undo the tetrahedron's shear: stiffness over mass times the squared substep.
-        spread = 0.0
-        for axis in range(3):
-            total = 0.0
-            for corner in range(3):
-                entry = inverse_rest[i, corner, axis]
-                spread += inverse_masses[corners[corner + 1]] * entry * entry
-                total += entry
-            spread += inverse_masses[corners[0]] * total * total
-        pressure = bulk * abs(determinant - target) * size / math.sqrt(3.0)
-        once = max(1.0, substep * substep * volumes[i] * spread * (shear + pressure))
-        scaled_d = once / (shear * volumes[i] * substep * substep)  # Eq. 5
-        scaled_h = once / (bulk * volumes[i] * substep * substep)
-        slope_dd, slope_dh, slope_hh, rate_d, rate_h = 0.0, 0.0, 0.0, 0.0, 0.0
-        for corner in range(4):
-            particle = corners[corner]
-            weight = inverse_masses[particle]
-            for axis in range(3):
-                d, h = deviatoric[corner, axis], hydrostatic[corner, axis]
-                moved = positions[particle, axis] - previous[particle, axis]
-                slope_dd += weight * d * d
-                slope_dh += weight * d * h
-                slope_hh += weight * h * h
-                rate_d += d * moved
-                rate_h += h * moved
-        right_d = -size - scaled_d * multipliers[i, 0] - damping * rate_d
-        right_h = target - determinant - scaled_h * multipliers[i, 1] - damping * rate_h
-        # Eq. 6 with two rows, by Cramer's rule; compliance on its diagonal keeps it positive definite.
-        own_d = (1.0 + damping) * slope_dd + scaled_d
-        own_h = (1.0 + damping) * slope_hh + scaled_h
-        both = (1.0 + damping) * slope_dh
-        inverse = 1.0 / (own_d * own_h - both * both)
-        change_d = (right_d * own_h - right_h * both) * inverse
-        change_h = (right_h * own_d - right_d * both) * inverse
-        multipliers[i, 0] += change_d
-        multipliers[i, 1] += change_h
-        for corner in range(4):
-            particle = corners[corner]
-            weight = inverse_masses[particle]
-            for axis in range(3):
-                change = deviatoric[corner, axis] * change_d + hydrostatic[corner, axis] * change_h
-                positions[particle, axis] += weight * change  # Eq. 7
-
-
-@njit(cache=True)
-def _project_tetrahedra(state: State, tetrahedra: Int32Array, inverse_rest: Float64Array, stiffness: float) -> None:
-    """PBD: first ``sqrt(tr(F^T F)) = sqrt(3)``, then ``det F = 1``, for tetrahedron after tetrahedron."""
-    positions, _, inverse_masses = state
-    slopes, gradients = np.empty((2, 3, 3)), np.empty((2, 4, 3))
-    for i in range(tetrahedra.shape[0]):
-        corners = tetrahedra[i]
-        for row in range(2):
-            size, determinant = _linearise(positions, corners, inverse_rest[i], slopes, gradients)
-            gradient = gradients[row]
-            violation = size - math.sqrt(3.0) if row == 0 else determinant - 1.0
-            slope = 0.0
-            for corner in range(4):
-                for axis in range(3):
-                    slope += inverse_masses[corners[corner]] * gradient[corner, axis] ** 2
-            if slope == 0.0:
-                continue
-            step = -stiffness * violation / slope
-            for corner in range(4):
-                for axis in range(3):
-                    positions[corners[corner], axis] += inverse_masses[corners[corner]] * gradient[corner, axis] * step

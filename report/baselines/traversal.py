@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pdecodec import _core
 from pdecodec.sequence import Connectivity
 
 Int64Array = NDArray[np.int64]
@@ -38,41 +38,15 @@ class Traversal:
 
     def residuals(self, values: Int64Array) -> Int64Array:
         """What predicting every place by those before leaves of (vertices, columns) int64, in the order of places."""
-        known, found = np.ascontiguousarray(values), np.array(values, order="C")
-        _predict(known, found, -1, self.starts, self.corners)
-        return found
+        return self._predicted(values, undo=False)
 
     def restored(self, residuals: Int64Array) -> Int64Array:
         """Undo :meth:`residuals`."""
-        values = np.array(residuals, order="C")
-        _predict(values, values, 1, self.starts, self.corners)
-        return values
+        return self._predicted(residuals, undo=True)
 
-
-@njit(cache=True)
-def _predict(known: Int64Array, changed: Int64Array, sign: int, starts: Int64Array, corners: Int64Array) -> None:
-    """Add means of parallelograms, first place to last; without one the place before; the first has nothing to go by.
-
-    Parameters
-    ----------
-    known : (vertices, columns) int64
-        What is predicted from; may be `changed` itself, whose places are then restored one after the other.
-    changed : (vertices, columns) int64
-    sign : int
-        1 adds, -1 subtracts.
-    starts, corners
-        As in :class:`Traversal`.
-    """
-    total = np.empty(known.shape[1], np.int64)
-    for i in range(1, known.shape[0]):
-        n = starts[i + 1] - starts[i]
-        total[:] = 0
-        for j in range(starts[i], starts[i + 1]):
-            a, b, c = corners[j]
-            for k in range(total.size):
-                total[k] += known[a, k] + known[b, k] - known[c, k]
-        for k in range(total.size):
-            changed[i, k] += sign * (known[i - 1, k] if n == 0 else (2 * total[k] + n) // (2 * n))
+    def _predicted(self, values: Int64Array, *, undo: bool) -> Int64Array:
+        found = _core.parallelograms(np.ascontiguousarray(values), self.starts, self.corners, undo)
+        return found.reshape(values.shape)
 
 
 def traverse(connectivity: Connectivity) -> Traversal:

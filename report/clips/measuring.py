@@ -228,7 +228,7 @@ def _measure_baselines(
         for baseline, tolerances in tasks.items():
             yield baseline, _measure_one(clip, sequence, baseline, tolerances)
         return
-    # Started anew, not forked: numba's threads do not survive a fork.
+    # Started anew, not forked: threads of libraries do not survive a fork.
     pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"))
     try:
         running = {pool.submit(_measure_one, clip, sequence, item, absent): item for item, absent in tasks.items()}

@@ -1,0 +1,70 @@
+// The bytes of OBJ files: a first frame is read in full, later frames only as far as they may differ from it.
+//
+// All text ends with a line feed and holds no line continuations. Numbers that are not plain decimal, or not certain,
+// are left to the caller, as unread.
+#pragma once
+
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "arithmetic.hpp"
+
+namespace pdeanim::text {
+
+// A number that the caller is to read.
+struct UnreadNumber {
+    i64 array, place;  // of which array it is, in the order of declaration in ObjScan, and of which of its numbers
+    i64 byte;          // where its token starts
+};
+
+enum class ObjFault {
+    none,
+    bad_index,
+    zero_index,
+    index_outside,
+    texture_outside,
+    too_few_corners,
+    bad_coordinates,
+};
+
+// What stands in one file, in the file's order.
+struct ObjScan {
+    explicit ObjScan(std::span<const u8> text);
+
+    std::vector<float> positions;      // the first three numbers of each v line
+    std::vector<float> vertex_extras;  // the next four, 0 for none: w, r g b, or r g b a; empty where no line has any
+    std::vector<float> textures;       // three numbers of each vt line, 0 for none
+    std::vector<float> normals;        // three numbers of each vn line
+    std::vector<i32> vertex_sizes;     // how many numbers stood on each v line
+    i32 texture_size = 0;              // most numbers on a vt line
+    std::vector<u8> is_face;           // 1 for each element that is one; the others are lines and points
+    std::vector<i32> element_sizes;    // corners of each
+    std::vector<i32> corners;          // vertex, texture vertex and normal of each, from 0; -1 for none of the latter
+    std::vector<i64> others;           // of each other statement: its byte, vertices and elements before it
+    std::vector<UnreadNumber> unread;  // in the order in which they are to be read
+
+    // What is wrong, and the byte where it is; what comes after is not read.
+    ObjFault fault = ObjFault::none;
+    i64 fault_byte = 0;
+    i64 vertex_count = 0, texture_count = 0;  // v and vt lines of the whole file
+
+private:
+    class Reading;
+};
+
+// What must be the same in every frame: all lines but numbers, comments and mtllib, which exporters name by the frame.
+class ObjStructure {
+public:
+    explicit ObjStructure(std::span<const u8> text);
+
+    // Read the positions of another frame, three numbers each. False where vertices or structure are not those of the
+    // first, byte for byte; positions are unfinished then.
+    bool read_positions(std::span<const u8> text, std::span<float> positions, std::vector<UnreadNumber> &unread) const;
+
+private:
+    std::vector<u8> lines_;
+    std::vector<std::pair<u32, u32>> before_;  // vertices and texture vertices before each line, for relative indices
+};
+
+}  // namespace pdeanim::text
