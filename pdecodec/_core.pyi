@@ -1,10 +1,8 @@
 """Types of the native core (core/bindings)."""
 
 import enum
-from collections.abc import Sequence
-from typing import Literal
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
-from pdecodec.connectivity import core_parts, core_errors
+from pdecodec.connectivity import core_errors, core_parts
 from pdecodec.description import checked_texts
 from pdecodec.errors import InputError
 from pdecodec.sequence import Attribute, AttributeDomain, MeshObject

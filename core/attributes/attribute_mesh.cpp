@@ -37,7 +37,7 @@ GridPoint normal_of(std::span<const i32> vertices, std::span<const GridPoint> gr
 
 }  // namespace
 
-Elements::Elements(std::vector<i32> of_corner_, i64 count) : of_corner(std::move(of_corner_)), starts(count + 1) {
+AttributeElements::AttributeElements(std::vector<i32> of_corner_, i64 count) : of_corner(std::move(of_corner_)), starts(count + 1) {
     for (const i32 element : of_corner) {
         if (element >= 0) ++starts[element + 1];
     }
@@ -97,7 +97,7 @@ const std::vector<GridPoint> &AttributeMesh::normals() {
     return normals_;
 }
 
-Elements AttributeMesh::elements_of(Domain domain, i64 count) const {
+AttributeElements AttributeMesh::elements_of(Domain domain, i64 count) const {
     if (domain == Domain::vertex) return {polygons_.vertex, count};
     std::vector<i32> of_corner(corners(), -1);
     if (domain == Domain::corner) std::iota(of_corner.begin(), of_corner.begin() + count, 0);

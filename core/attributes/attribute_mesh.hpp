@@ -20,9 +20,9 @@ enum class Domain : u8 { vertex, face, corner, object };
 constexpr i64 domain_count = 4;
 
 // What has values, and where: a corner, a vertex, a face, or a row that is named apart.
-struct Elements {
+struct AttributeElements {
     // of_corner: element of each corner, -1 for none.
-    Elements(std::vector<i32> of_corner, i64 count);
+    AttributeElements(std::vector<i32> of_corner, i64 count);
 
     i64 count() const { return static_cast<i64>(starts.size()) - 1; }
 
@@ -54,7 +54,7 @@ public:
     const std::vector<GridPoint> &normals();
 
     // The elements of a domain, of which there are `count`.
-    Elements elements_of(Domain domain, i64 count) const;
+    AttributeElements elements_of(Domain domain, i64 count) const;
 
     // How many elements a domain has; 0 of objects, whose rows are counted apart.
     i64 count_of(Domain domain) const;

@@ -131,14 +131,14 @@ public:
         const i64 rows = head.rule == listed ? head.rows : head.rule == by_vertex ? mesh.polygons().vertices : count;
         make_room(mesh, head, count, rows);
         Decoded decoded;
-        Elements elements = mesh.elements_of(domain, count);
+        AttributeElements elements = mesh.elements_of(domain, count);
         if (head.rule == listed) {
             std::vector<i32> indices = code_integers(of_rows, mesh, elements, plan.indices, -1, rows - 1, "an index");
             std::vector<i32> of_corner = std::move(elements.of_corner);
             for (i32 &element : of_corner) {
                 if (element >= 0) element = indices[element];
             }
-            elements = Elements(std::move(of_corner), rows);
+            elements = AttributeElements(std::move(of_corner), rows);
             decoded.indices = std::move(indices);
         } else if (head.rule == by_vertex) {
             elements = mesh.elements_of(Domain::vertex, rows);
@@ -199,7 +199,7 @@ private:
     }
 
     // Values of all elements.
-    void code_values(AttributeMesh &mesh, const AttributeHead &head, const Elements &elements, const AttributePlan &plan,
+    void code_values(AttributeMesh &mesh, const AttributeHead &head, const AttributeElements &elements, const AttributePlan &plan,
                      Decoded &decoded) {
         const i64 count = elements.count();
         if (head.kind >= raw) {
@@ -231,7 +231,7 @@ private:
         return found;
     }
 
-    Wedges code_wedges(Use use, AttributeMesh &mesh, const CornerTable &corners, const Elements &elements, bool has_runs,
+    Wedges code_wedges(Use use, AttributeMesh &mesh, const CornerTable &corners, const AttributeElements &elements, bool has_runs,
                        std::span<const i32> wanted) {
         Wedges wedges = wedges_[use].code(coder_, mesh, corners, elements, has_runs, wanted);
         if (!elements.corners.empty()) {
@@ -245,7 +245,7 @@ private:
     }
 
     // Numbers that count, of all elements; CorruptError where one is not from `lowest` to `highest`.
-    std::vector<i32> code_integers(Use use, AttributeMesh &mesh, const Elements &elements, std::span<const i32> wanted,
+    std::vector<i32> code_integers(Use use, AttributeMesh &mesh, const AttributeElements &elements, std::span<const i32> wanted,
                                    i64 lowest, i64 highest, const char *what) {
         const Wedges wedges = code_wedges(use, mesh, mesh.by_point(), elements, true, wanted);
         std::vector<i64> numbers(wedges.count());
@@ -262,7 +262,7 @@ private:
         return found;
     }
 
-    void code_channels(AttributeMesh &mesh, const AttributeHead &head, const Elements &elements, const AttributePlan &plan,
+    void code_channels(AttributeMesh &mesh, const AttributeHead &head, const AttributeElements &elements, const AttributePlan &plan,
                        Channels &decoded) {
         const int channels = static_cast<int>(head.channels());
         Scales scales = code_scales(head, plan.channels.scales);

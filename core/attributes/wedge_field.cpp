@@ -27,7 +27,7 @@ i64 square_root(i64 number) {
 }
 
 // The polygons of a mesh over wedges; over one more for corners that are of none.
-CornerTable corners_of(const Polygons &mesh, const Elements &elements, const Wedges &wedges) {
+CornerTable corners_of(const Polygons &mesh, const AttributeElements &elements, const Wedges &wedges) {
     const i32 none = static_cast<i32>(wedges.count());
     Polygons polygons;
     polygons.vertices = i64{none} + 1;
@@ -53,7 +53,7 @@ i64 mean(i64 sum, i64 count) { return floor_divide(2 * sum + count, 2 * count); 
 
 }  // namespace
 
-WedgeField::WedgeField(AttributeMesh &mesh, const Elements &elements, const Wedges &wedges, Scales scales)
+WedgeField::WedgeField(AttributeMesh &mesh, const AttributeElements &elements, const Wedges &wedges, Scales scales)
     : count_(wedges.count()), scales_(std::move(scales)), corners_(corners_of(mesh.polygons(), elements, wedges)),
       order_(prediction_order(corners_)), positions_(count_ + 1), others_((count_ + 1) * channels()),
       has_other_(count_ + 1) {

@@ -32,7 +32,7 @@ public:
         Row expected{};                  // mean length of the neighbours' residuals
     };
 
-    WedgeField(AttributeMesh &mesh, const Elements &elements, const Wedges &wedges, Scales scales);
+    WedgeField(AttributeMesh &mesh, const AttributeElements &elements, const Wedges &wedges, Scales scales);
 
     i64 count() const { return count_; }
     const Scales &scales() const { return scales_; }

@@ -49,7 +49,7 @@ bool WedgeModel::code_same(RangeCoder<mode> &coder, const Comparison &of, bool i
 
 template <Mode mode>
 Wedges WedgeModel::code(RangeCoder<mode> &coder, AttributeMesh &mesh, const CornerTable &corners,
-                        const Elements &elements, bool has_runs, std::span<const i32> wanted) {
+                        const AttributeElements &elements, bool has_runs, std::span<const i32> wanted) {
     const std::vector<GridPoint> &normals = mesh.normals();
     const std::vector<i32> &earlier = mesh.earlier;
     const i64 count = elements.count();
@@ -115,9 +115,9 @@ Wedges WedgeModel::code(RangeCoder<mode> &coder, AttributeMesh &mesh, const Corn
     return wedges;
 }
 
-template Wedges WedgeModel::code(RangeCoder<Mode::encode> &, AttributeMesh &, const CornerTable &, const Elements &, bool,
+template Wedges WedgeModel::code(RangeCoder<Mode::encode> &, AttributeMesh &, const CornerTable &, const AttributeElements &, bool,
                                  std::span<const i32>);
-template Wedges WedgeModel::code(RangeCoder<Mode::decode> &, AttributeMesh &, const CornerTable &, const Elements &, bool,
+template Wedges WedgeModel::code(RangeCoder<Mode::decode> &, AttributeMesh &, const CornerTable &, const AttributeElements &, bool,
                                  std::span<const i32>);
 
 }  // namespace pdeanim

@@ -16,26 +16,11 @@ std::span<const GridPoint> points_of(const Rows<i64, 3> &grid) {
     return {reinterpret_cast<const GridPoint *>(grid.data()), grid.shape(0)};
 }
 
-// Faces and lines that fit each other and their vertices, and a grid that fits them all.
+// ValueError unless the grid fits the vertices.
 void check(const std::vector<ConnectivityView> &parts, const Rows<i64, 3> &grid) {
-    std::size_t vertices = 0;
-    for (const ConnectivityView &part : parts) {
-        const auto check_polygons = [&](std::span<const i32> sizes, std::span<const i32> indices) {
-            i64 corners = 0;
-            for (const i32 size : sizes) {
-                if (size < 1) throw nb::value_error("a polygon has no corners");
-                corners += size;
-            }
-            if (corners != static_cast<i64>(indices.size())) throw nb::value_error("polygons do not fit their corners");
-            for (const i32 vertex : indices) {
-                if (vertex < 0 || vertex >= part.vertices) throw nb::index_error("a vertex is not there");
-            }
-        };
-        check_polygons(part.face_sizes, part.face_indices);
-        check_polygons(part.line_sizes, part.line_indices);
-        vertices += static_cast<std::size_t>(part.vertices);
-    }
-    if (vertices != grid.shape(0)) throw nb::value_error("grid coordinates do not fit the vertices");
+    i64 vertices = 0;
+    for (const ConnectivityView &part : parts) vertices += part.vertices;
+    if (vertices != static_cast<i64>(grid.shape(0))) throw nb::value_error("grid coordinates do not fit the vertices");
 }
 
 AttributeView attribute_view(const nb::handle &fields) {
@@ -112,14 +97,9 @@ nb::object to_values(Attribute &attribute) {
                                            dtype_of(attribute.type)));
 }
 
-nb::list py_decode_attributes(const nb::bytes &data, const nb::list &parts, const Rows<i64, 3> &grid, i64 most_bytes) {
-    const std::vector<ConnectivityView> views = views_of(parts);
-    check(views, grid);
-    std::vector<std::vector<Attribute>> decoded;
-    {
-        nb::gil_scoped_release release;
-        decoded = decode_attributes(view(data), views, points_of(grid), most_bytes);
-    }
+}  // namespace
+
+nb::list to_list(std::vector<std::vector<Attribute>> decoded) {
     nb::list found;
     for (std::vector<Attribute> &of_part : decoded) {
         nb::list attributes;
@@ -132,6 +112,19 @@ nb::list py_decode_attributes(const nb::bytes &data, const nb::list &parts, cons
         found.append(attributes);
     }
     return found;
+}
+
+namespace {
+
+nb::list py_decode_attributes(const nb::bytes &data, const nb::list &parts, const Rows<i64, 3> &grid, i64 most_bytes) {
+    const std::vector<ConnectivityView> views = views_of(parts);
+    check(views, grid);
+    std::vector<std::vector<Attribute>> decoded;
+    {
+        nb::gil_scoped_release release;
+        decoded = decode_attributes(view(data), views, points_of(grid), most_bytes);
+    }
+    return to_list(std::move(decoded));
 }
 
 nb::object py_fan_numbers(const Flat<i32> &vertices, const Flat<i32> &keys) {

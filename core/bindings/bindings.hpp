@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "arithmetic.hpp"
+#include "attributes/attributes.hpp"
 #include "connectivity/connectivity.hpp"
 
 namespace pdeanim::bindings {
@@ -47,6 +48,9 @@ template <class T> nb::object to_rows(std::vector<T> &&values, std::size_t colum
 // keeps; ValueError where they do not fit together.
 std::vector<ConnectivityView> views_of(const nb::list &parts);
 
+// Attributes of each object: (name, domain, values, indices or None, labels).
+nb::list to_list(std::vector<std::vector<Attribute>> decoded);
+
 // One function a part of the core; each adds its classes and functions to the module.
 void bind_connectivity(nb::module_ &module);
 void bind_reference(nb::module_ &module);
@@ -60,5 +64,6 @@ void bind_attributes(nb::module_ &module);
 void bind_xpbd(nb::module_ &module);
 void bind_text(nb::module_ &module);
 void bind_baselines(nb::module_ &module);
+void bind_animation(nb::module_ &module);
 
 }  // namespace pdeanim::bindings

@@ -22,4 +22,5 @@ NB_MODULE(_core, module) {
     bind_xpbd(module);
     bind_text(module);
     bind_baselines(module);
+    bind_animation(module);
 }

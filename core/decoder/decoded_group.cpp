@@ -57,6 +57,8 @@ template <class Real> std::vector<Real> on_three_axes(const std::vector<double> 
     return found;
 }
 
+Subbands view_of(const SubbandTable &table) { return {table.starts, table.kinds, table.parents}; }
+
 // Decodes the coefficients part by part, and expands what is there: this thread decodes, others expand, and this one, too,
 // when it is done.
 class CoefficientPipeline {
@@ -65,7 +67,7 @@ public:
         : group_(group), space_(space), subbands_(space.subbands()),
           quantised_(space.functions() * group.channels()), values_(quantised_.size()),
           expansion_(space, values_.data(), group.channels()),
-          decoder_({subbands_.view(), space.functions(), group.channels(), group.axes()}, chunk, quantised_) {}
+          decoder_({view_of(subbands_), space.functions(), group.channels(), group.axes()}, chunk, quantised_) {}
 
     // Decode everything; `expand(first, end)` is called by whoever runs `work`.
     void decode() {
@@ -215,7 +217,7 @@ DecodedGroup decode_group(const Group &group, const std::array<std::vector<u8>, 
 std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space) {
     const SubbandTable subbands = space.subbands();
     std::vector<i64> quantised(space.functions() * group.channels());
-    CoefficientDecoder decoder({subbands.view(), space.functions(), group.channels(), group.axes()}, chunk, quantised);
+    CoefficientDecoder decoder({view_of(subbands), space.functions(), group.channels(), group.axes()}, chunk, quantised);
     decoder.decode(static_cast<i64>(subbands.kinds.size()));
     decoder.finish();
     std::vector<double> found;
