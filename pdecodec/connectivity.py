@@ -66,13 +66,13 @@ def encode_connectivity(parts: Sequence[Connectivity], *, keep_order: bool = Tru
     head = FieldWriter()
     for count in (len(parts), *(part.vertex_count for part in parts)):
         head.count(count)
-    conn, ordr = _core.encode_connectivity(_fields(parts), keep_order)
+    conn, ordr = _core.encode_connectivity(core_parts(parts), keep_order)
     return head.to_bytes() + conn, ordr
 
 
 def coded_orders(parts: Sequence[Connectivity]) -> list[CodedOrder | None]:
     """The order in which each object's faces are coded where nothing is to be restored; None where it is its own."""
-    return [None if order is None else CodedOrder(*order) for order in _core.coded_orders(_fields(parts))]
+    return [None if order is None else CodedOrder(*order) for order in _core.coded_orders(core_parts(parts))]
 
 
 def decode_vertex_counts(conn: bytes) -> tuple[tuple[int, ...], bytes]:
@@ -127,7 +127,8 @@ def core_errors() -> Iterator[None]:
         raise CorruptFileError(str(error)) from error
 
 
-def _fields(parts: Sequence[Connectivity]) -> list[_core.Part]:
+def core_parts(parts: Sequence[Connectivity]) -> list[_core.Part]:
+    """Connectivity of objects as the native core takes it; InputError where one has more corners than it numbers."""
     for part in parts:
         if max(part.face_indices.size, part.line_indices.size) > MOST_CORNERS:
             raise InputError(f"an object has more than {MOST_CORNERS} face corners; split it")

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "arithmetic.hpp"
+#include "connectivity/connectivity.hpp"
 
 namespace pdeanim::bindings {
 
@@ -42,8 +43,13 @@ template <class T> nb::object to_rows(std::vector<T> &&values, std::size_t colum
     return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<2>>(kept->data(), {kept->size() / columns, columns}, owner));
 }
 
+// Connectivity of objects, each (vertices, face sizes, face indices, line sizes, line indices), whose arrays the caller
+// keeps; ValueError where they do not fit together.
+std::vector<ConnectivityView> views_of(const nb::list &parts);
+
 // One function a part of the core; each adds its classes and functions to the module.
 void bind_connectivity(nb::module_ &module);
 void bind_reference(nb::module_ &module);
+void bind_basis(nb::module_ &module);
 
 }  // namespace pdeanim::bindings

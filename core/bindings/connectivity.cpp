@@ -6,6 +6,20 @@ namespace pdeanim::bindings {
 
 namespace {
 
+// Whether sizes, each `smallest` or more, add up to the indices, and these are of so many vertices.
+bool fit_together(std::span<const i32> sizes, i32 smallest, std::span<const i32> indices, i64 vertices) {
+    i64 sum = 0;
+    bool is_sound = true;
+    for (const i32 size : sizes) {
+        is_sound = is_sound && size >= smallest;
+        sum += size;
+    }
+    for (const i32 index : indices) is_sound = is_sound && index >= 0 && index < vertices;
+    return is_sound && sum == static_cast<i64>(indices.size());
+}
+
+}  // namespace
+
 std::vector<ConnectivityView> views_of(const nb::list &parts) {
     std::vector<ConnectivityView> views;
     for (const nb::handle part : parts) {
@@ -13,9 +27,16 @@ std::vector<ConnectivityView> views_of(const nb::list &parts) {
         views.push_back({nb::cast<i64>(fields[0]), view(nb::cast<Flat<i32>>(fields[1])),
                          view(nb::cast<Flat<i32>>(fields[2])), view(nb::cast<Flat<i32>>(fields[3])),
                          view(nb::cast<Flat<i32>>(fields[4]))});
+        const ConnectivityView &own = views.back();
+        if (own.vertices < 0 || !fit_together(own.face_sizes, 3, own.face_indices, own.vertices) ||
+            !fit_together(own.line_sizes, 1, own.line_indices, own.vertices)) {
+            throw nb::value_error("counts and indices of faces or lines do not fit together");
+        }
     }
     return views;
 }
+
+namespace {
 
 nb::tuple py_encode_connectivity(const nb::list &parts, bool keep_order) {
     const std::vector<ConnectivityView> views = views_of(parts);

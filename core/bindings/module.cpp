@@ -12,4 +12,5 @@ NB_MODULE(_core, module) {
     nb::exception<LimitError>(module, "LimitError");
     bind_connectivity(module);
     bind_reference(module);
+    bind_basis(module);
 }

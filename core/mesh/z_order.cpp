@@ -1,0 +1,46 @@
+#include "mesh/z_order.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace pdeanim {
+
+std::vector<GridPoint> cells_in_box(std::span<const GridPoint> points) {
+    std::vector<GridPoint> cells(points.begin(), points.end());
+    if (cells.empty()) return cells;
+    GridPoint low = cells[0];
+    for (const GridPoint &point : points) {
+        for (int axis = 0; axis < 3; ++axis) low[axis] = least(low[axis], point[axis]);
+    }
+    i64 extent = 0;
+    for (GridPoint &cell : cells) {
+        for (int axis = 0; axis < 3; ++axis) {
+            cell[axis] -= low[axis];
+            extent = most(extent, cell[axis]);
+        }
+    }
+    const int shift = most(bit_length(extent) - cell_bits, 0);
+    for (GridPoint &cell : cells) {
+        for (i64 &coordinate : cell) coordinate >>= shift;
+    }
+    return cells;
+}
+
+std::vector<i32> z_order(std::span<const GridPoint> points) {
+    std::vector<std::pair<i64, i32>> places;
+    places.reserve(points.size());
+    for (const GridPoint &cell : cells_in_box(points)) {
+        i64 code = 0;
+        for (int bit = 0; bit < cell_bits; ++bit) {
+            for (int axis = 0; axis < 3; ++axis) code |= ((cell[axis] >> bit) & 1) << (3 * bit + axis);
+        }
+        places.emplace_back(code, static_cast<i32>(places.size()));
+    }
+    std::sort(places.begin(), places.end());
+    std::vector<i32> order;
+    order.reserve(places.size());
+    for (const auto &place : places) order.push_back(place.second);
+    return order;
+}
+
+}  // namespace pdeanim
