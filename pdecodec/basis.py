@@ -17,11 +17,10 @@ Euler-Bernoulli beam. All 32 solve ``w_tttt = (K/m)^2 w_uuuuuuuu``.
 
 from __future__ import annotations
 
-import math
-from functools import cache
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from pdecodec import _core
 
 Float64Array = NDArray[np.float64]
 
@@ -34,17 +33,10 @@ SPACE_FUNCTIONS = 8
 MAX_RATE = 12.0
 """Largest alpha or r over a half-range of 1: exp(12) still leaves the oscillating functions 10 digits."""
 
-SERIES_TERMS = 14
-"""Terms of the power series: at |rate x| <= 12 and n = 4 the first left-out term, 12^60/60!, is below 7e-18."""
-
 SOLVES_BEAM_EQUATION: NDArray[np.bool_] = np.zeros((TIME_FUNCTIONS, SPACE_FUNCTIONS), dtype=bool)
 """(4, 8) bool: which products of Eq. 18 solve Eq. 10 as the paper prints it; the others solve it with -K."""
 SOLVES_BEAM_EQUATION[:2, :4] = True  # e^{+-at} with e^{+-ru}, sin ru, cos ru: m a^2 = K r^4
 SOLVES_BEAM_EQUATION[2:, 4:] = True  # sin, cos(at) with the damped four: -m a^2 = K (r e^{i pi/4})^4 = -K r^4
-
-
-SERIES_CHUNK = 2**12
-"""Arguments evaluated at once: their sums stay in the processor's cache."""
 
 
 def paper_time_functions(t: ArrayLike, alpha: float) -> Float64Array:
@@ -100,8 +92,7 @@ def paper_functions(u: ArrayLike, t: ArrayLike, alpha: float, r: float) -> Float
 def series_functions(x: ArrayLike, rate: float, order: int) -> Float64Array:
     """The well-conditioned basis ``phi_0 .. phi_{order-1}`` of the solutions of ``w^(order) = rate^order w``.
 
-    Computed by its power series with additions, products and quotients alone, so that every IEEE 754
-    machine gets the same bits. All terms of one function have the same sign: nothing cancels.
+    Computed by its power series, so that every IEEE 754 machine gets the same bits: `core/basis/series.hpp`.
 
     Parameters
     ----------
@@ -117,33 +108,7 @@ def series_functions(x: ArrayLike, rate: float, order: int) -> Float64Array:
     (n, order) float64
     """
     x = np.asarray(x, dtype=np.float64)
-    if x.ndim == 1 and x.size > SERIES_CHUNK:
-        return np.concatenate(
-            [series_functions(x[at : at + SERIES_CHUNK], rate, order) for at in range(0, x.size, SERIES_CHUNK)]
-        )
-    x = x[..., None]
-    power = _integer_power(x, order) * _integer_power(np.float64(rate), order)  # (rate x)^order
-    total = np.ones((*x.shape[:-1], order))
-    # Horner's scheme from the smallest term; at rate 0 every term but the first is 0.
-    for quotients in _series_quotients(order)[::-1] if rate != 0 else ():
-        total = 1.0 + total * (power / quotients)
-    leading = np.ones_like(x[..., 0])  # x^j / j!
-    for j in range(order):
-        total[..., j] *= leading
-        leading = leading * x[..., 0] / (j + 1)
-    return total
-
-
-@cache
-def _series_quotients(order: int) -> Float64Array:
-    """(terms, order) float64: ``(n k + j)! / (n (k - 1) + j)!`` for k = 1, 2, ..., rounded to float64."""
-    return np.array(
-        [
-            [math.prod(range(order * (k - 1) + j + 1, order * k + j + 1)) for j in range(order)]
-            for k in range(1, SERIES_TERMS + 1)
-        ],
-        dtype=np.float64,
-    )
+    return _core.series_functions(x.ravel(), rate, order).reshape(*x.shape, order)
 
 
 def series_derivatives(values: Float64Array, rate: float) -> Float64Array:

@@ -29,10 +29,9 @@ from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.closedform import ClosedForm
 from pdecodec.container import ContainerReader
 from pdecodec.errors import CorruptFileError
-from pdecodec.expansion import Expansion
 from pdecodec.limits import LARGEST_STEP
 from pdecodec.shares import in_shares
-from pdecodec.spacebasis import SpaceBasis
+from pdecodec.spacebasis import Expansion, SpaceBasis
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -313,9 +312,9 @@ def group_functions(entry: GroupEntry, time: FloatArray, levels: Int64Array, bas
     basis : SpaceBasis
     """
     expansion = Expansion(basis, np.multiply(levels, entry.step, dtype=np.float64), single=entry.single)
-    expansion.share_out()
+    expansion.synthesise()
     in_shares(expansion.expand, basis.element_count)
-    return GroupFunctions(time, by_function(entry, expansion.planes))
+    return GroupFunctions(time, by_function(entry, expansion.fields))
 
 
 def functions_of_time(entry: GroupEntry, modes: Float64Array, times: Float64Array) -> FloatArray:

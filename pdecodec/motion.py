@@ -18,7 +18,6 @@ from pdecodec.closedform import ClosedForm, weights_at
 from pdecodec.coefficientcoding import decode_coefficients, decode_coefficients_in_parts
 from pdecodec.container import ContainerReader
 from pdecodec.errors import CorruptFileError, LimitError
-from pdecodec.expansion import Expansion
 from pdecodec.groupmodel import GroupModelDescription
 from pdecodec.groups import (
     SAMPLED_BASES,
@@ -32,7 +31,7 @@ from pdecodec.groups import (
 from pdecodec.reference import RestShape
 from pdecodec.residuals import Residuals, add_residuals, decode_residuals, residual_displacements
 from pdecodec.shares import thread_count
-from pdecodec.spacebasis import SpaceBasis
+from pdecodec.spacebasis import Expansion, SpaceBasis
 from pdecodec.timefunctions import decode_time_functions
 
 Float32Array = NDArray[np.float32]
@@ -215,7 +214,7 @@ class Motion:
     def _decode_planes(self, entry: GroupEntry, data: bytes, submit: Callable[..., Any]) -> FloatArray:
         """Coefficients, and patch by patch what they make of its vertices: by other threads, while there is time."""
         space = self._space
-        starts = space.elements.coefficient_starts
+        starts = space.coefficient_starts
         levels = np.zeros((space.functions, entry.width), np.int64)
         coefficients = np.empty(levels.shape)
         expansion = Expansion(space, coefficients, single=entry.single)
@@ -230,14 +229,14 @@ class Motion:
             if first == 0:
                 rows = slice(0, int(starts[0]))
                 np.multiply(levels[rows], entry.step, out=coefficients[rows])
-                expansion.share_out()
+                expansion.synthesise()
             begun.append((submit(expand, first, end), first, end))
         for future, first, end in reversed(begun):
             if future.cancel():
                 expand(first, end)
             else:
                 future.result()
-        return expansion.planes
+        return expansion.fields
 
     def _runs(self, times: Float64Array) -> Iterator[tuple[int, int, int]]:
         """Rows of increasing times, ``(start, stop, frame)``: frames of a group in a row; frame -1 for one between."""

@@ -93,9 +93,9 @@ def paper_form(
     to_paper_time = series_to_paper(time_form.alpha, TIME_FUNCTIONS) @ time
     to_paper_space = series_to_paper(form.rate, SPACE_FUNCTIONS)
     order, starts = space.order.astype(np.int64), space.starts
-    u = arc_length_parameter(reference.levels[order], starts)
+    u = arc_length_parameter(reference.levels, space.patches)
     series = series_functions(u, form.rate, SPACE_FUNCTIONS)
-    coefficient_starts = space.elements.coefficient_starts
+    coefficient_starts = space.coefficient_starts
     pieces = space.element_count
     coefficients = np.zeros((pieces, 3, TIME_FUNCTIONS, SPACE_FUNCTIONS))
     condition = np.ones(pieces)

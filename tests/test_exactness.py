@@ -20,13 +20,13 @@ from pdecodec import (
     EncodeReport,
     EncodeSettings,
     MeshObject,
+    _core,
     encode,
     encoder,
     spacebasis,
 )
 from pdecodec.groupfit import GroupFitter
 from pdecodec.groups import DOUBLE_MARGIN, SINGLE_MARGIN
-from pdecodec.kernels.patch_functions import Elements, integer_root, local_coordinates
 from pdecodec.spacebasis import build_space_basis, decode_space_basis
 from spec.decoder import space as plain
 
@@ -119,21 +119,13 @@ def test_a_decoder_that_rounds_otherwise_keeps_the_bound_and_the_margin(
 
 @given(st.integers(0, 2**62))
 def test_the_root_of_an_integer_is_exact(square: int) -> None:
-    root = integer_root(square)
+    root = _core.integer_root(square)
     assert root * root <= square < (root + 1) * (root + 1)
 
 
 def local(coordinates: list[tuple[int, int, int]]) -> tuple[int, Int64Array]:
     """Local coordinates of one element, and how many are more than rounding."""
-    grid_coordinates = np.array(coordinates, np.int64)
-    size = len(coordinates)
-    none = np.zeros(1, np.int64)
-    elements = Elements(
-        grid_coordinates, np.arange(size, dtype=np.int32), np.array([0, size]), none, np.zeros(2, np.int64), none,
-        spacebasis.polynomial_table(), np.zeros((0, 0)), np.array(spacebasis.SHARES), True,
-    )  # fmt: skip
-    whole = np.zeros((3, size), np.int64)
-    return int(local_coordinates(elements, 0, whole)), whole
+    return _core.local_coordinates(np.array(coordinates, np.int64))
 
 
 @settings(max_examples=200, deadline=None)
@@ -186,12 +178,12 @@ def test_where_a_column_is_near_the_threshold_another_one_is_taken(monkeypatch: 
     sequence = sheet(1, 9, 9, tilt=0.2)
     rest = np.rint(300 * sequence.read_frames(0, 1)[0]).astype(np.int64)
     usual = build_space_basis("patch", sequence.objects, rest, points=81, functions=128)
-    nearest = usual._complete[2]
+    nearest = usual.nearest
     assert (usual.form.threshold, usual.is_clear) == (0, True)
     monkeypatch.setattr(spacebasis, "CLEAR", nearest)
     other = build_space_basis("patch", sequence.objects, rest, points=81, functions=128)
     assert other.form.threshold > 0
-    assert other._complete[2] > nearest
+    assert other.nearest > nearest
     again = decode_space_basis(other.form, other.encode_masks(), sequence.objects, rest)
-    again.project(np.zeros((81, 1)))
-    assert np.array_equal(again.functions_made[0], other.functions_made[0])
+    for made, expected in zip(again.functions_of_elements(), other.functions_of_elements(), strict=True):
+        assert np.array_equal(made, expected)

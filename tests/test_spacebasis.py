@@ -11,12 +11,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pdecodec._core import add_displacement
-from pdecodec.expansion import Expansion
 from pdecodec.groups import GroupFunctions, evaluate_group
-from pdecodec.patches import build_patches, early_patches, mesh_graph
+from pdecodec.patches import build_patches, early_patches
 from pdecodec.sequence import Connectivity, MeshObject
 from pdecodec.shares import in_shares
-from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis, polynomial_exponents
+from pdecodec.spacebasis import Expansion, SpaceBasis, SpaceKind, build_space_basis
 
 RNG_SEED = 20
 
@@ -40,16 +39,16 @@ def points_only(rest: NDArray[np.int64]) -> MeshObject:
     return MeshObject("points", Connectivity(vertex_count=len(rest), face_counts=none, face_indices=none))
 
 
-def planes_of(basis: SpaceBasis, coefficients: NDArray[np.float64], *, single: bool) -> NDArray[np.floating]:
+def fields_of(basis: SpaceBasis, coefficients: NDArray[np.float64], *, single: bool) -> NDArray[np.floating]:
     expansion = Expansion(basis, coefficients, single=single)
-    expansion.share_out()
+    expansion.synthesise()
     in_shares(expansion.expand, basis.element_count)
-    return expansion.planes
+    return expansion.fields
 
 
 def expanded(basis: SpaceBasis, coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
     """(vertices, width) in mesh order."""
-    return planes_of(basis, coefficients, single=False).T.astype(np.float64)
+    return fields_of(basis, coefficients, single=False).T.astype(np.float64)
 
 
 @pytest.mark.parametrize("kind", ["patch", "curve"])
@@ -104,8 +103,8 @@ def test_columns_are_coded_once_each_in_runs_that_cover_them() -> None:
 
 def test_vertices_at_one_place_are_neighbours() -> None:
     rest = np.array([[0, 0, 0], [5, 0, 0], [0, 0, 0], [9, 9, 9]], np.int64)
-    starts, neighbours = mesh_graph([points_only(rest)], rest)
-    assert [neighbours[a:b].tolist() for a, b in itertools.pairwise(starts)] == [[2], [], [0], []]
+    patches = build_patches([points_only(rest)], rest, 2)
+    assert {0, 2} in [set(patches.order[a:b].tolist()) for a, b in itertools.pairwise(patches.starts)]
 
 
 @pytest.mark.parametrize("scale", [97, 2**36])
@@ -113,21 +112,13 @@ def test_patches_before_the_rest_shape_are_those_after_it_unless_vertices_coinci
     item, rest = grid(23, 17, scale=scale)
     early = early_patches([item], 16)
     assert early is not None
-    for field, expected in vars(build_patches([item], rest, 16)).items():
-        assert np.array_equal(getattr(early, field), expected)
+    for field in ("order", "starts", "begins", "children", "node_of"):
+        assert np.array_equal(getattr(early, field), getattr(build_patches([item], rest, 16), field))
     rest[390] = rest[0]  # far apart along the faces
     welded = build_patches([item], rest, 16, early)
     assert not np.array_equal(welded.order, early.order)
     assert np.array_equal(welded.order, build_patches([item], rest, 16).order)
     assert early_patches([points_only(rest)], 16) is None
-
-
-def test_polynomials_begin_with_the_affine_four_and_count_the_normal_twice() -> None:
-    exponents = polynomial_exponents()
-    assert exponents[:4].tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
-    degrees = exponents[4:] @ [1, 1, 2]
-    assert (np.diff(degrees) >= 0).all()
-    assert len(np.unique(exponents, axis=0)) == len(exponents)
 
 
 @pytest.mark.parametrize("axes", [1, 3])
@@ -149,10 +140,10 @@ def test_functions_made_as_far_as_needed_are_those_of_the_whole_basis(kind: Spac
     whole = build_space_basis(kind, [item], rest, points=64, functions=functions)
     whole.project(np.zeros((len(rest), 1)))  # makes all of its functions
     coefficients = np.random.default_rng(RNG_SEED).normal(size=(whole.functions, 2))
-    for begin, end in itertools.pairwise(whole.elements.coefficient_starts):  # only the first third of each patch's
+    for begin, end in itertools.pairwise(whole.coefficient_starts):  # only the first third of each patch's
         coefficients[begin + (end - begin) // 3 : end] = 0.0
     for single in (False, True):
-        made, given = (planes_of(basis, coefficients, single=single) for basis in (needed, whole))
+        made, given = (fields_of(basis, coefficients, single=single) for basis in (needed, whole))
         assert np.array_equal(made, given)
         assert made.dtype == (np.float32 if single else np.float64)
 

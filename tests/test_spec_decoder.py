@@ -23,10 +23,10 @@ from pdecodec import (
     EncodeSettings,
     MeshObject,
     MeshSequence,
+    _core,
     encode,
     encoder,
     open_animation,
-    spacebasis,
 )
 from pdecodec.effort import EFFORTS
 from pdecodec.kernels import rangecoder
@@ -142,4 +142,4 @@ def test_its_tables_of_logarithms_are_the_librarys() -> None:
 
 
 def test_its_polynomials_come_in_the_librarys_order() -> None:
-    assert [tuple(row) for row in spacebasis.polynomial_exponents().tolist()] == EXPONENTS
+    assert _core.POLYNOMIAL_EXPONENTS == EXPONENTS

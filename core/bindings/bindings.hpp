@@ -65,5 +65,9 @@ void bind_xpbd(nb::module_ &module);
 void bind_text(nb::module_ &module);
 void bind_baselines(nb::module_ &module);
 void bind_animation(nb::module_ &module);
+// One function a part of the core; each adds its classes and functions to the module.
+void bind_connectivity(nb::module_ &module);
+void bind_reference(nb::module_ &module);
+void bind_basis(nb::module_ &module);
 
 }  // namespace pdeanim::bindings

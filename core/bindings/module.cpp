@@ -23,4 +23,5 @@ NB_MODULE(_core, module) {
     bind_text(module);
     bind_baselines(module);
     bind_animation(module);
+    bind_basis(module);
 }

@@ -1,0 +1,11 @@
+// The loop that all of this folder's time goes to.
+#pragma once
+
+#include "arithmetic.hpp"
+
+namespace pdeanim {
+
+// total += multiples[0] * rows[0] + multiples[1] * rows[1] + ..., added in this order, for `width` numbers side by side.
+void add_multiples(double *total, i64 width, const double *const *rows, const double *multiples, i64 count);
+
+}  // namespace pdeanim

@@ -1,0 +1,98 @@
+#include "basis/elements.hpp"
+
+#include <algorithm>
+
+#include "basis/series.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+// A polynomial, a function along a piece, a unit vector is dropped where no more than this share of its squared norm is
+// new. That of unit vectors is below 1 / points, so that they always complete the space of a patch; functions along a piece
+// are kept as long as they are more than rounding.
+constexpr std::array<double, sort_count> usual_shares = {0x1p-12, 0x1p-40, 0x1p-12};
+
+}  // namespace
+
+Elements::Elements(const SpaceForm &form, std::shared_ptr<const Patches> patches, std::span<const GridPoint> grid)
+    : form(form), patches(std::move(patches)), grid(grid), affine(count()), coefficient_starts(count() + 1) {
+    for (int sort = 0; sort < sort_count; ++sort) shares[sort] = usual_shares[sort] * (1.0 - form.threshold / 16.0);
+    if (form.kind == SpaceKind::patch) return;
+    const std::vector<double> u = arc_length_parameters(grid, this->patches->order, this->patches->starts);
+    series = series_functions(u, form.rate, space_functions);
+}
+
+int ElementFunctions::locate(i64 element) {
+    const int found = local_.locate(elements_.grid, elements_.patches->vertices(element));
+    for (int k = 0; k < 3; ++k) axes_[k].assign(local_.axes[k].begin(), local_.axes[k].end());
+    return found;
+}
+
+// The constant and as many local coordinates as make `count` functions.
+void ElementFunctions::add_affine(i64 count) {
+    for (i64 j = 0; j < affine_count; ++j) made_[j] = j < count ? j : -1;
+    for (i64 k = 0; k < count; ++k) {
+        if (k == 0) {
+            std::fill_n(functions_.column(), points_, 1.0);
+        } else {
+            std::copy_n(axes_[k - 1].begin(), points_, functions_.column());
+        }
+        functions_.add(0.0);
+    }
+}
+
+void ElementFunctions::add_polynomials() {
+    for (int j = affine_count; j < polynomial_count && !functions_.is_complete(); ++j) {
+        const Polynomial &polynomial = polynomials[j];
+        made_[j] = -1;
+        // A multiple of a dropped polynomial is nothing new.
+        const auto is_dropped = [&](int lower) { return lower >= 0 && made_[lower] < 0; };
+        if (std::any_of(polynomial.lower.begin(), polynomial.lower.end(), is_dropped)) continue;
+        const double *lower = functions_.function(made_[polynomial.lower[polynomial.along]]);
+        const std::vector<double> &axis = axes_[polynomial.along];
+        double *column = functions_.column();
+        for (i64 i = 0; i < points_; ++i) column[i] = lower[i] * axis[i];
+        if (functions_.add(elements_.shares[polynomial_column])) made_[j] = functions_.count() - 1;
+    }
+}
+
+i64 ElementFunctions::describe(i64 element, AffineSums &sums) {
+    sums = {};
+    if (!elements_.form.affine) return 0;
+    const std::span<const i32> vertices = elements_.patches->vertices(element);
+    points_ = static_cast<i64>(vertices.size());
+    const i64 count = least(least<i64>(1 + locate(element), elements_.form.functions), points_);
+    functions_.begin(points_, count);
+    add_affine(count);
+    const GridPoint &origin = elements_.grid[vertices[0]];
+    for (i64 i = 0; i < points_; ++i) {
+        const GridPoint &point = elements_.grid[vertices[i]];
+        std::array<double, affine_count> values = {1.0};
+        for (int axis = 0; axis < 3; ++axis) values[1 + axis] = static_cast<double>(point[axis] - origin[axis]);
+        for (i64 k = 0; k < count; ++k) {
+            const double own = functions_.function(k)[i];
+            for (int c = 0; c < affine_count; ++c) sums[k][c] += own * values[c];
+        }
+    }
+    return count;
+}
+
+void ElementFunctions::make(i64 element, i64 count) {
+    const i64 begin = elements_.patches->starts[element], affine = least(elements_.affine[element], count);
+    points_ = elements_.patches->size(element);
+    functions_.begin(points_, count);
+    if (affine > 1 || elements_.series.empty()) locate(element);
+    add_affine(affine);
+    if (elements_.series.empty()) add_polynomials();
+    for (int j = 0; j < space_functions && !elements_.series.empty() && !functions_.is_complete(); ++j) {
+        for (i64 i = 0; i < points_; ++i) {
+            functions_.column()[i] = elements_.series[(begin + i) * space_functions + j];
+        }
+        functions_.add(elements_.shares[series_column]);
+    }
+    if (elements_.form.affine) functions_.add_unit_vectors(elements_.shares[unit_vector]);
+    functions_.add_zeros();
+}
+
+}  // namespace pdeanim

@@ -1,0 +1,85 @@
+// Elements, patches of a mesh or pieces of its curves, and the orthonormal functions on each.
+//
+// The affine four, 1, x, y and z, come first, then polynomials of local coordinates by degree, or the functions of Eqs. 14
+// and 16 along a piece, then unit vectors. How many of them there are is counted in integers: an element's local
+// coordinates decide how many are affine.
+//
+// A polynomial is made of one that is orthonormal already, times a coordinate (Brubeck, Nakatsukasa and Trefethen 2021,
+// "Vandermonde with Arnoldi"): little of it cancels then, where powers of coordinates are nearly dependent.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <vector>
+
+#include "basis/local_coordinates.hpp"
+#include "basis/orthonormal.hpp"
+#include "basis/polynomials.hpp"
+#include "mesh/bisection.hpp"
+
+namespace pdeanim {
+
+enum class SpaceKind { patch, curve };
+
+// What a file says of its space basis.
+struct SpaceForm {
+    SpaceKind kind = SpaceKind::patch;
+    i64 points = 0;     // vertices of a patch at most, or about as many of a piece
+    i64 functions = 0;  // of an element at most
+    int threshold = 0;  // sixteenths that columns need less than usual to be kept: so none of the file is near to it
+    double rate = 0.0;  // r of Eqs. 14 and 16 over half a piece
+    bool affine = true;  // whether pieces have the affine four, and unit vectors to complete them; patches always do
+};
+
+// Columns of an element that may be dropped.
+enum Sort { polynomial_column, series_column, unit_vector, sort_count };
+
+struct Elements {
+    Elements(const SpaceForm &form, std::shared_ptr<const Patches> patches, std::span<const GridPoint> grid);
+
+    i64 count() const { return patches->count(); }
+    i64 rank(i64 element) const { return affine[element] + coefficient_starts[element + 1] - coefficient_starts[element]; }
+
+    // Where an element's functions would begin among those of all, if its affine ones were among them.
+    i64 first_function(i64 element) const { return coefficient_starts[element] - affine[element]; }
+
+    SpaceForm form;
+    std::shared_ptr<const Patches> patches;
+    std::span<const GridPoint> grid;  // the caller's
+    std::array<double, sort_count> shares;  // of a column's squared norm that must be new for it to be kept
+    std::vector<double> series;  // of pieces: their functions at each vertex in order, not orthonormal yet
+    std::vector<i64> affine;     // how many of an element's functions are affine
+    std::vector<i64> coefficient_starts;  // where an element's other functions begin among those of all
+};
+
+// Sums of an element's affine functions times 1, x, y and z about its first vertex.
+using AffineSums = std::array<std::array<double, affine_count>, affine_count>;
+
+// Makes the functions of one element after another.
+class ElementFunctions {
+public:
+    explicit ElementFunctions(const Elements &elements) : elements_(elements) {}
+
+    // The affine functions of an element: how many there are, and their sums.
+    i64 describe(i64 element, AffineSums &sums);
+
+    // The first functions of an element, at most its points. Those that are still missing are zero.
+    void make(i64 element, i64 count);
+
+    const double *function(i64 k) const { return functions_.function(k); }
+    double nearest() const { return functions_.nearest; }
+
+private:
+    int locate(i64 element);
+    void add_affine(i64 count);
+    void add_polynomials();
+
+    const Elements &elements_;
+    OrthonormalFunctions functions_;
+    LocalCoordinates local_;
+    std::array<std::vector<double>, 3> axes_;  // the same coordinates
+    std::array<i64, polynomial_count> made_;   // which function each polynomial has become, -1 for none
+    i64 points_ = 0;
+};
+
+}  // namespace pdeanim

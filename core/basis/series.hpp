@@ -1,0 +1,26 @@
+// The functions that solve w^(n) = rate^n w, n = 4 or 8, in a form that stays well conditioned.
+//
+//     phi_j(x) = sum over k of  rate^(n k) x^(n k + j) / (n k + j)!,     j = 0 .. n - 1
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "mesh/z_order.hpp"
+
+namespace pdeanim {
+
+constexpr int space_functions = 8;  // functions along a curve (Eqs. 14 and 16)
+
+// phi_0 to phi_(order - 1) at each of some points, |rate * x| at most 12: row after row. Of order 4 or 8.
+//
+// A power series of additions, products and quotients alone, so that every machine gets the same bits. All terms of one
+// function have the same sign: nothing cancels.
+std::vector<double> series_functions(std::span<const double> points, double rate, int order);
+
+// Parameter u in [-1, 1] along each piece, by arc length of the reference frame; by index where all points of a piece
+// coincide, 0 for a piece of one point. Pieces stand one after the other in `order`, from each of `starts` on.
+std::vector<double> arc_length_parameters(std::span<const GridPoint> grid, std::span<const i32> order,
+                                          std::span<const i64> starts);
+
+}  // namespace pdeanim

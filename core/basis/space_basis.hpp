@@ -1,0 +1,90 @@
+// Space bases: orthonormal functions of the reference frame on elements, joined upwards over the whole mesh.
+//
+// How many functions there are, and of what kind, follows from integers and from what the file says. The values of the
+// functions are floating-point numbers, and may be computed in any way: see `SpaceForm::threshold`.
+//
+// Functions stand in this order: the whole's affine functions, the wavelets of each node of the partition tree, and the
+// functions of each element that are not affine.
+#pragma once
+
+#include <atomic>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "basis/elements.hpp"
+#include "basis/partition_tree.hpp"
+
+namespace pdeanim {
+
+// Functions as they are coded together: those of the whole, the wavelets of a node, or the others of an element.
+struct SubbandTable {
+    std::vector<i64> starts;   // where each begins among the functions, and where the last ends
+    std::vector<i64> kinds;    // 0 of the whole, a node's depth from 1 on, or -1 - affine functions of an element
+    std::vector<i64> parents;  // the subband of the node above
+};
+
+class SpaceBasis {
+public:
+    // `grid`: of the reference frame, kept by the caller. `masks`: as `encode_masks` gives them; without them they are
+    // chosen. CorruptError if they do not end where the partition tree does.
+    SpaceBasis(const SpaceForm &form, std::shared_ptr<const Patches> patches, std::span<const GridPoint> grid,
+               std::optional<std::span<const u8>> masks, int threads);
+
+    const Elements &elements() const { return elements_; }
+    const PartitionTree &tree() const { return tree_; }
+    i64 vertices() const { return static_cast<i64>(elements_.grid.size()); }
+    i64 functions() const { return elements_.coefficient_starts.back(); }
+    SubbandTable subbands() const;
+
+    // Make all functions of all elements, which an encoder needs; a decoder makes those that it needs on the way.
+    void make_functions(int threads);
+
+    // Of these, the ones of an element, function after function; nothing as long as they are not made.
+    std::span<const double> functions_of(i64 element) const;
+
+    // The least relative distance of a share from its threshold: whether every decoder drops the same columns, however it
+    // rounds. Of the elements' functions, too, once they are made.
+    double nearest() const { return nearest_; }
+
+    // Coefficients of values on vertices, both with a row of `channels` each. The functions are made.
+    std::vector<double> project(std::span<const double> values, i64 channels, int threads) const;
+
+private:
+    void project(i64 first, i64 end, const double *values, i64 channels, double *affine, double *coefficients) const;
+
+    Elements elements_;
+    PartitionTree tree_;
+    std::once_flag once_;
+    std::atomic<bool> is_made_ = false;
+    std::vector<double> made_;
+    std::vector<i64> made_starts_;
+    double nearest_;
+};
+
+// Undoes `SpaceBasis::project`, element by element, while coefficients become known.
+class Expansion {
+public:
+    // `coefficients`: a row of `channels` a function, read when they are needed; basis and coefficients are the caller's.
+    Expansion(const SpaceBasis &basis, const double *coefficients, i64 channels)
+        : basis_(basis), coefficients_(coefficients), channels_(channels),
+          affine_(affine_count * basis.tree().nodes() * channels) {}
+
+    i64 channels() const { return channels_; }
+
+    // The elements' affine coefficients: those of the whole and of all wavelets are there.
+    void synthesise() { basis_.tree().synthesise(coefficients_, affine_, channels_); }
+
+    // Fill in the vertices of the elements `first` to `end` - 1, whose coefficients are there, of `fields`: one a channel,
+    // a number a vertex in the order of the mesh. Several threads may, each others.
+    template <class Real> void expand(i64 first, i64 end, Real *fields) const;
+
+private:
+    const SpaceBasis &basis_;
+    const double *coefficients_;
+    i64 channels_;
+    std::vector<double> affine_;  // four rows of `channels` a node of the partition tree
+};
+
+}  // namespace pdeanim

@@ -1,0 +1,228 @@
+// Python's view of patches, space bases and what they are made of.
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/shared_ptr.h>
+
+#include <algorithm>
+#include <memory>
+#include <optional>
+
+#include "basis/series.hpp"
+#include "basis/space_basis.hpp"
+#include "bindings/bindings.hpp"
+
+namespace pdeanim::bindings {
+
+namespace {
+
+using Grid = Rows<i64, 3>;
+using Values = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+template <class Real> using Fields = nb::ndarray<Real, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+std::span<const GridPoint> points_of(const Grid &grid) {
+    return {reinterpret_cast<const GridPoint *>(grid.data()), grid.shape(0)};
+}
+
+void require(bool holds, const char *message) {
+    if (!holds) throw nb::value_error(message);
+}
+
+// An array that lies in an object of the core.
+template <class T> nb::object inside(nb::handle owner, const std::vector<T> &values) {
+    return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<1>>(const_cast<T *>(values.data()), {values.size()}, owner));
+}
+
+template <auto member> nb::object patches_array(nb::handle self) {
+    return inside(self, nb::cast<Patches &>(self).*member);
+}
+
+void check_vertices(const std::vector<ConnectivityView> &objects, const Grid &grid) {
+    i64 vertices = 0;
+    for (const ConnectivityView &object : objects) vertices += object.vertices;
+    require(vertices > 0 && vertices == static_cast<i64>(grid.shape(0)), "the objects have other vertices than the grid");
+}
+
+std::shared_ptr<Patches> py_early_patches(const nb::list &objects, i64 points) {
+    require(points > 0, "patches have points");
+    const std::vector<ConnectivityView> views = views_of(objects);
+    nb::gil_scoped_release release;
+    std::optional<Patches> found = early_patches(views, points);
+    return found ? std::make_shared<Patches>(std::move(*found)) : nullptr;
+}
+
+std::shared_ptr<Patches> py_build_patches(const nb::list &objects, const Grid &grid, i64 points,
+                                          const std::shared_ptr<Patches> &early) {
+    require(points > 0, "patches have points");
+    const std::vector<ConnectivityView> views = views_of(objects);
+    check_vertices(views, grid);
+    require(!early || early->order.size() == grid.shape(0), "the early patches are of another mesh");
+    nb::gil_scoped_release release;
+    return std::make_shared<Patches>(build_patches(views, points_of(grid), points, early.get()));
+}
+
+std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &starts, i64 points) {
+    require(points > 0, "pieces have points");
+    const i64 vertices = static_cast<i64>(order.size());
+    const auto bounds = view(starts);
+    require(bounds.size() > 1 && bounds.front() == 0 && bounds.back() == vertices &&
+                std::is_sorted(bounds.begin(), bounds.end()),
+            "curves do not cover the vertices");
+    for (const i32 vertex : view(order)) require(vertex >= 0 && vertex < vertices, "a curve has a vertex that is not there");
+    nb::gil_scoped_release release;
+    return std::make_shared<Patches>(cut_curves({order.data(), order.data() + vertices}, bounds, points));
+}
+
+// A space basis, and the array that it looks at.
+struct PySpaceBasis {
+    PySpaceBasis(int kind, i64 points, i64 functions, int threshold, double rate, bool affine,
+                 const std::shared_ptr<Patches> &patches, Grid of_grid, const std::optional<nb::bytes> &masks, int threads)
+        : grid(std::move(of_grid)) {
+        require(0 <= kind && kind <= 1 && functions > 0, "a space basis is of patches or curves, and has functions");
+        require(patches && patches->order.size() == grid.shape(0), "the patches are those of another mesh");
+        const SpaceForm form{static_cast<SpaceKind>(kind), points, functions, threshold, rate, affine};
+        std::optional<std::span<const u8>> coded;
+        if (masks) coded = view(*masks);
+        nb::gil_scoped_release release;
+        basis.emplace(form, patches, points_of(grid), coded, threads);
+    }
+
+    nb::object project(const Values &values, int threads) {
+        require(static_cast<i64>(values.shape(0)) == basis->vertices(), "one row of values a vertex");
+        const i64 channels = static_cast<i64>(values.shape(1));
+        std::vector<double> found;
+        {
+            nb::gil_scoped_release release;
+            basis->make_functions(threads);
+            found = basis->project({values.data(), values.size()}, channels, threads);
+        }
+        return to_rows(std::move(found), channels);
+    }
+
+    Grid grid;
+    std::optional<SpaceBasis> basis;
+};
+
+nb::tuple py_subbands(const PySpaceBasis &self) {
+    SubbandTable found = self.basis->subbands();
+    return nb::make_tuple(to_array(std::move(found.starts)), to_array(std::move(found.kinds)),
+                          to_array(std::move(found.parents)));
+}
+
+nb::object py_functions_of(nb::handle self, i64 element) {
+    SpaceBasis &basis = *nb::cast<PySpaceBasis &>(self).basis;
+    require(element >= 0 && element < basis.elements().count(), "there is no such element");
+    const std::span<const double> found = basis.functions_of(element);
+    const std::size_t points = static_cast<std::size_t>(basis.elements().patches->size(element));
+    return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<2>>(const_cast<double *>(found.data()),
+                                                               {found.size() / points, points}, self));
+}
+
+// An expansion, and the array that it looks at.
+struct PyExpansion {
+    PyExpansion(const PySpaceBasis &of_basis, Values of_coefficients)
+        : coefficients(std::move(of_coefficients)), basis(*of_basis.basis) {
+        require(static_cast<i64>(coefficients.shape(0)) == basis.functions(), "one row of coefficients a function");
+        expansion.emplace(basis, coefficients.data(), static_cast<i64>(coefficients.shape(1)));
+    }
+
+    void synthesise() {
+        nb::gil_scoped_release release;
+        expansion->synthesise();
+    }
+
+    template <class Real> void expand(i64 first, i64 end, const Fields<Real> &fields) const {
+        require(0 <= first && first <= end && end <= basis.elements().count(), "there are no such elements");
+        require(static_cast<i64>(fields.shape(0)) == expansion->channels() &&
+                    static_cast<i64>(fields.shape(1)) == basis.vertices(),
+                "one field a channel");
+        nb::gil_scoped_release release;
+        expansion->expand(first, end, fields.data());
+    }
+
+    Values coefficients;
+    const SpaceBasis &basis;
+    std::optional<Expansion> expansion;
+};
+
+nb::object py_series_functions(const Flat<double> &points, double rate, int order) {
+    require(order == 4 || order == 8, "the series is of order 4 or 8");
+    std::vector<double> found;
+    {
+        nb::gil_scoped_release release;
+        found = series_functions(view(points), rate, order);
+    }
+    return to_rows(std::move(found), static_cast<std::size_t>(order));
+}
+
+nb::object py_arc_length_parameters(const Grid &grid, const std::shared_ptr<Patches> &pieces) {
+    require(pieces->order.size() == grid.shape(0), "the pieces are those of another mesh");
+    std::vector<double> found;
+    {
+        nb::gil_scoped_release release;
+        found = arc_length_parameters(points_of(grid), pieces->order, pieces->starts);
+    }
+    return to_array(std::move(found));
+}
+
+nb::tuple py_local_coordinates(const Grid &grid) {
+    LocalCoordinates local;
+    std::vector<i32> vertices(grid.shape(0));
+    for (std::size_t i = 0; i < vertices.size(); ++i) vertices[i] = static_cast<i32>(i);
+    require(!vertices.empty(), "an element has points");
+    const int count = local.locate(points_of(grid), vertices);
+    std::vector<i64> found;
+    for (const std::vector<i64> &axis : local.axes) found.insert(found.end(), axis.begin(), axis.end());
+    return nb::make_tuple(count, to_rows(std::move(found), vertices.size()));
+}
+
+}  // namespace
+
+void bind_basis(nb::module_ &module) {
+    nb::class_<Patches>(module, "Patches")
+        .def_prop_ro("order", &patches_array<&Patches::order>)
+        .def_prop_ro("starts", &patches_array<&Patches::starts>)
+        .def_prop_ro("begins", &patches_array<&Patches::begins>)
+        .def_prop_ro("children", &patches_array<&Patches::children>)
+        .def_prop_ro("node_of", &patches_array<&Patches::node_of>);
+    module.def("early_patches", &py_early_patches, nb::arg("objects"), nb::arg("points"));
+    module.def("build_patches", &py_build_patches, nb::arg("objects"), nb::arg("grid"), nb::arg("points"),
+               nb::arg("early").none());
+    module.def("cut_curves", &py_cut_curves, nb::arg("order"), nb::arg("starts"), nb::arg("points"));
+    nb::class_<PySpaceBasis>(module, "SpaceBasis")
+        .def(nb::init<int, i64, i64, int, double, bool, const std::shared_ptr<Patches> &, Grid,
+                      const std::optional<nb::bytes> &, int>(),
+             nb::arg("kind"), nb::arg("points"), nb::arg("functions"), nb::arg("threshold"), nb::arg("rate"),
+             nb::arg("affine"), nb::arg("patches"), nb::arg("grid"), nb::arg("masks").none(), nb::arg("threads"))
+        .def_prop_ro("functions", [](const PySpaceBasis &self) { return self.basis->functions(); })
+        .def_prop_ro("coefficient_starts",
+                     [](nb::handle self) {
+                         return inside(self, nb::cast<PySpaceBasis &>(self).basis->elements().coefficient_starts);
+                     })
+        .def_prop_ro("nearest", [](const PySpaceBasis &self) { return self.basis->nearest(); })
+        .def("subbands", &py_subbands)
+        .def("encode_masks", [](const PySpaceBasis &self) { return to_bytes(self.basis->tree().encode_masks()); })
+        .def("make_functions",
+             [](PySpaceBasis &self, int threads) {
+                 nb::gil_scoped_release release;
+                 self.basis->make_functions(threads);
+             },
+             nb::arg("threads"))
+        .def("functions_of", &py_functions_of, nb::arg("element"))
+        .def("project", &PySpaceBasis::project, nb::arg("values"), nb::arg("threads"));
+    nb::class_<PyExpansion>(module, "Expansion")
+        .def(nb::init<const PySpaceBasis &, Values>(), nb::arg("basis"), nb::arg("coefficients").noconvert(),
+             nb::keep_alive<1, 2>())
+        .def("synthesise", &PyExpansion::synthesise)
+        .def("expand", &PyExpansion::expand<float>, nb::arg("first"), nb::arg("end"), nb::arg("fields").noconvert())
+        .def("expand", &PyExpansion::expand<double>, nb::arg("first"), nb::arg("end"), nb::arg("fields").noconvert());
+    module.def("series_functions", &py_series_functions, nb::arg("points"), nb::arg("rate"), nb::arg("order"));
+    module.def("arc_length_parameters", &py_arc_length_parameters, nb::arg("grid"), nb::arg("pieces"));
+    module.def("local_coordinates", &py_local_coordinates, nb::arg("grid"));
+    module.def("integer_root", &integer_root, nb::arg("square"));
+    nb::list exponents;
+    for (const Polynomial &own : polynomials) {
+        exponents.append(nb::make_tuple(own.exponents[0], own.exponents[1], own.exponents[2]));
+    }
+    module.attr("POLYNOMIAL_EXPONENTS") = exponents;
+}
+
+}  // namespace pdeanim::bindings

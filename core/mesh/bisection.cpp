@@ -1,0 +1,229 @@
+#include "mesh/bisection.hpp"
+
+#include <algorithm>
+#include <array>
+#include <numeric>
+#include <utility>
+
+#include "mesh/graph.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+// Edges of all objects: of faces, corner by corner, then of lines.
+std::vector<Edge> edges_of(std::span<const ConnectivityView> objects) {
+    std::vector<Edge> edges;
+    i32 shift = 0;
+    for (const ConnectivityView &object : objects) {
+        const auto add = [&](i32 from, i32 to) { edges.push_back({from + shift, to + shift}); };
+        edges.reserve(edges.size() + object.face_indices.size() + object.line_indices.size());
+        const i32 *corner = object.face_indices.data();
+        for (const i32 size : object.face_sizes) {
+            for (i32 k = 0; k < size; ++k) add(corner[k], corner[k + 1 < size ? k + 1 : 0]);
+            corner += size;
+        }
+        const i32 *point = object.line_indices.data();
+        for (const i32 size : object.line_sizes) {
+            for (i32 k = 0; k + 1 < size; ++k) add(point[k], point[k + 1]);
+            point += size;
+        }
+        shift += static_cast<i32>(object.vertices);
+    }
+    return edges;
+}
+
+// Chains through the vertices at equal places: from each but the last of a place to the one after it.
+std::vector<Edge> coincident_vertices(std::span<const GridPoint> grid) {
+    constexpr int digit_bits = 11;
+    constexpr u64 digits = u64{1} << digit_bits;
+    std::vector<i32> order(grid.size()), sorted(grid.size());
+    std::iota(order.begin(), order.end(), 0);
+    // A radix sort: no mesh makes it slow.
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto by_axis = [axis](const GridPoint &a, const GridPoint &b) { return a[axis] < b[axis]; };
+        const auto [low, high] = std::minmax_element(grid.begin(), grid.end(), by_axis);
+        const i64 origin = (*low)[axis];
+        const u64 extent = static_cast<u64>((*high)[axis] - origin);
+        for (int shift = 0; shift < 64 && extent >> shift > 0; shift += digit_bits) {
+            const auto digit = [&](i32 vertex) {
+                return static_cast<u64>(grid[vertex][axis] - origin) >> shift & (digits - 1);
+            };
+            std::array<i32, digits + 1> place{};
+            for (const i32 vertex : order) ++place[digit(vertex) + 1];
+            std::partial_sum(place.begin(), place.end(), place.begin());
+            for (const i32 vertex : order) sorted[place[digit(vertex)]++] = vertex;
+            std::swap(order, sorted);
+        }
+    }
+    std::vector<Edge> chains;
+    for (std::size_t k = 1; k < order.size(); ++k) {
+        if (grid[order[k - 1]] == grid[order[k]]) chains.push_back({order[k - 1], order[k]});
+    }
+    return chains;
+}
+
+class Bisection {
+public:
+    Bisection(const Graph &graph, std::vector<i32> order)
+        : graph_(graph), order_(std::move(order)), near_(order_.size()), far_(order_.size()),
+          visited_(order_.size() + 1), members_(order_.size()) {}
+
+    Patches halve(i64 points) {
+        std::vector<i64> begins = {0}, ends = {static_cast<i64>(order_.size())}, children;
+        for (std::size_t node = 0; node < begins.size(); ++node) {
+            const i64 begin = begins[node], end = ends[node];
+            if (end - begin <= points) {
+                children.push_back(-1);
+                continue;
+            }
+            children.push_back(static_cast<i64>(begins.size()));
+            const i64 middle = begin + cut(begin, end - begin);
+            begins.insert(begins.end(), {begin, middle});
+            ends.insert(ends.end(), {middle, end});
+        }
+        Patches found;
+        for (std::size_t node = 0; node < children.size(); ++node) {
+            if (children[node] < 0) found.node_of.push_back(static_cast<i64>(node));
+        }
+        std::sort(found.node_of.begin(), found.node_of.end(), [&](i64 a, i64 b) { return begins[a] < begins[b]; });
+        for (const i64 node : found.node_of) found.starts.push_back(begins[node]);
+        found.starts.push_back(static_cast<i64>(order_.size()));
+        found.order = std::move(order_);
+        found.begins = std::move(begins);
+        found.children = std::move(children);
+        return found;
+    }
+
+private:
+    // Visit all members of one set breadth first, component after component, from `first`; each other component begins
+    // with its first member in the order of `members`. What is outside has distances that are not negative.
+    void visit(i32 first, std::span<const i32> members, std::vector<i32> &distance) {
+        for (const i32 member : members) distance[member] = -1;
+        components_.clear();
+        const i64 size = static_cast<i64>(members.size());
+        i64 head = 0, tail = 0, next_member = 0;
+        while (tail < size) {
+            i32 seed = first;
+            if (!components_.empty()) {
+                while (distance[members[next_member]] >= 0) ++next_member;
+                seed = members[next_member];
+            }
+            components_.push_back(tail);
+            distance[seed] = 0;
+            visited_[tail++] = seed;
+            while (head < tail) {
+                const i32 vertex = visited_[head++];
+                const i32 farther = distance[vertex] + 1;
+                for (const i32 other : graph_.of(vertex)) {
+                    const i32 known = distance[other];
+                    // No branch: which neighbours are new is what a processor guesses worst.
+                    visited_[tail] = other;
+                    tail += known < 0;
+                    distance[other] = known < 0 ? farther : known;
+                }
+            }
+        }
+    }
+
+    // Order the vertices of one set anew, and say how many belong to its first half.
+    i64 cut(i64 begin, i64 size) {
+        const std::span<i32> members(members_.data(), static_cast<std::size_t>(size));
+        const auto own = order_.begin() + begin;
+        std::copy_n(own, size, members.begin());
+        visit(members[0], members, near_);
+        if (components_.size() > 1) {
+            const auto off_middle = [&](i64 at) { return size_of(2 * at - size); };
+            const i64 best = *std::min_element(components_.begin() + 1, components_.end(),
+                                               [&](i64 a, i64 b) { return off_middle(a) < off_middle(b); });
+            std::copy_n(visited_.begin(), size, own);
+            return best;
+        }
+        const i32 end_a = visited_[size - 1];
+        visit(end_a, members, near_);
+        const i32 end_b = visited_[size - 1], span = near_[end_b];
+        std::copy_n(visited_.begin(), size, members.begin());
+        visit(end_b, members, far_);
+        // A counting sort by near - far, -span to span; `members` holds the order of the visit from a.
+        places_.assign(2 * static_cast<std::size_t>(span) + 2, 0);
+        for (const i32 member : members) ++places_[near_[member] - far_[member] + span + 1];
+        std::partial_sum(places_.begin(), places_.end(), places_.begin());
+        for (const i32 member : members) own[places_[near_[member] - far_[member] + span]++] = member;
+        return size / 2;
+    }
+
+    const Graph &graph_;
+    std::vector<i32> order_;
+    std::vector<i32> near_, far_;  // edges from a and from b
+    std::vector<i32> visited_;     // in the order of the visit; what comes after its end may be overwritten
+    std::vector<i32> members_;
+    std::vector<i64> components_;  // where among the visited each component begins
+    std::vector<i64> places_;
+};
+
+i64 vertices_of(std::span<const ConnectivityView> objects) {
+    i64 vertices = 0;
+    for (const ConnectivityView &object : objects) vertices += object.vertices;
+    return vertices;
+}
+
+}  // namespace
+
+std::optional<Patches> early_patches(std::span<const ConnectivityView> objects, i64 points) {
+    const Graph graph(edges_of(objects), vertices_of(objects));
+    std::vector<i32> order(graph.vertices());
+    std::iota(order.begin(), order.end(), 0);
+    if (std::any_of(order.begin(), order.end(), [&](i32 vertex) { return graph.degree(vertex) == 0; })) return {};
+    return Bisection(graph, std::move(order)).halve(points);
+}
+
+Patches build_patches(std::span<const ConnectivityView> objects, std::span<const GridPoint> grid, i64 points,
+                      const Patches *early) {
+    const std::vector<Edge> coincident = coincident_vertices(grid);
+    if (early && coincident.empty()) return *early;
+    std::vector<Edge> edges = edges_of(objects);
+    edges.insert(edges.end(), coincident.begin(), coincident.end());
+    const Graph graph(edges, static_cast<i64>(grid.size()));
+    std::vector<i32> order, isolated;
+    std::vector<GridPoint> places;
+    for (i32 vertex = 0; vertex < static_cast<i32>(grid.size()); ++vertex) {
+        if (graph.degree(vertex) > 0) {
+            order.push_back(vertex);
+        } else {
+            isolated.push_back(vertex);
+            places.push_back(grid[vertex]);
+        }
+    }
+    for (const i32 k : z_order(places)) order.push_back(isolated[k]);
+    return Bisection(graph, std::move(order)).halve(points);
+}
+
+Patches cut_curves(std::vector<i32> order, std::span<const i64> starts, i64 points) {
+    Patches found;
+    for (std::size_t curve = 0; curve + 1 < starts.size(); ++curve) {
+        const i64 length = starts[curve + 1] - starts[curve];
+        const i64 pieces = length <= points ? 1 : (2 * length + points) / (2 * points);
+        for (i64 piece = 0; piece < pieces; ++piece) found.starts.push_back(starts[curve] + piece * length / pieces);
+    }
+    const i64 count = static_cast<i64>(found.starts.size());
+    found.starts.push_back(static_cast<i64>(order.size()));
+    found.order = std::move(order);
+    found.node_of.resize(count);
+    // The tree halves the pieces by their number.
+    std::vector<i64> begins = {0}, ends = {count};
+    for (std::size_t node = 0; node < begins.size(); ++node) {
+        const i64 begin = begins[node], end = ends[node], middle = (begin + end) / 2;
+        found.begins.push_back(found.starts[begin]);
+        if (end - begin == 1) {
+            found.children.push_back(-1);
+            found.node_of[begin] = static_cast<i64>(node);
+            continue;
+        }
+        found.children.push_back(static_cast<i64>(begins.size()));
+        begins.insert(begins.end(), {begin, middle});
+        ends.insert(ends.end(), {middle, end});
+    }
+    return found;
+}
+
+}  // namespace pdeanim
