@@ -69,10 +69,10 @@ std::vector<double> transformed_values(const TimeShape &shape, std::span<const i
             if (is_zero) continue;
             double *sum = &sums[channel * frames];
             const double *row = rows.data();
-            const auto [a, b, c, d] = amplitudes;
-            for (i64 t = 0; t < frames; ++t) {
-                sum[t] = (((sum[t] + a * row[t]) + b * row[frames + t]) + c * row[2 * frames + t]) +
-                         d * row[3 * frames + t];
+            for (i64 frame = 0; frame < frames; ++frame) {
+                double total = sum[frame];
+                for (i64 j = 0; j < at_once; ++j) total += amplitudes[j] * row[j * frames + frame];
+                sum[frame] = total;
             }
         }
     }
