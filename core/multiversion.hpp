@@ -3,12 +3,16 @@
 // Only for loops whose result does not depend on that width: each lane does what a loop over single numbers would.
 #pragma once
 
-#if defined(__x86_64__) && defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && defined(__GNUC__) && !defined(__clang__)
+#include <cstddef>  // whatever header it is, with glibc it defines __GLIBC__
+
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__) && \
+    !defined(__SANITIZE_ADDRESS__)
 #define PDEANIM_MULTIVERSION __attribute__((target_clones("avx512f", "avx2", "default")))
 #else
 #define PDEANIM_MULTIVERSION
 #endif
 
+// For the templates that such loops are written as: they must become part of each version.
 #if defined(_MSC_VER)
 #define PDEANIM_INLINE __forceinline
 #else

@@ -373,7 +373,7 @@ def evaluate_group(group: GroupFunctions, frames: slice, rest: Float64Array, out
     rest : (vertices, 3) float64 [scene units], C-contiguous
     out : (frames, vertices, 3) float32 or float64, C-contiguous, written
     """
-    time = np.ascontiguousarray(group.time[frames])
+    time = group.time[frames].copy()  # C-contiguous
 
     def evaluate(first: int, end: int) -> None:
         some = slice(first * _core.FRAMES_AT_ONCE, end * _core.FRAMES_AT_ONCE)

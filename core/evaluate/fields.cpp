@@ -13,27 +13,43 @@ constexpr i64 block = 512;
 
 template <class Sum> using Sums = std::array<std::array<Sum, block>, 3>;
 
-// Add up what the fields give at a run of vertices from `first` on. weights: (3, functions).
+// Add what `several` functions from `a` on give at a run of vertices from `first` on, on `axes` axes from `axis` on
+// that share their values. weights: (3, functions).
+template <int axes, int several, class T, class Sum>
+PDEANIM_INLINE void add_functions(const Sum *weights, const Fields<T> &fields, i64 a, i64 first, i64 size, int axis,
+                                  Sums<Sum> &sums) {
+    Sum weight[axes][several];
+    const T *value[several];
+    for (int k = 0; k < several; ++k) {
+        value[k] = fields.row(a + k, axis) + first;
+        for (int x = 0; x < axes; ++x) weight[x][k] = weights[(axis + x) * fields.functions + a + k];
+    }
+    for (i64 i = 0; i < size; ++i) {
+        for (int x = 0; x < axes; ++x) {
+            Sum sum = sums[axis + x][i];
+            for (int k = 0; k < several; ++k) sum += weight[x][k] * static_cast<Sum>(value[k][i]);
+            sums[axis + x][i] = sum;
+        }
+    }
+}
+
+template <int axes, class T, class Sum>
+PDEANIM_INLINE void add_axes(const Sum *weights, const Fields<T> &fields, i64 first, i64 size, int axis,
+                             Sums<Sum> &sums) {
+    constexpr int together = 4;  // functions for which sums are loaded and stored once
+    i64 a = 0;
+    for (; a + together <= fields.functions; a += together) {
+        add_functions<axes, together>(weights, fields, a, first, size, axis, sums);
+    }
+    for (; a < fields.functions; ++a) add_functions<axes, 1>(weights, fields, a, first, size, axis, sums);
+}
+
 template <class T, class Sum>
 PDEANIM_INLINE void add_run(const Sum *weights, const Fields<T> &fields, i64 first, i64 size, Sums<Sum> &sums) {
-    for (i64 axis = 0; axis < 3; ++axis) {
-        const Sum *weight = weights + axis * fields.functions;
-        Sum *sum = sums[axis].data();
-        i64 a = 0;
-        for (; a + 4 <= fields.functions; a += 4) {
-            const Sum w0 = weight[a], w1 = weight[a + 1], w2 = weight[a + 2], w3 = weight[a + 3];
-            const T *g0 = fields.row(a, axis) + first, *g1 = fields.row(a + 1, axis) + first;
-            const T *g2 = fields.row(a + 2, axis) + first, *g3 = fields.row(a + 3, axis) + first;
-            for (i64 i = 0; i < size; ++i) {
-                sum[i] = (((sum[i] + w0 * static_cast<Sum>(g0[i])) + w1 * static_cast<Sum>(g1[i])) +
-                          w2 * static_cast<Sum>(g2[i])) + w3 * static_cast<Sum>(g3[i]);
-            }
-        }
-        for (; a < fields.functions; ++a) {
-            const Sum w = weight[a];
-            const T *g = fields.row(a, axis) + first;
-            for (i64 i = 0; i < size; ++i) sum[i] += w * static_cast<Sum>(g[i]);
-        }
+    if (fields.axes == 1) {
+        add_axes<3>(weights, fields, first, size, 0, sums);
+    } else {
+        for (int axis = 0; axis < 3; ++axis) add_axes<1>(weights, fields, first, size, axis, sums);
     }
 }
 
