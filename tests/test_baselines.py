@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_cases import connectivities, connectivity_of, grid
 
+from pdecodec import _core
 from pdecodec.errors import MissingExtraError
 from pdecodec.metrics import frame_scale
 from pdecodec.report.baselines import all_baselines, available_baselines
@@ -334,6 +335,14 @@ def test_a_traversal_has_every_vertex_once_and_predicts_from_what_came_before(co
     assert (traversal.corners < owner[:, None]).all()
     values = np.random.default_rng(0).integers(-1000, 1000, (connectivity.vertex_count, 2))
     assert np.array_equal(traversal.restored(traversal.residuals(values)), values)
+
+
+def test_parallelograms_that_are_not_those_of_the_places_are_refused() -> None:
+    values = np.zeros((3, 2), np.int64)
+    wrong_starts = [([0, 0, 1], [[0, 0, 0]]), ([0, 0, 0, 2], [[0, 0, 0]]), ([0, 1, 0, 1], [[0, 0, 0]])]
+    for starts, corners in [*wrong_starts, ([0, 0, 0, 1], [[0, 3, 0]]), ([0, 0, 0, 1], [[0, -1, 0]])]:
+        with pytest.raises(ValueError, match="not those of the places"):
+            _core.parallelograms(values, np.array(starts), np.array(corners), False)
 
 
 def test_parallelograms_predict_a_flat_even_sheet_exactly() -> None:
