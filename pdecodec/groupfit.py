@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec._core import Residuals
 from pdecodec.displacements import Displacements, Origin, TimeFunctions, time_basis_of
 from pdecodec.groups import (
     SINGLE_IS_ENOUGH,
@@ -24,7 +25,6 @@ from pdecodec.levelcoding import encode_levels, measure_levels
 from pdecodec.modes import QuantisedModes, quantise_modes
 from pdecodec.residuals import (
     ResidualPlan,
-    Residuals,
     add_residuals,
     encode_residuals,
     plan_residuals,

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec._core import Residuals
 from pdecodec.closedform import ClosedForm, weights_at
 from pdecodec.container import ContainerReader
 from pdecodec.errors import CorruptFileError, LimitError
@@ -30,7 +31,7 @@ from pdecodec.groups import (
 from pdecodec.levelcoding import decode_levels_in_parts
 from pdecodec.modes import decode_modes
 from pdecodec.reference import RestShape
-from pdecodec.residuals import Residuals, add_residuals, decode_residuals, residual_displacements
+from pdecodec.residuals import add_residuals, decode_residuals, residual_displacements
 from pdecodec.shares import thread_count
 from pdecodec.spacebasis import SpaceBasis
 from pdecodec.spline import FrameSpline
