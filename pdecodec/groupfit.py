@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.coefficientcoding import encode_coefficients, measure_coefficients
+from pdecodec._core import Residuals
 from pdecodec.displacements import Displacements, Origin, TimeFunctions, time_basis_of
 from pdecodec.groups import (
     SINGLE_IS_ENOUGH,
@@ -23,7 +24,6 @@ from pdecodec.groups import (
 )
 from pdecodec.residuals import (
     ResidualPlan,
-    Residuals,
     add_residuals,
     encode_residuals,
     plan_residuals,

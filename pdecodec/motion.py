@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
+from pdecodec._core import Residuals
 from pdecodec.closedform import ClosedForm, weights_at
 from pdecodec.coefficientcoding import decode_coefficients, decode_coefficients_in_parts
 from pdecodec.container import ContainerReader
@@ -29,7 +30,7 @@ from pdecodec.groups import (
     functions_of_time,
 )
 from pdecodec.reference import RestShape
-from pdecodec.residuals import Residuals, add_residuals, decode_residuals, residual_displacements
+from pdecodec.residuals import add_residuals, decode_residuals, residual_displacements
 from pdecodec.shares import thread_count
 from pdecodec.spacebasis import Expansion, SpaceBasis
 from pdecodec.timefunctions import decode_time_functions

@@ -24,10 +24,11 @@ from pdecodec import (
     encode,
     encoder,
 )
+from pdecodec._core import Residuals
 from pdecodec.displacements import TimeFunctions
 from pdecodec.effort import EFFORTS
 from pdecodec.groupfit import GroupFitter
-from pdecodec.residuals import Residuals, encode_residuals
+from pdecodec.residuals import encode_residuals
 from pdecodec.sequence import MeshSequence
 from pdecodec.spacebasis import SpaceKind
 from spec.sealing import Part, seal, take_apart, with_first_group

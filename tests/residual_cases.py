@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
+from pdecodec._core import Residuals
 from pdecodec.limits import LARGEST
-from pdecodec.residuals import Residuals
 
 Int64Array = NDArray[np.int64]
 

@@ -14,11 +14,10 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 from residual_cases import FINITE, example, groups, none_of, of_field, of_frames, starts_of, walk
 
-from pdecodec._core import BYTES_PER_RAW_VERTEX, BYTES_PER_RESIDUAL
+from pdecodec._core import BYTES_PER_RAW_VERTEX, BYTES_PER_RESIDUAL, Residuals
 from pdecodec.errors import CorruptFileError, LimitError
 from pdecodec.limits import LARGEST
 from pdecodec.residuals import (
-    Residuals,
     add_residuals,
     decode_residuals,
     encode_residuals,

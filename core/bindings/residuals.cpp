@@ -4,9 +4,9 @@
 #include <nanobind/stl/optional.h>
 
 #include <algorithm>
-#include <stdexcept>
 
 #include "bindings/bindings.hpp"
+#include "errors.hpp"
 #include "residuals/added.hpp"
 #include "residuals/missed.hpp"
 
@@ -46,7 +46,7 @@ std::span<const i64> patches_of(const Flat<i64> &starts) {
     const std::span<const i64> patches = view(starts);
     if (patches.empty() || patches.front() != 0 || !std::is_sorted(patches.begin(), patches.end()) ||
         patches.back() > most_vertices) {
-        throw std::invalid_argument("patches must begin at 0, and ascend to the number of vertices");
+        throw ArgumentError("patches must begin at 0, and ascend to the number of vertices");
     }
     return patches;
 }
@@ -57,7 +57,7 @@ ResidualCoding coding_of(const Residuals &residuals, bool is_predicted, const Fl
     for (std::size_t frame = 0; is_sound && frame < found.size(); ++frame) {
         is_sound = found[frame] >= 1 && found[frame] <= most<i64>(static_cast<i64>(frame), 1);
     }
-    if (!is_sound) throw std::invalid_argument("each frame's reference must be a frame before it");
+    if (!is_sound) throw ArgumentError("each frame's reference must be a frame before it");
     return {is_predicted, found};
 }
 
@@ -68,7 +68,8 @@ double py_measure(const Residuals &residuals, const Flat<i64> &starts, bool is_p
     return measure_residuals(residuals, patches, coding_of(residuals, is_predicted, distances));
 }
 
-nb::bytes py_encode(const Residuals &residuals, const Flat<i64> &starts, bool is_predicted, const Flat<i64> &distances) {
+nb::bytes py_encode(const Residuals &residuals, const Flat<i64> &starts, bool is_predicted,
+                    const Flat<i64> &distances) {
     std::vector<u8> data;
     {
         nb::gil_scoped_release release;
@@ -89,7 +90,7 @@ nb::object py_reference_distances(const Residuals &residuals) {
 }
 
 Residuals py_decode(const nb::bytes &data, i64 frames, const Flat<i64> &starts, i64 most_bytes) {
-    if (frames < 0 || frames >= i64{1} << 31) throw std::invalid_argument("frames must be a number of frames");
+    if (frames < 0 || frames >= i64{1} << 31) throw ArgumentError("frames must be a number of frames");
     nb::gil_scoped_release release;
     return decode_residuals(view(data), frames, patches_of(starts), most_bytes);
 }
@@ -98,12 +99,12 @@ Residuals py_quantise(const Frames<const float> &points, const Frames<const doub
                       const Flat<double> &margins, double bound, double step) {
     const std::size_t frames = points.shape(0), vertices = points.shape(1);
     if (base.shape(0) != frames || base.shape(1) != vertices || margins.size() != frames || order.size() != vertices) {
-        throw std::invalid_argument("positions, margins and order must be of the same frames and vertices");
+        throw ArgumentError("positions, margins and order must be of the same frames and vertices");
     }
     nb::gil_scoped_release release;
     for (const i32 vertex : view(order)) {
         if (vertex < 0 || static_cast<std::size_t>(vertex) >= vertices) {
-            throw std::invalid_argument("an order must be of the vertices that there are");
+            throw ArgumentError("an order must be of the vertices that there are");
         }
     }
     return quantise_residuals(rows_of<float>(points), rows_of<double>(base), view(order), view(margins), bound, step);
@@ -116,15 +117,16 @@ Residuals py_join(const nb::list &parts) {
     return join_residuals(residuals);
 }
 
-void check_frames(const Residuals &residuals, i64 first, std::size_t count, std::span<const i32> order, std::size_t vertices) {
+void check_frames(const Residuals &residuals, i64 first, std::size_t count, std::span<const i32> order,
+                  std::size_t vertices) {
     if (first < 0 || first > residuals.frames() || residuals.frames() - first < static_cast<i64>(count)) {
-        throw std::invalid_argument("residuals are of other frames");
+        throw ArgumentError("residuals are of other frames");
     }
     const auto check = [&](const std::vector<i64> &starts, const std::vector<i32> &places) {
         for (i64 k = starts[first]; k < starts[first + count]; ++k) {
             const std::size_t place = places[k];
             if (place >= order.size() || order[place] < 0 || static_cast<std::size_t>(order[place]) >= vertices) {
-                throw std::invalid_argument("residuals are of other vertices");
+                throw ArgumentError("residuals are of other vertices");
             }
         }
     };
@@ -136,7 +138,7 @@ using Base = std::optional<Rows<float, 3>>;
 
 std::span<const Position> base_of(const Base &base, std::size_t vertices) {
     if (!base) return {};
-    if (base->shape(0) != vertices) throw std::invalid_argument("base must be of as many vertices");
+    if (base->shape(0) != vertices) throw ArgumentError("base must be of as many vertices");
     return rows_of<float>(*base);
 }
 
@@ -144,7 +146,7 @@ void py_add(const Residuals &residuals, i64 first, const Flat<i32> &order, doubl
             double weight, const Base &base) {
     const std::size_t frames = out.shape(0), vertices = out.shape(1);
     const std::span<const Position> of_model = base_of(base, vertices);
-    if (base && frames != 1) throw std::invalid_argument("a base must be of one frame");
+    if (base && frames != 1) throw ArgumentError("a base must be of one frame");
     nb::gil_scoped_release release;
     check_frames(residuals, first, frames, view(order), vertices);
     Position *positions = reinterpret_cast<Position *>(out.data());
@@ -154,7 +156,8 @@ void py_add(const Residuals &residuals, i64 first, const Flat<i32> &order, doubl
     }
 }
 
-nb::object py_displacements(const Residuals &residuals, i64 frame, const Flat<i32> &order, double step, const Base &base) {
+nb::object py_displacements(const Residuals &residuals, i64 frame, const Flat<i32> &order, double step,
+                            const Base &base) {
     const std::size_t vertices = order.size();
     const std::span<const Position> of_model = base_of(base, vertices);
     std::vector<double> found(3 * vertices);
@@ -162,7 +165,7 @@ nb::object py_displacements(const Residuals &residuals, i64 frame, const Flat<i3
         nb::gil_scoped_release release;
         check_frames(residuals, frame, 1, view(order), vertices);
         if (!base && residuals.raw_frame_starts[frame] < residuals.raw_frame_starts[frame + 1]) {
-            throw std::invalid_argument("a base is needed where there are raw vertices");
+            throw ArgumentError("a base is needed where there are raw vertices");
         }
         residual_displacements(residuals, frame, {view(order), step}, of_model,
                                {reinterpret_cast<std::array<double, 3> *>(found.data()), vertices});
@@ -171,7 +174,9 @@ nb::object py_displacements(const Residuals &residuals, i64 frame, const Flat<i3
 }
 
 // A read-only property that looks into one of the vectors.
-template <auto values> nb::object look(nb::handle self) { return look_into(nb::cast<const Residuals &>(self).*values, self); }
+template <auto values> nb::object look(nb::handle self) {
+    return look_into(nb::cast<const Residuals &>(self).*values, self);
+}
 
 }  // namespace
 
@@ -191,7 +196,8 @@ void bind_residuals(nb::module_ &module) {
     module.attr("BYTES_PER_RESIDUAL") = bytes_per_residual;
     module.attr("BYTES_PER_RAW_VERTEX") = bytes_per_raw_vertex;
     module.def("quantise_residuals", &py_quantise, nb::arg("points"), nb::arg("base"), nb::arg("order"),
-               nb::arg("margins"), nb::arg("bound"), nb::arg("step"), "Residuals of the vertices that may miss the bound.");
+               nb::arg("margins"), nb::arg("bound"), nb::arg("step"),
+               "Residuals of the vertices that may miss the bound.");
     module.def("join_residuals", &py_join, nb::arg("parts"), "Residuals of consecutive runs of frames as one.");
     module.def("reference_distances", &py_reference_distances, nb::arg("residuals"), "(frames,) int64.");
     module.def("measure_residuals", &py_measure, nb::arg("residuals"), nb::arg("patches"), nb::arg("is_predicted"),

@@ -13,8 +13,9 @@ struct ResidualScale {
     double step;                 // size of a step [scene units]
 };
 
-// Add the residuals of one frame to positions of all vertices, in float64, rounded to float32 once: `weight` times each.
-// base: what the model alone decodes to at that frame; empty at the frame itself, where raw vertices are as they are.
+// Add the residuals of one frame, `weight` times each, to positions of all vertices: in float64, rounded to float32
+// once. base: what the model alone decodes to at that frame; empty at the frame itself, where raw vertices are as they
+// are.
 void add_residuals(const Residuals &residuals, i64 frame, const ResidualScale &scale, double weight,
                    std::span<const Position> base, std::span<Position> positions);
 

@@ -14,7 +14,8 @@ MissModel::MissModel() {
 
 template <Mode mode> i64 MissModel::code(RangeCoder<mode> &coder, const MissContext &known, i64 miss) {
     const i64 size_in_time = size_of(known.in_time), size_in_space = size_of(known.in_space);
-    const i64 expected = 3 * size_in_time + 2 * size_in_space + 2 * known.one_before + known.two_before + (known.mean_size >> 4);
+    const i64 beside = 2 * known.one_before + known.two_before;
+    const i64 expected = 3 * size_in_time + 2 * size_in_space + beside + (known.mean_size >> 4);
     const int digits = bit_length(expected), shift = most(digits - fine_digits, 0);
     const bool is_coarse = shift > 0;
     const i64 kind = is_coarse       ? 20 + ((expected >> (digits - 3)) & 3)

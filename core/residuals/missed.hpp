@@ -7,8 +7,8 @@
 
 namespace pdeanim {
 
-// Residuals of the vertices that some decoder might give beyond the bound; raw vertices where a rounded residual would not
-// keep it.
+// Residuals of the vertices that some decoder might give beyond the bound; raw vertices where a rounded residual would
+// not keep it.
 //
 // points, base: (frames, vertices), the input, and what the model alone decodes to before it is rounded to float32.
 // order: the vertex at each place, each once. margins: of each frame, how far from `base` another decoder's coordinates

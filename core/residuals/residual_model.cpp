@@ -119,8 +119,9 @@ template <Mode mode> i64 ResidualModel<mode>::code_span(i64 begin, i64 end, int 
                 size = 1 + least<i64>(size_of(steps[0]) + size_of(steps[1]) + size_of(steps[2]), 2);
             }
             const bool is_after = place + 1 < static_cast<i64>(last_.size()) && in_reference(place + 1) >= 0;
+            auto &so_far = vertex_so_far_[least<i64>(at_ - first, 2)][end - 1 - place][own];
             if (!coder_.template mixed<3>({&vertex_around_[size][before >= 0][second >= 0][is_after], &by_place_[place],
-                                           &vertex_so_far_[least<i64>(at_ - first, 2)][end - 1 - place][own][is_known]},
+                                           &so_far[is_known]},
                                           vertex_weights_[is_known].data(), is_next_before(place + 1))) {
                 continue;
             }
@@ -131,7 +132,7 @@ template <Mode mode> i64 ResidualModel<mode>::code_span(i64 begin, i64 end, int 
     return at_ - first;
 }
 
-// near, before, second: the residuals of this place in the reference, and of the two places before in this frame, or -1.
+// near, before, second: residuals of this place in the reference, and of the two places before in this frame, or -1.
 template <Mode mode> void ResidualModel<mode>::code_residual(i64 place, i64 near, i64 before, i64 second) {
     if constexpr (mode == Mode::decode) {
         if (at_ == count_) throw CorruptError("there are more residuals than declared");

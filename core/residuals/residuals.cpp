@@ -4,7 +4,6 @@
 #include <bit>
 #include <cmath>
 #include <memory>
-#include <stdexcept>
 #include <string>
 
 #include "errors.hpp"
@@ -56,8 +55,10 @@ private:
 };
 
 template <Mode mode>
-void write(RangeCoder<mode> &coder, const Residuals &residuals, std::span<const i64> patches, const ResidualCoding &coding) {
-    const i64 count = static_cast<i64>(residuals.places.size()), raw_count = static_cast<i64>(residuals.raw_places.size());
+void write(RangeCoder<mode> &coder, const Residuals &residuals, std::span<const i64> patches,
+           const ResidualCoding &coding) {
+    const i64 count = static_cast<i64>(residuals.places.size());
+    const i64 raw_count = static_cast<i64>(residuals.raw_places.size());
     code_head(coder, {count, raw_count, coding.is_predicted});
     if (count) {
         const auto model = std::make_unique<ResidualModel<mode>>(coder, patches, coding.is_predicted, residuals, count);
@@ -75,7 +76,7 @@ void write(RangeCoder<mode> &coder, const Residuals &residuals, std::span<const 
 void check_starts(const std::vector<i64> &starts, std::size_t count) {
     const bool is_sound = !starts.empty() && starts.front() == 0 && std::is_sorted(starts.begin(), starts.end()) &&
                           starts.back() == static_cast<i64>(count);
-    if (!is_sound) throw std::invalid_argument("residuals must begin at 0, and end with their number");
+    if (!is_sound) throw ArgumentError("residuals must begin at 0, and end with their number");
 }
 
 void check_places(const std::vector<i64> &starts, const std::vector<i32> &places, i64 vertices) {
@@ -83,7 +84,7 @@ void check_places(const std::vector<i64> &starts, const std::vector<i32> &places
         i64 before = -1;
         for (i64 k = starts[frame]; k < starts[frame + 1]; ++k) {
             if (places[k] <= before || places[k] >= vertices) {
-                throw std::invalid_argument(
+                throw ArgumentError(
                     "places of residuals must ascend within a frame, and be below the number of vertices");
             }
             before = places[k];
@@ -97,7 +98,7 @@ void check_residuals(const Residuals &residuals, i64 vertices) {
     const auto &[starts, places, quantised, raw_starts, raw_places, raw_positions] = residuals;
     if (starts.size() != raw_starts.size() || quantised.size() != places.size() ||
         raw_positions.size() != raw_places.size()) {
-        throw std::invalid_argument("residuals must be of as many frames and places as their parts say");
+        throw ArgumentError("residuals must be of as many frames and places as their parts say");
     }
     check_starts(starts, places.size());
     check_starts(raw_starts, raw_places.size());
@@ -107,9 +108,9 @@ void check_residuals(const Residuals &residuals, i64 vertices) {
         if (std::any_of(steps.begin(), steps.end(), [](i64 number) {
                 return number < -largest_residual || number > largest_residual;
             })) {
-            throw std::invalid_argument("a residual must be of 2^40 steps at most");
+            throw ArgumentError("a residual must be of 2^40 steps at most");
         }
-        if (steps == Steps{}) throw std::invalid_argument("a residual must have a number that is not zero");
+        if (steps == Steps{}) throw ArgumentError("a residual must have a number that is not zero");
     }
 }
 
@@ -124,7 +125,7 @@ std::vector<i64> reference_distances(const Residuals &residuals) {
     std::sort(sampled.begin(), sampled.end());
     sampled.erase(std::unique(sampled.begin(), sampled.end()), sampled.end());
     std::vector<i32> sample_of(sampled.back() + 1, -1);
-    for (std::size_t sample = 0; sample < sampled.size(); ++sample) sample_of[sampled[sample]] = static_cast<i32>(sample);
+    for (std::size_t k = 0; k < sampled.size(); ++k) sample_of[sampled[k]] = static_cast<i32>(k);
     // Numbers of each frame at the sampled places. Sums of their differences stay below 2^50.
     const std::size_t width = 3 * sampled.size();
     std::vector<i64> numbers(frames * width);
@@ -156,7 +157,8 @@ std::vector<i64> reference_distances(const Residuals &residuals) {
     return distances;
 }
 
-std::vector<u8> encode_residuals(const Residuals &residuals, std::span<const i64> patches, const ResidualCoding &coding) {
+std::vector<u8> encode_residuals(const Residuals &residuals, std::span<const i64> patches,
+                                 const ResidualCoding &coding) {
     if (residuals.count() == 0) return {};
     RangeCoder<Mode::encode> coder;
     write(coder, residuals, patches, coding);
@@ -209,7 +211,7 @@ Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const
         if (frame >= frames || place >= vertices) {
             throw CorruptError("section CORR refers to a vertex that is not there; get the file again");
         }
-        if (!std::all_of(position.begin(), position.end(), [](float coordinate) { return std::isfinite(coordinate); })) {
+        if (!(std::isfinite(position[0]) && std::isfinite(position[1]) && std::isfinite(position[2]))) {
             throw CorruptError("section CORR has a position that is not finite; get the file again");
         }
         found.raw_frame_starts.resize(frame + 1, k);

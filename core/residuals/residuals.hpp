@@ -48,20 +48,21 @@ struct ResidualCoding {
     std::span<const i64> distances;  // of each frame: how many frames before it its reference is
 };
 
-// std::invalid_argument unless residuals are as the decoder will have them, on a mesh of so many vertices.
+// ArgumentError unless residuals are as the decoder will have them, on a mesh of so many vertices.
 void check_residuals(const Residuals &residuals, i64 vertices);
 
 // Distances of references: more than 1 where a frame far before is much more alike than the one before.
 std::vector<i64> reference_distances(const Residuals &residuals);
 
 // The chunk of a group; empty where there are no residuals. patches: first place of each, and the number of vertices.
-std::vector<u8> encode_residuals(const Residuals &residuals, std::span<const i64> patches, const ResidualCoding &coding);
+std::vector<u8> encode_residuals(const Residuals &residuals, std::span<const i64> patches,
+                                 const ResidualCoding &coding);
 
 // What it takes [bits].
 double measure_residuals(const Residuals &residuals, std::span<const i64> patches, const ResidualCoding &coding);
 
-// Undo `encode_residuals`. CorruptError where the bytes say what cannot be, or do not end with the residuals; LimitError
-// where these take more than `most_bytes`.
+// Undo `encode_residuals`. CorruptError where the bytes say what cannot be, or do not end with the residuals;
+// LimitError where these take more than `most_bytes`.
 Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const i64> patches, i64 most_bytes);
 
 }  // namespace pdeanim
