@@ -94,7 +94,10 @@ def decode_attributes(
         MeshObject(
             item.name,
             item.connectivity,
-            tuple(Attribute(name, DOMAINS[domain], *rest) for name, domain, *rest in attributes),
+            tuple(
+                Attribute(name, DOMAINS[domain], values, indices, labels)
+                for name, domain, values, indices, labels in attributes
+            ),
         )
         for item, attributes in zip(objects, decoded, strict=True)
     ]

@@ -346,6 +346,14 @@ def test_a_tolerance_leaves_what_is_no_number_and_what_is_on_a_coarser_grid() ->
         assert data == encode_attributes(objects, levels)
 
 
+def test_a_tolerance_finer_than_any_grid_of_the_format_leaves_values_as_they_are() -> None:
+    part, levels = sheet(5, 5)
+    values = (np.arange(50).reshape(25, 2) * 2.0**-39).astype(np.float32)
+    objects = [MeshObject("m", part, (Attribute("uv", "vertex", values),))]
+    data = encode_attributes(objects, levels, uv_tolerance=2.0**-40)
+    assert_same_attributes(decoded_by_both(data, objects, levels)[0].attributes, objects[0].attributes)
+
+
 def test_a_tolerance_makes_maps_smaller() -> None:
     part, levels = sheet(20, 20)
     objects = [MeshObject("m", part, (Attribute("uv", "vertex", smooth_uv(levels)),))]
