@@ -4,21 +4,10 @@
 #include <span>
 #include <vector>
 
+#include "basis/space_form.hpp"
 #include "errors.hpp"
 
 namespace pdeanim {
-
-enum class SpaceKind { patch, curve };
-
-// The bases of space that there can be.
-struct SpaceForm {
-    SpaceKind kind = SpaceKind::patch;
-    i64 points = 0;        // vertices of a patch at most; about as many of a piece of a curve
-    int functions = 0;     // of an element at most
-    int threshold = 0;     // which of the thresholds below which functions are dropped
-    double rate = 0.0;     // r of Eqs. 14 and 16 over half a piece
-    bool is_affine = true;  // the elements hang together in a partition tree, by affine functions
-};
 
 struct Model {
     SpaceForm form;
