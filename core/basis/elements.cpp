@@ -59,7 +59,7 @@ void ElementFunctions::add_polynomials() {
 
 i64 ElementFunctions::describe(i64 element, AffineSums &sums) {
     sums = {};
-    if (!elements_.form.affine) return 0;
+    if (!elements_.form.is_affine) return 0;
     const std::span<const i32> vertices = elements_.patches->vertices(element);
     points_ = static_cast<i64>(vertices.size());
     const i64 count = least(least<i64>(1 + locate(element), elements_.form.functions), points_);
@@ -91,7 +91,7 @@ void ElementFunctions::make(i64 element, i64 count) {
         }
         functions_.add(elements_.shares[series_column]);
     }
-    if (elements_.form.affine) functions_.add_unit_vectors(elements_.shares[unit_vector]);
+    if (elements_.form.is_affine) functions_.add_unit_vectors(elements_.shares[unit_vector]);
     functions_.add_zeros();
 }
 

@@ -15,21 +15,10 @@
 #include "basis/local_coordinates.hpp"
 #include "basis/orthonormal.hpp"
 #include "basis/polynomials.hpp"
+#include "basis/space_form.hpp"
 #include "mesh/bisection.hpp"
 
 namespace pdeanim {
-
-enum class SpaceKind { patch, curve };
-
-// What a file says of its space basis.
-struct SpaceForm {
-    SpaceKind kind = SpaceKind::patch;
-    i64 points = 0;     // vertices of a patch at most, or about as many of a piece
-    i64 functions = 0;  // of an element at most
-    int threshold = 0;  // sixteenths that columns need less than usual to be kept: so none of the file is near to it
-    double rate = 0.0;  // r of Eqs. 14 and 16 over half a piece
-    bool affine = true;  // whether pieces have the affine four, and unit vectors to complete them; patches always do
-};
 
 // Columns of an element that may be dropped.
 enum Sort { polynomial_column, series_column, unit_vector, sort_count };

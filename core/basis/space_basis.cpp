@@ -28,7 +28,7 @@ SpaceBasis::SpaceBasis(const SpaceForm &form, std::shared_ptr<const Patches> pat
     : elements_(form, std::move(patches), grid), tree_(elements_, describe(elements_, threads), masks),
       nearest_(tree_.nearest) {
     // Unit vectors complete whatever polynomials leave open.
-    const i64 most = form.affine ? form.functions : least<i64>(form.functions, space_functions);
+    const i64 most = form.is_affine ? form.functions : least(form.functions, space_functions);
     std::vector<i64> &starts = elements_.coefficient_starts;
     starts[0] = tree_.functions();
     for (i64 e = 0; e < elements_.count(); ++e) {

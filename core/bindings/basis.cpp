@@ -73,7 +73,7 @@ std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &
 
 // A space basis, and the array that it looks at.
 struct PySpaceBasis {
-    PySpaceBasis(int kind, i64 points, i64 functions, int threshold, double rate, bool affine,
+    PySpaceBasis(int kind, i64 points, int functions, int threshold, double rate, bool affine,
                  const std::shared_ptr<Patches> &patches, Grid of_grid, const std::optional<nb::bytes> &masks, int threads)
         : grid(std::move(of_grid)) {
         require(0 <= kind && kind <= 1 && functions > 0, "a space basis is of patches or curves, and has functions");
@@ -188,7 +188,7 @@ void bind_basis(nb::module_ &module) {
                nb::arg("early").none());
     module.def("cut_curves", &py_cut_curves, nb::arg("order"), nb::arg("starts"), nb::arg("points"));
     nb::class_<PySpaceBasis>(module, "SpaceBasis")
-        .def(nb::init<int, i64, i64, int, double, bool, const std::shared_ptr<Patches> &, Grid,
+        .def(nb::init<int, i64, int, int, double, bool, const std::shared_ptr<Patches> &, Grid,
                       const std::optional<nb::bytes> &, int>(),
              nb::arg("kind"), nb::arg("points"), nb::arg("functions"), nb::arg("threshold"), nb::arg("rate"),
              nb::arg("affine"), nb::arg("patches"), nb::arg("grid"), nb::arg("masks").none(), nb::arg("threads"))

@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "basis/elements.hpp"
+#include "basis/space_form.hpp"
 #include "errors.hpp"
 
 namespace pdeanim {
