@@ -21,7 +21,6 @@ from spec.decoder.reference import ReferenceFrame, read_reference
 from spec.decoder.space import build_space
 
 LISTED = 2
-MOST_JSON_BYTES = 2**24
 
 
 @dataclass
@@ -112,7 +111,7 @@ def times_of(planes: bytes, frames: int) -> list[float]:
 def read_remarks(stream: bytes) -> dict[str, Any]:
     """Section 18."""
     try:
-        remarks = json.loads(decompress(stream, MOST_JSON_BYTES)) if stream else {}
+        remarks = json.loads(decompress(stream, 2**24)) if stream else {}
     except ValueError:
         raise CorruptFileError("META is not JSON") from None
     require(isinstance(remarks, dict), "META is not a JSON object")

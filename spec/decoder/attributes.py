@@ -8,27 +8,15 @@ from typing import Any
 import numpy as np
 
 from spec.decoder.contexts import PRIMER, TEXT_WEIGHTS, ByteModel, Contexts, MatchModel
-from spec.decoder.fields import clamp, require
-from spec.decoder.mesh import Attribute, CornerTable, Mesh
-from spec.decoder.wedges import (
-    COMPLEMENT,
-    FLOAT,
-    LARGEST_CODE,
-    LARGEST_LINEAR,
-    Body,
-    Channel,
-    Elements,
-    Values,
-    Vector,
-    WedgeReader,
-)
+from spec.decoder.fields import require
+from spec.decoder.mesh import LARGEST_INDEX, Attribute, Mesh
+from spec.decoder.wedges import COMPLEMENT, FLOAT, Body, Channel, Elements, Values, Vector, WedgeReader
 
 DOMAINS = ("vertex", "face", "corner", "object")
 RAW_TYPES = ("<f4", "<f8", "<i4", "|u1", "<i8")
 FLOATS, COLOURS, INTEGERS, FLAGS, FANS, RAW = range(6)
 NOT_INDEXED, BY_VERTEX, LISTED, FIRST_USED = range(4)
 FORWARD, BACKWARD, BY_SITE = range(3)
-MOST_CHANNELS = 4
 SHIFT_OFFSET = 128
 
 Codes = list[list[int]]
@@ -64,7 +52,7 @@ class Head:
     def check(self) -> None:
         is_possible = self.rule < FIRST_USED + 6 and (self.rule != BY_VERTEX or self.domain == "corner")
         if self.kind in (FLOATS, COLOURS):
-            is_possible &= 1 <= self.channels <= MOST_CHANNELS and (self.kind == FLOATS or self.columns > 0)
+            is_possible &= 1 <= self.channels <= 4 and (self.kind == FLOATS or self.columns > 0)
         elif self.kind in (INTEGERS, FLAGS):
             is_possible &= self.columns == 0
         elif self.kind == FANS:
@@ -94,7 +82,7 @@ class AttributeReader:
         count = contexts.number("elements") if head.domain == "object" else 0
         rows = contexts.number("rows") if head.rule == LISTED else 0
         labels = [self._texts.read_text() for _ in range(contexts.number("labels"))]
-        require(max(count, rows, head.columns) <= LARGEST_CODE, "an attribute is too large")
+        require(max(count, rows, head.columns) <= LARGEST_INDEX, "an attribute is too large")
         contexts.check_not_ended()
         elements, indices = body.elements(head.domain, count), None
         if head.rule == LISTED:
@@ -127,7 +115,7 @@ class AttributeReader:
             return np.array(self._read_fans(body, elements), np.int32), []
         if head.kind in (INTEGERS, FLAGS):
             numbers = self._read_integers("integers", body, elements)
-            least, most = (0, 255) if head.kind == FLAGS else (-LARGEST_CODE - 1, LARGEST_CODE)
+            least, most = (0, 255) if head.kind == FLAGS else (-LARGEST_INDEX - 1, LARGEST_INDEX)
             require(all(least <= number <= most for number in numbers), "an integer out of range")
             return np.array(numbers, np.uint8 if head.kind == FLAGS else np.int32), [[number] for number in numbers]
         dtype, count = np.dtype(RAW_TYPES[head.kind - RAW]), elements.count * head.channels
@@ -161,17 +149,17 @@ class AttributeReader:
             for channel in channels:
                 channel.shift, channel.kind = shift, contexts.number("scale")
                 channel.divisor = contexts.number("divisor") if channel.kind != FLOAT else 1
-                require(channel.kind <= FLOAT and 1 <= channel.divisor <= LARGEST_CODE, "an unknown scale")
+                require(channel.kind <= FLOAT and 1 <= channel.divisor <= LARGEST_INDEX, "an unknown scale")
                 require(channel.kind == FLOAT or 0 <= shift <= 30, "a unit out of range")
         wedges = self._wedges["channels"].read(body, body.by_point, elements)
         for channel in channels:
             channel.is_complete = contexts.number("complete") != 0
             channel.table = self._read_table(contexts.number("table"))
             require(channel.table or not channel.is_complete or not wedges, "a table without values")
-        values = self._values(body, elements, wedges, channels, f"values {head.kind} {head.channels}")
+        values = Values(contexts, f"values {head.kind} {head.channels}", body, elements, wedges, channels)
         values.read()
         if elements.of_corner:
-            body.measured = {corner: wedges[element] for corner, element in elements.of_corner.items()}, values
+            body.measured = values
         codes = [
             [c.table[code] if c.is_complete else code for c, code in zip(channels, own, strict=True)]
             for own in values.codes
@@ -184,34 +172,8 @@ class AttributeReader:
             self._contexts.check_not_ended()
             step = 1 + self._contexts.number("table", "gap") if table else self._contexts.signed("table", "first")
             table.append(step + (table[-1] if table else 0))
-        require(not table or -LARGEST_CODE - 1 <= table[0] <= table[-1] <= LARGEST_CODE, "a table out of range")
+        require(not table or -LARGEST_INDEX - 1 <= table[0] <= table[-1] <= LARGEST_INDEX, "a table out of range")
         return table
-
-    def _values(self, body: Body, elements: Elements, wedges: list[int], channels: list[Channel], name: str) -> Values:
-        """17.6: the wedges as a corner table, with their grid coordinates, and the latest attribute there."""
-        count = max(wedges, default=-1) + 1
-        wedge_of = {corner: wedges[element] for corner, element in elements.of_corner.items()}
-        polygons, firsts = body.by_vertex.polygons, body.by_vertex.corners_of
-        named = [[wedge_of.get(corner, count) for corner in firsts(p)] for p in range(len(polygons))]
-        positions = np.zeros((count, 3), np.int64)
-        others: list[Vector | None] = [None] * count
-        for element, wedge in reversed(list(enumerate(wedges))):
-            corners = elements.corners.get(element)
-            positions[wedge], others[wedge] = 0, None
-            if corners:
-                positions[wedge] = body.grid[body.by_vertex.vertex[corners[0]]]
-                others[wedge] = latest_attribute(body, corners[0], channels)
-        return Values(self._contexts, name, CornerTable(named, count + 1), positions, others, channels)
-
-
-def latest_attribute(body: Body, corner: int, channels: list[Channel]) -> Vector | None:
-    """17.6: what the latest attribute with channels has at a corner, in the unit of this one."""
-    if body.measured is None or len(body.measured[1].channels) != len(channels) or corner not in body.measured[0]:
-        return None
-    wedge_of, values = body.measured
-    up = channels[0].shift - values.channels[0].shift
-    shifted = [y << up if up >= 0 else y >> -up for y in values.linear[wedge_of[corner]].tolist()]
-    return np.array([clamp(y, -LARGEST_LINEAR, LARGEST_LINEAR) for y in shifted])
 
 
 def floats_of(codes: Vector, channel: Channel) -> Any:

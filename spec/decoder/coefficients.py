@@ -9,9 +9,7 @@ from spec.decoder.fields import bits, require
 from spec.decoder.space import Subband
 
 BAND_ENDS = (6, 10, 15, 21, 28, 36, 48, 64)
-DEPTHS = 16
 MOST_MODELLED = 14
-MOST_DIGITS = 41
 LARGEST = 2**40
 FIRST_WEIGHTS = dict.fromkeys((3, 4, 6), 19661)
 
@@ -32,69 +30,35 @@ def bands_of(subband: Subband) -> dict[int, list[int]]:
     bands: dict[int, list[int]] = defaultdict(list)
     for place in range(subband.size):
         ends = sum(end <= subband.affine + place for end in BAND_ENDS)
-        bands[min(subband.depth, DEPTHS - 1) if subband.depth >= 0 else DEPTHS + ends].append(place)
+        bands[min(subband.depth, 15) if subband.depth >= 0 else 16 + ends].append(place)
     return bands
 
 
 def read_coefficients(data: bytes, subbands: list[Subband], width: int, axes: int) -> list[list[int]]:
-    """All quantised coefficients, a row of `width` channels for each function of space."""
-    reader = CoefficientReader(data, subbands, width, axes)
-    if data:
-        reader.read()
-    return reader.rows
+    """Section 14: all quantised coefficients, a row of `width` channels for each function of space."""
+    rows = [[0] * width for _ in range(subbands[-1].first + subbands[-1].size)]
+    if not data:
+        return rows
+    contexts = Contexts(data, FIRST_WEIGHTS)
+    counts: dict[int, int] = defaultdict(int)
+    """The last count of each context band."""
+    latest: dict[bool, Subband] = {}
+    """The last subband of each sort: of elements, or not."""
 
-
-class CoefficientReader:
-    """Reads the rows of one group."""
-
-    def __init__(self, data: bytes, subbands: list[Subband], width: int, axes: int) -> None:
-        self._contexts = Contexts(data, FIRST_WEIGHTS)
-        self._subbands, self._width, self._axes = subbands, width, axes
-        self.rows = [[0] * width for _ in range(subbands[-1].first + subbands[-1].size)]
-
-    def read(self) -> None:
-        """Fill in `rows`."""
-        counts: dict[int, int] = defaultdict(int)
-        """The last count of each context band."""
-        beside: dict[bool, Subband] = {}
-        for subband in self._subbands:
-            before, is_element = self._width, subband.depth < 0
-            for band, places in bands_of(subband).items():
-                before = counts[band] = self._read_count(band, before, counts[band])
-                for place in places:
-                    for a in range(before):
-                        read = self._read_coefficient(subband, beside.get(is_element), band, place, a)
-                        self.rows[subband.first + place][a] = read
-            beside[is_element] = subband
-        self._contexts.finish()
-
-    def _read_count(self, band: int, before: int, beside: int) -> int:
-        """14.1."""
-        d, b, s = 0, bits(before), bits(beside)
-        while d < bits(self._width) and self._contexts.mixed(("count", d), (band, d), (d, b, s), (d, s), of=("count",)):
-            d += 1
-        if d < 2:
-            return d
-        count = 1
-        for _ in range(d - 1):
-            count = 2 * count + self._contexts.bit("count digits", d, min(count, 63))
-        require(count <= self._width, "more functions of time than there are")
-        return count
-
-    def _size(self, subband: Subband | None, place: int, a: int) -> int:
+    def size(subband: Subband | None, place: int, a: int) -> int:
+        """A magnitude that is there, or 0."""
         if subband is None or a < 0 or not 0 <= place < subband.size:
             return 0
-        return abs(self.rows[subband.first + place][a])
+        return abs(rows[subband.first + place][a])
 
-    def _read_coefficient(self, subband: Subband, beside: Subband | None, band: int, place: int, a: int) -> int:
+    def read_coefficient(subband: Subband, band: int, place: int, a: int) -> int:
         """14.2."""
-        contexts, e = self._contexts, self._axes
-        r1, r2 = (self._size(subband, place - k, a) for k in (1, 2))
-        t1, t2 = (self._size(subband, place, a - k * e) for k in (1, 2))
-        s1 = self._size(beside, place, a)
-        x1 = sum(self._size(subband, place, other) for other in range(a - a % e, a))
-        p1 = self._size(self._subbands[subband.above], place, a) if subband is not self._subbands[0] else 0
-        ratio, k = ratio_class(2 * r1 + r2 + 2 * t1 + t2 + 2 * s1 + 2 * x1 + p1), a // e
+        r1, r2 = (size(subband, place - k, a) for k in (1, 2))
+        t1, t2 = (size(subband, place, a - k * axes) for k in (1, 2))
+        s1 = size(latest.get(subband.depth < 0), place, a)
+        x1 = sum(size(subband, place, other) for other in range(a - a % axes, a))
+        p1 = size(subbands[subband.above], place, a) if subband is not subbands[0] else 0
+        ratio, k = ratio_class(2 * r1 + r2 + 2 * t1 + t2 + 2 * s1 + 2 * x1 + p1), a // axes
         rank, row = rank_class(k), subband.affine + place
         if not contexts.mixed(
             ("zero", band),
@@ -113,6 +77,31 @@ class CoefficientReader:
         while m <= MOST_MODELLED and contexts.mixed(("size", m), *inputs):
             m += 1
         if m > MOST_MODELLED:
-            m = MOST_MODELLED + contexts.counted(MOST_DIGITS, "escape")
+            m = MOST_MODELLED + contexts.counted(41, "escape")
         require(m <= LARGEST, "a coefficient out of range")
         return -m if is_negative else m
+
+    for subband in subbands:
+        before = width
+        for band, places in bands_of(subband).items():
+            before = counts[band] = read_count(contexts, width, band, before, counts[band])
+            for place in places:
+                for a in range(before):
+                    rows[subband.first + place][a] = read_coefficient(subband, band, place, a)
+        latest[subband.depth < 0] = subband
+    contexts.finish()
+    return rows
+
+
+def read_count(contexts: Contexts, width: int, band: int, before: int, beside: int) -> int:
+    """14.1."""
+    d, b, s = 0, bits(before), bits(beside)
+    while d < bits(width) and contexts.mixed(("count", d), (band, d), (d, b, s), (d, s), of=("count",)):
+        d += 1
+    if d < 2:
+        return d
+    count = 1
+    for _ in range(d - 1):
+        count = 2 * count + contexts.bit("count digits", d, min(count, 63))
+    require(count <= width, "more functions of time than there are")
+    return count

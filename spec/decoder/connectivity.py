@@ -11,9 +11,6 @@ from spec.decoder.mesh import LARGEST_INDEX, Mesh, Polygon
 from spec.decoder.order import OrderReader, Orders, read_members
 
 LEAST_SIZE = {"faces": 3, "lines": 1}
-HIGHEST_QUEUE = 127
-FARTHEST = 200
-LAST_MODELLED_SIZE = 10
 
 OPEN, CLOSED, INNER = range(3)
 
@@ -215,8 +212,8 @@ class Surface:
         def is_it(turn: int) -> int:
             return self._contexts.mixed(("size", min(3 + turn, 6)), angles, latest, (*faces, inner))
 
-        size = 3 + chosen(LAST_MODELLED_SIZE - 1, is_it)
-        if size > LAST_MODELLED_SIZE:
+        size = 3 + chosen(9, is_it)
+        if size > 10:
             size += self._contexts.number("large size")
         self._memory.sizes = size, self._memory.sizes[0]
         return size
@@ -263,7 +260,7 @@ class Surface:
             self._angles.append(0)
             return known
         distance = self._contexts.number("distance") if gate else 0
-        require(distance <= 2 * FARTHEST, "a vertex too far along the border")
+        require(distance <= 400, "a vertex too far along the border")
         if gate and distance:
             ahead, behind = gate.ahead, gate
             for _ in range((distance + 1) // 2):
@@ -281,7 +278,7 @@ class Surface:
         for side in sides:
             if side.state == OPEN:
                 low, high = sorted((self._angles[side.vertex], self._angles[side.ahead.vertex]))
-                queue = min(2 * high + low, HIGHEST_QUEUE)
+                queue = min(2 * high + low, 127)
                 if self._queue_of.get(side) != queue:
                     self._dequeue(side)
                     self._queues[queue][side] = None

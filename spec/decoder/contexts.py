@@ -13,8 +13,7 @@ MOST_DIGITS = 32
 HASH_FACTOR = 0x9E3779B1
 LONG, SHORT = 6, 3
 MATCH_PAST, BYTE_PAST = 1 << 14, 1 << 16
-LONGEST_RUN = FARTHEST = 63
-LONGEST_BYTE_RUN = 15
+LONGEST_RUN = 63
 END_OF_TEXT = 255
 PRIMER = (
     b"uv\xffuv:UVMap\xffuv:map1\xffuv:st\xffuv:TEXCOORD_1\xffcolor\xffcolor:Cd\xffcolor:COLOR_0\xffmaterial\xffgroup\xff"
@@ -183,7 +182,7 @@ class MatchModel:
                 return proposed
             self._place = -1
         if short >= 0 and self._past[short] != proposed:
-            distance = min(len(self._past) - short, FARTHEST)
+            distance = min(len(self._past) - short, 63)
             right = self._contexts.mixed((self._name, "short"), (self._short.value, phase), (distance, phase))
             self._short.add(right)
             if right:
@@ -214,7 +213,7 @@ class ByteModel:
             self._place, self._run = place if count - place <= BYTE_PAST else -1, 0
         self._places[slot] = count
         proposed = 256 + past[self._place] if self._place >= 0 else 0
-        run = min(self._run, LONGEST_BYTE_RUN)
+        run = min(self._run, 15)
         found = 1
         for digit in reversed(range(8)):
             agrees = proposed >> digit + 1 == found

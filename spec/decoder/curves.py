@@ -9,11 +9,7 @@ from itertools import pairwise
 from spec.decoder.fields import bits
 from spec.decoder.mesh import NONE, CornerTable, Mesh
 
-CELL_BITS = 20
-MOST_FACES = 8
 TRIAL_PAIRS = 64
-LOOK_BACK = 16
-FEW_NEIGHBOURS = 16
 
 Points = list[list[int]]
 Curves = list[list[int]]
@@ -33,14 +29,14 @@ def cells(points: Points) -> Points:
     """8.2.1."""
     low = [min(axis) for axis in zip(*points, strict=True)]
     extent = max((value - least for point in points for value, least in zip(point, low, strict=True)), default=0)
-    shift = max(0, bits(extent) - CELL_BITS)
+    shift = max(0, bits(extent) - 20)
     return [[(value - least) >> shift for value, least in zip(point, low, strict=True)] for point in points]
 
 
 def along_z_order(vertices: list[int], grid: Points) -> list[int]:
     """8.5."""
     codes = {
-        vertex: sum((cell[axis] >> bit & 1) << (3 * bit + axis) for bit in range(CELL_BITS) for axis in range(3))
+        vertex: sum((cell[axis] >> bit & 1) << (3 * bit + axis) for bit in range(20) for axis in range(3))
         for vertex, cell in zip(vertices, cells([grid[vertex] for vertex in vertices]), strict=True)
     }
     return sorted(vertices, key=lambda vertex: codes[vertex])
@@ -92,7 +88,7 @@ class Pairing:
             borders = [side for side in sides if side not in faces.twin]
             triangles = sum(self.is_triangle[faces.polygon[corner]] for corner in corners)
             quads = sum(faces.size(corner) == 4 for corner in corners)
-            is_regular = len(corners) == triangles + quads <= MOST_FACES and len(borders) in (0, 2)
+            is_regular = len(corners) == triangles + quads <= 8 and len(borders) in (0, 2)
             is_regular = is_regular and all(faces.opposite[side] == NONE for side in borders)
             self.left.append(triangles)
             self.lacking.append((2 if borders else 4) - quads)
@@ -373,7 +369,7 @@ class Cover:
         for c in neighbours[v]:
             closes = e not in (v, p) and e in neighbours[c]
             if not self._taken[c] and len(neighbours[c].intersection(path)) == 1 + (c in near_p) + closes:
-                shared = len(neighbours[c] & near_p) if len(neighbours[c]) <= FEW_NEIGHBOURS else FEW_NEIGHBOURS + 1
+                shared = len(neighbours[c] & near_p) if len(neighbours[c]) <= 16 else 17
                 ways.append((c in near_p, shared, self._freedom(c), c, closes))
         return min(ways)[3:] if ways else None
 
@@ -405,7 +401,7 @@ class Cover:
                 self._grow(path)
             self.curves.append(path[::-1])
             hint = NONE
-            for vertex in path[:LOOK_BACK]:
+            for vertex in path[:16]:
                 ways = [other for other in self._neighbours[vertex] if not self._taken[other]]
                 if ways:
                     hint = min(ways, key=lambda other: (self._freedom(other), other))

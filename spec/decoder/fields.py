@@ -12,7 +12,6 @@ MAJOR_VERSION = 1
 NEEDED = ("SEQN", "CONN", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR")
 OPTIONAL = ("META", "ORDR", "ATTR")
 
-MOST_SECTIONS = 64
 LARGEST_REAL = 2.0**160
 """Of steps and origins."""
 
@@ -53,7 +52,7 @@ def read_container(data: bytes) -> dict[str, bytes]:
     major, _, count, table_checksum, header_checksum = struct.unpack_from("<HHIII", data, 12)
     require(zlib.crc32(data[:24]) == header_checksum, "the header is damaged")
     require(major == MAJOR_VERSION, f"format version {major}")
-    require(count <= MOST_SECTIONS, f"{count} sections")
+    require(count <= 64, f"{count} sections")
     table, rows = Fields(data[28:]), []
     for _ in range(count):
         kind, flags = table.take(4).decode("latin-1"), table.u8()

@@ -10,10 +10,8 @@ from spec.decoder.fields import LARGEST_REAL, Fields, require
 PATCH, CURVE = 0, 1
 MOST_POINTS = (256, 65535)
 MOST_FUNCTIONS, MOST_FRAMES = 128, 4096
-THRESHOLDS = 8
 TRAJECTORIES, SHAPES, COSINES, CLOSED_FORM = 0, 1, 2, 3
 PRECISE = 4
-FUNCTIONS_IN_CLOSED_FORM = 4
 LARGEST_RATE = 12.0
 
 
@@ -40,7 +38,7 @@ def read_model(data: bytes) -> Model:
     rate, affine = (fields.f64(), fields.u8()) if kind == CURVE else (0.0, 1)
     require(0 <= rate <= LARGEST_RATE and affine < 2, "a rate or a sort of pieces out of range")
     require(1 <= points <= MOST_POINTS[kind], "a size of patches out of range")
-    require(1 <= functions <= MOST_FUNCTIONS and threshold < THRESHOLDS, "a number of functions out of range")
+    require(1 <= functions <= MOST_FUNCTIONS and threshold < 8, "a number of functions out of range")
     step = fields.f64()
     require(0 < step <= LARGEST_REAL, "a step out of range")
     return Model(kind, points, functions, threshold, rate, affine == 1, step, fields.rest())
@@ -92,7 +90,7 @@ def read_group(fields: Fields, sources: list[Fields]) -> Group:
     alpha = fields.f64() if basis == CLOSED_FORM else 0.0
     sizes = [fields.count() if is_stored else 0, fields.count(), fields.count()]
     checksum = fields.u32()
-    most = {TRAJECTORIES: 3 * frames, CLOSED_FORM: min(frames, FUNCTIONS_IN_CLOSED_FORM)}.get(basis, frames)
+    most = {TRAJECTORIES: 3 * frames, CLOSED_FORM: min(frames, 4)}.get(basis, frames)
     require(functions <= most, "more functions of time than there can be")
     require(0 < step <= LARGEST_REAL and 0 < step_of_time <= LARGEST_REAL, "a step out of range")
     require(0 <= alpha <= LARGEST_RATE, "a rate out of range")

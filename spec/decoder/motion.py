@@ -22,53 +22,45 @@ Float32Array = NDArray[np.float32]
 MARGIN, MARGIN_PRECISE, ROUNDING = 2.0**-11, 2.0**-20, 2.0**-44
 
 
-class Spline:
-    """16.2: the spline through all frames, as weights of frames."""
+def spline_weights(times: list[float], time: float) -> list[float]:
+    """16.2: the weight of each frame; at a frame's own time, 1 and 0 for all others."""
+    if len(times) <= 3:
+        return [float(np.prod([(time - other) / (own - other) for other in times if other != own])) for own in times]
+    h = [b - a for a, b in pairwise(times)]
+    i = min(bisect_right(times, time) - 1, len(h) - 1)
+    u = (time - times[i]) / h[i]
+    v = 1.0 - u
+    weights, slopes = [0.0] * len(times), [0.0] * len(times)
+    weights[i], weights[i + 1] = (1.0 + 2.0 * u) * v * v, u * u * (3.0 - 2.0 * u)
+    slopes[i], slopes[i + 1] = u * v * v * h[i], -u * u * v * h[i]
+    for j, share in enumerate(of_differences(slopes, h)):
+        weights[j] -= share / h[j]
+        weights[j + 1] += share / h[j]
+    return weights
 
-    def __init__(self, times: list[float]) -> None:
-        self._times = times
-        self._h = [b - a for a, b in pairwise(times)]
 
-    def weights(self, time: float) -> list[float]:
-        """The weight of each frame; at a frame's own time, 1 and 0 for all others."""
-        times, h = self._times, self._h
-        if len(times) <= 3:
-            return [
-                float(np.prod([(time - other) / (own - other) for other in times if other != own])) for own in times
-            ]
-        i = min(bisect_right(times, time) - 1, len(h) - 1)
-        u = (time - times[i]) / h[i]
-        v = 1.0 - u
-        weights, slopes = [0.0] * len(times), [0.0] * len(times)
-        weights[i], weights[i + 1] = (1.0 + 2.0 * u) * v * v, u * u * (3.0 - 2.0 * u)
-        slopes[i], slopes[i + 1] = u * v * v * h[i], -u * u * v * h[i]
-        for j, share in enumerate(self._of_differences(slopes)):
-            weights[j] -= share / h[j]
-            weights[j + 1] += share / h[j]
-        return weights
-
-    def _of_differences(self, slopes: list[float]) -> list[float]:
-        """A sum of slopes s_j as one of the d_j: the transposed equations, solved from above."""
-        h, last = self._h, len(self._h)
-        rows = [(0.0, h[1], h[0] + h[1])]
-        rows += [(h[j], 2.0 * (h[j - 1] + h[j]), h[j - 1]) for j in range(1, last)]
-        rows.append((h[-1] + h[-2], h[-2], 0.0))
-        solved, diagonal = list(slopes), [row[1] for row in rows]
-        for j in range(1, last + 1):
-            factor = rows[j - 1][2] / diagonal[j - 1]
-            diagonal[j] -= factor * rows[j][0]
-            solved[j] -= factor * solved[j - 1]
-        solved[last] /= diagonal[last]
-        for j in reversed(range(last)):
-            solved[j] = (solved[j] - rows[j + 1][0] * solved[j + 1]) / diagonal[j]
-        shares = [0.0] * last
-        for j in range(1, last):
-            shares[j - 1] += 3.0 * h[j] * solved[j]
-            shares[j] += 3.0 * h[j - 1] * solved[j]
-        for end, a, b, near, far in ((0, h[0], h[1], 0, 1), (last, h[-1], h[-2], last - 1, last - 2)):
-            shares[near] += solved[end] * b * (3.0 * a + 2.0 * b) / (a + b)
-            shares[far] += solved[end] * a * a / (a + b)
-        return shares
+def of_differences(slopes: list[float], h: list[float]) -> list[float]:
+    """16.2: a sum of slopes s_j as one of the d_j: the transposed equations, solved from above."""
+    last = len(h)
+    rows = [(0.0, h[1], h[0] + h[1])]
+    rows += [(h[j], 2.0 * (h[j - 1] + h[j]), h[j - 1]) for j in range(1, last)]
+    rows.append((h[-1] + h[-2], h[-2], 0.0))
+    solved, diagonal = list(slopes), [row[1] for row in rows]
+    for j in range(1, last + 1):
+        factor = rows[j - 1][2] / diagonal[j - 1]
+        diagonal[j] -= factor * rows[j][0]
+        solved[j] -= factor * solved[j - 1]
+    solved[last] /= diagonal[last]
+    for j in reversed(range(last)):
+        solved[j] = (solved[j] - rows[j + 1][0] * solved[j + 1]) / diagonal[j]
+    shares = [0.0] * last
+    for j in range(1, last):
+        shares[j - 1] += 3.0 * h[j] * solved[j]
+        shares[j] += 3.0 * h[j - 1] * solved[j]
+    for end, a, b, near, far in ((0, h[0], h[1], 0, 1), (last, h[-1], h[-2], last - 1, last - 2)):
+        shares[near] += solved[end] * b * (3.0 * a + 2.0 * b) / (a + b)
+        shares[far] += solved[end] * a * a / (a + b)
+    return shares
 
 
 def weights_in_closed_form(forms: list[ClosedForm], time: float) -> list[tuple[int, Floats]]:
@@ -106,7 +98,6 @@ class Motion:
         self._order = space.patches.order
         self._reference = reference.points[self._order]
         self._firsts = [0, *accumulate(group.frames for group in groups)][:-1]
-        self._spline = Spline(times)
         self._forms = [
             ClosedForm(times[first : first + group.frames], group.alpha, group.functions)
             for first, group in zip(self._firsts, groups, strict=True)
@@ -149,13 +140,13 @@ class Motion:
 
     def margin(self, time: float) -> float:
         """Section 19: how far other decoders may be in a coordinate, before it is rounded to float32."""
-        added = least = 0.0
+        margin = 0.0
         for index, frames in self._parts(time):
-            sizes = abs(self.group(index).fields).max(axis=2, initial=0.0)
-            added += np.sum([abs(weight * row) * sizes for weight, row in frames], axis=(0, 2)).max()
-            share = MARGIN_PRECISE if self.groups[index].is_precise else MARGIN
-            least = max(least, self.step * share * sum(abs(weight) for weight, _ in frames))
-        return max(ROUNDING * added, least)
+            largest = abs(self.group(index).fields).max(axis=2, initial=0.0)
+            least = self.step * (MARGIN_PRECISE if self.groups[index].is_precise else MARGIN)
+            for weight, row in frames:
+                margin += abs(weight) * max(ROUNDING * (abs(row) * largest).sum(axis=1).max(), least)
+        return margin
 
     def _of_model(self, time: float) -> Floats:
         """16.1 to 16.3: positions by place, without residuals."""
@@ -169,7 +160,7 @@ class Motion:
         """Groups that take part at a time, each with weights and rows psi[x, k]."""
         if self._forms:
             return [(index, [(1.0, np.array([row] * 3))]) for index, row in weights_in_closed_form(self._forms, time)]
-        weights, found = self._spline.weights(time), []
+        weights, found = spline_weights(self._times, time), []
         for index, begin in enumerate(self._firsts):
             frames = [t for t in range(self.groups[index].frames) if weights[begin + t]]
             if frames:

@@ -11,9 +11,6 @@ from spec.decoder.fields import require
 if TYPE_CHECKING:
     from spec.decoder.connectivity import Side
 
-RECENT_FACES = 4
-MOST_SIDES = 16
-MOST_LISTED = 32
 BY_PLACE, BY_VERTEX = 16, 17
 NONE = -1
 
@@ -76,7 +73,7 @@ class OrderReader:
                 if self._number(corner) == NONE:
                     self._read_number(corner, slot)
             first = entry if slot == BY_VERTEX else self._read_first(corners, slot)
-            self._recent = [first, *self._recent[: RECENT_FACES - 1]]
+            self._recent = [first, *self._recent[:3]]
             self._left_faces.remove(self._face_of[first])
             for corner in corners:
                 del self._left[corner.vertex][corner]
@@ -93,7 +90,7 @@ class OrderReader:
         candidates = [
             (side.opposite, 4 * j + min(i, 3))
             for j, first in enumerate(self._recent)
-            for i, side in enumerate(first.around()[:MOST_SIDES])
+            for i, side in enumerate(first.around()[:16])
             if side.opposite and side.opposite in self._left[side.opposite.vertex]
         ]
         if candidates:
@@ -136,7 +133,7 @@ class OrderReader:
         if k < 3:
             return k
         further = self._orders.contexts.number("corner")
-        require(further + 2 < MOST_SIDES, "a corner too far from the first")
+        require(further + 2 < 16, "a corner too far from the first")
         return further + 2 if further else None
 
     def _read_vertex(self) -> int:
@@ -157,7 +154,7 @@ class OrderReader:
 
     def _read_listed(self, vertex: int, steps: int) -> Side:
         """6.3: the first corner of a face that has one of the corners left at `vertex`, so many steps after."""
-        faces = [corner.around() for corner in list(self._left[vertex])[:MOST_LISTED]]
+        faces = [corner.around() for corner in list(self._left[vertex])[:32]]
 
         def is_right(t: int) -> int:
             alike = self._resemblance(faces[t][-steps]) if steps < len(faces[t]) else 0

@@ -14,7 +14,6 @@ from spec.decoder.mesh import NONE, CornerTable, Mesh, Neighbourhood, polygons_o
 WELDED, MATCHED = 1, 2
 GRID_BITS = 40
 MOST_CORNERS = MOST_FOLLOWED = 16
-MOST_RECENT = 64
 LARGEST_MISS = 2**30
 LARGEST_TURNED = 2**32
 KINDS = 9
@@ -113,7 +112,7 @@ class WeldReader:
             edges = [mesh.previous[other] for other in self._latest(inside[-1])]
             before = [self._point(edge) for edge in edges if edge not in self._met]
             after = [self._point(mesh.next[edge]) for edge in self._latest(inside[0]) if edge not in self._met]
-        recent = range(corner - 1, max(corner - 1 - MOST_RECENT, -1), -1)
+        recent = range(corner - 1, max(corner - 65, -1), -1)
         return [before, after, [self._point(other) for other in recent]]
 
     def _point(self, corner: int) -> int:

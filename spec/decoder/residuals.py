@@ -17,7 +17,6 @@ LARGEST = 2**40
 LARGEST_MISS = 2**31 - 1
 MOST_MODELLED = 18
 SPAN = 8
-MOST_DIGITS = 43
 LARGEST_WEIGHT = 2**18
 FIRST_WEIGHTS = {3: 28000}
 
@@ -61,7 +60,7 @@ class ResidualReader:
     def read(self, frames: int) -> list[FrameResiduals]:
         """Section 15."""
         contexts = self._contexts
-        count, raw_count = (contexts.counted(MOST_DIGITS, name) - 1 for name in ("residuals", "raw"))
+        count, raw_count = (contexts.counted(43, name) - 1 for name in ("residuals", "raw"))
         require(max(count, raw_count) <= frames * self._vertices, "there are more residuals than there can be")
         require(12 * (raw_count - 1) <= self._bytes, "there are more raw vertices than bytes for them")
         self.is_predicted = contexts.bit("predicted")
@@ -76,10 +75,10 @@ class ResidualReader:
         """15.6."""
         frame, place = 0, -1
         for _ in range(count):
-            skipped = self._contexts.counted(MOST_DIGITS, "frames passed over") - 1
+            skipped = self._contexts.counted(43, "frames passed over") - 1
             if skipped:
                 frame, place = frame + skipped, -1
-            place += self._contexts.counted(MOST_DIGITS, "places passed over")
+            place += self._contexts.counted(43, "places passed over")
             require(frame < len(found) and place < self._vertices, "a raw vertex that is not there")
             packed = struct.pack("<3I", *(self._contexts.bypass(32) for _ in range(3)))
             position = np.frombuffer(packed, "<f4").astype(np.float64)
@@ -92,7 +91,7 @@ class ResidualReader:
         distance = 1
         for frame in range(frames):
             if frame > 0 and not self._contexts.bit("same"):
-                distance = self._contexts.counted(MOST_DIGITS, "distance")
+                distance = self._contexts.counted(43, "distance")
             require(distance <= max(frame, 1), "a reference is before the first frame")
             reference = found[frame - distance] if frame else {}
             here: Frame = {}
@@ -180,7 +179,7 @@ class ResidualReader:
         while q < MOST_MODELLED and mixed(("size", q, coarse), (kind, axis), sizes, others):
             q += 1
         if q == MOST_MODELLED:
-            q += self._contexts.counted(MOST_DIGITS, "rest") - 1
+            q += self._contexts.counted(43, "rest") - 1
         is_negative = 0
         if coarse or q:
             agreed_t, agreed_s = (

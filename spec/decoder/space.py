@@ -16,10 +16,7 @@ from spec.decoder.mesh import NONE
 from spec.decoder.patches import Patches
 
 SHARE, SHARE_OF_PIECES = 2.0**-12, 2.0**-40
-ONCE_IS_ENOUGH = 0.125
-SWEEPS = 8
 SERIES, SERIES_TERMS = 8, 14
-LARGEST_DEGREE = 10
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -49,7 +46,7 @@ def local_coordinates(grid: Ints) -> Ints:
         x[p], x[q] = (c * x[p] - s * x[q]) >> 30, (s * x[p] + c * x[q]) >> 30
         return True
 
-    for _ in range(SWEEPS):
+    for _ in range(8):
         if not any([turn(0, 1), turn(0, 2), turn(1, 2)]):
             break
     for j in (0, 1, 0):
@@ -85,7 +82,7 @@ class Functions:
         for _ in range(2):
             column = column - (self.rows @ column) @ self.rows
             after = column @ column
-            if after > ONCE_IS_ENOUGH * before:
+            if after > 0.125 * before:
                 break
         if share and not after > share * before:
             return False
@@ -109,8 +106,8 @@ class Functions:
 def exponents() -> list[tuple[int, int, int]]:
     """11.3: exponents of the products, after the affine ones."""
     affine = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
-    degrees = range(LARGEST_DEGREE + 1)
-    every = [(a, b, c) for a in degrees for b in degrees for c in degrees if a + b + 2 * c <= LARGEST_DEGREE]
+    degrees = range(10 + 1)
+    every = [(a, b, c) for a in degrees for b in degrees for c in degrees if a + b + 2 * c <= 10]
     every.sort(key=lambda item: (item[0] + item[1] + 2 * item[2], -item[0], -item[1]))
     return affine + [item for item in every if item not in affine]
 

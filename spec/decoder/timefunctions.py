@@ -10,13 +10,8 @@ from spec.decoder.space import Floats, Ints, series_functions
 
 MOST_EXPONENT = 39
 MOST_GRADE = 23
-LONGEST_TRANSFORM = 1024
-FARTHEST = 2.0**39
-MOST_UNCERTAIN = 2.0**120
 GROWTH = 1.0 + 1.0 / 512.0
-LEAST_SPREAD = 0.1
 FIRST_WEIGHTS = {3: 21845, 4: 16384}
-ORDER_IN_TIME = 4
 LEAST_LENGTH = 2.0**-52
 
 Inputs = tuple[tuple[int, ...], ...]
@@ -36,7 +31,7 @@ def read_time_functions(data: bytes, frames: int, count: int, step: float, axes:
     require(frames * count > 0, "bytes of functions of time where there are none")
     method = data[0]
     require(method in (0, 1, 2), "an unknown method of functions of time")
-    require(method != 1 or frames <= LONGEST_TRANSFORM, "too many frames for a transform")
+    require(method != 1 or frames <= 1024, "too many frames for a transform")
     quantised = read_quantised(data[1:], frames, count, axes)
     return (predicted, transformed, straight)[method](quantised) * step
 
@@ -108,13 +103,10 @@ class Prediction:
         self.w = [1.0, 0.0, 0.0, 0.0]
         self.c = [[float(i == j) for j in range(4)] for i in range(4)]
 
-    def of(self, u: list[float]) -> float:
-        return in_order(self.w, u)
-
     def learn(self, u: list[float], q: float, variance: float) -> None:
         g = [in_order(row, u) for row in self.c]
         y = in_order(g, u)
-        if not 0.0 <= y <= MOST_UNCERTAIN:
+        if not 0.0 <= y <= 2.0**120:
             self.start()
         elif y > 0.0:
             for i in range(4):
@@ -140,15 +132,15 @@ def predicted(quantised: Ints) -> Floats:
             energy = 0.0
             for x in range(axes):
                 u = [float(values[k, max(t - 1 - j, 0), x]) for j in range(4)]
-                p = 0.0 if t == 0 else u[0] if t == 1 else prediction.of(u)
-                if not abs(p) <= FARTHEST:
+                p = 0.0 if t == 0 else u[0] if t == 1 else in_order(prediction.w, u)
+                if not abs(p) <= 2.0**39:
                     p = 0.0
                     prediction.start()
                 q = float(quantised[k, t, x])
                 values[k, t, x] = p + q
                 energy = energy + q * q
                 if t > 1:
-                    prediction.learn(u, q, max(spread, LEAST_SPREAD))
+                    prediction.learn(u, q, max(spread, 0.1))
             spread = spread + (energy / axes - spread) / 8.0
     return values
 
@@ -194,7 +186,7 @@ class ClosedForm:
             basis[k] = column / length if length > 0.0 else 0.0
 
     def _series(self, times: Floats) -> Floats:
-        return series_functions((times - self._centre) / self._half, self._alpha, ORDER_IN_TIME)
+        return series_functions((times - self._centre) / self._half, self._alpha, 4)
 
     def at(self, time: float, *, derivative: bool = False) -> Floats:
         """The functions, or their derivatives, at a time [s]."""

@@ -20,7 +20,6 @@ LARGEST_CODE = 2**31 - 1
 LARGEST_LINEAR = 2**30
 AFFINE, TURNED, MIRRORED, PARALLELOGRAM, NEIGHBOURS, LATEST_ATTRIBUTE = range(6)
 LONGEST = 32
-COMMON = 34
 
 Vector = NDArray[np.int64]
 
@@ -53,8 +52,8 @@ class Body:
         self.face_corners = range(sum(map(len, mesh.faces)))
         self.earlier: dict[int, int] | None = None
         """The latest wedges of corners."""
-        self.measured: tuple[dict[int, int], Values] | None = None
-        """Likewise, of the latest attribute with channels, and its values."""
+        self.measured: Values | None = None
+        """The values of the latest attribute with channels."""
 
     def elements(self, domain: str, count: int = 0) -> Elements:
         """The elements of a domain; of objects as many as are given."""
@@ -201,21 +200,32 @@ class Values:
     """17.6 and 17.7: wedges as the vertices of a corner table, and what is known of their values."""
 
     def __init__(
-        self,
-        contexts: Contexts,
-        name: str,
-        table: CornerTable,
-        positions: Vector,
-        others: list[Vector | None],
-        channels: list[Channel],
+        self, contexts: Contexts, name: str, body: Body, elements: Elements, wedges: list[int], channels: list[Channel]
     ) -> None:
-        self._contexts, self._name = contexts, name
-        self._table, self._positions, self._others = table, positions, others
-        self.channels = channels
-        self.codes = [[0] * len(channels) for _ in positions]
-        self.linear: dict[int, Vector] = {}
-        self._lengths = np.zeros((len(positions), len(channels)), np.int64)
+        self._contexts, self._name, self.channels = contexts, name, channels
+        count = max(wedges, default=-1) + 1
+        self._wedge_of = {corner: wedges[element] for corner, element in elements.of_corner.items()}
+        corners = [body.by_vertex.corners_of(p) for p in range(len(body.by_vertex.polygons))]
+        named = [[self._wedge_of.get(corner, count) for corner in polygon] for polygon in corners]
+        self._table = CornerTable(named, count + 1)
+        self._positions = np.zeros((count, 3), np.int64)
+        self._others: list[Vector | None] = [None] * count
+        for element, wedge in reversed(list(enumerate(wedges))):
+            first = elements.corners.get(element, [NONE])[0]
+            self._positions[wedge] = 0 if first == NONE else body.grid[body.by_vertex.vertex[first]]
+            self._others[wedge] = body.measured.at(first, channels) if body.measured else None
+        self.codes = [[0] * len(channels) for _ in range(count)]
+        self._linear: dict[int, Vector] = {}
+        self._lengths = np.zeros((count, len(channels)), np.int64)
         self._history = History(4)
+
+    def at(self, corner: int, channels: list[Channel]) -> Vector | None:
+        """17.6: the linear values at a corner in the unit of other channels, if there are any, and as many."""
+        if len(self.channels) != len(channels) or corner not in self._wedge_of:
+            return None
+        up = channels[0].shift - self.channels[0].shift
+        shifted = [y << up if up >= 0 else y >> -up for y in self._linear[self._wedge_of[corner]].tolist()]
+        return np.array([clamp(y, -LARGEST_LINEAR, LARGEST_LINEAR) for y in shifted])
 
     def read(self) -> None:
         """Fill in codes and linear values; the last vertex of the corner table stands for no wedge."""
@@ -237,7 +247,7 @@ class Values:
             for k in range(len(self.channels)):
                 other = None if second is None else second[k]
                 before = self._read_code(x, k, int(first[k]), other, kind, int(expected[k]), before)
-            linear = self.linear[x] = np.array(
+            linear = self._linear[x] = np.array(
                 [
                     channel.linear(channel.table[code] if channel.is_complete else code)
                     for channel, code in zip(self.channels, self.codes[x], strict=True)
@@ -270,7 +280,7 @@ class Values:
             places = [nearest, *(place for place in range(entries) if place != nearest)]
             turn = chosen(entries, lambda turn: bit(name, "which", min(turn, 3), distance))
             codes[k] = channel.table[places[turn]]
-            before = COMMON
+            before = 34
         else:
             length, sized = self._read_residual(k, kind, expected, spread, lean, before)
             codes[k] = p + sized
@@ -304,11 +314,11 @@ class Values:
     def _known(self, corner: int, x: int) -> int:
         """The wedge of a corner, if it is known and another one than x."""
         wedge = self._table.vertex[corner]
-        return wedge if wedge in self.linear and wedge != x else NONE
+        return wedge if wedge in self._linear and wedge != x else NONE
 
     def _predict(self, x: int) -> tuple[Predictions, list[int]]:
         """17.6: the predictions of each way that there is, and the known neighbours."""
-        table, y = self._table, self.linear
+        table, y = self._table, self._linear
         ways: Predictions = defaultdict(list)
         neighbours: list[int] = []
         for corner in table.corners[x][:MOST_CORNERS]:
@@ -362,8 +372,8 @@ class Values:
         if h >> 6 > bb:
             return
         q = math.isqrt((h << 32) // bb)
-        s = self.linear[b] - self.linear[a]
-        straight, turn = self.linear[a] + (s * along >> 16), np.zeros_like(s)
+        s = self._linear[b] - self._linear[a]
+        straight, turn = self._linear[a] + (s * along >> 16), np.zeros_like(s)
         if len(s) > 1:
             turn[:2] = -(s[1] * q >> 16), s[0] * q >> 16
         ways[TURNED].append(straight + turn)
@@ -381,7 +391,7 @@ class Values:
         of_c = (bc << 16) // bb
         if abs(q) >= 2**18 or abs(of_c) >= 2**19:
             return
-        y, to_b, to_c = self.linear[a], self.linear[b] - self.linear[a], self.linear[c] - self.linear[a]
+        y, to_b, to_c = self._linear[a], self._linear[b] - self._linear[a], self._linear[c] - self._linear[a]
         ways[AFFINE].append(y + (to_b * along >> 16) + ((to_c - (to_b * of_c >> 16)) * q >> 16))
 
 
