@@ -24,6 +24,7 @@ from spec.decoder.groups import CLOSED_FORM, COSINES, PRECISE, SHAPES, TRAJECTOR
 from spec.decoder.mesh import Attribute
 from spec.decoder.rangecoder import RangeDecoder
 from spec.decoder.residuals import ResidualReader
+from spec.example import section
 from spec.make_vectors import describe, integers
 from spec.sealing import CHUNKS, Part, Row, ScriptedCoder, content, counted, group_chunks, take_apart, take_rows
 
@@ -134,6 +135,11 @@ def test_the_links_inside_the_specification_lead_somewhere() -> None:
     links = set(re.findall(r"\]\(#([^)]+)\)", text))
     assert links
     assert links <= anchors
+
+
+def test_the_example_is_written_as_its_file_is() -> None:
+    written = section((VECTORS / "accept" / "example.pdeanim").read_bytes())
+    assert written in (SPEC / "pdeanim.md").read_text("utf-8")
 
 
 def test_every_reason_names_a_section_of_the_specification() -> None:
