@@ -194,9 +194,7 @@ class Surface:
             u, w = gate.vertex, gate.ahead.vertex
             beside = 2 * (gate.behind.state == CLOSED) + (gate.ahead.state == CLOSED)
             inputs = (self._f(u), self._f(w), beside), (memory.value,), (beside, memory.value % 8)
-            is_border = self._contexts.mixed(("border",), *inputs)
-            memory.add(is_border)
-            if not is_border:
+            if not self._contexts.mixed(("border",), *inputs, into=memory):
                 return gate
             gate.state = CLOSED
         return None

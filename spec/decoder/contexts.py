@@ -63,13 +63,16 @@ class Contexts:
     def bit(self, *name: object) -> int:
         return self._coder.bit(self._models, self._model(name))
 
-    def mixed(self, weights: Name, *names: Name, of: Name | None = None) -> int:
-        """A mixed bit; its inputs' names follow on `of` where they are common, else on that of the weights."""
+    def mixed(self, weights: Name, *names: Name, of: Name | None = None, into: History | None = None) -> int:
+        """A mixed bit, which goes into a history; inputs' names follow on `of` if common, else on the weights'."""
         if weights not in self._weights:
             self._weights[weights] = [self._first_weights[len(names)]] * len(names)
         family = weights if of is None else of
         inputs = [self._model((*family, place, *name)) for place, name in enumerate(names)]
-        return self._coder.mixed(self._models, inputs, self._weights[weights])
+        bit = self._coder.mixed(self._models, inputs, self._weights[weights])
+        if into:
+            into.add(bit)
+        return bit
 
     def counted(self, most: int, *name: object) -> int:
         """A number from 1 on of at most so many binary digits."""
@@ -174,18 +177,17 @@ class MatchModel:
             agreement = 0 if short < 0 else 2 if self._past[short] == proposed else 1
             if self._run >= LONGEST_RUN:
                 right = self._contexts.bit(self._name, "sure", phase)
+                self._long.add(right)
             else:
                 of_run, of_past = (self._run, phase, agreement), (self._long.value, agreement)
-                right = self._contexts.mixed((self._name, "long"), of_run, of_past)
-            self._long.add(right)
+                right = self._contexts.mixed((self._name, "long"), of_run, of_past, into=self._long)
             if right:
                 return proposed
             self._place = -1
         if short >= 0 and self._past[short] != proposed:
             distance = min(len(self._past) - short, 63)
-            right = self._contexts.mixed((self._name, "short"), (self._short.value, phase), (distance, phase))
-            self._short.add(right)
-            if right:
+            inputs = (self._short.value, phase), (distance, phase)
+            if self._contexts.mixed((self._name, "short"), *inputs, into=self._short):
                 return self._past[short]
         return None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 from spec.decoder.fields import Fields, require
 
@@ -56,17 +56,22 @@ def polygons_of(meshes: list[Mesh]) -> list[Polygon]:
     return faces + pieces
 
 
-@dataclass
-class Neighbourhood:
+PATHS = {
+    2: ("n", "", "", "nmn", ""),
+    3: ("n", "p", "nmp", "nmnmp", "nmpmp"),
+    4: ("n", "p", "nn", "nmnn", "ppmp"),
+}
+"""7.2: how a corner leads to its neighbourhood, by next (n) and previous corners (p) and opposites (m)."""
+
+
+class Neighbourhood(NamedTuple):
     """7.2: the vertices that a corner offers, or -1."""
 
     after: int
-    before: int = NONE
-    across: int = NONE
-    straight_after: int = NONE
-    straight_before: int = NONE
-    is_triangle: bool = False
-    before_counts: bool = False
+    before: int
+    across: int
+    straight_after: int
+    straight_before: int
 
 
 class CornerTable:
@@ -115,37 +120,22 @@ class CornerTable:
 
     def neighbourhood(self, corner: int) -> Neighbourhood:
         """What a corner offers."""
-        after, before, size = self.next[corner], self.previous[corner], self.size(corner)
+        paths = PATHS.get(self.size(corner), ("n", "p", "", "", ""))
+        return Neighbourhood(*(self._end(corner, path) for path in paths))
 
-        def opposite(edge: int) -> int:
-            other = self.opposite[edge] if edge != NONE else NONE
-            return other if other != NONE and self.size(other) == size else NONE
+    def _end(self, corner: int, path: str) -> int:
+        """The vertex where a path ends, if there is one."""
+        size = self.size(corner)
+        for step in path:
+            corner = {"n": self.next, "p": self.previous, "m": self.opposite}[step][corner]
+            if corner == NONE or self.size(corner) != size:
+                return NONE
+        return self.vertex[corner] if path else NONE
 
-        def on(place: int, steps: int) -> int:
-            for _ in range(steps if place != NONE else 0):
-                place = self.next[place]
-            return place
-
-        def at(place: int) -> int:
-            return NONE if place == NONE else self.vertex[place]
-
-        found = Neighbourhood(self.vertex[after])
-        beside = opposite(after)
-        if size == 2:
-            found.straight_after = at(on(beside, 1))
-            return found
-        found.before = self.vertex[before]
-        found.before_counts = self.opposite[before] == NONE or at(self.opposite[before]) == found.before
-        if size == 3:
-            found.is_triangle = True
-            found.across = at(on(beside, 2))
-            found.straight_after = at(on(opposite(on(beside, 1)), 2))
-            found.straight_before = at(on(opposite(on(beside, 2)), 2))
-        elif size == 4:
-            found.across = self.vertex[self.next[after]]
-            found.straight_after = at(on(beside, 2))
-            found.straight_before = at(on(opposite(self.previous[before]), 3))
-        return found
+    def before_counts(self, corner: int) -> bool:
+        """Whether the vertex before counts."""
+        before = self.previous[corner]
+        return self.opposite[before] == NONE or self.vertex[self.opposite[before]] == self.vertex[before]
 
     def walk(self) -> list[int]:
         """The order in which vertices are coded."""

@@ -109,9 +109,7 @@ class OrderReader:
     def _read_side(self, slots: list[int]) -> int | None:
         """6.2: which candidate, if any."""
         orders, (s1, s2, s3) = self._orders, self._orders.slots
-        found = self._mixed(("found",), (orders.found.value,), orders.slots)
-        orders.found.add(found)
-        if not found:
+        if not self._mixed(("found",), (orders.found.value,), orders.slots, into=orders.found):
             return None
         expected = orders.expected.get((s1, s2), 0)
         turns = list(range(len(slots)))
@@ -159,9 +157,7 @@ class OrderReader:
         def is_right(t: int) -> int:
             alike = self._resemblance(faces[t][-steps]) if steps < len(faces[t]) else 0
             listed = self._orders.listed
-            bit = self._mixed(("listed",), (alike, min(t, 7)), (alike // 9, listed.value))
-            listed.add(bit)
-            return bit
+            return self._mixed(("listed",), (alike, min(t, 7)), (alike // 9, listed.value), into=listed)
 
         face = faces[chosen(len(faces), is_right)]
         require(steps < len(face), "a face of too few corners")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from spec.decoder.contexts import Contexts, MatchModel, length_near
 from spec.decoder.fields import LARGEST_REAL, Fields, bits, clamp, grade, require
-from spec.decoder.mesh import NONE, CornerTable, Mesh, Neighbourhood, polygons_of
+from spec.decoder.mesh import NONE, CornerTable, Mesh, polygons_of
 
 WELDED, MATCHED = 1, 2
 GRID_BITS = 40
@@ -221,24 +221,25 @@ class GridReader:
 
     def _predict(self, vertex: int) -> Prediction | None:
         """7.5, unless a vertex has no neighbours."""
-        around = [self._mesh.neighbourhood(corner) for corner in self._mesh.corners[vertex][:MOST_CORNERS]]
-        neighbours = [each.after for each in around if each.after in self._grid]
-        neighbours += [each.before for each in around if each.before_counts and each.before in self._grid]
+        corners = self._mesh.corners[vertex][:MOST_CORNERS]
+        around = [self._mesh.neighbourhood(corner) for corner in corners]
+        counting = [each.before for each, c in zip(around, corners, strict=True) if self._mesh.before_counts(c)]
+        neighbours = [v for v in [*(each.after for each in around), *counting] if v in self._grid]
         if not neighbours:
             return None
         grid = self._grid
         r = next(grid[v] for each in around for v in (each.after, each.before) if v in grid)
         found = Prediction(np.sum([self._errors[v] for v in neighbours], axis=0) * share(len(neighbours)) >> 11)
         parallelograms, creases, straights = [], [], []
-        for each in around:
-            if each.after in grid and each.before in grid and each.across in grid:
-                a, b, d = grid[each.after], grid[each.before], grid[each.across]
+        for each, corner in zip(around, corners, strict=True):
+            a, b, d, y, z = (grid.get(v) for v in each)
+            if a is not None and b is not None and d is not None:
                 parallelograms.append(a + b - d - r)
                 found.normal += normal_of(a, b, d)
-                creases += self._creases(each)
-            for near, far in ((each.after, each.straight_after), (each.before, each.straight_before)):
-                if near in grid and far in grid:
-                    straights.append(2 * grid[near] - grid[far] - r)
+                if self._mesh.size(corner) == 3:
+                    creases += [y + b - a - d] if y is not None else []
+                    creases += [z + a - b - d] if z is not None else []
+            straights += [2 * near - far - r for near, far in ((a, y), (b, z)) if near is not None and far is not None]
         beside = mean16([grid[v] - r for v in neighbours])
         base = mean16(parallelograms or straights) if parallelograms or straights else beside
         found.parallelograms = len(parallelograms)
@@ -250,12 +251,6 @@ class GridReader:
         found.spread = int(sum(abs(each - parallelograms[0]).sum() for each in parallelograms))
         found.base = base + 16 * r
         return found
-
-    def _creases(self, corner: Neighbourhood) -> list[Vector]:
-        grid = self._grid
-        a, b, d = corner.after, corner.before, corner.across
-        ways = ((corner.straight_after, a, b), (corner.straight_before, b, a))
-        return [grid[y] + grid[v] - grid[u] - grid[d] for y, u, v in ways if corner.is_triangle and y in grid]
 
     def _read_vertex(self, vertex: int, prediction: Prediction, predicted: list[int]) -> None:
         point, errors = [], []

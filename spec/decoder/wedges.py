@@ -148,9 +148,7 @@ class WedgeReader:
 
     def _is_same(self, kind: int, e: int, agreement: int, refused: int, bend: int, seam: int) -> int:
         inputs = (e, agreement, min(refused, 2)), (bend, e, seam), (self._history.value, seam)
-        bit = self._contexts.mixed((self._name, "same", kind), *inputs)
-        self._history.add(bit)
-        return bit
+        return self._contexts.mixed((self._name, "same", kind), *inputs, into=self._history)
 
 
 @dataclass
@@ -293,9 +291,7 @@ class Values:
     def _is_common(self, k: int, kind: int, distance: int, expected: int) -> int:
         t = clamp(distance - expected + 8, 0, 15)
         inputs = (t, self._history.value), (kind, distance), (t, k, expected)
-        bit = self._contexts.mixed((self._name, "common"), *inputs)
-        self._history.add(bit)
-        return bit
+        return self._contexts.mixed((self._name, "common"), *inputs, into=self._history)
 
     def _read_residual(self, k: int, kind: int, expected: int, spread: int, lean: int, before: int) -> tuple[int, int]:
         """17.7: a residual and its length."""
