@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.coefficientcoding import encode_coefficients, measure_coefficients
 from pdecodec._core import Residuals
+from pdecodec.coefficientcoding import encode_coefficients, measure_coefficients
 from pdecodec.displacements import Displacements, Origin, TimeFunctions, time_basis_of
 from pdecodec.groups import (
     SINGLE_IS_ENOUGH,

@@ -20,6 +20,8 @@ from spec.sealing import HEADER, table_end, take_apart
 
 VECTOR = Path(__file__).resolve().parent / "vectors" / "accept" / "example.pdeanim"
 MANY = 12
+WIDEST = 8
+"""Bytes of a row that several fields share."""
 
 Row = tuple[bytes, str]
 
@@ -32,9 +34,9 @@ FIELDS: dict[str, list[tuple[str, str]]] = {
         ("count", "start"),
     ],
     "CONN": [("count", "object"), ("count", "vertices")],
-    "REST": [("f64", "step"), ("f64", "origin x"), ("f64", "origin y"), ("f64", "origin z"), ("u8", "across faces")],
+    "REST": [("f64", "step"), ("f64", "origin x"), ("f64", "origin y"), ("f64", "origin z"), ("u8", "predictor")],
     "MODL": [
-        ("u8", "patches"),
+        ("u8", "space basis"),
         ("count", "points"),
         ("u8", "functions"),
         ("u8", "threshold"),
@@ -119,21 +121,35 @@ def rows(data: bytes) -> Iterator[tuple[str, list[Row]]]:
     sizes = (12, 2, 2, 4, 4, 4)
     begins = [sum(sizes[:k]) for k in range(len(sizes))]
     meanings = (*names, "CRC-32 of the table", "CRC-32 of all before")
-    yield "Header", [(data[at : at + n], said) for at, n, said in zip(begins, sizes, meanings, strict=True)]
+    header = [(data[at : at + n], said) for at, n, said in zip(begins, sizes, meanings, strict=True)]
+    yield "Header", shared(header)
     yield "Table", [(part.row, f"{part.kind}, required, {len(part.content)} bytes, CRC-32") for part in parts]
     assert sum(len(part.row) for part in parts) == table_end(parts) - HEADER.size
     streams = decisions(data)
     for part in parts:
-        fields, found = Fields(part.content), []
+        fields = Fields(part.content)
+        found: list[Row] = []
         for kind, name in FIELDS[part.kind] if part.content else ():
             before = fields.position
             value = getattr(fields, kind)()
             said = f"{value:08X}" if kind == "u32" else f"{value:.9g}"
             found.append((part.content[before : fields.position], f"{name}: {said}"))
+        found = shared(found)
         stream = part.content[fields.position :]
         if stream:
             found.append((stream, told(streams[stream])))
         yield part.kind, found
+
+
+def shared(fields: list[Row]) -> list[Row]:
+    """Fields in rows of several, where they are short."""
+    rows: list[Row] = []
+    for some, said in fields:
+        if rows and len(rows[-1][0]) + len(some) <= WIDEST:
+            rows[-1] = rows[-1][0] + some, f"{rows[-1][1]}; {said}"
+        else:
+            rows.append((some, said))
+    return rows
 
 
 def section(data: bytes) -> str:

@@ -15,7 +15,7 @@ import zstandard
 from spec.decoder import contexts
 from spec.decoder.animation import decode
 from spec.decoder.fields import IDENTIFIER, MAJOR_VERSION, CorruptFileError
-from spec.decoder.groups import CLOSED_FORM, DOUBLE, SHAPES, TRAJECTORIES
+from spec.decoder.groups import CLOSED_FORM, PRECISE, SHAPES, TRAJECTORIES
 from spec.decoder.rangecoder import NARROWEST, WIDEST, RangeDecoder
 
 HEADER = struct.Struct("<12sHHIII")
@@ -94,7 +94,7 @@ class Row:
 
     @staticmethod
     def has_time(kind: int) -> bool:
-        return kind & ~DOUBLE in (TRAJECTORIES, SHAPES)
+        return kind & ~PRECISE in (TRAJECTORIES, SHAPES)
 
     def pack(self) -> bytes:
         """Its bytes."""
@@ -117,7 +117,7 @@ def take_rows(table: bytes) -> tuple[list[Row], bytes]:
             frames, here = take_count(at)
             functions, here = take_count(here)
             kind = table[here]
-            reals = 8 + 8 * (Row.has_time(kind) or kind & ~DOUBLE == CLOSED_FORM)
+            reals = 8 + 8 * (Row.has_time(kind) or kind & ~PRECISE == CLOSED_FORM)
             sizes, here = [0] * (not Row.has_time(kind)), here + 1 + reals
             while len(sizes) < 3:
                 size, here = take_count(here)

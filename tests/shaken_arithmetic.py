@@ -16,8 +16,11 @@ import numpy as np
 
 PACKAGE = Path(__file__).resolve().parent.parent / "spec" / "decoder"
 
-EXACT = {"followed", "Prediction", "ordered_sum"}
-"""Where the specification wants every operation rounded as it is written: numbers that predict others."""
+EXACT = {"read_sequence", "predicted", "Prediction", "in_order"}
+"""Where the specification wants every operation rounded as it is written (19)."""
+
+FUNCTIONS = {"sqrt", "cos", "sum", "cumsum", "prod"}
+OPERATORS = ast.Add | ast.Sub | ast.Mult | ast.Div | ast.Pow
 
 COUNTER = itertools.count()
 
@@ -25,7 +28,7 @@ Shake = Callable[[Any], Any]
 
 
 class Shaker(ast.NodeTransformer):
-    """Puts a call of `shake` around sums, differences, products, quotients and square roots."""
+    """Puts a call of `shake` around sums, differences, products, quotients, powers and functions."""
 
     def __init__(self, package: str, exempt: set[str]) -> None:
         self._package, self._exempt = package, exempt
@@ -43,7 +46,9 @@ class Shaker(ast.NodeTransformer):
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
         self.generic_visit(node)
-        return shaken(node) if isinstance(node.op, ast.Add | ast.Sub | ast.Mult | ast.Div) else node
+        if isinstance(node.op, ast.MatMult):
+            return ast.Call(ast.Name("matrix_product", ast.Load()), [node.left, node.right], [])
+        return shaken(node) if isinstance(node.op, OPERATORS) else node
 
     def visit_AugAssign(self, node: ast.AugAssign) -> list[ast.stmt]:
         self.generic_visit(node)
@@ -52,7 +57,7 @@ class Shaker(ast.NodeTransformer):
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
         self.generic_visit(node)
-        return shaken(node) if isinstance(node.func, ast.Attribute) and node.func.attr == "sqrt" else node
+        return shaken(node) if isinstance(node.func, ast.Attribute) and node.func.attr in FUNCTIONS else node
 
 
 def shaken(node: ast.expr) -> ast.Call:
@@ -76,6 +81,26 @@ def shaker(seed: int) -> Shake:
     return shake
 
 
+def matrix_product(shake: Shake) -> Callable[[Any, Any], Any]:
+    """The product of arrays, as `@`, with `shake` in every product and every sum of two, in another order."""
+
+    def multiplied(one: Any, other: Any) -> Any:
+        if one.dtype.kind != "f" and other.dtype.kind != "f":
+            return one @ other
+        left = one[np.newaxis] if one.ndim == 1 else one
+        right = other[:, np.newaxis] if other.ndim == 1 else other
+        terms = shake(left[..., :, :, np.newaxis] * right[..., np.newaxis, :, :])
+        while terms.shape[-2] > 1:
+            half = terms.shape[-2] // 2
+            sums = shake(terms[..., :half, :] + terms[..., half : 2 * half, :])
+            terms = np.concatenate([sums, terms[..., 2 * half :, :]], axis=-2)
+        total = terms.sum(axis=-2)
+        total = total[..., 0, :] if one.ndim == 1 else total
+        return total[..., 0] if other.ndim == 1 else total
+
+    return multiplied
+
+
 @contextmanager
 def decoder(shake: Shake, exempt: set[str] = EXACT) -> Iterator[dict[str, ModuleType]]:
     """The modules of the independent decoder, under names of their own, with `shake` in its arithmetic."""
@@ -95,7 +120,7 @@ def decoder(shake: Shake, exempt: set[str] = EXACT) -> Iterator[dict[str, Module
                 for other in [item.name for item in node.names] if node.module == "spec.decoder" else needed:
                     load(other)
         module = modules[name] = ModuleType(f"{package}.{name}")
-        module.__dict__["shake"] = shake
+        module.__dict__.update(shake=shake, matrix_product=matrix_product(shake))
         sys.modules[module.__name__] = module
         setattr(parent, name, module)
         tree = ast.fix_missing_locations(Shaker(package, exempt).visit(tree))

@@ -108,8 +108,8 @@ def test_a_decoder_that_rounds_otherwise_keeps_the_bound_and_the_margin(
             animation = modules["animation"].decode(report.data)
             between = [0.5 * (a + b) for a, b in zip(animation.times, animation.times[1:], strict=False)]
             found.append(np.array([animation.positions(time) for time in [*animation.times, *between]]))
-            step = animation.motion._step
-            margins = [SINGLE_MARGIN if group.is_single else DOUBLE_MARGIN for group in animation.motion.groups]
+            step = animation.motion.step
+            margins = [DOUBLE_MARGIN if group.is_precise else SINGLE_MARGIN for group in animation.motion.groups]
     spacing = float(np.spacing(np.abs(points).max()))
     for other in found:
         off = np.linalg.norm(other[: len(points)].astype(np.float64) - points, axis=2)
@@ -136,7 +136,7 @@ def local(coordinates: list[tuple[int, int, int]]) -> tuple[int, Int64Array]:
 )
 def test_local_coordinates_are_the_same_integers_for_everyone(coordinates: list[tuple[int, int, int]]) -> None:
     count, whole = local(coordinates)
-    assert plain.local_coordinates([list(point) for point in coordinates]) == whole[:count].tolist()
+    assert plain.local_coordinates(np.array(coordinates)).tolist() == whole[:count].tolist()
 
 
 def test_local_coordinates_are_uncorrelated_by_falling_width() -> None:

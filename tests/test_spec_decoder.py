@@ -74,7 +74,7 @@ def test_many_patches_and_pieces_decode_alike(
     assert_decodes_alike(bending_strips(), path)
     with open_animation(path) as animation:
         assert animation.info()["space_basis"] == kind
-    assert len(independent.decode_file(path).motion.space.patches.patches) >= 3
+    assert len(independent.decode_file(path).motion.space.patches.elements) >= 3
 
 
 def test_groups_decode_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

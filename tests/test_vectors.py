@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,15 +15,17 @@ import pytest
 from decoders import assert_same
 from hypothesis import given
 from hypothesis import strategies as st
+from shaken_arithmetic import decoder, shaker, trace
 
 from pdecodec import CorruptFileError, LimitError, open_animation
 from spec.decoder import animation as independent
 from spec.decoder.fields import CorruptFileError as IndependentCorruptFileError
-from spec.decoder.groups import CLOSED_FORM, COSINES, DOUBLE, SHAPES, TRAJECTORIES
+from spec.decoder.groups import CLOSED_FORM, COSINES, PRECISE, SHAPES, TRAJECTORIES
 from spec.decoder.mesh import Attribute
 from spec.decoder.rangecoder import RangeDecoder
 from spec.decoder.residuals import ResidualReader
-from spec.make_vectors import describe
+from spec.example import section
+from spec.make_vectors import describe, integers
 from spec.sealing import CHUNKS, Part, Row, ScriptedCoder, content, counted, group_chunks, take_apart, take_rows
 
 SPEC = Path(__file__).resolve().parent.parent / "spec"
@@ -90,6 +93,41 @@ def test_the_independent_decoder_refuses_what_is_corrupt(name: str) -> None:
         decode_all()
 
 
+Parsed = tuple[list[tuple[int, int]], dict[str, str], list[tuple[Any, ...]]]
+
+
+@pytest.fixture(scope="module")
+def parsers() -> Iterator[tuple[Callable[[bytes], Parsed], Callable[[bytes], Parsed]]]:
+    """The plain decoder as it is, and with every floating-point result a unit off: what they read of a file."""
+    with decoder(lambda value: value) as usual, decoder(shaker(1), exempt=set()) as shaken:
+        yield parser(usual), parser(shaken)
+
+
+def parser(modules: dict[str, ModuleType]) -> Callable[[bytes], Parsed]:
+    """Decodes files: every bit and its probability, integers as in the manifest, and attributes."""
+    read = trace(modules)
+
+    def parse(data: bytes) -> Parsed:
+        read.clear()
+        animation = modules["animation"].decode(data)
+        found = integers(animation)
+        attributes = [item for mesh in animation.meshes for item in mesh.attributes]
+        of_each = [(item.name, item.domain, item.indices, item.labels, item.values.tobytes()) for item in attributes]
+        return list(read), found, of_each
+
+    return parse
+
+
+@pytest.mark.parametrize("name", MANIFEST["accept"])
+def test_no_result_of_floating_point_arithmetic_decides_how_bytes_are_read(
+    name: str, parsers: tuple[Callable[[bytes], Parsed], Callable[[bytes], Parsed]]
+) -> None:
+    data = (VECTORS / "accept" / f"{name}.pdeanim").read_bytes()
+    usual, shaken = (parse(data) for parse in parsers)
+    assert usual[1] == MANIFEST["accept"][name]["integers"]
+    assert usual == shaken
+
+
 def test_the_links_inside_the_specification_lead_somewhere() -> None:
     text = (SPEC / "pdeanim.md").read_text("utf-8")
     titles = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
@@ -97,6 +135,11 @@ def test_the_links_inside_the_specification_lead_somewhere() -> None:
     links = set(re.findall(r"\]\(#([^)]+)\)", text))
     assert links
     assert links <= anchors
+
+
+def test_the_example_is_written_as_its_file_is() -> None:
+    written = section((VECTORS / "accept" / "example.pdeanim").read_bytes())
+    assert written in (SPEC / "pdeanim.md").read_text("utf-8")
 
 
 def test_every_reason_names_a_section_of_the_specification() -> None:
@@ -120,8 +163,8 @@ class Vector(NamedTuple):
         return group_chunks(self.parts, kind)[0]
 
     def is_of(self, basis: int, *, double: bool | None = None, groups: int = 1) -> bool:
-        kinds = {row.kind & ~DOUBLE if double is None else row.kind for row in self.rows if row.functions}
-        return kinds == {basis + DOUBLE * bool(double)} and len(self.rows) == groups
+        kinds = {row.kind & ~PRECISE if double is None else row.kind for row in self.rows if row.functions}
+        return kinds == {basis + PRECISE * bool(double)} and len(self.rows) == groups
 
     def byte(self, kind: str, at: int) -> int:
         return content(self.parts, kind)[at]
@@ -139,7 +182,7 @@ def vector(name: str) -> Vector:
     data = (VECTORS / "accept" / f"{name}.pdeanim").read_bytes()
     parts = take_apart(data)
     animation = independent.decode(data)
-    patches = len(animation.motion.space.patches.patches)
+    patches = len(animation.motion.space.patches.elements)
     return Vector(parts, take_rows(content(parts, "GRUP"))[0], patches, animation.meshes[0].attributes)
 
 
@@ -155,9 +198,9 @@ CLAIMS: dict[str, Callable[[Vector], bool]] = {
     "groups": lambda v: v.is_of(TRAJECTORIES, groups=3) and len({row.frames for row in v.rows}) == 2,
     "groups_of_cosines": lambda v: v.is_of(COSINES, groups=3),
     "groups_of_one_frame": lambda v: {row.frames for row in v.rows} == {1},
-    "groups_in_double": lambda v: TRAJECTORIES + DOUBLE in {row.kind for row in v.rows},
+    "groups_in_double": lambda v: TRAJECTORIES + PRECISE in {row.kind for row in v.rows},
     "cosines_in_double": lambda v: v.is_of(COSINES, double=True),
-    "closed_form": lambda v: v.byte("MODL", 0) == 1 and {row.kind & ~DOUBLE for row in v.rows} == {CLOSED_FORM},
+    "closed_form": lambda v: v.byte("MODL", 0) == 1 and {row.kind & ~PRECISE for row in v.rows} == {CLOSED_FORM},
     "closed_form_on_pieces": lambda v: v.byte("MODL", 1) == 6 and len(v.rows) == 2,
     "closed_form_and_residuals": lambda v: v.byte("MODL", 1) == 255 and v.chunk("CORR") != b"",
     "closed_form_of_one_frame": lambda v: v.rows[0].frames == 1,

@@ -82,7 +82,7 @@ nb::tuple reference(const PyAnimation &self) {
 nb::tuple model(const PyAnimation &self) {
     const Model &own = self.animation().model();
     const SpaceForm &form = own.form;
-    return nb::make_tuple(static_cast<int>(form.kind), form.points, form.functions, form.threshold, form.rate, form.affine,
+    return nb::make_tuple(static_cast<int>(form.kind), form.points, form.functions, form.threshold, form.rate, form.is_affine,
                           own.residual_step, to_bytes(own.masks));
 }
 

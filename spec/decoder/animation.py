@@ -1,20 +1,26 @@
-"""A whole file, decoded."""
+"""A whole file, decoded; and sections 4 and 18 of the specification: SEQN and META."""
 
 from __future__ import annotations
 
+import json
+import struct
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from spec.decoder.attributes import read_attributes
 from spec.decoder.connectivity import read_faces_and_lines
-from spec.decoder.fields import read_container, require
+from spec.decoder.contexts import PRIMER, TEXT_WEIGHTS, ByteModel, Contexts
+from spec.decoder.fields import CorruptFileError, Fields, decompress, read_container, require
 from spec.decoder.groups import read_groups, read_model
-from spec.decoder.mesh import Mesh, read_description, read_json, read_vertex_counts
+from spec.decoder.mesh import Mesh, read_vertex_counts
 from spec.decoder.motion import Float32Array, Motion
 from spec.decoder.patches import build_patches
 from spec.decoder.reference import ReferenceFrame, read_reference
 from spec.decoder.space import build_space
+
+LISTED = 2
 
 
 @dataclass
@@ -35,25 +41,78 @@ class Animation:
 
 def decode(data: bytes) -> Animation:
     """Decode the bytes of a file; CorruptFileError says what is wrong with it."""
-    container = read_container(data)
-    counts, conn = read_vertex_counts(container["CONN"])
-    description = read_description(container["SEQN"], len(counts))
-    meshes = [Mesh(name, vertices) for name, vertices in zip(description.names, counts, strict=True)]
-    read_faces_and_lines(conn, container.sections.get("ORDR", b""), meshes)
-    reference = read_reference(container["REST"], meshes)
-    read_attributes(container.sections.get("ATTR", b""), meshes, reference.grid)
-    model = read_model(container["MODL"])
-    patches = build_patches(model.form.kind, meshes, reference.grid, model.form.points)
-    space = build_space(model.form, model.masks, patches, reference.grid)
-    chunks = [container[name] for name in ("TIME", "COEF", "CORR")]
-    groups = read_groups(container["GRUP"], len(description.times), chunks)
-    meta = container.sections.get("META", b"")
-    remarks = read_json(meta) if meta else {}
-    require(isinstance(remarks, dict), "META is not a JSON object")
-    motion = Motion(description.times, groups, model, reference, space)
-    return Animation(meshes, description.times, description.fps, remarks, reference, motion)
+    sections = read_container(data)
+    counts, conn = read_vertex_counts(sections["CONN"])
+    fps, times, names = read_sequence(sections["SEQN"], len(counts))
+    meshes = [Mesh(name, vertices) for name, vertices in zip(names, counts, strict=True)]
+    read_faces_and_lines(conn, sections["ORDR"], meshes)
+    reference = read_reference(sections["REST"], meshes)
+    read_attributes(sections["ATTR"], meshes, reference.grid)
+    model = read_model(sections["MODL"])
+    patches = build_patches(model, meshes, reference.grid)
+    space = build_space(model, patches, reference.grid)
+    groups = read_groups(sections["GRUP"], len(times), [sections[name] for name in ("TIME", "COEF", "CORR")])
+    remarks = read_remarks(sections["META"])
+    return Animation(meshes, times, fps, remarks, reference, Motion(times, groups, model, reference, space))
 
 
 def decode_file(path: str | Path) -> Animation:
     """Decode a file."""
     return decode(Path(path).read_bytes())
+
+
+def read_sequence(data: bytes, objects: int) -> tuple[float, list[float], list[str]]:
+    """Section 4: the frame rate, times, and names of as many objects."""
+    fields = Fields(data)
+    require(fields.count() == 1, "not one run of frames")
+    frames, flags = fields.count(), fields.u8()
+    require(frames >= 1, "no frames")
+    rule, at_frame_rate, whole_fps, whole_start = flags & ~28, flags & 4, flags & 8, flags & 16
+    require(rule < 4 and not (rule == LISTED and flags & 20), "an unknown rule for times")
+
+    def real(is_whole: int) -> float:
+        value = fields.count() if is_whole else fields.f64()
+        require(value <= 2**53 or not is_whole, "a whole number out of range")
+        return float(value)
+
+    fps = real(whole_fps)
+    require(fps > 0, "a frame rate that is not above 0")
+    times = []
+    if rule != LISTED:
+        start = real(whole_start)
+        rate = fps if at_frame_rate else fields.f64()
+        require(rate > 0, "a rate of times that is not above 0")
+        rules = {0: lambda i: start + i / rate, 1: lambda i: (start + i) / rate, 3: lambda i: start + i * (1 / rate)}
+        times = [rules[rule](i) for i in range(frames)]
+    contexts = Contexts(fields.rest(), TEXT_WEIGHTS)
+    if rule == LISTED:
+        times = times_of(ByteModel(contexts, "bytes").read_bytes(8 * frames), frames)
+    require(all(abs(time) <= 2.0**53 for time in times), "a time is out of range")
+    require(all(b - a >= 2.0**-53 for a, b in pairwise(times)), "times do not increase")
+    texts = ByteModel(contexts, "texts", primer=PRIMER)
+    names = [texts.read_text() for _ in range(objects)]
+    contexts.finish()
+    return fps, times, names
+
+
+def times_of(planes: bytes, frames: int) -> list[float]:
+    """Section 4, rule 2."""
+    times = []
+    place = step = 0
+    for i in range(frames):
+        n = int.from_bytes(planes[i::frames], "little")
+        step += -(n + 1) // 2 if n % 2 else n // 2
+        place = (place + step) % 2**64
+        inverted = place ^ 2**63 - 1 if place >> 63 else place
+        times.append(struct.unpack("<d", inverted.to_bytes(8, "little"))[0])
+    return times
+
+
+def read_remarks(stream: bytes) -> dict[str, Any]:
+    """Section 18."""
+    try:
+        remarks = json.loads(decompress(stream, 2**24)) if stream else {}
+    except ValueError:
+        raise CorruptFileError("META is not JSON") from None
+    require(isinstance(remarks, dict), "META is not a JSON object")
+    return dict(remarks)

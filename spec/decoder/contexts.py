@@ -1,30 +1,45 @@
-"""Section 3.6 of the specification: a coded stream, its adaptive bit models and weights by name; and match models."""
+"""Sections 3.5, 3.6, 3.8 and 3.9 of the specification: named models of a coded stream, numbers, matches, texts."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
-from spec.decoder.fields import require
+from spec.decoder.fields import CorruptFileError, require
 from spec.decoder.rangecoder import EVEN, RangeDecoder, Rehearsal
 
 HALF = 1 << 15
 MOST_DIGITS = 32
-MODELLED_DIGITS = 3
+HASH_FACTOR = 0x9E3779B1
 LONG, SHORT = 6, 3
-TABLE_BITS = 13
-PAST = 1 << 14
-LONGEST_RUN = FARTHEST = 63
+MATCH_PAST, BYTE_PAST = 1 << 14, 1 << 16
+LONGEST_RUN = 63
+END_OF_TEXT = 255
+PRIMER = (
+    b"uv\xffuv:UVMap\xffuv:map1\xffuv:st\xffuv:TEXCOORD_1\xffcolor\xffcolor:Cd\xffcolor:COLOR_0\xffmaterial\xffgroup\xff"
+    b"object\xffsmoothing\xffnormal_group\xffsubdivision\xffcatmull-clark\xffcurve_basis\xfftransform\xffdisplayOpacity\xff"
+    b"Material.001\xffinitialShadingGroup\xfflambert1SG\xffmesh\xff/root/Armature/BodyShape\xff/World/Geometry/Cube\xff"
+    b"Sphere_002/SphereShape_003\xffdefault\xffpCube1|pCubeShape1\xffPlane_0001\xffCylinder_10\xff"
+)
 CONNECTIVITY_WEIGHTS = {2: 39321, 3: 26214}
+TEXT_WEIGHTS = CONNECTIVITY_WEIGHTS | {4: 19660}
 
 Name = tuple[object, ...]
 
 
-class Contexts:
-    """A coded stream whose bit models and weights have names; each begins when it is first named.
+class History:
+    """3.5: the latest values, in so many bits."""
 
-    `first_weights` are the weights of a mixed bit before anything is learnt, by the number of its inputs.
-    """
+    def __init__(self, size: int) -> None:
+        self.value = 0
+        self._size = size
+
+    def add(self, value: int, size: int = 1) -> None:
+        self.value = (self.value << size | value) % (1 << self._size)
+
+
+class Contexts:
+    """A coded stream whose bit models and weights have names; `first_weights` go by the number of inputs (3.5)."""
 
     def __init__(self, data: bytes, first_weights: dict[int, int] = CONNECTIVITY_WEIGHTS) -> None:
         self._coder = RangeDecoder(data)
@@ -40,26 +55,27 @@ class Contexts:
         return number
 
     def bypass(self, bits: int = 1) -> int:
-        """A number of so many bits of probability one half, the highest first."""
         value = 0
         for _ in range(bits):
             value = 2 * value + self._coder.bit_with(HALF)
         return value
 
     def bit(self, *name: object) -> int:
-        """A bit of the model of that name."""
         return self._coder.bit(self._models, self._model(name))
 
-    def mixed(self, weights: Name, *names: Name, of: Name | None = None) -> int:
-        """A mixed bit by weights of a name; its inputs are the models of these names of `of`, else of the weights."""
+    def mixed(self, weights: Name, *names: Name, of: Name | None = None, into: History | None = None) -> int:
+        """A mixed bit, which goes into a history; inputs' names follow on `of` if common, else on the weights'."""
         if weights not in self._weights:
             self._weights[weights] = [self._first_weights[len(names)]] * len(names)
         family = weights if of is None else of
         inputs = [self._model((*family, place, *name)) for place, name in enumerate(names)]
-        return self._coder.mixed(self._models, inputs, self._weights[weights])
+        bit = self._coder.mixed(self._models, inputs, self._weights[weights])
+        if into:
+            into.add(bit)
+        return bit
 
     def counted(self, most: int, *name: object) -> int:
-        """A number from 1 on of at most so many binary digits: how many it has, then those below the first."""
+        """A number from 1 on of at most so many binary digits."""
         digits = 1
         while digits < most and self.bit(*name, digits):
             digits += 1
@@ -70,19 +86,21 @@ class Contexts:
         digits = 1
         while digits < MOST_DIGITS and self.bit(*name, "more", digits):
             digits += 1
-        value = 1
-        for place in range(1, digits):
-            bit = self.bit(*name, "digit", digits, value) if place <= MODELLED_DIGITS else self.bypass()
-            value = 2 * value + bit
-        return value - 1
+        return self.digits(digits, 8, *name, "digit") - 1
 
     def signed(self, *name: object) -> int:
-        """A number of either sign."""
         if self.bit(*name, "zero"):
             return 0
         negative = self.bit(*name, "sign")
         magnitude = self.number(*name, "magnitude", negative) + 1
         return -magnitude if negative else magnitude
+
+    def digits(self, length: int, end: int, *name: object) -> int:
+        """A number of so many binary digits: 1, then bits with models while it is below `end`, bypass bits then."""
+        value = 1
+        for _ in range(length - 1):
+            value = 2 * value + (self.bit(*name, length, value) if value < end else self.bypass())
+        return value
 
     @contextmanager
     def rehearsing(self, bits: Iterable[int]) -> Iterator[None]:
@@ -95,77 +113,140 @@ class Contexts:
         """Refuse what goes on although the bytes have long ended."""
         require(not self._coder.has_ended(), "a coded stream ends too early")
 
-    def is_finished(self) -> bool:
-        """Whether the bytes end where what they hold does."""
-        return self._coder.is_finished()
-
     def finish(self) -> None:
-        """Section 3.7."""
-        require(self.is_finished(), "a coded stream does not end where what it holds does")
+        """3.7."""
+        require(self._coder.is_finished(), "a coded stream does not end where what it holds does")
+
+
+def length_near(expected: int, most: int, decide: Callable[[int, int], int]) -> int:
+    """7.6: a length from the expected one up or down; decide(l, way) says whether it is l or more."""
+    length = expected
+    if decide(length, 0):
+        while length < most and decide(length + 1, 1):
+            length += 1
+        return length
+    length -= 1
+    while length > 0 and not decide(length, 2):
+        length -= 1
+    return length
+
+
+def chosen(count: int, is_right: Callable[[int], int]) -> int:
+    """One of so many: each has a bit in turn, 1 for the right one, the last one excepted."""
+    return next((turn for turn in range(count - 1) if is_right(turn)), count - 1)
 
 
 class MatchModel:
-    """Section 3.8: numbers in a row, and what came after when the last ones were as now."""
+    """3.8: numbers in a row, and what came after when the last ones were as now."""
 
     def __init__(self, contexts: Contexts, name: str) -> None:
-        self._contexts = contexts
-        self._name = name
+        self._contexts, self._name = contexts, name
         self._past: list[int] = []
-        self._tables: dict[tuple[int, int], int] = {}
         self._place = -1
         self._run = 0
-        self._slots: list[tuple[int, int]] = []
-        self._histories = {"long": 0, "short": 0}
+        self._tables: dict[tuple[int, int], int] = {}
+        self._long, self._short = History(8), History(8)
 
-    def _slot(self, phase: int, length: int) -> tuple[int, int]:
-        mixed = phase
-        for back in range(1, length + 1):
-            number = self._past[-back] if back <= len(self._past) else 0
-            mixed = (mixed * 0x9E3779B1 + number) % 2**32
-        return length, mixed >> 32 - TABLE_BITS
-
-    def _look_up(self, slot: tuple[int, int]) -> int:
-        place = self._tables.get(slot, -1)
-        return place if len(self._past) - place <= PAST else -1
-
-    def _is_right(self, kind: str, first: Name, second: Name) -> int:
-        history = self._histories[kind]
-        if kind == "long" and self._run >= LONGEST_RUN:
-            right = self._contexts.bit(self._name, kind, 0, *first)
-        elif kind == "long":
-            right = self._contexts.mixed((self._name, kind), first, (history, *second))
-        else:
-            right = self._contexts.mixed((self._name, kind), (history, *first), second)
-        self._histories[kind] = (2 * history + right) % 256
-        return right
-
-    def read(self, phase: int) -> int | None:
-        """The next number, where it is as it was; then, as in any case, :meth:`add` is next."""
-        short_place = -1
-        self._slots = []
+    def read(self, phase: int, otherwise: Callable[[], int]) -> int:
+        """The next number: one that matches, or what follows otherwise."""
+        count, short, slots = len(self._past), -1, []
         if self._place < 0 or self._run < LONGEST_RUN:
-            self._slots = [self._slot(phase, LONG), self._slot(phase, SHORT)]
+            mixed = phase
+            for back in range(1, LONG + 1):
+                mixed = (mixed * HASH_FACTOR + (self._past[-back] if back <= count else 0)) % 2**32
+                if back in (SHORT, LONG):
+                    slots.append((back, mixed >> 19))
+            near = [place if count - place <= MATCH_PAST else -1 for place in (self._tables.get(s, -1) for s in slots)]
+            short = near[0]
             if self._place < 0:
-                self._place, self._run = self._look_up(self._slots[0]), 0
-            short_place = self._look_up(self._slots[1])
-        proposed = None
-        if self._place >= 0:
-            proposed = self._past[self._place]
-            agreement = 0 if short_place < 0 else 2 if self._past[short_place] == proposed else 1
-            if self._is_right("long", (min(self._run, LONGEST_RUN), phase, agreement), (agreement,)):
-                return proposed
-            self._place = -1
-        if short_place >= 0 and self._past[short_place] != proposed:
-            distance = min(len(self._past) - short_place, FARTHEST)
-            if self._is_right("short", (phase,), (distance, phase)):
-                return self._past[short_place]
-        return None
-
-    def add(self, number: int) -> None:
-        """Add the number that came."""
+                self._place, self._run = near[1], 0
+        number = self._match(phase, short)
+        if number is None:
+            number = otherwise()
         if self._place >= 0:
             self._place += 1
             self._run += 1
-        for slot in self._slots:
-            self._tables[slot] = len(self._past)
+        self._tables |= dict.fromkeys(slots, count)
         self._past.append(number)
+        return number
+
+    def _match(self, phase: int, short: int) -> int | None:
+        proposed = None
+        if self._place >= 0:
+            proposed = self._past[self._place]
+            agreement = 0 if short < 0 else 2 if self._past[short] == proposed else 1
+            if self._run >= LONGEST_RUN:
+                right = self._contexts.bit(self._name, "sure", phase)
+                self._long.add(right)
+            else:
+                of_run, of_past = (self._run, phase, agreement), (self._long.value, agreement)
+                right = self._contexts.mixed((self._name, "long"), of_run, of_past, into=self._long)
+            if right:
+                return proposed
+            self._place = -1
+        if short >= 0 and self._past[short] != proposed:
+            distance = min(len(self._past) - short, 63)
+            inputs = (self._short.value, phase), (distance, phase)
+            if self._contexts.mixed((self._name, "short"), *inputs, into=self._short):
+                return self._past[short]
+        return None
+
+
+class ByteModel:
+    """3.9: bytes that follow one another, with what came after when the last ones were as now."""
+
+    def __init__(self, contexts: Contexts, name: str, primer: bytes = b"") -> None:
+        self._contexts, self._name = contexts, name
+        self._past: list[int] = []
+        self._places: dict[int, int] = {}
+        self._place = -1
+        self._run = 0
+        with contexts.rehearsing(byte >> digit & 1 for byte in primer for digit in reversed(range(8))):
+            self.read_bytes(len(primer))
+
+    def read(self) -> int:
+        """The next byte."""
+        self._contexts.check_not_ended()
+        past, count = self._past, len(self._past)
+        last = int.from_bytes(bytes(past[-4:]), "big")
+        slot = hashed(last) >> 20
+        if self._place < 0 or count - self._place > BYTE_PAST:
+            place = self._places.get(slot, -1)
+            self._place, self._run = place if count - place <= BYTE_PAST else -1, 0
+        self._places[slot] = count
+        proposed = 256 + past[self._place] if self._place >= 0 else 0
+        run = min(self._run, 15)
+        found = 1
+        for digit in reversed(range(8)):
+            agrees = proposed >> digit + 1 == found
+            found = 2 * found + self._contexts.mixed(
+                (self._name, 1 + min(run, 3) if agrees else 0),
+                (last % 256, found),
+                (hashed(last % 2**16 * 256 + found) >> 16,),
+                (hashed(last % 2**24 * 256 + found) >> 16,),
+                (run, proposed >> digit & 1) if agrees else (),
+                of=(self._name,),
+            )
+        if found == proposed:
+            self._place += 1
+            self._run += 1
+        else:
+            self._place = -1
+        past.append(found % 256)
+        return found % 256
+
+    def read_bytes(self, count: int) -> bytes:
+        return bytes(self.read() for _ in range(count))
+
+    def read_text(self) -> str:
+        text = bytearray()
+        while (byte := self.read()) != END_OF_TEXT:
+            text.append(byte)
+        try:
+            return text.decode("utf-8")
+        except UnicodeDecodeError:
+            raise CorruptFileError("a text is not UTF-8") from None
+
+
+def hashed(number: int) -> int:
+    return number * HASH_FACTOR % 2**32

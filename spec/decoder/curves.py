@@ -2,224 +2,407 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterator
 from itertools import pairwise
 
-from spec.decoder.grids import CELL_BITS, Faces, Pairing, cells
-from spec.decoder.mesh import Mesh
-from spec.decoder.polygons import Corner
+from spec.decoder.fields import bits
+from spec.decoder.mesh import NONE, CornerTable, Mesh
 
-LEAST_BITS_OF_RUN, LEAST_BITS_OF_LOOP = 3, 2
-LOOK_BACK = 16
-FEW_NEIGHBOURS = 16
+TRIAL_PAIRS = 64
+
+Points = list[list[int]]
+Curves = list[list[int]]
 
 
-def extract_curves(meshes: list[Mesh], reference: list[list[int]]) -> list[list[int]]:
-    """Section 8: object after object; vertices are numbered through all objects."""
-    curves: list[list[int]] = []
-    first = 0
+def extract_curves(meshes: list[Mesh], grid: Points) -> Curves:
+    """The curves of all objects; vertices are numbered through."""
+    curves, first = [], 0
     for mesh in meshes:
-        own = _curves_of(mesh, reference[first : first + mesh.vertices])
+        own = Cover(mesh, grid[first : first + mesh.vertices]).curves
         curves += [[vertex + first for vertex in curve] for curve in own]
         first += mesh.vertices
     return curves
 
 
-def _curves_of(mesh: Mesh, points: list[list[int]]) -> list[list[int]]:
-    taken = [False] * mesh.vertices
-    curves: list[list[int]] = []
-    for line in mesh.lines:  # 8.1
-        if len(line) >= 3:
-            _free_runs(line, 1, taken, curves)
-    faces = Faces(mesh)
-    Pairing(faces, cells(points)).find()  # 8.2
-    _sweep_loops(faces, taken, curves)  # 8.3
-    _cover_by_paths(mesh, taken, curves)  # 8.4
-    isolated = [vertex for vertex in range(mesh.vertices) if not taken[vertex]]  # 8.5
-    if isolated:
-        curves.append(along_z_order(isolated, points))
-    return curves
+def cells(points: Points) -> Points:
+    """8.2.1."""
+    low = [min(axis) for axis in zip(*points, strict=True)]
+    extent = max((value - least for point in points for value, least in zip(point, low, strict=True)), default=0)
+    shift = max(0, bits(extent) - 20)
+    return [[(value - least) >> shift for value, least in zip(point, low, strict=True)] for point in points]
 
 
-def _free_runs(path: list[int], shortest: int, taken: list[bool], curves: list[list[int]]) -> int:
-    """The runs of free vertices along `path` become curves; how many did."""
-    before = len(curves)
-    run: list[int] = []
-    for vertex in [*path, None]:
-        if vertex is not None and not taken[vertex]:
-            taken[vertex] = True
-            run.append(vertex)
-            continue
-        if run and len(run) >= shortest:
-            curves.append(run)
-        else:
-            for member in run:
-                taken[member] = False
-        run = []
-    return len(curves) - before
-
-
-def _turn(faces: Faces, side: Corner, vertex: int) -> Corner:
-    """The other side at a vertex of the face of a side; a pair is one face."""
-    side = faces.previous(side) if faces.vertex(side) == vertex else faces.next(side)
-    return _turn(faces, faces.twin[side], vertex) if faces.diagonal.get(side[0]) == side else side
-
-
-def _straight_on(faces: Faces, edge: Corner, vertex: int) -> Corner | None:
-    """8.3.1."""
-    reached = []
-    for side in [edge, faces.twin[edge]] if edge in faces.twin else [edge]:
-        across = faces.twin.get(_turn(faces, side, vertex))
-        if across is None:
-            return None
-        reached.append(_turn(faces, across, vertex))
-    onward = faces.edge(reached[0])
-    one, two = faces.ends(onward)
-    is_one_edge = faces.twin.get(reached[0]) == (reached[1] if len(reached) == 2 else None)
-    return onward if is_one_edge and onward != edge and one != two else None
-
-
-def _other_end(faces: Faces, edge: Corner, vertex: int) -> int:
-    one, two = faces.ends(edge)
-    return two if vertex == one else one
-
-
-def _walk(faces: Faces) -> tuple[list[list[Corner]], list[list[int]]]:
-    """8.3.2: edges and vertices of every loop, along it."""
-    loops: list[list[Corner]] = []
-    paths: list[list[int]] = []
-    walked: set[Corner] = set()
-    for first in ((face, k) for face, polygon in enumerate(faces.polygons) for k in range(len(polygon))):
-        one, two = faces.ends(first)
-        is_edge = faces.edge(first) == first and faces.diagonal.get(first[0]) != first and one != two
-        if not is_edge or first in walked:
-            continue
-        edge, vertex = first, one
-        while (onward := _straight_on(faces, edge, vertex)) not in (None, first):
-            assert onward is not None
-            edge, vertex = onward, _other_end(faces, onward, vertex)
-        begin, loop, path = edge, [edge], [vertex]
-        while True:
-            vertex = _other_end(faces, edge, vertex)
-            onward = _straight_on(faces, edge, vertex)
-            if onward == begin:
-                break
-            path.append(vertex)
-            if onward is None:
-                break
-            edge = onward
-            loop.append(edge)
-        walked.update(loop)
-        loops.append(loop)
-        paths.append(path)
-    return loops, paths
-
-
-def _across(faces: Faces, side: Corner) -> Corner | None:
-    """The edge across from a side of a quad or of a pair."""
-    if faces.size(side) == 4:
-        return faces.edge(faces.next(faces.next(side)))
-    if side[0] not in faces.diagonal:
-        return None
-    around = faces.around(faces.diagonal[side[0]])
-    (far,) = (edge for edge in around if not set(faces.ends(edge)) & set(faces.ends(side)))
-    return faces.edge(far)
-
-
-def _sweep_loops(faces: Faces, taken: list[bool], curves: list[list[int]]) -> None:
-    """8.3.3."""
-    loops, paths = _walk(faces)
-    loop_of = {edge: number for number, loop in enumerate(loops) for edge in loop}
-    longest = max(max(map(len, paths), default=0).bit_length() - 1, LEAST_BITS_OF_LOOP)
-    for bits in range(longest, min(longest, LEAST_BITS_OF_RUN) - 1, -1):
-        queued: set[int] = set()
-        for seed in sorted(range(len(loops)), key=lambda number: -len(paths[number])):
-            if seed in queued:
-                continue
-            queued.add(seed)
-            queue = [seed]
-            for loop in queue:  # grows on the way
-                if not _free_runs(paths[loop], 2**bits, taken, curves):
-                    continue
-                for edge in loops[loop]:
-                    for side in [edge, faces.twin[edge]] if edge in faces.twin else [edge]:
-                        across = _across(faces, side)
-                        if across in loop_of and loop_of[across] not in queued:
-                            queued.add(loop_of[across])
-                            queue.append(loop_of[across])
-
-
-def _cover_by_paths(mesh: Mesh, taken: list[bool], curves: list[list[int]]) -> None:
-    """8.4: vertex-disjoint paths over the vertices that are still free."""
-    neighbours = _neighbours(mesh)
-
-    def free(vertex: int) -> int:
-        return sum(not taken[other] for other in neighbours[vertex])
-
-    def best_neighbour(vertex: int) -> int | None:
-        ways = [other for other in neighbours[vertex] if not taken[other]]
-        return min(ways, key=lambda other: (free(other), other), default=None)
-
-    def next_vertex(path: list[int]) -> tuple[int, bool] | None:
-        """The next vertex of a path, and whether it closes it."""
-        here, far = path[-1], path[0]
-        before = path[-2] if len(path) > 1 else None
-        near_before = neighbours[before] if before is not None else set()
-        ways = []
-        for other in neighbours[here]:
-            is_sharp, closes = other in near_before, far not in (here, before) and other in neighbours[far]
-            if taken[other] or len(neighbours[other].intersection(path)) > 1 + is_sharp + closes:
-                continue
-            shared = len(neighbours[other] & near_before)
-            if len(neighbours[other]) > FEW_NEIGHBOURS:
-                shared = FEW_NEIGHBOURS + 1
-            ways.append((is_sharp, shared, free(other), other, closes))
-        return min(ways)[3:] if ways else None
-
-    def grow(path: list[int]) -> bool:
-        """Grow a path at its end; whether it was closed."""
-        while (way := next_vertex(path)) is not None:
-            path.append(way[0])
-            taken[way[0]] = True
-            if way[1]:
-                return True
-        return False
-
-    for ends_only in (True, False):
-        scan = 0
-        hint = None
-        while True:
-            while hint is None and scan < mesh.vertices:
-                if not taken[scan] and neighbours[scan] and (not ends_only or free(scan) == 1):
-                    break
-                scan += 1
-            if hint is None and scan == mesh.vertices:
-                break
-            path = [scan if hint is None else hint]
-            taken[path[0]] = True
-            is_closed = grow(path)
-            path.reverse()
-            if not is_closed:
-                grow(path)
-            curves.append(path[::-1])
-            latest = (best_neighbour(vertex) for vertex in path[:LOOK_BACK])
-            hint = next((vertex for vertex in latest if vertex is not None), None)
-
-
-def _neighbours(mesh: Mesh) -> list[set[int]]:
-    found: list[set[int]] = [set() for _ in range(mesh.vertices)]
-    pairs = [pair for face in mesh.faces for pair in pairwise([*face, face[0]])]
-    pairs += [pair for line in mesh.lines for pair in pairwise(line)]
-    for a, b in pairs:
-        if a != b:
-            found[a].add(b)
-            found[b].add(a)
-    return found
-
-
-def along_z_order(vertices: list[int], points: list[list[int]]) -> list[int]:
-    """8.5: vertices in the order of a Z-order curve through their points."""
+def along_z_order(vertices: list[int], grid: Points) -> list[int]:
+    """8.5."""
     codes = {
-        vertex: sum((cell[axis] >> bit & 1) << (3 * bit + axis) for bit in range(CELL_BITS) for axis in range(3))
-        for vertex, cell in zip(vertices, cells([points[vertex] for vertex in vertices]), strict=True)
+        vertex: sum((cell[axis] >> bit & 1) << (3 * bit + axis) for bit in range(20) for axis in range(3))
+        for vertex, cell in zip(vertices, cells([grid[vertex] for vertex in vertices]), strict=True)
     }
     return sorted(vertices, key=lambda vertex: codes[vertex])
+
+
+class Faces(CornerTable):
+    """The faces of one object; a corner is also the side of its face from its vertex to the next one's."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        super().__init__(mesh.faces, mesh.vertices)
+        self.twin: dict[int, int] = {}
+        for side, other in enumerate(self.opposite):
+            if other != NONE and self.opposite[other] == side and self.polygon[side] != self.polygon[other]:
+                self.twin[side] = other
+        self.diagonal: dict[int, int] = {}
+        """Of each triangle in a pair, its side that is the pair's diagonal."""
+
+    def ends(self, side: int) -> tuple[int, int]:
+        return self.vertex[side], self.vertex[self.next[side]]
+
+    def edge(self, side: int) -> int:
+        return min(side, self.twin.get(side, side))
+
+    def sides(self, edge: int) -> list[int]:
+        return [edge, self.twin[edge]] if edge in self.twin else [edge]
+
+    def around(self, diagonal: int) -> list[int]:
+        """8.2: the four sides of a pair."""
+        return [turn[side] for side in (diagonal, self.twin[diagonal]) for turn in (self.next, self.previous)]
+
+    def vertices_of(self, diagonal: int) -> tuple[int, int, int, int]:
+        """8.2: the four vertices of a pair."""
+        one, two = self.ends(diagonal)
+        return one, two, self.vertex[self.previous[diagonal]], self.vertex[self.previous[self.twin[diagonal]]]
+
+
+class Pairing:
+    """8.2: finds the pairs of triangles that make the quads of a grid."""
+
+    def __init__(self, faces: Faces, places: Points) -> None:
+        self.faces, self.places = faces, places
+        self.is_triangle = [len(face) == 3 and len(set(face)) == 3 for face in faces.polygons]
+        self.left: list[int] = []
+        self.lacking: list[int] = []
+        self.has_rule: list[bool] = []
+        self.is_flat: list[bool] = []
+        for corners in faces.corners:
+            sides = [side for corner in corners for side in (corner, faces.previous[corner])]
+            borders = [side for side in sides if side not in faces.twin]
+            triangles = sum(self.is_triangle[faces.polygon[corner]] for corner in corners)
+            quads = sum(faces.size(corner) == 4 for corner in corners)
+            is_regular = len(corners) == triangles + quads <= 8 and len(borders) in (0, 2)
+            is_regular = is_regular and all(faces.opposite[side] == NONE for side in borders)
+            self.left.append(triangles)
+            self.lacking.append((2 if borders else 4) - quads)
+            self.has_rule.append(is_regular and (not borders or len(corners) > 2))
+            self.is_flat.append(is_regular and (len(corners) <= 3 if borders else len(corners) == 6))
+
+    def find(self) -> None:
+        """8.2.4."""
+        for b in (2, 1, 0):
+            for face in range(len(self.is_triangle)):
+                sides = self.faces.corners_of(face)
+                if self.is_triangle[face] and sum(side not in self.faces.twin for side in sides) == b:
+                    ways = [side for side in sides if self.may_pair(side)]
+                    if ways:
+                        self._grow(self._best(ways) if len(ways) > 1 else ways[0], None)
+        self._undo_what_is_no_grid()
+
+    def may_pair(self, side: int) -> bool:
+        """8.2.2."""
+        faces = self.faces
+        for each in (side, faces.twin.get(side, NONE)):
+            face = faces.polygon[each]
+            if each == NONE or not self.is_triangle[face] or face in faces.diagonal:
+                return False
+        one, two, tip, far = faces.vertices_of(side)
+        return tip != far and not any(
+            self.has_rule[vertex] and self.left[vertex] == times * self.lacking[vertex]
+            for vertex, times in ((one, 1), (two, 1), (tip, 2), (far, 2))
+        )
+
+    def _make(self, diagonal: int, sign: int) -> None:
+        """Make a pair, or undo it."""
+        for side in (diagonal, self.faces.twin[diagonal]):
+            if sign > 0:
+                self.faces.diagonal[self.faces.polygon[side]] = side
+            else:
+                del self.faces.diagonal[self.faces.polygon[side]]
+        for vertex, triangles in zip(self.faces.vertices_of(diagonal), (2, 2, 1, 1), strict=True):
+            self.lacking[vertex] -= sign
+            self.left[vertex] -= sign * triangles
+
+    def _settle(self, seed: int, made: list[int], limit: int | None) -> None:
+        """8.2.2: make a pair and all that follows."""
+        faces, following = self.faces, [seed]
+        queue: deque[int] = deque()
+        while True:
+            if len(following) == 1:
+                self._make(following[0], 1)
+                made.append(following[0])
+                if len(made) == limit:
+                    return
+                ruled = [vertex for vertex in faces.vertices_of(following[0]) if self.has_rule[vertex]]
+                near = [corner for vertex in ruled for corner in faces.corners[vertex]]
+                near += [faces.twin[side] for side in faces.around(following[0]) if side in faces.twin]
+                for face in (faces.polygon[corner] for corner in near):
+                    if self.is_triangle[face] and face not in faces.diagonal and face not in queue:
+                        queue.append(face)
+            if not queue:
+                return
+            following = [side for side in faces.corners_of(queue.popleft()) if self.may_pair(side)]
+
+    def _grow(self, seed: int, limit: int | None) -> list[int]:
+        """8.2.3: make a pair, what follows, and copies of it all."""
+        made: list[int] = []
+        self._settle(seed, made, limit)
+        for done in made:  # grows on the way
+            for side in self.faces.around(done):
+                copy, other = self._copies(side, done)
+                if copy != NONE and len(made) != limit:
+                    if limit is None and other != NONE and self._is_clearer(other, copy):
+                        copy = other
+                    self._settle(copy, made, limit)
+        return made
+
+    def _copies(self, side: int, done: int) -> tuple[int, int]:
+        """8.2.3: beside a side of a pair the copy, and the other one."""
+        faces, twin = self.faces, self.faces.twin.get(side, NONE)
+        diagonal = faces.diagonal[faces.polygon[side]]
+        if twin == NONE or not all(self.is_flat[vertex] for vertex in faces.vertices_of(done)):
+            return NONE, NONE
+        tip = faces.vertex[faces.previous[diagonal]]
+        ways = [edge if self.may_pair(edge) else NONE for edge in (faces.next[twin], faces.previous[twin])]
+        return (ways[0], ways[1]) if tip == faces.vertex[faces.next[twin]] else (ways[1], ways[0])
+
+    def _judge(self, made: list[int]) -> tuple[int, int, int]:
+        """8.2.3: faults, skew and number of pairs, which are undone."""
+        faults = skew = 0
+        for diagonal in made:
+            one, two, tip, far = vertices = self.faces.vertices_of(diagonal)
+            faults += sum(
+                self.has_rule[v] and not self.lacking[v] <= self.left[v] <= 2 * self.lacking[v] for v in vertices
+            )
+            skew += abs(self._squared(one, two) - self._squared(tip, far))
+        for diagonal in made:
+            self._make(diagonal, -1)
+        return faults, skew, len(made)
+
+    def _squared(self, one: int, other: int) -> int:
+        return sum((a - b) ** 2 for a, b in zip(self.places[one], self.places[other], strict=True))
+
+    def _is_clearer(self, other: int, copy: int) -> bool:
+        results = []
+        for side in (other, copy):
+            made: list[int] = []
+            self._settle(side, made, TRIAL_PAIRS)
+            results.append(self._judge(made))
+        (faults, skew, count), (of_copy, skew_of_copy, count_of_copy) = results
+        return faults <= of_copy and 2 * skew * count_of_copy < skew_of_copy * count
+
+    def _best(self, ways: list[int]) -> int:
+        """8.2.4."""
+        judged = [(side, *self._judge(self._grow(side, TRIAL_PAIRS))) for side in ways]
+        best = judged[0]
+        for way in judged[1:]:
+            _, faults, skew, count = way
+            if (faults, skew * best[3], -count) < (best[1], best[2] * count, -best[3]):
+                best = way
+        return best[0]
+
+    def _undo_what_is_no_grid(self) -> None:
+        """8.2.5."""
+        faces = self.faces
+        reached = [not corners for corners in faces.corners]
+        for first in range(len(reached)):
+            if reached[first]:
+                continue
+            reached[first] = True
+            component = [first]
+            for vertex in component:  # grows on the way
+                for corner in faces.corners[vertex]:
+                    for other in faces.polygons[faces.polygon[corner]]:
+                        if not reached[other]:
+                            reached[other] = True
+                            component.append(other)
+            regular = sum(
+                self.left[v] == 0 and (self.lacking[v] == 0 if self.has_rule[v] else len(faces.corners[v]) <= 2)
+                for v in component
+            )
+            if 8 * regular < 7 * len(component):
+                inside = set(component)
+                faces.diagonal = {f: d for f, d in faces.diagonal.items() if faces.polygons[f][0] not in inside}
+
+
+class Cover:
+    """The curves of one object."""
+
+    def __init__(self, mesh: Mesh, grid: Points) -> None:
+        self.curves: Curves = []
+        self._taken = [False] * mesh.vertices
+        for line in mesh.lines:  # 8.1
+            if len(line) >= 3:
+                self._free_runs(line, 1)
+        self._faces = Faces(mesh)
+        Pairing(self._faces, cells(grid)).find()
+        self._sweep()
+        self._neighbours: list[set[int]] = [set() for _ in self._taken]
+        for path in [*([*face, face[0]] for face in mesh.faces), *mesh.lines]:
+            for a, b in pairwise(path):
+                if a != b:
+                    self._neighbours[a].add(b)
+                    self._neighbours[b].add(a)
+        for ends_only in (True, False):
+            self._lay_paths(ends_only=ends_only)
+        isolated = [vertex for vertex, is_taken in enumerate(self._taken) if not is_taken]
+        if isolated:
+            self.curves.append(along_z_order(isolated, grid))
+
+    def _free_runs(self, path: list[int], least: int) -> bool:
+        """Section 8: take the free runs of a length; whether there was any."""
+        before = len(self.curves)
+        run: list[int] = []
+        for vertex in [*path, NONE]:
+            if vertex != NONE and not self._taken[vertex]:
+                self._taken[vertex] = True
+                run.append(vertex)
+                continue
+            if len(run) >= least:
+                self.curves.append(run)
+            else:
+                for member in run:
+                    self._taken[member] = False
+            run = []
+        return len(self.curves) > before
+
+    def _turn(self, side: int, vertex: int) -> int:
+        """8.3.1: the other side at a vertex of the face of a side."""
+        faces = self._faces
+        side = faces.previous[side] if faces.vertex[side] == vertex else faces.next[side]
+        is_diagonal = faces.diagonal.get(faces.polygon[side]) == side
+        return self._turn(faces.twin[side], vertex) if is_diagonal else side
+
+    def _straight_on(self, edge: int, vertex: int) -> int:
+        """8.3.1."""
+        faces = self._faces
+        reached = []
+        for side in faces.sides(edge):
+            across = faces.twin.get(self._turn(side, vertex))
+            if across is None:
+                return NONE
+            reached.append(self._turn(across, vertex))
+        onward = faces.edge(reached[0])
+        one, two = faces.ends(onward)
+        is_one_edge = faces.twin.get(reached[0]) == (reached[1] if len(reached) == 2 else None)
+        return onward if is_one_edge and onward != edge and one != two else NONE
+
+    def _other_end(self, edge: int, vertex: int) -> int:
+        one, two = self._faces.ends(edge)
+        return two if vertex == one else one
+
+    def _onward(self, edge: int, vertex: int) -> Iterator[tuple[int, int]]:
+        """Edge after edge straight on, from one over an end of it, with the end of each that follows."""
+        while (edge := self._straight_on(edge, vertex)) != NONE:
+            vertex = self._other_end(edge, vertex)
+            yield edge, vertex
+
+    def _loops(self) -> Iterator[tuple[list[int], list[int]]]:
+        """8.3.2: edges and vertices of every loop, along it."""
+        faces, walked = self._faces, set[int]()
+        for f in range(len(faces.vertex)):
+            one, two = faces.ends(f)
+            is_diagonal = faces.diagonal.get(faces.polygon[f]) == f
+            if f in walked or faces.edge(f) != f or is_diagonal or one == two:
+                continue
+            b, vertex = f, one
+            for edge, end in self._onward(f, one):
+                if edge == f:
+                    break
+                b, vertex = edge, end
+            j = self._other_end(b, vertex)
+            loop, path = [b], [vertex, j]
+            for edge, end in self._onward(b, j):
+                if edge == b:
+                    path.pop()
+                    break
+                loop.append(edge)
+                path.append(end)
+            walked.update(loop)
+            yield loop, path
+
+    def _across(self, side: int) -> int:
+        """8.3.3: the edge opposite a side in a quad or a pair, or none."""
+        faces = self._faces
+        if faces.size(side) == 4:
+            return faces.edge(faces.next[faces.next[side]])
+        if faces.polygon[side] not in faces.diagonal:
+            return NONE
+        around = faces.around(faces.diagonal[faces.polygon[side]])
+        return next(faces.edge(far) for far in around if not set(faces.ends(far)) & set(faces.ends(side)))
+
+    def _sweep(self) -> None:
+        """8.3.3."""
+        loops = list(self._loops())
+        loop_of = {edge: number for number, (loop, _) in enumerate(loops) for edge in loop}
+        longest = max(bits(max((len(path) for _, path in loops), default=0)) - 1, 2)
+        for k in range(longest, min(longest, 3) - 1, -1):
+            queued: set[int] = set()
+            for seed in sorted(range(len(loops)), key=lambda number: -len(loops[number][1])):
+                queue = [seed] if seed not in queued else []
+                queued.add(seed)
+                for number in queue:  # grows on the way
+                    loop, path = loops[number]
+                    if self._free_runs(path, 2**k):
+                        for side in (side for edge in loop for side in self._faces.sides(edge)):
+                            other = loop_of.get(self._across(side), NONE)
+                            if other != NONE and other not in queued:
+                                queued.add(other)
+                                queue.append(other)
+
+    def _freedom(self, vertex: int) -> int:
+        return sum(not self._taken[other] for other in self._neighbours[vertex])
+
+    def _next_on(self, path: list[int]) -> tuple[int, bool] | None:
+        """8.4: the next vertex of a path, and whether it closes it; None where there is no way."""
+        neighbours, v, e = self._neighbours, path[-1], path[0]
+        p = path[-2] if len(path) > 1 else NONE
+        near_p = neighbours[p] if p != NONE else set()
+        ways = []
+        for c in neighbours[v]:
+            closes = e not in (v, p) and e in neighbours[c]
+            if not self._taken[c] and len(neighbours[c].intersection(path)) == 1 + (c in near_p) + closes:
+                shared = len(neighbours[c] & near_p) if len(neighbours[c]) <= 16 else 17
+                ways.append((c in near_p, shared, self._freedom(c), c, closes))
+        return min(ways)[3:] if ways else None
+
+    def _grow(self, path: list[int]) -> bool:
+        """Grow a path at its end; whether it was closed."""
+        is_closed = False
+        while not is_closed and (way := self._next_on(path)):
+            vertex, is_closed = way
+            path.append(vertex)
+            self._taken[vertex] = True
+        return is_closed
+
+    def _lay_paths(self, *, ends_only: bool) -> None:
+        """8.4: one pass."""
+        counter, hint = 0, NONE
+        while True:
+            while hint == NONE and counter < len(self._taken):
+                is_free = not self._taken[counter] and self._neighbours[counter]
+                if is_free and (not ends_only or self._freedom(counter) == 1):
+                    break
+                counter += 1
+            if hint == NONE and counter == len(self._taken):
+                return
+            path = [counter if hint == NONE else hint]
+            self._taken[path[0]] = True
+            is_closed = self._grow(path)
+            path.reverse()
+            if not is_closed:
+                self._grow(path)
+            self.curves.append(path[::-1])
+            hint = NONE
+            for vertex in path[:16]:
+                ways = [other for other in self._neighbours[vertex] if not self._taken[other]]
+                if ways:
+                    hint = min(ways, key=lambda other: (self._freedom(other), other))
+                    break

@@ -1,20 +1,19 @@
-"""Sections 4, 5 and 18 of the specification: times and objects, and remarks."""
+"""Sections 5 and 7.2 of the specification: objects, and the corner table of their polygons."""
 
 from __future__ import annotations
 
-import json
-import struct
+from collections import deque
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
-from spec.decoder.contexts import Contexts
-from spec.decoder.fields import CorruptFileError, Fields, decompress, require
-from spec.decoder.texts import BYTE_WEIGHTS, PRIMER, ByteModel
+from spec.decoder.fields import Fields, require
 
 LARGEST_INDEX = 2**31 - 1
-MOST_JSON_BYTES = 2**24
-LISTED = 2
+LAST_RANK = 63
+NONE = -1
+
+Polygon = list[int]
 
 
 @dataclass
@@ -34,79 +33,140 @@ class Mesh:
 
     name: str
     vertices: int
-    faces: list[list[int]] = field(default_factory=list)
-    lines: list[list[int]] = field(default_factory=list)
+    faces: list[Polygon] = field(default_factory=list)
+    lines: list[Polygon] = field(default_factory=list)
     attributes: list[Attribute] = field(default_factory=list)
 
 
-@dataclass
-class Description:
-    """Section 4."""
-
-    fps: float
-    times: list[float]
-    names: list[str]
-
-
 def read_vertex_counts(conn: bytes) -> tuple[list[int], bytes]:
-    """Section 5: the vertices of each object; and the rest of it."""
+    """Section 5: the vertices of each object; and the rest of CONN."""
     fields = Fields(conn)
     counts = [fields.count() for _ in range(fields.count())]
     require(1 <= sum(counts) <= LARGEST_INDEX, "no vertices, or too many")
     return counts, fields.rest()
 
 
-def read_description(data: bytes, objects: int) -> Description:
-    """Section 4, of as many objects."""
-    fields = Fields(data)
-    require(fields.count() == 1, "not one run of frames")
-    frames, flags = fields.count(), fields.u8()
-    require(frames >= 1, "no frames")
-    rule, at_frame_rate, whole_fps, whole_start = flags & ~28, flags & 4, flags & 8, flags & 16
-    require(rule < 4 and not (rule == LISTED and flags & 20), "an unknown rule for times")
-
-    def real(is_whole: int) -> float:
-        value = fields.count() if is_whole else fields.f64()
-        require(value <= 2**53 or not is_whole, "a whole number out of range")
-        return float(value)
-
-    fps = real(whole_fps)
-    require(fps > 0, "a frame rate that is not above 0")
-    times = []
-    if rule != LISTED:
-        start = real(whole_start)
-        rate = fps if at_frame_rate else fields.f64()
-        require(rate > 0, "a rate of times that is not above 0")
-        rules = {0: lambda i: start + i / rate, 1: lambda i: (start + i) / rate, 3: lambda i: start + i * (1 / rate)}
-        times = [rules[rule](i) for i in range(frames)]
-    contexts = Contexts(fields.rest(), BYTE_WEIGHTS)
-    if rule == LISTED:
-        times = read_times(ByteModel(contexts, "bytes").read_bytes(8 * frames))
-    require(all(abs(time) <= 2.0**53 for time in times), "a time is out of range")
-    require(all(b - a >= 2.0**-53 for a, b in pairwise(times)), "times do not increase")
-    texts = ByteModel(contexts, "texts", primer=PRIMER)
-    names = [texts.read_text() for _ in range(objects)]
-    contexts.finish()
-    return Description(fps, times, names)
+def polygons_of(meshes: list[Mesh]) -> list[Polygon]:
+    """7.2: faces of all objects, then the pieces of all lines; vertices are numbered through."""
+    faces, pieces, first = [], [], 0
+    for mesh in meshes:
+        faces += [[first + vertex for vertex in face] for face in mesh.faces]
+        pieces += [[first + one, first + other] for line in mesh.lines for one, other in pairwise(line)]
+        first += mesh.vertices
+    return faces + pieces
 
 
-def read_times(planes: bytes) -> list[float]:
-    """Times by the second differences of their places among all numbers."""
-    frames = len(planes) // 8
-    times = []
-    place = step = 0
-    for i in range(frames):
-        coded = int.from_bytes(planes[i::frames], "little")
-        step = (step + (coded >> 1 ^ -(coded & 1))) % 2**64
-        place = (place + step) % 2**64
-        bits = place if place < 2**63 else place ^ 2**63 - 1
-        times.append(struct.unpack("<d", bits.to_bytes(8, "little"))[0])
-    return times
+PATHS = {
+    2: ("n", "", "", "nmn", ""),
+    3: ("n", "p", "nmp", "nmnmp", "nmpmp"),
+    4: ("n", "p", "nn", "nmnn", "ppmp"),
+}
+"""7.2: how a corner leads to its neighbourhood, by next (n) and previous corners (p) and opposites (m)."""
 
 
-def read_json(stream: bytes) -> Any:
-    """A JSON text in a compressed stream."""
-    try:
-        return json.loads(decompress(stream, MOST_JSON_BYTES))
-    except ValueError:
-        raise CorruptFileError("a text is not JSON") from None
+class Neighbourhood(NamedTuple):
+    """7.2: the vertices that a corner offers, or -1."""
+
+    after: int
+    before: int
+    across: int
+    straight_after: int
+    straight_before: int
+
+
+class CornerTable:
+    """7.2: polygons over vertices; corners are numbered polygon after polygon, and -1 stands for none."""
+
+    def __init__(self, polygons: list[Polygon], vertices: int) -> None:
+        self.polygons = polygons
+        self.vertex = [vertex for polygon in polygons for vertex in polygon]
+        """Of each corner, as all that follows."""
+        self.polygon = [p for p, polygon in enumerate(polygons) for _ in polygon]
+        self.next: list[int] = []
+        self.previous: list[int] = []
+        self.first: list[int] = []
+        """Of each polygon, its first corner."""
+        for polygon in polygons:
+            at, size = len(self.next), len(polygon)
+            self.first.append(at)
+            self.next += [*range(at + 1, at + size), at]
+            self.previous += [at + size - 1, *range(at, at + size - 1)]
+        self.corners: list[list[int]] = [[] for _ in range(vertices)]
+        """Of each vertex."""
+        for corner, vertex in enumerate(self.vertex):
+            self.corners[vertex].append(corner)
+        self.opposite = self._find_opposites()
+
+    def size(self, corner: int) -> int:
+        return len(self.polygons[self.polygon[corner]])
+
+    def corners_of(self, polygon: int) -> range:
+        return range(self.first[polygon], self.first[polygon] + len(self.polygons[polygon]))
+
+    def _find_opposites(self) -> list[int]:
+        found = [NONE] * len(self.vertex)
+        for vertex, corners in enumerate(self.corners):
+            edges: dict[int, list[int]] = {}
+            for corner in corners:
+                before = self.previous[corner]
+                for edge, end in ((corner, self.vertex[self.next[corner]]), (before, self.vertex[before])):
+                    if end > vertex and self.size(corner) > 2:
+                        edges.setdefault(end, []).append(edge)
+            pieces = [corner for corner in corners if self.size(corner) == 2]
+            for ring in [*edges.values(), pieces if len(pieces) == 2 else []]:
+                for edge, other in zip(ring, ring[1:] + ring[:1], strict=True):
+                    found[edge] = other if len(ring) > 1 else NONE
+        return found
+
+    def neighbourhood(self, corner: int) -> Neighbourhood:
+        """What a corner offers."""
+        paths = PATHS.get(self.size(corner), ("n", "p", "", "", ""))
+        return Neighbourhood(*(self._end(corner, path) for path in paths))
+
+    def _end(self, corner: int, path: str) -> int:
+        """The vertex where a path ends, if there is one."""
+        size = self.size(corner)
+        for step in path:
+            corner = {"n": self.next, "p": self.previous, "m": self.opposite}[step][corner]
+            if corner == NONE or self.size(corner) != size:
+                return NONE
+        return self.vertex[corner] if path else NONE
+
+    def before_counts(self, corner: int) -> bool:
+        """Whether the vertex before counts."""
+        before = self.previous[corner]
+        return self.opposite[before] == NONE or self.vertex[self.opposite[before]] == self.vertex[before]
+
+    def walk(self) -> list[int]:
+        """The order in which vertices are coded."""
+        vertices = len(self.corners)
+        order: list[int] = []
+        known = [False] * vertices
+        rank = [0] * vertices
+        queues: list[deque[int]] = [deque() for _ in range(LAST_RANK + 1)]
+        known_corners = [0] * len(self.polygons)
+        seeds = iter(vertex for vertex in range(vertices) if self.corners[vertex])
+
+        def next_vertex() -> int:
+            for queue in reversed(range(1, LAST_RANK + 1)):
+                while queues[queue]:
+                    vertex = queues[queue].popleft()
+                    if not known[vertex] and min(rank[vertex], LAST_RANK) == queue:
+                        return vertex
+            return next((vertex for vertex in seeds if not known[vertex]), NONE)
+
+        while (vertex := next_vertex()) != NONE:
+            known[vertex] = True
+            order.append(vertex)
+            for corner in self.corners[vertex]:
+                number = self.polygon[corner]
+                known_corners[number] += 1
+                lacking = NONE
+                if known_corners[number] == self.size(corner) - 1:
+                    lacking = next((other for other in reversed(self.polygons[number]) if not known[other]), NONE)
+                sides = [self.vertex[self.next[corner]], self.vertex[self.previous[corner]]]
+                for grown in sides if lacking in sides else [*sides, lacking]:
+                    if grown != NONE and not known[grown]:
+                        rank[grown] += (grown in sides) + 4 * (grown == lacking)
+                        queues[min(rank[grown], LAST_RANK)].append(grown)
+        return order + [vertex for vertex in range(vertices) if not known[vertex]]

@@ -1,36 +1,89 @@
-"""Section 16 of the specification: positions at any time."""
+"""Section 16 of the specification: positions at any time, and the margin of section 19."""
 
 from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cache
+from itertools import accumulate, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spec.decoder.closedform import ClosedForm, weights_at
 from spec.decoder.coefficients import read_coefficients
-from spec.decoder.groups import CLOSED_FORM, COSINES, GroupFields, ModelFields
+from spec.decoder.groups import CLOSED_FORM, COSINES, Group, Model
 from spec.decoder.reference import ReferenceFrame
 from spec.decoder.residuals import FrameResiduals, read_residuals
-from spec.decoder.shape import Vector
-from spec.decoder.space import Space
-from spec.decoder.spline import Spline
-from spec.decoder.timefunctions import cosines, normalised, read_time_functions
+from spec.decoder.space import Floats, Space
+from spec.decoder.timefunctions import ClosedForm, cosines, stored_functions
 
 Float32Array = NDArray[np.float32]
-Float64Array = NDArray[np.float64]
 
-SINGLE_MARGIN, DOUBLE_MARGIN, ROUNDING = 2.0**-11, 2.0**-20, 2.0**-44
+MARGIN, MARGIN_PRECISE, ROUNDING = 2.0**-11, 2.0**-20, 2.0**-44
+
+
+def spline_weights(times: list[float], time: float) -> list[float]:
+    """16.2: the weight of each frame; at a frame's own time, 1 and 0 for all others."""
+    if len(times) <= 3:
+        return [float(np.prod([(time - other) / (own - other) for other in times if other != own])) for own in times]
+    h = [b - a for a, b in pairwise(times)]
+    i = min(bisect_right(times, time) - 1, len(h) - 1)
+    u = (time - times[i]) / h[i]
+    v = 1.0 - u
+    weights, slopes = [0.0] * len(times), [0.0] * len(times)
+    weights[i], weights[i + 1] = (1.0 + 2.0 * u) * v * v, u * u * (3.0 - 2.0 * u)
+    slopes[i], slopes[i + 1] = u * v * v * h[i], -u * u * v * h[i]
+    for j, share in enumerate(of_differences(slopes, h)):
+        weights[j] -= share / h[j]
+        weights[j + 1] += share / h[j]
+    return weights
+
+
+def of_differences(slopes: list[float], h: list[float]) -> list[float]:
+    """16.2: a sum of slopes s_j as one of the d_j: the transposed equations, solved from above."""
+    last = len(h)
+    rows = [(0.0, h[1], h[0] + h[1])]
+    rows += [(h[j], 2.0 * (h[j - 1] + h[j]), h[j - 1]) for j in range(1, last)]
+    rows.append((h[-1] + h[-2], h[-2], 0.0))
+    solved, diagonal = list(slopes), [row[1] for row in rows]
+    for j in range(1, last + 1):
+        factor = rows[j - 1][2] / diagonal[j - 1]
+        diagonal[j] -= factor * rows[j][0]
+        solved[j] -= factor * solved[j - 1]
+    solved[last] /= diagonal[last]
+    for j in reversed(range(last)):
+        solved[j] = (solved[j] - rows[j + 1][0] * solved[j + 1]) / diagonal[j]
+    shares = [0.0] * last
+    for j in range(1, last):
+        shares[j - 1] += 3.0 * h[j] * solved[j]
+        shares[j] += 3.0 * h[j - 1] * solved[j]
+    for end, a, b, near, far in ((0, h[0], h[1], 0, 1), (last, h[-1], h[-2], last - 1, last - 2)):
+        shares[near] += solved[end] * b * (3.0 * a + 2.0 * b) / (a + b)
+        shares[far] += solved[end] * a * a / (a + b)
+    return shares
+
+
+def weights_in_closed_form(forms: list[ClosedForm], time: float) -> list[tuple[int, Floats]]:
+    """16.3: of each group that counts, its number, and what takes the place of its functions."""
+    group = max(bisect_right([form.times[0] for form in forms], time) - 1, 0)
+    left = forms[group]
+    b = left.times[-1]
+    if time <= b:
+        return [(group, left.at(time))]
+    right = forms[group + 1]
+    c = right.times[0]
+    s, length = (time - b) / (c - b), c - b
+    of_left = (1 + 2 * s) * (1 - s) ** 2 * left.at(b) + s * (1 - s) ** 2 * length * left.at(b, derivative=True)
+    of_right = s * s * (3 - 2 * s) * right.at(c) + s * s * (s - 1) * length * right.at(c, derivative=True)
+    return [(group, of_left), (group + 1, of_right)]
 
 
 @dataclass
-class Group:
-    """A decoded group: ``time[t, x, k]``, ``fields[x, k, place]``, its quantised coefficients, and its residuals."""
+class DecodedGroup:
+    """psi[t, x, k], fields[x, k, place], the quantised coefficients, and the residuals of each frame."""
 
-    time: Float64Array
-    fields: Float64Array
+    time: Floats
+    fields: Floats
     coefficients: list[list[int]]
     residuals: list[FrameResiduals]
 
@@ -39,14 +92,12 @@ class Motion:
     """Positions at any time."""
 
     def __init__(
-        self, times: Vector, groups: list[GroupFields], model: ModelFields, reference: ReferenceFrame, space: Space
+        self, times: list[float], groups: list[Group], model: Model, reference: ReferenceFrame, space: Space
     ) -> None:
-        self._times, self.groups, self.space = times, groups, space
-        self._step = model.correction_step
+        self._times, self.groups, self.space, self.step = times, groups, space, model.step
         self._order = space.patches.order
-        self._reference = np.array([reference.points[vertex] for vertex in self._order]).reshape(-1, 3)
-        self._firsts = [sum(group.frames for group in groups[:index]) for index in range(len(groups))]
-        self.spline = Spline(times)
+        self._reference = reference.points[self._order]
+        self._firsts = [0, *accumulate(group.frames for group in groups)][:-1]
         self._forms = [
             ClosedForm(times[first : first + group.frames], group.alpha, group.functions)
             for first, group in zip(self._firsts, groups, strict=True)
@@ -54,23 +105,22 @@ class Motion:
         ]
         self.group = cache(self._decode)
 
-    def _decode(self, index: int) -> Group:
+    def _decode(self, index: int) -> DecodedGroup:
         """Sections 13 to 15, of one group."""
-        group = self.groups[index]
-        axes, count = group.axes, group.functions
-        rows = read_coefficients(group.chunks[1], self.space.subbands, axes * count, axes)
-        values = [self.space.expand([row[a] * group.step for row in rows]) for a in range(axes * count)]
-        if group.basis == CLOSED_FORM:
-            time = [[self._forms[index].at(t)] * 3 for t in self._forms[index].times]
-        elif group.basis == COSINES:
-            time = cosines(group.frames, count)
-        else:
-            stored = read_time_functions(group.chunks[0], group.frames, count, group.mode_step, 1 if axes == 3 else 3)
-            time = normalised(stored, group.frames)
-        by_function = np.array(values).reshape(count, axes, len(self._order))
+        group, (of_time, of_space, of_residuals) = self.groups[index], self.groups[index].chunks
+        axes, count, frames = group.axes, group.functions, group.frames
+        rows = read_coefficients(of_space, self.space.subbands, axes * count, axes)
+        values = self.space.expand(np.array(rows, np.float64).reshape(len(rows), axes * count) * group.step)
+        by_function = values.reshape(count, axes, len(self._order))
         fields = np.broadcast_to(by_function, (count, 3, len(self._order))).transpose(1, 0, 2)
-        residuals = read_residuals(group.chunks[2], group.frames, self.space.patches.starts)
-        return Group(np.array(time).reshape(group.frames, 3, count), fields, rows, residuals)
+        if group.basis == CLOSED_FORM:
+            form = self._forms[index]
+            time = np.array([[form.at(t)] * 3 for t in form.times])
+        elif group.basis == COSINES:
+            time = np.repeat(cosines(frames, count)[:, np.newaxis], 3, axis=1)
+        else:
+            time = stored_functions(of_time, frames, count, group.step_of_time, 1 if axes == 3 else 3)
+        return DecodedGroup(time, fields, rows, read_residuals(of_residuals, frames, self.space.patches.starts))
 
     def positions(self, time: float, *, has_residuals: bool = True) -> Float32Array:
         """(vertices, 3) float32 at a time in seconds; outside the clip, its first or last frame."""
@@ -90,45 +140,39 @@ class Motion:
 
     def margin(self, time: float) -> float:
         """Section 19: how far other decoders may be in a coordinate, before it is rounded to float32."""
-        added = least = 0.0
+        margin = 0.0
         for index, frames in self._parts(time):
-            group = self.group(index)
-            sizes = np.abs(group.fields).max(axis=2, initial=0.0)
-            added += max(sum(abs(weight) * (np.abs(row) * sizes) for weight, row in frames).sum(axis=1))
-            share = SINGLE_MARGIN if self.groups[index].is_single else DOUBLE_MARGIN
-            least = max(least, self._step * share * sum(abs(weight) for weight, _ in frames))
-        return max(ROUNDING * added, least)
+            largest = abs(self.group(index).fields).max(axis=2, initial=0.0)
+            least = self.step * (MARGIN_PRECISE if self.groups[index].is_precise else MARGIN)
+            for weight, row in frames:
+                margin += abs(weight) * max(ROUNDING * (abs(row) * largest).sum(axis=1).max(), least)
+        return margin
 
-    def _of_model(self, time: float) -> Float64Array:
+    def _of_model(self, time: float) -> Floats:
         """16.1 to 16.3: positions by place, without residuals."""
         points = self._reference.copy()
         for index, frames in self._parts(time):
-            weights = sum(weight * row for weight, row in frames)
-            for x in range(3):
-                points[:, x] += weights[x] @ self.group(index).fields[x]
+            weights = np.sum([weight * row for weight, row in frames], axis=0)
+            points += (weights[:, np.newaxis] @ self.group(index).fields)[:, 0].T
         return points
 
-    def _parts(self, time: float) -> list[tuple[int, list[tuple[float, Float64Array]]]]:
-        """Groups that take part at a time, each with weights and rows of its functions of time on the axes."""
+    def _parts(self, time: float) -> list[tuple[int, list[tuple[float, Floats]]]]:
+        """Groups that take part at a time, each with weights and rows psi[x, k]."""
         if self._forms:
-            return [(index, [(1.0, np.array([row] * 3))]) for index, row in weights_at(self._forms, time)]
-        weights, found = self.spline.weights(time), []
+            return [(index, [(1.0, np.array([row] * 3))]) for index, row in weights_in_closed_form(self._forms, time)]
+        weights, found = spline_weights(self._times, time), []
         for index, begin in enumerate(self._firsts):
             frames = [t for t in range(self.groups[index].frames) if weights[begin + t]]
             if frames:
                 found.append((index, [(weights[begin + t], self.group(index).time[t]) for t in frames]))
         return found
 
-    def _correct(self, points: Float64Array, frame: int, weight: float) -> None:
+    def _correct(self, points: Floats, frame: int, weight: float) -> None:
         """16.4."""
         index = bisect_right(self._firsts, frame) - 1
         residuals = self.group(index).residuals[frame - self._firsts[index]]
         for place, levels in residuals.levels.items():
-            points[place] += weight * self._step * np.array(levels, np.float64)
-        if residuals.raw:
-            of_model = self._of_model(self._times[frame])
-            for place, position in residuals.raw.items():
-                if weight == 1.0:
-                    points[place] = position
-                else:
-                    points[place] += weight * (np.array(position) - of_model[place])
+            points[place] += weight * self.step * np.array(levels, np.float64)
+        of_model = self._of_model(self._times[frame]) if residuals.raw and weight < 1.0 else points
+        for place, position in residuals.raw.items():
+            points[place] = position if weight == 1.0 else points[place] + weight * (position - of_model[place])

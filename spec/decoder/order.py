@@ -3,88 +3,95 @@
 from __future__ import annotations
 
 from bisect import bisect_left, insort
+from typing import TYPE_CHECKING
 
-from spec.decoder.contexts import Contexts, MatchModel
+from spec.decoder.contexts import Contexts, History, MatchModel, chosen
 from spec.decoder.fields import require
-from spec.decoder.surface import Side, Surface
 
-RECENT_FACES = 4
-MOST_SIDES = 16
-MOST_LISTED = 32
+if TYPE_CHECKING:
+    from spec.decoder.connectivity import Side
+
 BY_PLACE, BY_VERTEX = 16, 17
+NONE = -1
 
 
-class OrderModel:
-    """What the coder of orders remembers from object to object."""
+def read_members(contexts: Contexts, members: int, vertices: int) -> list[int]:
+    """6.1: a set of vertices of the object, ascending."""
+    numbers: list[int] = []
+    at = 0
+    while members:
+        at += contexts.number("gap")
+        rest = contexts.number("rest")
+        require(rest < members and at + members - rest <= vertices, "a set that does not fit")
+        numbers += range(at, at + members - rest)
+        at += members - rest
+        members = rest
+    return numbers
+
+
+class Orders:
+    """The coded stream, and what is remembered from object to object."""
 
     def __init__(self, contexts: Contexts) -> None:
         self.contexts = contexts
-        self.vertex_matches = MatchModel(contexts, "vertices")
-        self.number_matches = MatchModel(contexts, "numbers")
+        self.vertices, self.numbers = MatchModel(contexts, "vertices"), MatchModel(contexts, "numbers")
         self.slots = (0, 0, 0)
         self.expected: dict[tuple[int, int], int] = {}
-        self.firsts = dict.fromkeys(range(18), 0)
-        self.found = self.steps = self.listed = self.first_kinds = self.proposals = 0
         self.jump = 0
+        self.found, self.steps = History(8), History(8)
+        self.listed, self.proposals, self.kinds = History(6), History(6), History(6)
+        self.firsts = [History(4) for _ in range(18)]
 
 
 class OrderReader:
-    """Reads the order of one object's surface."""
+    """Reads the order of one object's surface, of so many vertices."""
 
-    def __init__(self, model: OrderModel, surface: Surface) -> None:
-        self._model = model
-        self._contexts = model.contexts
-        self._faces = surface.faces
-        self._face_of = {side: number for number, face in enumerate(surface.faces) for side in face}
-        self._left_faces = list(range(len(surface.faces)))
-        self._numbers: list[int] = [-1] * len(surface.borders)
+    def __init__(self, orders: Orders, faces: list[list[Side]], vertices: int) -> None:
+        self._orders, self._mixed = orders, orders.contexts.mixed
+        self._faces = faces
+        self._face_of = {side: number for number, face in enumerate(faces) for side in face}
+        self._left_faces = list(range(len(faces)))
+        self._numbers = [NONE] * vertices
         self._vertex_of: dict[int, int] = {}
-        self._left_numbers = list(range(len(surface.borders)))
+        self._left_numbers = list(range(vertices))
         self._live: list[int] = []
-        # Corners that are left at each vertex, the last ones first.
-        self._corners: list[dict[Side, None]] = [{} for _ in surface.borders]
-        for side in reversed([side for face in surface.faces for side in face]):
-            self._corners[side.vertex][side] = None
+        self._left: list[dict[Side, None]] = [{} for _ in range(vertices)]
+        """Corners left at each vertex, the last ones first."""
+        for side in reversed(self._face_of):
+            self._left[side.vertex][side] = None
         self._recent: list[Side] = []
-        self._last_number = self._highest = -1
+        self._last = self._highest = -1
 
     def read(self) -> list[list[int]]:
         """The faces in the source's order, of vertices by number."""
         faces = []
         for _ in self._faces:
             entry, slot = self._read_entry()
-            self._model.slots = (slot, *self._model.slots[:2])
-            corners = self._round(entry)
+            self._orders.slots = (slot, *self._orders.slots[:2])
+            corners = entry.around()
             for corner in corners:
-                if self._number(corner) < 0:
+                if self._number(corner) == NONE:
                     self._read_number(corner, slot)
             first = entry if slot == BY_VERTEX else self._read_first(corners, slot)
-            self._recent = [first, *self._recent[: RECENT_FACES - 1]]
+            self._recent = [first, *self._recent[:3]]
             self._left_faces.remove(self._face_of[first])
             for corner in corners:
-                there = self._corners[corner.vertex]
-                del there[corner]
-                if not there:
+                del self._left[corner.vertex][corner]
+                if not self._left[corner.vertex]:
                     self._live.remove(self._number(corner))
-            faces.append([self._number(corner) for corner in self._round(first)])
+            faces.append([self._number(corner) for corner in first.around()])
         return faces
 
     def _number(self, corner: Side) -> int:
         return self._numbers[corner.vertex]
 
-    def _round(self, first: Side) -> list[Side]:
-        """The corners of a face, from one on."""
-        face = self._faces[self._face_of[first]]
-        place = face.index(first)
-        return face[place:] + face[:place]
-
     def _read_entry(self) -> tuple[Side, int]:
-        """A corner of the next face, and how it was named."""
+        """6.2 to 6.4: a corner of the next face, and the slot."""
         candidates = [
-            (side.opposite, 4 * age + min(step, 3))
-            for age, first in enumerate(self._recent)
-            for step, side in enumerate(self._round(first)[:MOST_SIDES])
-            if side.opposite is not None and side.opposite in self._corners[side.opposite.vertex]
+            (side.opposite, 4 * j + min(i, 3))
+            for j, first in enumerate(self._recent)
+            for i, side in enumerate(first.around()[:16])
+            if side.opposite and side.opposite in self._left[side.opposite.vertex]
         ]
         if candidates:
             place = self._read_side([slot for _, slot in candidates])
@@ -92,166 +99,133 @@ class OrderReader:
                 return candidates[place]
         if self._live:
             steps = self._read_steps()
-            if steps >= 0:
+            if steps is not None:
                 return self._read_listed(self._read_vertex(), steps), BY_VERTEX
         rank = bisect_left(self._left_faces, self._face_of[self._recent[0]]) if self._recent else 0
-        rank += self._contexts.signed("place")
+        rank += self._orders.contexts.signed("place")
         require(0 <= rank < len(self._left_faces), "a face that is not left")
         return self._faces[self._left_faces[rank]][0], BY_PLACE
 
     def _read_side(self, slots: list[int]) -> int | None:
-        """6.2."""
-        model = self._model
-        last, before, long_before = model.slots
-        found = self._contexts.mixed(("found",), (model.found,), model.slots)
-        model.found = (2 * model.found + found) % 256
-        if not found:
+        """6.2: which candidate, if any."""
+        orders, (s1, s2, s3) = self._orders, self._orders.slots
+        if not self._mixed(("found",), (orders.found.value,), orders.slots, into=orders.found):
             return None
-        expected = model.expected.get((last, before), 0)
+        expected = orders.expected.get((s1, s2), 0)
         turns = list(range(len(slots)))
         if expected in slots:
             turns.insert(0, turns.pop(slots.index(expected)))
-        place = turns[-1]
-        for turn, tried in enumerate(turns[:-1]):
-            slot = slots[tried]
-            if self._contexts.mixed(("side",), (slot, last, min(turn, 3)), (slot, before, long_before)):
-                place = tried
-                break
-        model.expected[last, before] = slots[place]
+
+        def is_right(t: int) -> int:
+            return self._mixed(("side",), (slots[turns[t]], s1, min(t, 3)), (slots[turns[t]], s2, s3))
+
+        place = turns[chosen(len(turns), is_right)]
+        orders.expected[s1, s2] = slots[place]
         return place
 
-    def _read_steps(self) -> int:
-        """6.3: which corner names the next face, or -1."""
-        model = self._model
-        steps = 0
-        while steps < 3 and not self._contexts.mixed(
-            ("corner",), (steps, model.steps), (steps, model.steps % 16, model.slots[0])
-        ):
-            steps += 1
-        model.steps = (4 * model.steps + steps) % 256
-        if steps < 3:
-            return steps
-        further = self._contexts.number("corner")
-        require(further + 2 < MOST_SIDES, "a corner too far from the first")
-        return further + 2 if further else -1
+    def _read_steps(self) -> int | None:
+        """6.3: which corner names the next face, if any."""
+        steps, s1 = self._orders.steps, self._orders.slots[0]
+        k = chosen(4, lambda k: self._mixed(("corner",), (k, steps.value), (k, steps.value % 16, s1)))
+        steps.add(k, 2)
+        if k < 3:
+            return k
+        further = self._orders.contexts.number("corner")
+        require(further + 2 < 16, "a corner too far from the first")
+        return further + 2 if further else None
 
     def _read_vertex(self) -> int:
-        """6.3."""
-        model = self._model
-        reference = self._number(self._recent[0])
-        difference = model.vertex_matches.read(0)
-        if difference is None:
-            model.jump = self._contexts.signed("jump", min(abs(model.jump), 3), model.jump < 0)
-            rank = bisect_left(self._live, reference) + model.jump
+        """6.3: the vertex that names the next face."""
+        orders, reference = self._orders, self._number(self._recent[0])
+
+        def jump() -> int:
+            orders.jump = orders.contexts.signed("jump", min(abs(orders.jump), 3), orders.jump < 0)
+            rank = bisect_left(self._live, reference) + orders.jump
             require(0 <= rank < len(self._live), "a vertex without faces left")
-            difference = self._live[rank] - reference
-        model.vertex_matches.add(difference)
-        require(reference + difference in self._vertex_of, "a vertex without a number")
-        vertex = self._vertex_of[reference + difference]
-        require(bool(self._corners[vertex]), "a vertex without faces left")
+            return self._live[rank] - reference
+
+        number = reference + orders.vertices.read(0, jump)
+        require(number in self._vertex_of, "a vertex without a number")
+        vertex = self._vertex_of[number]
+        require(self._left[vertex], "a vertex without faces left")
         return vertex
 
     def _read_listed(self, vertex: int, steps: int) -> Side:
         """6.3: the first corner of a face that has one of the corners left at `vertex`, so many steps after."""
-        model = self._model
-        listed = list(self._corners[vertex])[:MOST_LISTED]
-        first = None
-        for place, corner in enumerate(listed):
-            face = self._round(corner)
-            first = face[-steps] if steps < len(face) else None
-            if place == len(listed) - 1:
-                break
-            alike = 0 if first is None else self._resemblance(first)
-            taken = self._contexts.mixed(("listed",), (alike, min(place, 7)), (alike // 9, model.listed))
-            model.listed = (2 * model.listed + taken) % 64
-            if taken:
-                break
-        require(first is not None, "a face of too few corners")
-        return first
+        faces = [corner.around() for corner in list(self._left[vertex])[:32]]
+
+        def is_right(t: int) -> int:
+            alike = self._resemblance(faces[t][-steps]) if steps < len(faces[t]) else 0
+            listed = self._orders.listed
+            return self._mixed(("listed",), (alike, min(t, 7)), (alike // 9, listed.value), into=listed)
+
+        face = faces[chosen(len(faces), is_right)]
+        require(steps < len(face), "a face of too few corners")
+        return face[-steps]
 
     def _resemblance(self, first: Side) -> int:
         """6.3: how a face's numbers lie to each other, beside the last two faces'."""
-        numbers = [self._number(corner) for corner in self._round(first)]
+        c, *others = (self._number(corner) for corner in first.around())
         alike = 0
-        for age in (0, 1):
-            others = [0] * 3
-            if age < len(self._recent):
-                others = [self._number(corner) for corner in self._round(self._recent[age])]
-            for place in (1, 2):
-                known = numbers[0] >= 0 and numbers[place] >= 0
-                same = numbers[place] - numbers[0] == others[place] - others[0]
-                alike = 3 * alike + (2 * same if known else 1)
+        for j in (0, 1):
+            before = [0] * 3
+            if j < len(self._recent):
+                before = [self._number(corner) for corner in self._recent[j].around()]
+            for i in (1, 2):
+                same = others[i - 1] - c == before[i] - before[0]
+                alike = 3 * alike + (2 * same if c != NONE and others[i - 1] != NONE else 1)
         return alike
 
     def _read_number(self, corner: Side, slot: int) -> None:
         """6.5."""
-        model = self._model
-        difference = model.number_matches.read(max(slot - BY_PLACE + 1, 0))
-        number = self._proposed(corner, slot) if difference is None else self._last_number + difference
-        require(0 <= number < len(self._numbers) and number not in self._vertex_of, "a number that is not left")
-        model.number_matches.add(number - self._last_number)
+        matched = self._orders.numbers.read(max(slot - 15, 0), lambda: self._proposed(corner, slot) - self._last)
+        number = self._last + matched
+        require(self._is_free(number), "a number that is not left")
         self._numbers[corner.vertex] = number
         self._vertex_of[number] = corner.vertex
         self._left_numbers.remove(number)
         insort(self._live, number)
-        self._last_number = number
-        self._highest = max(self._highest, number)
+        self._last, self._highest = number, max(self._highest, number)
+
+    def _is_free(self, number: int) -> bool:
+        return 0 <= number < len(self._numbers) and number not in self._vertex_of
 
     def _proposed(self, corner: Side, slot: int) -> int:
-        model, last = self._model, self._last_number
-        face = [self._number(other) for other in self._round(corner)]
-        before, after, grid = face[-1], face[1], self._grid_number(corner, face)
-        around = 4 * (before >= 0) + 2 * (after >= 0) + (grid >= 0)
-        proposals = [last + 1, grid, before + 1 if before >= 0 else -1, last - 1]
-        proposals += [after + 1 if after >= 0 else -1, self._highest + 1]
-        recent = model.proposals
-        for kind, proposal in enumerate(proposals):
-            is_left = 0 <= proposal < len(self._numbers) and proposal not in self._vertex_of
-            if is_left and proposal not in proposals[:kind]:
-                far = min(abs(last - before), 20)
-                if self._contexts.mixed(("proposal", kind), (recent, slot), (around, far)):
-                    model.proposals = (8 * recent + kind) % 64
-                    return proposal
-        model.proposals = (8 * recent + 7) % 64
-        kind, reference = next((i, number) for i, number in enumerate((grid, before, after, last + 1)) if number >= 0)
-        rank = bisect_left(self._left_numbers, reference) + self._contexts.signed("rank", kind)
+        last, recent = self._last, self._orders.proposals.value
+        face = [self._number(other) for other in corner.around()]
+        b, c, grid = face[-1], face[1], self._grid_number(corner, face)
+        around = 4 * (b >= 0) + 2 * (c >= 0) + (grid >= 0)
+        proposals = [last + 1, grid, b + 1 if b >= 0 else -1, last - 1, c + 1 if c >= 0 else -1, self._highest + 1]
+        for i, proposal in enumerate(proposals):
+            is_possible = self._is_free(proposal) and proposal not in proposals[:i]
+            if is_possible and self._mixed(("proposal", i), (recent, slot), (around, min(abs(last - b), 20))):
+                self._orders.proposals.add(i, 3)
+                return proposal
+        self._orders.proposals.add(7, 3)
+        j, reference = next((j, number) for j, number in enumerate((grid, b, c, last + 1)) if number >= 0)
+        rank = bisect_left(self._left_numbers, reference) + self._orders.contexts.signed("rank", j)
         require(0 <= rank < len(self._left_numbers), "a number that is not left")
         return self._left_numbers[rank]
 
     def _grid_number(self, corner: Side, face: list[int]) -> int:
         """6.5: what the number would be in a grid, or -1."""
-        beyond = face[2] if len(face) == 4 else -1
-        across = self._round(corner)[1].opposite
-        if len(face) == 3 and across is not None and across.previous is not None:
-            beyond = self._number(across.previous)
-        return face[1] + face[-1] - beyond if min(face[1], face[-1], beyond) >= 0 else -1
+        d = face[2] if len(face) == 4 else NONE
+        across = corner.around()[1].opposite
+        if len(face) == 3 and across:
+            d = self._number(across.around()[-1])
+        return face[1] + face[-1] - d if min(face[1], face[-1], d) >= 0 else NONE
 
     def _read_first(self, corners: list[Side], slot: int) -> Side:
         """6.6."""
-        model = self._model
+        kinds, firsts = self._orders.kinds, self._orders.firsts[slot]
         lowest, highest = min(corners, key=self._number), max(corners, key=self._number)
-        alike = model.firsts[slot]
-        step = 0
-        while step < len(corners) - 1:
-            t, extreme = min(step, 3), 2 * (corners[step] is lowest) + (corners[step] is highest)
-            if self._contexts.mixed(("first",), (t, model.first_kinds, extreme), (t, alike, extreme, slot)):
-                break
-            step += 1
+
+        def is_right(step: int) -> int:
+            t, x = min(step, 3), 2 * (corners[step] is lowest) + (corners[step] is highest)
+            return self._mixed(("first",), (t, kinds.value, x), (t, firsts.value, x, slot))
+
+        step = chosen(len(corners), is_right)
         first = corners[step]
-        model.firsts[slot] = (4 * alike + min(step, 3)) % 16
-        model.first_kinds = (4 * model.first_kinds + (0 if first is lowest else 1 if first is highest else 2)) % 64
+        firsts.add(min(step, 3), 2)
+        kinds.add(0 if first is lowest else 1 if first is highest else 2, 2)
         return first
-
-
-def read_members(contexts: Contexts, members: int, below: int) -> list[int]:
-    """6.1: a set of so many numbers below another, ascending."""
-    numbers: list[int] = []
-    at = 0
-    while members:
-        at += contexts.number("gap")
-        rest = contexts.number("rest")
-        require(rest < members and at + members - rest <= below, "a set that does not fit")
-        numbers += range(at, at + members - rest)
-        at += members - rest
-        members = rest
-    return numbers

@@ -20,9 +20,9 @@ STRETCH = [round(256.0 * math.log((q + 0.5) / (4095.5 - q))) for q in range(4096
 SQUASH = [round(65536.0 / (1.0 + math.exp(x / -256.0))) for x in range(-LOGISTIC_LIMIT, LOGISTIC_LIMIT + 1)]
 
 
-def adapted(cell: int, bit: int) -> int:
-    """Section 3.4: a bit model after a bit."""
-    probability, count = cell >> COUNT_BITS, cell % (1 << COUNT_BITS)
+def adapted(model: int, bit: int) -> int:
+    """3.4: a bit model after a bit."""
+    probability, count = model >> COUNT_BITS, model % (1 << COUNT_BITS)
     target = (1 << 22) - 1 if bit else 0
     probability += (target - probability) * (2**17 // (2 * count + 3)) >> 16
     return probability << COUNT_BITS | min(count + 1, SLOWEST)
@@ -34,7 +34,7 @@ def possible(probability: int) -> int:
 
 
 class RangeDecoder:
-    """Reads a coded stream."""
+    """3.3: reads a coded stream."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -43,7 +43,7 @@ class RangeDecoder:
         self.taken = FIRST_BYTES
 
     def bit_with(self, probability: int) -> int:
-        """Section 3.3: a bit whose probability of being 1 is `probability` / 65536."""
+        """A bit whose probability of being 1 is `probability` / 65536."""
         split = (self._width >> 16) * probability
         bit = int(self._code < split)
         if bit:
@@ -58,23 +58,22 @@ class RangeDecoder:
             self.taken += 1
         return bit
 
-    def bit(self, cells: list[int], index: int) -> int:
-        """Section 3.4: a bit of one model."""
-        bit = self.bit_with(possible(cells[index] >> COUNT_BITS + 6))
-        cells[index] = adapted(cells[index], bit)
+    def bit(self, models: list[int], index: int) -> int:
+        """3.4: a bit of one model."""
+        bit = self.bit_with(possible(models[index] >> COUNT_BITS + 6))
+        models[index] = adapted(models[index], bit)
         return bit
 
-    def mixed(self, cells: list[int], chosen: list[int], weights: list[int]) -> int:
-        """Section 3.5: a mixed bit of several models, as many as are chosen."""
-        stretched = [STRETCH[cells[index] >> COUNT_BITS + 10] for index in chosen]
+    def mixed(self, models: list[int], inputs: list[int], weights: list[int]) -> int:
+        """3.5: a bit of several models, which are given by their places."""
+        stretched = [STRETCH[models[index] >> COUNT_BITS + 10] for index in inputs]
         total = sum(weight * s for weight, s in zip(weights, stretched, strict=True)) >> 16
-        total = min(max(total, -LOGISTIC_LIMIT), LOGISTIC_LIMIT)
-        probability = possible(SQUASH[total + LOGISTIC_LIMIT])
+        probability = possible(SQUASH[min(max(total, -LOGISTIC_LIMIT), LOGISTIC_LIMIT) + LOGISTIC_LIMIT])
         bit = self.bit_with(probability)
-        miss = (65536 if bit else 0) - probability
-        for i, (index, s) in enumerate(zip(chosen, stretched, strict=True)):
+        miss = 65536 * bit - probability
+        for i, (index, s) in enumerate(zip(inputs, stretched, strict=True)):
             weights[i] += s * miss + 8192 >> 14
-            cells[index] = adapted(cells[index], bit)
+            models[index] = adapted(models[index], bit)
         return bit
 
     def has_ended(self) -> bool:
@@ -82,11 +81,9 @@ class RangeDecoder:
         return self.taken > len(self._data) + FIRST_BYTES
 
     def is_finished(self) -> bool:
-        """Section 3.7: whether the stream ends where what is coded does."""
+        """3.7: whether the stream ends where what is coded does."""
         beyond = self.taken - len(self._data)
-        if not 0 <= beyond < FIRST_BYTES:
-            return beyond == FIRST_BYTES
-        return self._code < self._data[-1] << 8 * beyond
+        return beyond == FIRST_BYTES or (0 <= beyond < FIRST_BYTES and self._code < self._data[-1] << 8 * beyond)
 
 
 class Rehearsal(RangeDecoder):

@@ -1,256 +1,288 @@
-"""Section 7 of the specification: REST, the reference frame, predicted across the faces."""
+"""Section 7 of the specification: REST, welds and the reference frame, which is predicted across the faces."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from spec.decoder.contexts import Contexts, MatchModel
-from spec.decoder.fields import Fields, require
-from spec.decoder.mesh import Mesh
-from spec.decoder.polygons import NOTHING, Neighbourhood, Polygons, polygons_of
-from spec.decoder.shape import LARGEST_STEP
-from spec.decoder.weld import WeldReader
+import numpy as np
+from numpy.typing import NDArray
+
+from spec.decoder.contexts import Contexts, MatchModel, length_near
+from spec.decoder.fields import LARGEST_REAL, Fields, bits, clamp, grade, require
+from spec.decoder.mesh import NONE, CornerTable, Mesh, polygons_of
 
 WELDED, MATCHED = 1, 2
 GRID_BITS = 40
-LARGEST = 2**GRID_BITS - 1
-MOST_CORNERS = 16
+MOST_CORNERS = MOST_FOLLOWED = 16
 LARGEST_MISS = 2**30
 LARGEST_TURNED = 2**32
 KINDS = 9
-HEADER_BYTES = 33
+TERMS = 4
+MOST_GRADE = 47
 FIRST_WEIGHTS = {2: 39321, 3: 21845}
 
-Vector = list[int]
-
-
-def grade(value: int) -> int:
-    """Two grades an octave, to 47."""
-    shift = max(value.bit_length() - 2, 0)
-    return min(2 * shift + (value >> shift), 47)
-
-
-def reciprocal(count: int) -> int:
-    """1 / count in 1/32768, rounded."""
-    return (2**16 + count) // (2 * count)
-
-
-def mean(terms: list[Vector]) -> Vector:
-    """The mean of vectors, in 1/16; of none, zero."""
-    return [sum(term[k] for term in terms) * reciprocal(max(len(terms), 1)) + 2**10 >> 11 for k in range(3)]
+Vector = NDArray[np.int64]
+Points = list[list[int]]
 
 
 @dataclass
 class ReferenceFrame:
     """By vertex: grid coordinates, and positions in scene units."""
 
-    grid: list[Vector]
-    points: list[list[float]]
+    grid: Points
+    points: NDArray[np.float64]
 
 
 def read_reference(data: bytes, meshes: list[Mesh]) -> ReferenceFrame:
-    """Section 7.1: REST."""
+    """7.1."""
     fields = Fields(data)
-    step = fields.f64()
-    origin = [fields.f64() for _ in range(3)]
+    step, *origin = (fields.f64() for _ in range(4))
     predictor = fields.u8()
     require(predictor <= WELDED + MATCHED, "an unknown predictor")
-    require(0 < step <= LARGEST_STEP and max(map(abs, origin)) <= LARGEST_STEP, "a step or an origin out of range")
-    contexts = Contexts(data[HEADER_BYTES:], FIRST_WEIGHTS)
-    polygons, vertices = polygons_of(meshes)
-    mesh = Polygons(polygons, vertices)
+    require(0 < step <= LARGEST_REAL and max(map(abs, origin)) <= LARGEST_REAL, "a step or an origin out of range")
+    contexts = Contexts(fields.rest(), FIRST_WEIGHTS)
+    mesh = CornerTable(polygons_of(meshes), sum(item.vertices for item in meshes))
     matches = MatchModel(contexts, "residual") if predictor & MATCHED else None
-    if not predictor & WELDED:
-        grid = GridReader(contexts, mesh, matches).read()
+    if predictor & WELDED:
+        point_of = WeldReader(contexts, mesh).read()
+        welded = [[point_of[vertex] for vertex in polygon] for polygon in mesh.polygons]
+        by_point = GridReader(contexts, CornerTable(welded, max(point_of) + 1), matches).read()
+        grid = [by_point[point] for point in point_of]
     else:
-        welds = WeldReader(contexts, mesh)
-        welds.read()
-        welded = [[welds.point_of[vertex] for vertex in polygon] for polygon in polygons]
-        by_point = GridReader(contexts, Polygons(welded, welds.points), matches).read()
-        grid = [by_point[point] for point in welds.point_of]
+        grid = GridReader(contexts, mesh, matches).read()
     contexts.finish()
-    return ReferenceFrame(grid, [[origin[k] + point[k] * step for k in range(3)] for point in grid])
+    return ReferenceFrame(grid, np.array(origin) + np.array(grid, np.float64) * step)
 
 
-@dataclass
-class Terms:
-    """What a vertex is predicted from (7.5), in 1/16 of a step."""
+class WeldReader:
+    """7.3: reads the point of every vertex."""
 
-    kind: int = 0
-    base: Vector = field(default_factory=lambda: [0, 0, 0])
-    crease: Vector = field(default_factory=lambda: [0, 0, 0])
-    straight: Vector = field(default_factory=lambda: [0, 0, 0])
-    miss: Vector = field(default_factory=lambda: [0, 0, 0])
-    beside: Vector = field(default_factory=lambda: [0, 0, 0])
-    normal: Vector = field(default_factory=lambda: [0, 0, 0])
-    errors: Vector = field(default_factory=lambda: [0, 0, 0])
-    parallelograms: int = 0
-    spread: int = 0
+    def __init__(self, contexts: Contexts, mesh: CornerTable) -> None:
+        self._contexts, self._mesh = contexts, mesh
+        self._history = 0
+        self._point_of = [NONE] * len(mesh.corners)
+        self._entered: list[list[int]] = []
+        """Entered corners at each point, the first ones first."""
+        self._met: set[int] = set()
+        """Corners whose edge is met."""
+
+    def read(self) -> list[int]:
+        """The point of each vertex."""
+        mesh, point_of = self._mesh, self._point_of
+        for p, polygon in enumerate(mesh.polygons):
+            inside: list[int] = []
+            for i, vertex in enumerate(polygon):
+                if point_of[vertex] == NONE:
+                    near = [bool(i and self._entered[inside[at]]) for at in (-1, 0)]
+                    is_old = self._is_old("corner", min(i, 3), *near)
+                    point_of[vertex] = self._read_old(mesh.first[p] + i, inside) if is_old else self._new_point()
+                inside.append(point_of[vertex])
+            self._enter(p, inside)
+        for vertex, point in enumerate(point_of):
+            if point == NONE:
+                point_of[vertex] = self._read_distance() if self._is_old("isolated") else self._new_point()
+        return point_of
+
+    def _is_old(self, *name: object) -> int:
+        bit = self._contexts.bit(*name, self._history)
+        self._history = (2 * self._history + bit) % 16
+        return bit
+
+    def _new_point(self) -> int:
+        self._entered.append([])
+        return len(self._entered) - 1
+
+    def _read_old(self, corner: int, inside: list[int]) -> int:
+        place = min(len(inside), 3), self._mesh.next[corner] == corner - len(inside)
+        passed_over = set(inside)
+        for kind, candidates in enumerate(self._candidates(corner, inside)):
+            r = 0
+            for point in candidates:
+                if point not in passed_over:
+                    passed_over.add(point)
+                    if self._contexts.bit("this one", kind, min(r, 7), *place):
+                        return point
+                    r += 1
+        return self._read_distance()
+
+    def _candidates(self, corner: int, inside: list[int]) -> list[list[int]]:
+        """Points of the three kinds."""
+        mesh, before, after = self._mesh, list[int](), list[int]()
+        if inside:
+            edges = [mesh.previous[other] for other in self._latest(inside[-1])]
+            before = [self._point(edge) for edge in edges if edge not in self._met]
+            after = [self._point(mesh.next[edge]) for edge in self._latest(inside[0]) if edge not in self._met]
+        recent = range(corner - 1, max(corner - 65, -1), -1)
+        return [before, after, [self._point(other) for other in recent]]
+
+    def _point(self, corner: int) -> int:
+        return self._point_of[self._mesh.vertex[corner]]
+
+    def _latest(self, point: int) -> list[int]:
+        """The last entered corners at a point, the latest first."""
+        return self._entered[point][: -MOST_FOLLOWED - 1 : -1]
+
+    def _read_distance(self) -> int:
+        distance = self._contexts.counted(31, "distance")
+        require(distance <= len(self._entered), "a point that is not there")
+        return len(self._entered) - distance
+
+    def _enter(self, p: int, points: list[int]) -> None:
+        corners = self._mesh.corners_of(p)
+        for corner, here, after in zip(corners, points, points[1:] + points[:1], strict=True):
+            edges = (self._mesh.previous[other] for other in self._latest(here))
+            edge = next((edge for edge in edges if self._point(edge) == after and edge not in self._met), NONE)
+            if edge != NONE:
+                self._met |= {edge, corner}
+        for corner, point in zip(corners, points, strict=True):
+            self._entered[point].append(corner)
+
+
+class Prediction:
+    """7.5: what a vertex is predicted from: in 1/16 of a step the base, the terms and the expected error."""
+
+    def __init__(self, errors: Vector) -> None:
+        self.kind = self.parallelograms = self.spread = 0
+        self.base = np.zeros(3, np.int64)
+        self.normal = np.zeros(3, np.int64)
+        self.terms = np.zeros((TERMS, 3), np.int64)
+        """Rows: crease, straight, miss, beside."""
+        self.errors = errors
+
+    def predicted(self, weights: Vector) -> list[int]:
+        """P on each axis, by the weights of a kind: (sets, terms)."""
+        across, along = weights @ self.terms
+        square = int(self.normal @ self.normal)
+        turned = int(self.normal @ along.clip(-LARGEST_TURNED, LARGEST_TURNED))
+        portion = (turned << 12) // square if square else 0
+        found: list[int] = (self.base + (across + (portion * self.normal >> 12) + 16 >> 5) + 8).tolist()
+        return found
+
+
+def share(count: int) -> int:
+    """7.5: w."""
+    return (2**16 + count) // (2 * count)
+
+
+def mean16(rows: list[Vector]) -> Vector:
+    """7.5, of each axis."""
+    return np.sum(rows, axis=0) * share(len(rows)) + 2**10 >> 11 if rows else np.zeros(3, np.int64)
+
+
+def normal_of(a: Vector, b: Vector, d: Vector) -> Vector:
+    """7.5: of one parallelogram."""
+    edges = np.array([b - a, a - d])
+    edges >>= max(bits(abs(edges).max()) - 20, 0)
+    normal = np.cross(edges[0], edges[1])
+    digits = bits(abs(normal).max()) - 12
+    return normal >> digits if digits >= 0 else normal << -digits
+
+
+def leaning(term: int) -> int:
+    return clamp(term + 8 >> 4, -2, 2)
 
 
 class GridReader:
-    """Reads the grid coordinates of all vertices, in the order of the walk."""
+    """7.5 and 7.6: reads the grid coordinates of all vertices, in the order of the walk."""
 
-    def __init__(self, contexts: Contexts, mesh: Polygons, matches: MatchModel | None) -> None:
-        self._contexts = contexts
-        self._mesh = mesh
-        self._matches = matches
-        vertices = len(mesh.corners)
+    def __init__(self, contexts: Contexts, mesh: CornerTable, matches: MatchModel | None) -> None:
+        self._contexts, self._mesh, self._matches = contexts, mesh, matches
         self._grid: dict[int, Vector] = {}
-        self._misses: list[Vector] = [[0, 0, 0] for _ in range(vertices)]
-        self._errors: list[Vector] = [[0, 0, 0] for _ in range(vertices)]
-        self._seed_errors = [0, 0, 0]
+        self._misses: dict[int, Vector] = {}
+        self._errors: dict[int, Vector] = {}
 
-    def read(self) -> list[Vector]:
+    def read(self) -> Points:
         """Grid coordinates of each vertex."""
-        weights = [[[self._read_weight(turned) for _ in range(4)] for turned in (0, 1)] for _ in range(KINDS)]
-        last = last_seed = NOTHING
+        size = KINDS, 2, TERMS
+        weights = np.array([self._read_weight(place // TERMS % 2) for place in range(np.prod(size))]).reshape(size)
+        last = last_seed = NONE
+        seed_errors = np.zeros(3, np.int64)
         for vertex in self._mesh.walk():
-            terms = self._terms(vertex, last, last_seed)
-            self._read_vertex(vertex, terms, predict(terms, *weights[terms.kind]))
+            prediction = self._predict(vertex)
+            is_seed = prediction is None
+            if prediction is None:
+                prediction = Prediction(seed_errors)
+                if last != NONE:
+                    prediction.base = 16 * self._grid[last]
+                    prediction.terms[3] = 16 * self._grid[last_seed] - prediction.base
+            self._read_vertex(vertex, prediction, prediction.predicted(weights[prediction.kind]))
             last = vertex
-            if terms.kind == 0:
+            if is_seed:
                 last_seed = vertex
-                errors = zip(self._seed_errors, self._errors[vertex], strict=True)
-                self._seed_errors = [3 * old + 16 * new >> 2 for old, new in errors]
-        return [self._grid[vertex] for vertex in range(len(self._grid))]
+                seed_errors = 3 * seed_errors + 16 * self._errors[vertex] >> 2
+        return [self._grid[vertex].tolist() for vertex in range(len(self._grid))]
 
     def _read_weight(self, turned: int) -> int:
         """7.4."""
         if not self._contexts.bit("is used", turned):
             return 0
-        weight = 0
-        for digit in reversed(range(7)):
-            weight = 2 * weight + self._contexts.bit("weight", digit)
+        weight = sum(self._contexts.bit("weight", digit) << digit for digit in reversed(range(7)))
         return -weight if self._contexts.bypass() else weight
 
-    def _terms(self, vertex: int, last: int, last_seed: int) -> Terms:
-        """7.5."""
-        around = [self._mesh.neighbourhood(corner) for corner in self._mesh.corners[vertex][:MOST_CORNERS]]
-        neighbours = [each.after for each in around if each.after in self._grid]
-        neighbours += [each.before for each in around if each.before_counts and each.before in self._grid]
-        if neighbours:
-            return self._gather(around, neighbours)
-        terms = Terms(errors=list(self._seed_errors))
-        if last != NOTHING:
-            terms.base = [16 * x for x in self._grid[last]]
-            seed = zip(self._grid[last_seed], self._grid[last], strict=True)
-            terms.beside = [16 * (x - here) for x, here in seed]
-        return terms
-
-    def _gather(self, around: list[Neighbourhood], neighbours: list[int]) -> Terms:
-        terms, grid = Terms(), self._grid
-        first = next(each for each in around if each.after in grid or each.before in grid)
-        reference = grid[first.after if first.after in grid else first.before]
+    def _predict(self, vertex: int) -> Prediction | None:
+        """7.5, unless a vertex has no neighbours."""
+        corners = self._mesh.corners[vertex][:MOST_CORNERS]
+        around = [self._mesh.neighbourhood(corner) for corner in corners]
+        counting = [each.before for each, c in zip(around, corners, strict=True) if self._mesh.before_counts(c)]
+        neighbours = [v for v in [*(each.after for each in around), *counting] if v in self._grid]
+        if not neighbours:
+            return None
+        grid = self._grid
+        r = next(grid[v] for each in around for v in (each.after, each.before) if v in grid)
+        found = Prediction(np.sum([self._errors[v] for v in neighbours], axis=0) * share(len(neighbours)) >> 11)
         parallelograms, creases, straights = [], [], []
-        for each in around:
-            if each.after in grid and each.before in grid and each.across in grid:
-                a, b, d = grid[each.after], grid[each.before], grid[each.across]
-                parallelograms.append([a[k] + b[k] - d[k] - reference[k] for k in range(3)])
-                terms.normal = [sum(pair) for pair in zip(terms.normal, normal_of(a, b, d), strict=True)]
-                if each.is_triangle and each.straight_after in grid:
-                    creases.append([grid[each.straight_after][k] + b[k] - a[k] - d[k] for k in range(3)])
-                if each.is_triangle and each.straight_before in grid:
-                    creases.append([grid[each.straight_before][k] + a[k] - b[k] - d[k] for k in range(3)])
-            for near, far in ((each.after, each.straight_after), (each.before, each.straight_before)):
-                if near in grid and far in grid:
-                    straights.append([2 * grid[near][k] - grid[far][k] - reference[k] for k in range(3)])
-        straight = mean(straights)
-        beside = mean([[grid[n][k] - reference[k] for k in range(3)] for n in neighbours])
-        base = mean(parallelograms) if parallelograms else straight if straights else beside
-        terms.kind = 1 + bool(straights) + 2 * min(len(parallelograms), 3)
-        terms.parallelograms = len(parallelograms)
-        terms.spread = sum(abs(each[k] - parallelograms[0][k]) for each in parallelograms for k in range(3))
-        terms.crease = mean(creases)
-        terms.straight = [straight[k] - base[k] if straights else 0 for k in range(3)]
-        terms.beside = [beside[k] - base[k] for k in range(3)]
-        share = reciprocal(len(neighbours))
-        terms.miss = [sum(self._misses[n][k] for n in neighbours) * share >> 15 for k in range(3)]
-        terms.errors = [sum(self._errors[n][k] for n in neighbours) * share >> 11 for k in range(3)]
-        terms.base = [base[k] + 16 * reference[k] for k in range(3)]
-        return terms
+        for each, corner in zip(around, corners, strict=True):
+            a, b, d, y, z = (grid.get(v) for v in each)
+            if a is not None and b is not None and d is not None:
+                parallelograms.append(a + b - d - r)
+                found.normal += normal_of(a, b, d)
+                if self._mesh.size(corner) == 3:
+                    creases += [y + b - a - d] if y is not None else []
+                    creases += [z + a - b - d] if z is not None else []
+            straights += [2 * near - far - r for near, far in ((a, y), (b, z)) if near is not None and far is not None]
+        beside = mean16([grid[v] - r for v in neighbours])
+        base = mean16(parallelograms or straights) if parallelograms or straights else beside
+        found.parallelograms = len(parallelograms)
+        found.kind = 1 + 2 * min(len(parallelograms), 3) + bool(straights)
+        found.terms[0] = mean16(creases)
+        found.terms[1] = mean16(straights) - base if straights else 0
+        found.terms[2] = np.sum([self._misses[v] for v in neighbours], axis=0) * share(len(neighbours)) >> 15
+        found.terms[3] = beside - base
+        found.spread = int(sum(abs(each - parallelograms[0]).sum() for each in parallelograms))
+        found.base = base + 16 * r
+        return found
 
-    def _read_vertex(self, vertex: int, terms: Terms, predicted: Vector) -> None:
-        point = []
+    def _read_vertex(self, vertex: int, prediction: Prediction, predicted: list[int]) -> None:
+        point, errors = [], []
         for axis in range(3):
-            sixteenths = predicted[axis] + 8
-            prediction = min(max(sixteenths >> 4, 0), LARGEST)
-            residual = self._matches.read(axis) if self._matches else None
-            if residual is None:
-                residual = self._read_residual(axis, sixteenths % 16, terms)
-            if self._matches:
-                self._matches.add(residual)
-            require(0 <= prediction + residual <= LARGEST, "a coordinate out of range")
-            point.append(prediction + residual)
-            self._errors[vertex][axis] = abs(residual)
-        self._grid[vertex] = point
-        self._misses[vertex] = [min(max(16 * point[k] - terms.base[k], -LARGEST_MISS), LARGEST_MISS) for k in range(3)]
 
-    def _read_residual(self, axis: int, fraction: int, terms: Terms) -> int:
+            def read_residual(axis: int = axis) -> int:
+                return self._read_residual(axis, predicted[axis] % 16, prediction)
+
+            residual = self._matches.read(axis, read_residual) if self._matches else read_residual()
+            point.append(clamp(predicted[axis] >> 4, 0, 2**GRID_BITS - 1) + residual)
+            require(0 <= point[-1] < 2**GRID_BITS, "a coordinate out of range")
+            errors.append(abs(residual))
+        self._grid[vertex], self._errors[vertex] = np.array(point), np.array(errors)
+        self._misses[vertex] = (16 * self._grid[vertex] - prediction.base).clip(-LARGEST_MISS, LARGEST_MISS)
+
+    def _read_residual(self, axis: int, fraction: int, prediction: Prediction) -> int:
         """7.6."""
-        length = self._read_length(axis, fraction, terms)
+        mixed = self._contexts.mixed
+        expected = int(prediction.errors[axis]) + 8
+        first = clamp(bits(expected >> 4), 1, GRID_BITS)
+        u, q = grade(int(prediction.errors.sum()), MOST_GRADE), grade(expected, MOST_GRADE)
+        t, p = grade(prediction.spread, MOST_GRADE), min(prediction.parallelograms, 3)
+
+        def decide(length: int, way: int) -> int:
+            row = min(abs(fraction - 8) >> 1, 3) if length == 1 else min(length + 2, 15)
+            weights = "length", way, min(abs(length - first), 5)
+            return mixed(weights, (row, u, axis, way), (row, q, prediction.kind), (row, t, p, way), of=("length",))
+
+        length = length_near(first, GRID_BITS, decide)
         if length == 0:
             return 0
-        value = 1
-        while value.bit_length() < length:
-            value = 2 * value + (self._contexts.bit("digit", length, value) if value < 4 else self._contexts.bypass())
-        is_negative = self._contexts.mixed(
-            ("sign", min(length, 3)),
-            (fraction, axis),
-            (leaning(terms.crease[axis]), leaning(terms.straight[axis])),
-            (leaning(terms.miss[axis]), leaning(terms.beside[axis])),
-        )
-        return -value if is_negative else value
-
-    def _read_length(self, axis: int, fraction: int, terms: Terms) -> int:
-        """7.6: how many binary digits a residual has."""
-        expected = terms.errors[axis] + 8
-        first = min(max((expected >> 4).bit_length(), 1), GRID_BITS)
-        u, q, t = grade(sum(terms.errors)), grade(expected), grade(terms.spread)
-
-        def is_at_least(length: int, way: int) -> int:
-            row = min(abs(fraction - 8) >> 1, 3) if length == 1 else min(length + 2, 15)
-            return self._contexts.mixed(
-                ("length", way, min(abs(length - first), 5)),
-                (row, u, axis, way),
-                (row, q, terms.kind),
-                (row, t, min(terms.parallelograms, 3), way),
-                of=("length",),
-            )
-
-        length = first
-        if is_at_least(first, 0):
-            while length < GRID_BITS and is_at_least(length + 1, 1):
-                length += 1
-            return length
-        length -= 1
-        while length > 0 and not is_at_least(length, 2):
-            length -= 1
-        return length
-
-
-def predict(terms: Terms, across: Vector, along: Vector) -> Vector:
-    """7.5: the base and the other terms by their weights, in 1/16."""
-    rows = (terms.crease, terms.straight, terms.miss, terms.beside)
-    totals = [sum(weight * row[k] for weight, row in zip(across, rows, strict=True)) for k in range(3)]
-    turned = [sum(weight * row[k] for weight, row in zip(along, rows, strict=True)) for k in range(3)]
-    square = sum(n * n for n in terms.normal)
-    dot = sum(n * min(max(x, -LARGEST_TURNED), LARGEST_TURNED) for n, x in zip(terms.normal, turned, strict=True))
-    portion = (dot << 12) // square if square else 0
-    totals = [total + (portion * n >> 12) for total, n in zip(totals, terms.normal, strict=True)]
-    return [base + (total + 16 >> 5) for base, total in zip(terms.base, totals, strict=True)]
-
-
-def normal_of(a: Vector, b: Vector, d: Vector) -> Vector:
-    """7.5: the normal of a triangle, its largest component brought to 12 binary digits."""
-    one, other = [b[k] - a[k] for k in range(3)], [a[k] - d[k] for k in range(3)]
-    shift = max(max(abs(x) for x in one + other).bit_length() - 20, 0)
-    u, w = [x >> shift for x in one], [x >> shift for x in other]
-    normal = [u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]]
-    digits = max(abs(x) for x in normal).bit_length() - 12
-    return [x >> digits if digits >= 0 else x << -digits for x in normal]
-
-
-def leaning(term: int) -> int:
-    """A term in whole steps, -2 to 2."""
-    return min(max(term + 8 >> 4, -2), 2)
+        size = self._contexts.digits(length, 4, "digit")
+        crease, straight, miss, beside = map(leaning, prediction.terms[:, axis].tolist())
+        is_negative = mixed(("sign", min(length, 3)), (fraction, axis), (crease, straight), (miss, beside))
+        return -size if is_negative else size

@@ -7,42 +7,43 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+import numpy as np
+
 from spec.decoder.contexts import Contexts
-from spec.decoder.fields import require
+from spec.decoder.fields import bits, clamp, require, sign
+from spec.decoder.space import Floats
 
 LARGEST = 2**40
+LARGEST_MISS = 2**31 - 1
 MOST_MODELLED = 18
 SPAN = 8
-MOST_DIGITS = 43
+LARGEST_WEIGHT = 2**18
 FIRST_WEIGHTS = {3: 28000}
-
-Position = tuple[float, float, float]
 
 
 @dataclass
 class Residual:
-    """A quantised residual, and what is remembered of it: how far each axis was from what was predicted."""
+    """Its numbers, the misses as they are remembered, and the earlier one."""
 
     earlier: Residual | None
-    """That of the same place in the frame's reference."""
-
-    levels: list[int] = field(default_factory=list)
+    numbers: list[int] = field(default_factory=list)
     misses: list[int] = field(default_factory=list)
 
 
 @dataclass
 class FrameResiduals:
-    """Residuals of one frame; a place is a position in the order of patches."""
+    """Residuals and raw vertices of one frame, by place."""
 
     levels: dict[int, list[int]] = field(default_factory=dict)
-    raw: dict[int, Position] = field(default_factory=dict)
+    raw: dict[int, Floats] = field(default_factory=dict)
+
+
+Frame = dict[int, Residual]
 
 
 def read_residuals(data: bytes, frames: int, starts: list[int]) -> list[FrameResiduals]:
-    """Residuals of each frame of a group; `starts` are the first places of patches, and the number of vertices."""
-    if not data:
-        return [FrameResiduals() for _ in range(frames)]
-    return ResidualReader(data, starts).read(frames)
+    """Residuals of each frame of a group; `starts` are the first places of elements, and the number of vertices."""
+    return ResidualReader(data, starts).read(frames) if data else [FrameResiduals() for _ in range(frames)]
 
 
 class ResidualReader:
@@ -50,184 +51,177 @@ class ResidualReader:
 
     def __init__(self, data: bytes, starts: list[int]) -> None:
         self._contexts = Contexts(data, FIRST_WEIGHTS)
-        self._bytes = len(data)
-        self._patches = [range(begin, end) for begin, end in pairwise(starts)]
-        self._vertices = starts[-1]
-        self._filters: defaultdict[tuple[int, ...], list[int]] = defaultdict(lambda: [0] * 5)
-        self._mean_sizes: dict[int, int] = {}
-        self.is_predicted = False
+        self._bytes, self._vertices = len(data), starts[-1]
+        self._elements = [range(begin, end) for begin, end in pairwise(starts)]
+        self._weights: dict[tuple[bool, bool, bool, int], list[int]] = defaultdict(lambda: [0] * 5)
+        self._means: dict[int, int] = {}
+        self.is_predicted = 0
 
     def read(self, frames: int) -> list[FrameResiduals]:
-        counted = self._contexts.counted
-        count, raw_count = counted(MOST_DIGITS, "residuals") - 1, counted(MOST_DIGITS, "raw") - 1
+        """Section 15."""
+        contexts = self._contexts
+        count, raw_count = (contexts.counted(43, name) - 1 for name in ("residuals", "raw"))
         require(max(count, raw_count) <= frames * self._vertices, "there are more residuals than there can be")
         require(12 * (raw_count - 1) <= self._bytes, "there are more raw vertices than bytes for them")
-        self.is_predicted = bool(self._contexts.bit("predicted"))
+        self.is_predicted = contexts.bit("predicted")
         found = [FrameResiduals() for _ in range(frames)]
-        if count:
-            for frame, residuals in enumerate(self._read_frames(frames, count)):
-                found[frame].levels = {place: residual.levels for place, residual in residuals.items()}
-        frame, place = 0, -1
-        for _ in range(raw_count):  # 15.6
-            skipped = counted(MOST_DIGITS, "frames passed over") - 1
-            if skipped:
-                frame, place = frame + skipped, -1
-            place += counted(MOST_DIGITS, "places passed over")
-            require(frame < frames and place < self._vertices, "a raw vertex that is not there")
-            x, y, z = struct.unpack("<3f", struct.pack("<3I", *(self._contexts.bypass(32) for _ in range(3))))
-            require(all(axis - axis == 0 for axis in (x, y, z)), "a raw vertex is not finite")
-            found[frame].raw[place] = x, y, z
-        self._contexts.finish()
+        for frame, residuals in enumerate(self._read_frames(frames, count) if count else ()):
+            found[frame].levels = {place: residual.numbers for place, residual in residuals.items()}
+        self._read_raw(found, raw_count)
+        contexts.finish()
         return found
 
-    def _read_frames(self, frames: int, count: int) -> list[dict[int, Residual]]:
+    def _read_raw(self, found: list[FrameResiduals], count: int) -> None:
+        """15.6."""
+        frame, place = 0, -1
+        for _ in range(count):
+            skipped = self._contexts.counted(43, "frames passed over") - 1
+            if skipped:
+                frame, place = frame + skipped, -1
+            place += self._contexts.counted(43, "places passed over")
+            require(frame < len(found) and place < self._vertices, "a raw vertex that is not there")
+            packed = struct.pack("<3I", *(self._contexts.bypass(32) for _ in range(3)))
+            position = np.frombuffer(packed, "<f4").astype(np.float64)
+            require(np.isfinite(position).all(), "a raw vertex is not finite")
+            found[frame].raw[place] = position
+
+    def _read_frames(self, frames: int, count: int) -> list[Frame]:
         """15.1 and 15.2."""
-        found: list[dict[int, Residual]] = []
+        found: list[Frame] = []
         distance = 1
         for frame in range(frames):
             if frame > 0 and not self._contexts.bit("same"):
-                distance = self._contexts.counted(MOST_DIGITS, "distance")
+                distance = self._contexts.counted(43, "distance")
             require(distance <= max(frame, 1), "a reference is before the first frame")
             reference = found[frame - distance] if frame else {}
-            here: dict[int, Residual] = {}
-            in_reference = [sum(place in reference for place in patch) for patch in self._patches] + [0]
+            here: Frame = {}
+            classes = [count_class(sum(place in reference for place in element)) for element in self._elements]
             before = second = 0
-            for number, patch in enumerate(self._patches):
-                own, ahead = count_class(in_reference[number]), count_class(in_reference[number + 1])
-                if self._contexts.mixed(
-                    ("patch",), (own, before, min(ahead, 2), min(second, 1)), (number,), (second, ahead, before)
-                ):
-                    self._read_patch(patch, own, reference, here, distance > 1)
-                second, before = before, count_class(sum(place in here for place in patch))
+            for p, (own, ahead) in enumerate(pairwise([*classes, 0])):
+                inputs = (own, before, min(ahead, 2), min(second, 1)), (p,), (second, ahead, before)
+                size = len(here)
+                if self._contexts.mixed(("patch",), *inputs):
+                    self._read_element(self._elements[p], own, reference, here, distance > 1)
+                second, before = before, count_class(len(here) - size)
             count -= len(here)
             require(count >= 0, "there are more residuals than declared")
             found.append(here)
         require(count == 0, "there are fewer residuals than declared")
         return found
 
-    def _read_patch(
-        self, patch: range, own: int, reference: dict[int, Residual], here: dict[int, Residual], is_far: bool
-    ) -> None:
+    def _read_element(self, element: range, own: int, reference: Frame, here: Frame, is_far: bool) -> None:
         """15.3."""
         mixed = self._contexts.mixed
-        found = in_span = 0
-        for begin in patch[::SPAN]:
-            span = range(begin, min(begin + SPAN, patch.stop))
+        so_far = in_span = 0
+        for begin in element[::SPAN]:
+            span = element[begin - element.start :][:SPAN]
             near = min(sum(place in reference for place in span), 3)
             after = any(place in reference for place in range(span.stop, span.stop + SPAN))
-            part = 4 * (begin - patch.start) // len(patch)
-            is_certain = found == 0 and span.stop == patch.stop
-            contexts = (near, min(in_span, 3), after, min(found, 1)), (begin,), (min(found, 7), part, own)
-            is_any = is_certain or mixed(("span",), *contexts)
+            part = 4 * (begin - element.start) // len(element)
+            inputs = (near, min(in_span, 3), after, min(so_far, 1)), (begin,), (min(so_far, 7), part, own)
+            is_certain = so_far == 0 and span.stop == element.stop
             in_span = 0
-            for place in span if is_any else ():
-                known = reference.get(place)
-                size = 1 + min(sum(abs(level) for level in known.levels), 2) if known else 0
+            for place in span if is_certain or mixed(("span",), *inputs) else ():
+                r = reference.get(place)
+                size = 1 + min(sum(map(abs, r.numbers)), 2) if r else 0
                 left = span.stop - 1 - place
                 if in_span == left == 0 or mixed(
-                    ("vertex", known is not None),
+                    ("vertex", r is not None),
                     (size, place - 1 in here, place - 2 in here, place + 1 in reference),
                     (place,),
-                    (min(in_span, 2), left, own, known is not None),
+                    (min(in_span, 2), left, own, r is not None),
                     of=("vertex",),
                 ):
-                    here[place] = self._read_residual(place, known, here.get(place - 1), here.get(place - 2), is_far)
+                    here[place] = self._read_residual(place, r, here.get(place - 1), here.get(place - 2), is_far)
                     in_span += 1
-            found += in_span
+            so_far += in_span
 
     def _read_residual(
-        self, place: int, near: Residual | None, before: Residual | None, second: Residual | None, is_far: bool
+        self, place: int, r: Residual | None, beside: Residual | None, m: Residual | None, is_far: bool
     ) -> Residual:
-        """15.4 and 15.5."""
-        residual = Residual(near)
-        mean = self._mean_sizes[place] if near else 0
-        misses: list[int] = []  # however large
-        for axis in range(3):
-            inputs = prediction_inputs(axis, near, before, second)
-            weights = self._filters[near is not None, before is not None, is_far, axis]
-            prediction = predict(axis, near, inputs, weights) if self.is_predicted else 0
-            miss = self._read_miss(misses, near, before, mean)
-            require(abs(prediction + miss) <= LARGEST, "a residual is out of range")
-            if self.is_predicted:
-                learn(inputs, weights, miss)
-            misses.append(miss)
-            residual.levels.append(prediction + miss)
-            residual.misses.append(min(max(miss, 1 - 2**31), 2**31 - 1))
-        total = 16 * sum(abs(miss) for miss in residual.misses)
-        self._mean_sizes[place] = mean + ((total - mean) >> 2) if near else total
-        return residual
-
-    def _read_miss(self, misses: list[int], near: Residual | None, before: Residual | None, mean: int) -> int:
         """15.4."""
+        found = Residual(r)
+        mean = self._means[place] if r else 0
+        misses: list[int] = []
+        for axis in range(3):
+            weights = self._weights[r is not None, beside is not None, is_far, axis]
+            x = differences(axis, r, beside, m)
+            prediction = 0
+            if self.is_predicted:
+                number = r.numbers[axis] if r else 0
+                total = sum(w * each for w, each in zip(weights, x, strict=True))
+                prediction = clamp((number << 16) + 2**15 + total >> 16, -LARGEST, LARGEST)
+            misses.append(self._read_miss(misses, r, beside, mean))
+            if self.is_predicted:
+                learn(weights, x, misses[-1])
+            found.numbers.append(prediction + misses[-1])
+            require(abs(found.numbers[-1]) <= LARGEST, "a residual is out of range")
+        found.misses = [clamp(miss, -LARGEST_MISS, LARGEST_MISS) for miss in misses]
+        total = 16 * sum(map(abs, found.misses))
+        self._means[place] = mean + (total - mean >> 2) if r else total
+        return found
+
+    def _read_miss(self, misses: list[int], r: Residual | None, beside: Residual | None, mean: int) -> int:
+        """15.4, after the misses of the axes before."""
         axis, mixed = len(misses), self._contexts.mixed
-        t, s = near.misses[axis] if near else 0, before.misses[axis] if before else 0
+        t, s = (near.misses[axis] if near else 0 for near in (r, beside))
         a1, a2 = (abs(misses[axis - k]) if axis >= k else 0 for k in (1, 2))
         expected = 3 * abs(t) + 2 * abs(s) + 2 * a1 + a2 + (mean >> 4)
-        shift = max(0, expected.bit_length() - 5)
+        shift = max(bits(expected) - 5, 0)
         coarse = int(shift > 0)
         if coarse:
-            kind = 20 + (expected >> (expected.bit_length() - 3) & 3)
+            kind = 20 + (expected >> bits(expected) - 3 & 3)
         else:
             kind = expected if expected < 12 else min(12 + (expected - 12 >> 2), 19)
-        sizes = min(abs(t) >> shift, 6) if near else 7, min(abs(s) >> shift, 6) if before else 7
+        sizes = min(abs(t) >> shift, 6) if r else 7, min(abs(s) >> shift, 6) if beside else 7
         others = min(a1 >> shift, 7), min(a2 >> shift, 7), axis
         q = int(axis == 2 and not self.is_predicted and not coarse and a1 == a2 == 0)
-        while q < MOST_MODELLED and mixed(("size", q, coarse), (kind, axis), sizes, others, of=("size", q, coarse)):
+        while q < MOST_MODELLED and mixed(("size", q, coarse), (kind, axis), sizes, others):
             q += 1
         if q == MOST_MODELLED:
-            q += self._contexts.counted(MOST_DIGITS, "rest") - 1
+            q += self._contexts.counted(43, "rest") - 1
         is_negative = 0
         if coarse or q:
-            in_time = near.misses if near else [0, 0, 0]
-            in_space = before.misses if before else [0, 0, 0]
-            agreed_t = sign(sum(sign(a) * sign(b) for a, b in zip(misses, in_time, strict=False)))
-            agreed_s = sign(sum(sign(a) * sign(b) for a, b in zip(misses, in_space, strict=False)))
-            is_negative = mixed(
-                ("sign", coarse), (sign(t), sign(s)), (sign(t), agreed_t, min(abs(t), 2)), (sign(s), agreed_s, axis)
+            agreed_t, agreed_s = (
+                sign(sum(sign(a) * sign(b) for a, b in zip(misses, near.misses, strict=False))) if near else 0
+                for near in (r, beside)
             )
-        require(q <= (4 * LARGEST) >> shift, "a residual is out of range")
-        modelled, low = min(q, MOST_MODELLED), 1
+            of_r, of_beside = (sign(t), agreed_t, min(abs(t), 2)), (sign(s), agreed_s, axis)
+            is_negative = mixed(("sign", coarse), (sign(t), sign(s)), of_r, of_beside)
+        require(q <= 4 * LARGEST >> shift, "a residual is out of range")
+        c, low = min(q, MOST_MODELLED), 1
         for _ in range(shift):
-            bit = self._contexts.bit("low", modelled, low) if low < 4 else self._contexts.bypass()
+            bit = self._contexts.bit("low", c, low) if low < 4 else self._contexts.bypass()
             low = 2 * low + bit
             q = 2 * q + bit
         return -q - coarse if is_negative else q
 
 
-def sign(number: int) -> int:
-    return (number > 0) - (number < 0)
-
-
 def count_class(count: int) -> int:
-    """0, 1, 2, 3 from 3 on, 4 from 6 on, 5 from 16 on."""
+    """15.2."""
     return min(count, 3) + (count >= 6) + (count >= 16)
 
 
-def prediction_inputs(axis: int, near: Residual | None, before: Residual | None, second: Residual | None) -> list[int]:
-    """15.5: differences of levels in time, at the same place and at the two before."""
+def differences(axis: int, r: Residual | None, beside: Residual | None, m: Residual | None) -> list[int]:
+    """15.5: x_0 to x_4."""
 
-    def chain(residual: Residual | None, length: int) -> list[int]:
-        levels = []
-        for _ in range(length):
-            levels.append(residual.levels[axis] if residual else 0)
-            residual = residual.earlier if residual and near else None
-        return levels
+    def chain(residual: Residual | None) -> tuple[int, int, int]:
+        numbers = [0, 0, 0]
+        for k in range(3):
+            if residual:
+                numbers[k] = residual.numbers[axis]
+                residual = residual.earlier if r else None
+        return numbers[0], numbers[1], numbers[2]
 
-    r, a, b = chain(near, 3), chain(before, 3), chain(second, 2)
-    return [r[0] - r[1], r[1] - r[2], a[0] - a[1], a[1] - a[2], b[0] - b[1]]
+    (r1, r2, r3), (l1, l2, l3), (m1, m2, _) = map(chain, (r, beside, m))
+    return [r1 - r2, r2 - r3, l1 - l2, l2 - l3, m1 - m2]
 
 
-def predict(axis: int, near: Residual | None, inputs: list[int], weights: list[int]) -> int:
+def learn(weights: list[int], x: list[int], miss: int) -> None:
     """15.5."""
-    level = near.levels[axis] if near else 0
-    total = (level << 16) + 32768 + sum(w * x for w, x in zip(weights, inputs, strict=True))
-    return min(max(total >> 16, -LARGEST), LARGEST)
-
-
-def learn(inputs: list[int], weights: list[int], miss: int) -> None:
-    """15.5: normalised least mean squares."""
-    scale = max(0, max(abs(miss), *(abs(x) for x in inputs)).bit_length() - 12)
-    scaled = [x >> scale for x in inputs]
-    gain = ((miss >> scale) << 20) // (16 + sum(x * x for x in scaled))
-    for i, x in enumerate(scaled):
-        weights[i] = min(max(weights[i] + ((gain * x) >> 8), -(1 << 18)), 1 << 18)
+    scale = max(bits(max(map(abs, [miss, *x]))) - 12, 0)
+    y = [each >> scale for each in x]
+    gain = ((miss >> scale) << 20) // (16 + sum(each * each for each in y))
+    weights[:] = [
+        clamp(w + (gain * each >> 8), -LARGEST_WEIGHT, LARGEST_WEIGHT) for w, each in zip(weights, y, strict=True)
+    ]

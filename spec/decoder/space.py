@@ -1,42 +1,156 @@
-"""Section 11 of the specification: functions on elements, the partition tree, and the order of functions."""
+"""Section 11 of the specification: functions of elements and of the partition tree, and their order."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from spec.decoder.contexts import Contexts
-from spec.decoder.patches import PATCH, Patches
-from spec.decoder.shape import Vector, arc_length_parameters, dot, series_functions
+from spec.decoder.curves import Points
+from spec.decoder.fields import bits
+from spec.decoder.groups import PATCH, Model
+from spec.decoder.mesh import NONE
+from spec.decoder.patches import Patches
 
-SHARES = (2.0**-12, 2.0**-40, 2.0**-12)
-POLYNOMIAL, ALONG_PIECE, UNIT_VECTOR = range(3)
-ONCE_IS_ENOUGH = 0.125
-SUM_BITS = 61
-MOMENT_BITS = TURN_BITS = 30
-SWEEPS = 8
-FLOOR = 16
-LARGEST_DEGREE = 10
+SHARE, SHARE_OF_PIECES = 2.0**-12, 2.0**-40
+SERIES, SERIES_TERMS = 8, 14
 
-Matrix = list[Vector]
-Points = list[list[int]]
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
 
 
-@dataclass
-class SpaceForm:
-    """What MODL says of the space basis: 10."""
+def local_coordinates(grid: Ints) -> Ints:
+    """11.1: (coordinates, vertices), of the axes that are more than rounding."""
+    n = len(grid)
+    away = (grid - grid[0]).T
+    x: Ints = n * away - away.sum(axis=1, keepdims=True)
+    k = (61 - bits(n)) // 2 - bits(abs(x).max())
+    x = x << k if k >= 0 else x >> -k
 
-    kind: int
-    points: int
-    functions: int
-    threshold: int
-    rate: float
-    affine: bool
+    def m(p: int, q: int) -> int:
+        return int(x[p] @ x[q])
+
+    scale = max(bits(m(0, 0) + m(1, 1) + m(2, 2)) - 30, 0)
+
+    def turn(p: int, q: int) -> bool:
+        if (m(p, q) >> scale) ** 2 <= ((m(p, p) >> scale) + 16) * ((m(q, q) >> scale) + 16) >> 8:
+            return False
+        a, b = (m(q, q) - m(p, p)) >> scale, (2 * m(p, q)) >> scale
+        root = math.isqrt(a * a + b * b)
+        c = math.isqrt((2**30 + (abs(a) << 30) // root) << 29)
+        s = ((b << 29) // root << 30) // c
+        s = -s if a < 0 else s
+        x[p], x[q] = (c * x[p] - s * x[q]) >> 30, (s * x[p] + c * x[q]) >> 30
+        return True
+
+    for _ in range(8):
+        if not any([turn(0, 1), turn(0, 2), turn(1, 2)]):
+            break
+    for j in (0, 1, 0):
+        if m(j, j) < m(j + 1, j + 1):
+            x[[j, j + 1]] = x[[j + 1, j]]
+    return x[: next((j for j in range(3) if m(j, j) >> scale < 1024), 3)]
+
+
+def series_functions(x: Floats, rate: float, order: int) -> Floats:
+    """11.2: (order, arguments)."""
+    power = (rate * x) ** order
+    found = []
+    for j in range(order):
+        total = np.ones_like(x)
+        for k in range(SERIES_TERMS, 0, -1):
+            total = 1.0 + total * (power / math.prod(range(order * (k - 1) + j + 1, order * k + j + 1)))
+        found.append(total * x**j / math.factorial(j))
+    return np.array(found)
+
+
+class Functions:
+    """11.3: orthonormal columns, which are added one by one."""
+
+    def __init__(self, size: int, most: int) -> None:
+        self.size, self.most = size, most
+        self.rows = np.zeros((0, size))
+
+    def add(self, column: Floats, share: float = 0.0) -> bool:
+        """Whether there is place for a column and more than a share of it is new."""
+        if len(self.rows) == self.most:
+            return False
+        before = after = column @ column
+        for _ in range(2):
+            column = column - (self.rows @ column) @ self.rows
+            after = column @ column
+            if after > 0.125 * before:
+                break
+        if share and not after > share * before:
+            return False
+        self.rows = np.vstack([self.rows, column / math.sqrt(after) if after > 0 else 0.0 * column])
+        return True
+
+    def complete(self, share: float) -> None:
+        """Unit vectors until all are there."""
+        for vertex in range(self.size):
+            if len(self.rows) == self.most:
+                break
+            column = np.zeros(self.size)
+            column[vertex] = 1.0
+            self.add(column, share)
+
+    def filled(self) -> Floats:
+        """(most, size): with zeros in the end."""
+        return np.vstack([self.rows, np.zeros((self.most - len(self.rows), self.size))])
+
+
+def exponents() -> list[tuple[int, int, int]]:
+    """11.3: exponents of the products, after the affine ones."""
+    affine = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    degrees = range(10 + 1)
+    every = [(a, b, c) for a in degrees for b in degrees for c in degrees if a + b + 2 * c <= 10]
+    every.sort(key=lambda item: (item[0] + item[1] + 2 * item[2], -item[0], -item[1]))
+    return affine + [item for item in every if item not in affine]
+
+
+EXPONENTS = exponents()
+
+
+def functions_of_element(model: Model, grid: Ints) -> tuple[Floats, int]:
+    """11.3: (functions, vertices), and how many are affine."""
+    size, threshold = len(grid), 1.0 - model.threshold / 16.0
+    functions = Functions(size, min(size, model.functions if model.has_affine else min(model.functions, SERIES)))
+    local = local_coordinates(grid).astype(np.float64)
+    affine = min(1 + len(local), functions.most) if model.has_affine else 0
+    for column in [np.ones(size), *local][:affine]:
+        functions.add(column)
+    if model.kind == PATCH:
+        added: dict[tuple[int, ...], Floats] = dict(zip(EXPONENTS[:4], functions.rows, strict=False))
+        for item in EXPONENTS[4:]:
+            less = [(axis, tuple(n - (i == axis) for i, n in enumerate(item))) for axis in range(3) if item[axis]]
+            if all(each in added for _, each in less):
+                axis, factor = less[0]
+                if functions.add(added[factor] * local[axis], SHARE * threshold):
+                    added[item] = functions.rows[-1]
+    else:
+        for column in series_functions(parameters(grid), model.rate, SERIES):
+            functions.add(column, SHARE_OF_PIECES * threshold)
+    if model.has_affine:
+        functions.complete(SHARE * threshold)
+    return functions.filled(), affine
+
+
+def parameters(grid: Ints) -> Floats:
+    """11.3: u along a piece."""
+    lengths = np.sqrt((np.diff(grid, axis=0).astype(np.float64) ** 2).sum(axis=1))
+    along = np.concatenate([[0.0], lengths.cumsum()])
+    if along[-1] == 0.0:
+        along = np.arange(float(len(grid)))
+    return 2.0 * along / along[-1] - 1.0 if along[-1] > 0.0 else along
 
 
 @dataclass
 class Subband:
-    """Functions that are coded together: 11.6."""
+    """11.6: functions that are coded together."""
 
     first: int
     size: int
@@ -49,239 +163,99 @@ class Subband:
 
 @dataclass
 class Space:
-    """Functions of each element, affine ones first, and the two-scale matrix and affine functions of each node."""
+    """Functions of each element, affine ones first; two-scale matrices and counts of affine functions of nodes."""
 
     patches: Patches
-    functions: list[Matrix]
-    matrices: list[Matrix]
+    functions: list[Floats]
+    matrices: dict[int, Floats]
     counts: list[int]
     subbands: list[Subband]
 
-    def expand(self, coefficients: Vector) -> Vector:
-        """11.7: values by place from one channel of coefficients."""
-        children, counts = self.patches.children, self.counts
-        affine: list[Vector] = [[] for _ in children]
-        affine[0] = coefficients[: counts[0]]
-        subbands = iter(self.subbands[1:])
-        for number, child in enumerate(children):
-            if child < 0:
-                continue
-            subband = next(subbands)
-            own = affine[number] + coefficients[subband.first : subband.first + subband.size]
-            both = [dot([row[i] for row in self.matrices[number]], own) for i in range(len(own))]
-            affine[child], affine[child + 1] = both[: counts[child]], both[counts[child] :]
-        values: Vector = []
-        for number, (functions, subband) in enumerate(zip(self.functions, subbands, strict=True)):
-            own = affine[self.patches.node_of[number]] + coefficients[subband.first : subband.first + subband.size]
-            points = range(len(self.patches.patches[number]))
-            values += [dot([function[i] for function in functions], own) for i in points]
-        return values
+    def expand(self, coefficients: Floats) -> Floats:
+        """11.7: (channels, places), of (functions, channels)."""
+        children, subbands = self.patches.children, iter(self.subbands)
+        affine = {0: coefficients[: next(subbands).size]}
+        for node, child in enumerate(children):
+            if child != NONE:
+                subband = next(subbands)
+                wavelets = coefficients[subband.first : subband.first + subband.size]
+                both = self.matrices[node].T @ np.vstack([affine[node], wavelets])
+                affine[child], affine[child + 1] = both[: self.counts[child]], both[self.counts[child] :]
+        values = []
+        for functions, node, subband in zip(self.functions, self.patches.node_of, subbands, strict=True):
+            others = coefficients[subband.first : subband.first + subband.size]
+            values.append(functions.T @ np.vstack([affine[node], others]))
+        return np.vstack(values).T
 
 
-def exponents() -> list[tuple[int, int, int]]:
-    """11.3: exponents of the polynomials, in order."""
-    affine = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
-    every = [(a, b, c) for a in range(11) for b in range(11) for c in range(6) if a + b + 2 * c <= LARGEST_DEGREE]
-    rest = [item for item in every if item not in affine]
-    return affine + sorted(rest, key=lambda item: (item[0] + item[1] + 2 * item[2], -item[0], -item[1]))
-
-
-EXPONENTS = exponents()
-
-
-def local_coordinates(grid: Points) -> Points:
-    """11.1: coordinates of each point, axis by axis, of the axes that are more than rounding."""
-    size = len(grid)
-    local = []
-    for axis in range(3):
-        away = [point[axis] - grid[0][axis] for point in grid]
-        local.append([size * value - sum(away) for value in away])
-    shift = max(abs(value) for row in local for value in row).bit_length() - (SUM_BITS - size.bit_length()) // 2
-    local = [[value >> shift if shift > 0 else value << -shift for value in row] for row in local]
-    scale = max(sum(moment(row, row) for row in local).bit_length() - MOMENT_BITS, 0)
-    for _ in range(SWEEPS):
-        turned = [turn(local, scale, p, q) for p, q in ((0, 1), (0, 2), (1, 2))]
-        if not any(turned):
-            break
-    for j in (0, 1, 0):
-        if moment(local[j], local[j]) < moment(local[j + 1], local[j + 1]):
-            local[j], local[j + 1] = local[j + 1], local[j]
-    count = 0
-    while count < 3 and moment(local[count], local[count]) >> scale >= 1024:
-        count += 1
-    return local[:count]
-
-
-def moment(one: list[int], other: list[int]) -> int:
-    """Sum of products."""
-    return sum(a * b for a, b in zip(one, other, strict=True))
-
-
-def turn(local: Points, scale: int, p: int, q: int) -> bool:
-    """11.1, step 3: one rotation, unless the two axes are hardly correlated."""
-    first, second = moment(local[p], local[p]), moment(local[q], local[q])
-    mixed = moment(local[p], local[q])
-    if (mixed >> scale) ** 2 <= ((first >> scale) + FLOOR) * ((second >> scale) + FLOOR) >> 8:
-        return False
-    across, along = (second - first) >> scale, (2 * mixed) >> scale
-    root = math.isqrt(across * across + along * along)
-    cosine = math.isqrt((2**TURN_BITS + (abs(across) << TURN_BITS) // root) << (TURN_BITS - 1))
-    sine = ((along << (TURN_BITS - 1)) // root << TURN_BITS) // cosine
-    if across < 0:
-        sine = -sine
-    pairs = list(zip(local[p], local[q], strict=True))
-    local[p] = [(cosine * a - sine * b) >> TURN_BITS for a, b in pairs]
-    local[q] = [(sine * a + cosine * b) >> TURN_BITS for a, b in pairs]
-    return True
-
-
-def add(functions: Matrix, column: Vector, share: float) -> bool:
-    """11.3: orthonormalise one more column; False where no more than a share of it is new."""
-    before = after = dot(column, column)
-    for _ in range(2):
-        weights = [dot(function, column) for function in functions]
-        for function, weight in zip(functions, weights, strict=True):
-            column = [value - other * weight for value, other in zip(column, function, strict=True)]
-        after = dot(column, column)
-        if after > ONCE_IS_ENOUGH * before:
-            break
-    if share > 0.0 and not after > share * before:
-        return False
-    scale = 1.0 / math.sqrt(after) if after > 0.0 else 0.0
-    functions.append([value * scale for value in column])
-    return True
-
-
-def complete(functions: Matrix, size: int, most: int, share: float) -> None:
-    """Unit vectors until there are `most` functions."""
-    for j in range(size):
-        if len(functions) == most:
-            return
-        add(functions, [float(i == j) for i in range(size)], share)
-
-
-def add_affine(functions: Matrix, local: Points, size: int, count: int) -> None:
-    """The constant and local coordinates."""
-    for column in [[1] * size, *local][:count]:
-        add(functions, [float(value) for value in column], 0.0)
-
-
-def add_polynomials(functions: Matrix, local: Points, most: int, share: float) -> None:
-    """11.3, basis patch: polynomials beyond the affine four until there are `most` functions."""
-    added = dict(zip(EXPONENTS, functions[: 1 + len(local)], strict=False))
-    for a, b, c in EXPONENTS[4:]:
-        if len(functions) == most:
-            break
-        less = [(a - 1, b, c), (a, b - 1, c), (a, b, c - 1)]
-        axes = [axis for axis, power in enumerate((a, b, c)) if power > 0]
-        if any(less[axis] not in added for axis in axes):
-            continue
-        column = [value * x for value, x in zip(added[less[axes[0]]], map(float, local[axes[0]]), strict=True)]
-        if add(functions, column, share):
-            added[a, b, c] = functions[-1]
-
-
-def columns_of_piece(grid: Points, rate: float) -> Matrix:
-    """11.3, basis curve."""
-    local = [[float(point[axis] - grid[0][axis]) for axis in range(3)] for point in grid]
-    series = [series_functions(u, rate, 8) for u in arc_length_parameters(local)]
-    return [[values[j] for values in series] for j in range(8)]
-
-
-def build_space(form: SpaceForm, masks: bytes, patches: Patches, grid: Points) -> Space:
+def build_space(model: Model, patches: Patches, grid: Points) -> Space:
     """Functions of all elements and nodes."""
-    shares = [share * (1.0 - form.threshold / 16.0) for share in SHARES]
-    found, affine = [], []
+    points = np.array(grid, np.int64).reshape(-1, 3)
+    share = SHARE * (1.0 - model.threshold / 16.0)
     counts = [0] * len(patches.children)
-    coordinates: list[Matrix] = [[] for _ in counts]
-    for number, patch in enumerate(patches.patches):
-        own = [grid[vertex] for vertex in patch]
-        local, size = local_coordinates(own), len(own)
-        functions: Matrix = []
-        most = min(size, form.functions if form.affine else min(form.functions, 8))
-        affine.append(min(1 + len(local), most) if form.affine else 0)
-        add_affine(functions, local, size, affine[-1])
-        if form.kind == PATCH:
-            add_polynomials(functions, local, most, shares[POLYNOMIAL])
-        else:
-            for column in columns_of_piece(own, form.rate):
-                if len(functions) < most:
-                    add(functions, column, shares[ALONG_PIECE])
-        if form.affine:
-            complete(functions, size, most, shares[UNIT_VECTOR])
-        functions += [[0.0] * size] * (most - len(functions))
+    coordinates: dict[int, Floats] = {}
+    found = []
+    for element, node in zip(patches.elements, patches.node_of, strict=True):
+        own = points[element]
+        functions, counts[node] = functions_of_element(model, own)
         found.append(functions)
-        monomials = [[1.0] * size, *([float(point[axis] - own[0][axis]) for point in own] for axis in range(3))]
-        counts[patches.node_of[number]] = affine[-1]
-        coordinates[patches.node_of[number]] = [[dot(f, m) for m in monomials] for f in functions[: affine[-1]]]
-    kept = read_masks(masks, patches.children, counts)
-    origins = [grid[patches.order[begin]] for begin in patches.begins]
-    matrices = build_matrices(patches.children, counts, kept, origins, coordinates, shares[UNIT_VECTOR])
+        monomials = np.vstack([np.ones(len(own)), (own - own[0]).T.astype(np.float64)])
+        coordinates[node] = functions[: counts[node]] @ monomials.T
+    affine = [counts[node] for node in patches.node_of]
+    kept = read_masks(model.masks, patches.children, counts)
+    origins = points[patches.order][patches.begins]
+    matrices = {}
+    for node, child in reversed(list(enumerate(patches.children))):
+        if child != NONE:
+            away = np.array([0.0, *(origins[child + 1] - origins[child])])
+            second = coordinates[child + 1]
+            stacked = np.vstack([coordinates[child], second + second[:, :1] * away])
+            matrices[node] = two_scale_matrix(stacked, kept[node], share)
+            coordinates[node] = matrices[node][: counts[node]] @ stacked
     return Space(patches, found, matrices, counts, build_subbands(patches, found, affine, counts))
 
 
-def read_masks(data: bytes, children: list[int], counts: list[int]) -> list[list[int]]:
+def read_masks(data: bytes, children: list[int], counts: list[int]) -> dict[int, list[int]]:
     """11.4: which of 1, x, y, z each node keeps; fills in `counts`."""
     contexts = Contexts(data)
-    kept: list[list[int]] = [[] for _ in children]
-    for number in reversed(range(len(children))):
-        if (child := children[number]) < 0:
-            continue
-        halves = counts[child], counts[child + 1]
-        kept[number] = [0] if sum(halves) else []
-        for c in (1, 2, 3):
-            if len(kept[number]) < sum(halves) and contexts.bit(c, halves.count(4)):
-                kept[number].append(c)
-        counts[number] = len(kept[number])
+    kept = {}
+    for node, child in reversed(list(enumerate(children))):
+        if child != NONE:
+            halves = counts[child], counts[child + 1]
+            kept[node] = [0] if sum(halves) else []
+            for c in (1, 2, 3):
+                if len(kept[node]) < sum(halves) and contexts.bit(c, halves.count(4)):
+                    kept[node].append(c)
+            counts[node] = len(kept[node])
     contexts.finish()
     return kept
 
 
-def build_matrices(
-    children: list[int],
-    counts: list[int],
-    kept: list[list[int]],
-    origins: Points,
-    coordinates: list[Matrix],
-    share: float,
-) -> list[Matrix]:
-    """11.5: the two-scale matrix of each node that is no element; fills in `coordinates`."""
-    matrices: list[Matrix] = [[] for _ in children]
-    for number in reversed(range(len(children))):
-        if (child := children[number]) < 0:
-            continue
-        away = [0.0, *(float(b - a) for a, b in zip(origins[child], origins[child + 1], strict=True))]
-        second = [[row[c] + away[c] * row[0] for c in range(4)] for row in coordinates[child + 1]]
-        stacked = coordinates[child] + second
-        constant = [row[0] for row in stacked]
-        square = dot(constant, constant)
-        functions: Matrix = []
-        for c in kept[number]:
-            column = [row[c] for row in stacked]
-            mean = dot(column, constant) / square if c > 0 and square > 0.0 else 0.0
-            add(functions, [value - mean * one for value, one in zip(column, constant, strict=True)], 0.0)
-        coordinates[number] = [[dot(f, [row[c] for row in stacked]) for c in range(4)] for f in functions]
-        complete(functions, len(stacked), len(stacked), share)
-        functions += [[0.0] * len(stacked)] * (len(stacked) - len(functions))
-        matrices[number] = functions
-    return matrices
+def two_scale_matrix(stacked: Floats, kept: list[int], share: float) -> Floats:
+    """11.5: J, of the coordinates of the affine functions of two halves."""
+    functions = Functions(len(stacked), len(stacked))
+    constant = stacked[:, 0]
+    square = constant @ constant
+    for c in kept:
+        mean = stacked[:, c] @ constant / square if c > 0 and square > 0.0 else 0.0
+        functions.add(stacked[:, c] - mean * constant)
+    functions.complete(share)
+    return functions.filled()
 
 
-def build_subbands(patches: Patches, functions: list[Matrix], affine: list[int], counts: list[int]) -> list[Subband]:
+def build_subbands(patches: Patches, functions: list[Floats], affine: list[int], counts: list[int]) -> list[Subband]:
     """11.6."""
     subbands = [Subband(0, counts[0], 0, 0, 0)]
-    above = [0] * len(patches.children)
-    depth = [0] * len(patches.children)
+    depth, above = [0] * len(counts), [0] * len(counts)
 
-    def append(size: int, depth_of_node: int, affine_of_element: int, subband_above: int) -> None:
-        first = subbands[-1].first + subbands[-1].size
-        subbands.append(Subband(first, size, depth_of_node, affine_of_element, subband_above))
+    def append(size: int, depth: int, affine: int, above: int) -> None:
+        subbands.append(Subband(subbands[-1].first + subbands[-1].size, size, depth, affine, above))
 
-    for number, child in enumerate(patches.children):
-        if child >= 0:
-            append(counts[child] + counts[child + 1] - counts[number], depth[number] + 1, 0, above[number])
+    for node, child in enumerate(patches.children):
+        if child != NONE:
+            append(counts[child] + counts[child + 1] - counts[node], depth[node] + 1, 0, above[node])
             for half in (child, child + 1):
-                depth[half], above[half] = depth[number] + 1, len(subbands) - 1
-    for patch, own in enumerate(functions):
-        append(len(own) - affine[patch], -1, affine[patch], above[patches.node_of[patch]])
+                depth[half], above[half] = depth[node] + 1, len(subbands) - 1
+    for own, count, node in zip(functions, affine, patches.node_of, strict=True):
+        append(len(own) - count, -1, count, above[node])
     return subbands

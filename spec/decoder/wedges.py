@@ -1,163 +1,397 @@
-"""Section 17.2 of the specification: which elements around a point have the same value."""
+"""Sections 17.2, 17.6 and 17.7 of the specification: wedges, and their values, predicted by the map of the surface."""
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
 from dataclasses import dataclass, field
-from itertools import pairwise
 
-from spec.decoder.contexts import Contexts
-from spec.decoder.polygons import NOTHING, Corner, Polygons
+import numpy as np
+from numpy.typing import NDArray
+
+from spec.decoder.contexts import Contexts, History, chosen, length_near
+from spec.decoder.fields import bits, clamp, require, sign
+from spec.decoder.mesh import NONE, CornerTable, Mesh, polygons_of
 
 MOST_CORNERS = 16
 BESIDE_BEFORE, BESIDE_AFTER, AROUND, LATEST = range(4)
-NORMAL_BITS = 12
-EDGE_BITS = 16
+GRID, COMPLEMENT, FLOAT = range(3)
+LARGEST_CODE = 2**31 - 1
+LARGEST_LINEAR = 2**30
+AFFINE, TURNED, MIRRORED, PARALLELOGRAM, NEIGHBOURS, LATEST_ATTRIBUTE = range(6)
+LONGEST = 32
 
-Vector = list[int]
-
-
-class CornerTable(Polygons):
-    """Polygons with the corners across their edges."""
-
-    def opposite(self, corner: Corner) -> Corner | None:
-        """The corner whose edge lies on the edge of a corner."""
-        return self._opposites.get(corner)
-
-    def across(self, edge: Corner, vertex: int) -> tuple[Corner | None, Corner | None]:
-        """The corner at `vertex` across an edge, and the one at the edge's other end."""
-        opposite = self.opposite(edge)
-        if opposite is None:
-            return None, None
-        pair = opposite, self.next(opposite)
-        return pair if self.vertex(opposite) == vertex else pair[::-1]
+Vector = NDArray[np.int64]
 
 
 @dataclass
 class Elements:
-    """What has values: how many there are, and which corners are theirs."""
+    """What has values: how many there are, and which corners are theirs; those of objects take no memory."""
 
     count: int
-    of_corner: dict[Corner, int]
-    _corners: dict[int, list[Corner]] = field(init=False, default_factory=dict)
+    of_corner: dict[int, int]
+    corners: dict[int, list[int]] = field(init=False)
 
     def __post_init__(self) -> None:
+        self.corners = defaultdict(list)
         for corner, element in sorted(self.of_corner.items()):
-            self._corners.setdefault(element, []).append(corner)
+            self.corners[element].append(corner)
 
-    def corners(self, element: int) -> list[Corner]:
-        """The corners of an element: none of objects, whose number alone takes no memory."""
-        return self._corners.get(element, [])
+
+class Body:
+    """The polygons of an object over its vertices and its points, and what is known of its attributes before."""
+
+    def __init__(self, mesh: Mesh, grid: list[list[int]]) -> None:
+        polygons = polygons_of([mesh])
+        points: dict[tuple[int, ...], int] = {}
+        point_of = [points.setdefault(tuple(point), len(points)) for point in grid]
+        self.mesh, self.grid = mesh, np.array(grid, np.int64).reshape(-1, 3)
+        self.by_vertex = CornerTable(polygons, mesh.vertices)
+        self.by_point = CornerTable([[point_of[v] for v in polygon] for polygon in polygons], len(points))
+        self.normals = [normal_of(self.grid[polygon]) for polygon in polygons]
+        self.face_corners = range(sum(map(len, mesh.faces)))
+        self.earlier: dict[int, int] | None = None
+        """The latest wedges of corners."""
+        self.measured: Values | None = None
+        """The values of the latest attribute with channels."""
+
+    def elements(self, domain: str, count: int = 0) -> Elements:
+        """The elements of a domain; of objects as many as are given."""
+        if domain == "vertex":
+            return Elements(self.mesh.vertices, dict(enumerate(self.by_vertex.vertex)))
+        if domain == "face":
+            return Elements(len(self.mesh.faces), {c: self.by_vertex.polygon[c] for c in self.face_corners})
+        if domain == "corner":
+            return Elements(len(self.face_corners), {c: c for c in self.face_corners})
+        return Elements(count, {})
+
+
+def normal_of(polygon: Vector) -> Vector:
+    """17.2."""
+    edges = polygon - polygon[0]
+    edges >>= max(bits(abs(edges).max()) - 16, 0)
+    normal: Vector = np.cross(edges[1:-1], edges[2:]).sum(axis=0)
+    return normal >> max(bits(abs(normal).max()) - 12, 0)
+
+
+def bend_of(m: Vector, n: Vector) -> int:
+    """17.2."""
+    d, s = int(m @ n), int(m @ m) * int(n @ n)
+    if s == 0 or d <= 0:
+        return int(s > 0)
+    return min(1 + bits(s // max(s - d * d, 1)), 7)
+
+
+def like(one: int, other: int) -> int:
+    """17.2, of two wedges."""
+    return 0 if NONE in (one, other) else 1 if one == other else 2
 
 
 class WedgeReader:
-    """Reads wedges; the history of comparisons goes on from attribute to attribute."""
+    """17.2: reads wedges under one name."""
 
     def __init__(self, contexts: Contexts, name: str) -> None:
-        self._contexts = contexts
-        self._name = name
-        self._history = 0
+        self._contexts, self._name = contexts, name
+        self._history = History(8)
 
-    def read(
-        self,
-        table: CornerTable,
-        normals: list[Vector],
-        elements: Elements,
-        earlier: dict[Corner, int] | None,
-        *,
-        has_runs: bool,
-    ) -> list[int]:
+    def read(self, body: Body, table: CornerTable, elements: Elements) -> list[int]:
         """The wedge of every element."""
         found: list[int] = []
         wedges = 0
         for element in range(elements.count):
             self._contexts.check_not_ended()
             refused: set[int] = set()
-            wedge = NOTHING
-            for corner in elements.corners(element)[:MOST_CORNERS]:
-                wedge = self._compare(table, normals, elements, earlier, found, corner, refused)
-                if wedge != NOTHING:
-                    break
-            is_run = wedge == NOTHING and has_runs and found and found[-1] not in refused
-            if is_run and self._is_same(LATEST, 0, 0, len(refused), 0, 0):
+            corners = elements.corners.get(element, [])[:MOST_CORNERS]
+            at_corners = (self._compare(body, table, elements, found, corner, refused) for corner in corners)
+            wedge = next((wedge for wedge in at_corners if wedge != NONE), NONE)
+            is_run = self._name in ("rows", "integers") and found and found[-1] not in refused
+            if wedge == NONE and is_run and self._is_same(LATEST, 0, 0, len(refused), 0, 0):
                 wedge = found[-1]
-            if wedge == NOTHING:
-                wedge = wedges
-                wedges += 1
-            found.append(wedge)
+            found.append(wedges if wedge == NONE else wedge)
+            wedges += wedge == NONE
+        if elements.of_corner:
+            body.earlier = {corner: found[element] for corner, element in elements.of_corner.items()}
         return found
 
     def _compare(
-        self,
-        table: CornerTable,
-        normals: list[Vector],
-        elements: Elements,
-        earlier: dict[Corner, int] | None,
-        found: list[int],
-        corner: Corner,
-        refused: set[int],
+        self, body: Body, table: CornerTable, elements: Elements, found: list[int], corner: int, refused: set[int]
     ) -> int:
-        """Compare an element with the wedges at one of its corners."""
+        """The wedge of an element, if it is found at one of its corners."""
 
-        def wedge_at(place: Corner | None) -> int:
-            element = elements.of_corner.get(place, NOTHING) if place else NOTHING
-            return found[element] if 0 <= element < len(found) else NOTHING
+        def wedge_at(place: int) -> int:
+            element = elements.of_corner.get(place, len(found))
+            return found[element] if element < len(found) else NONE
 
-        point = table.vertex(corner)
-        before, after = table.previous(corner), table.next(corner)
-        one, one_end = table.across(before, point)
-        other, other_end = table.across(corner, point)
-        agreement = likeness(wedge_at(one), wedge_at(other))
-        around = [(AROUND, each, 0) for each in table.corners[point][:MOST_CORNERS]]
-        for kind, beside, ends in (
-            (BESIDE_BEFORE, one, likeness(wedge_at(before), wedge_at(one_end))),
-            (BESIDE_AFTER, other, likeness(wedge_at(after), wedge_at(other_end))),
-            *around,
-        ):
-            wedge = wedge_at(beside)
-            if beside is None or wedge == NOTHING or wedge in refused:
+        def across(edge: int) -> tuple[int, int]:
+            """The corner at the point across an edge, and the one at the edge's far end."""
+            opposite = table.opposite[edge]
+            pair = opposite, table.next[opposite]
+            return (NONE, NONE) if opposite == NONE else pair if table.vertex[opposite] == v else pair[::-1]
+
+        v, before, after = table.vertex[corner], table.previous[corner], table.next[corner]
+        (one, end_of_one), (other, end_of_other) = across(before), across(corner)
+        agreement = like(wedge_at(one), wedge_at(other))
+        kinds = [(BESIDE_BEFORE, one, like(wedge_at(before), wedge_at(end_of_one)))]
+        kinds += [(BESIDE_AFTER, other, like(wedge_at(after), wedge_at(end_of_other)))]
+        for kind, place, e in kinds + [(AROUND, place, 0) for place in table.corners[v][:MOST_CORNERS]]:
+            wedge = wedge_at(place)
+            if wedge == NONE or wedge in refused:
                 continue
-            bend = bend_of(normals[corner[0]], normals[beside[0]]) if kind != AROUND else 0
-            seam = 0
-            if earlier is not None:
-                seam = 1 if earlier.get(beside) == earlier.get(corner) else 2
-            if self._is_same(kind, ends, agreement, len(refused), bend, seam):
+            here, there = (body.normals[table.polygon[each]] for each in (corner, place))
+            bend, seam = bend_of(here, there) if kind != AROUND else 0, 0
+            if body.earlier is not None:
+                seam = 1 if body.earlier.get(place) == body.earlier.get(corner) else 2
+            if self._is_same(kind, e, agreement, len(refused), bend, seam):
                 return wedge
             refused.add(wedge)
-        return NOTHING
+        return NONE
 
-    def _is_same(self, kind: int, ends: int, agreement: int, refused: int, bend: int, seam: int) -> int:
-        bit = self._contexts.mixed(
-            (self._name, "same", kind),
-            (ends, agreement, min(refused, 2)),
-            (bend, ends, seam),
-            (self._history, seam),
-        )
-        self._history = (2 * self._history + bit) % 256
-        return bit
+    def _is_same(self, kind: int, e: int, agreement: int, refused: int, bend: int, seam: int) -> int:
+        inputs = (e, agreement, min(refused, 2)), (bend, e, seam), (self._history.value, seam)
+        return self._contexts.mixed((self._name, "same", kind), *inputs, into=self._history)
 
 
-def likeness(one: int, other: int) -> int:
-    """0 where one is not known, 1 for the same, 2 for others."""
-    return 0 if NOTHING in (one, other) else 1 if one == other else 2
+@dataclass
+class Channel:
+    """17.5: what the codes of a channel stand for."""
+
+    kind: int = GRID
+    divisor: int = 1
+    shift: int = 22
+    table: list[int] = field(default_factory=list)
+    is_complete: bool = False
+
+    def linear(self, code: int) -> int:
+        if self.kind != FLOAT:
+            value = (code << self.shift) // self.divisor
+            value = (1 << self.shift) - value if self.kind == COMPLEMENT else value
+        else:
+            m = code if code >= 0 else -1 - code
+            e, f = m >> 23, m % 2**23 + 2**23
+            u = e - 150 + self.shift
+            value = 0 if e in (0, 255) else f << min(u, 30) if u >= 0 else f >> min(-u, 30)
+            value = value if code >= 0 else -value
+        return clamp(value, -LARGEST_LINEAR, LARGEST_LINEAR)
+
+    def near(self, value: int) -> int:
+        y = clamp(value, -LARGEST_LINEAR, LARGEST_LINEAR)
+        if self.kind != FLOAT:
+            y = (1 << self.shift) - y if self.kind == COMPLEMENT else y
+            return clamp(y * self.divisor + (1 << self.shift >> 1) >> self.shift, -LARGEST_CODE - 1, LARGEST_CODE)
+        length = bits(y)
+        e = min(length + 126 - self.shift, 254)
+        if length == 0 or e <= 0:
+            return 0
+        digits = abs(y) << 24 - length if length <= 24 else abs(y) >> length - 24
+        code = e << 23 | digits % 2**23
+        return code if y >= 0 else -1 - code
+
+    def place_near(self, code: int) -> int:
+        """17.7: the place of the entry of the table that is nearest, the lower of two."""
+        return min(range(len(self.table)), key=lambda place: abs(self.table[place] - code))
 
 
-def normal_of(polygon: list[Vector]) -> Vector:
-    """A normal of a polygon, its largest component brought to 12 binary digits."""
-    origin = polygon[0]
-    edges = [[x - y for x, y in zip(point, origin, strict=True)] for point in polygon]
-    shift = max(max(abs(x) for edge in edges for x in edge).bit_length() - EDGE_BITS, 0)
-    edges = [[x >> shift for x in edge] for edge in edges]
-    normal = [0, 0, 0]
-    for u, w in pairwise(edges[1:]):
-        normal = [n + u[k - 2] * w[k - 1] - u[k - 1] * w[k - 2] for k, n in enumerate(normal)]
-    shift = max(max(abs(n) for n in normal).bit_length() - NORMAL_BITS, 0)
-    return [n >> shift for n in normal]
+Predictions = dict[int, list[Vector]]
 
 
-def bend_of(one: Vector, other: Vector) -> int:
-    """How flat two polygons lie to each other: 0 unknown, 1 at 90 degrees or more, up to 7 flat."""
-    dot = sum(a * b for a, b in zip(one, other, strict=True))
-    squares = sum(a * a for a in one) * sum(b * b for b in other)
-    if squares == 0 or dot <= 0:
-        return int(squares > 0)
-    return min(1 + (squares // max(squares - dot * dot, 1)).bit_length(), 7)
+class Values:
+    """17.6 and 17.7: wedges as the vertices of a corner table, and what is known of their values."""
+
+    def __init__(
+        self, contexts: Contexts, name: str, body: Body, elements: Elements, wedges: list[int], channels: list[Channel]
+    ) -> None:
+        self._contexts, self._name, self.channels = contexts, name, channels
+        count = max(wedges, default=-1) + 1
+        self._wedge_of = {corner: wedges[element] for corner, element in elements.of_corner.items()}
+        corners = [body.by_vertex.corners_of(p) for p in range(len(body.by_vertex.polygons))]
+        named = [[self._wedge_of.get(corner, count) for corner in polygon] for polygon in corners]
+        self._table = CornerTable(named, count + 1)
+        self._positions = np.zeros((count, 3), np.int64)
+        self._others: list[Vector | None] = [None] * count
+        for element, wedge in reversed(list(enumerate(wedges))):
+            first = elements.corners.get(element, [NONE])[0]
+            self._positions[wedge] = 0 if first == NONE else body.grid[body.by_vertex.vertex[first]]
+            self._others[wedge] = body.measured.at(first, channels) if body.measured else None
+        self.codes = [[0] * len(channels) for _ in range(count)]
+        self._linear: dict[int, Vector] = {}
+        self._lengths = np.zeros((count, len(channels)), np.int64)
+        self._history = History(4)
+
+    def at(self, corner: int, channels: list[Channel]) -> Vector | None:
+        """17.6: the linear values at a corner in the unit of other channels, if there are any, and as many."""
+        if len(self.channels) != len(channels) or corner not in self._wedge_of:
+            return None
+        up = channels[0].shift - self.channels[0].shift
+        shifted = [y << up if up >= 0 else y >> -up for y in self._linear[self._wedge_of[corner]].tolist()]
+        return np.array([clamp(y, -LARGEST_LINEAR, LARGEST_LINEAR) for y in shifted])
+
+    def read(self) -> None:
+        """Fill in codes and linear values; the last vertex of the corner table stands for no wedge."""
+        zero = np.zeros(len(self.channels), np.int64)
+        scores = [0] * 6
+        linear = lengths = zero
+        for x in self._table.walk():
+            if x == len(self._positions):
+                continue
+            self._contexts.check_not_ended()
+            ways, neighbours = self._predict(x)
+            order = sorted(ways, key=lambda way: (scores[way], way))
+            means = {way: mean(values) for way, values in ways.items()}
+            first = means[order[0]] if ways else linear
+            second = means[order[1]].tolist() if len(ways) > 1 else None
+            kind = 4 * (order[0] + 1) + min(len(ways[order[0]]), 3) if ways else 0
+            expected = mean([self._lengths[wedge] for wedge in neighbours]) if neighbours else lengths
+            before = 0
+            for k in range(len(self.channels)):
+                other = None if second is None else second[k]
+                before = self._read_code(x, k, int(first[k]), other, kind, int(expected[k]), before)
+            linear = self._linear[x] = np.array(
+                [
+                    channel.linear(channel.table[code] if channel.is_complete else code)
+                    for channel, code in zip(self.channels, self.codes[x], strict=True)
+                ]
+            )
+            lengths = self._lengths[x]
+            misses = {way: bits(abs(linear - value).sum()) for way, value in means.items()}
+            for way, miss in misses.items():
+                scores[way] += (miss - min(misses.values()) << 10) - scores[way] >> 3
+
+    def _read_code(self, x: int, k: int, first: int, second: int | None, kind: int, expected: int, before: int) -> int:
+        """17.7: read the code of one channel; what stands for its length in the next one."""
+        channel, codes, bit, name = self.channels[k], self.codes[x], self._contexts.bit, self._name
+        entries = len(channel.table)
+        p = channel.near(first)
+        nearest = channel.place_near(p) if entries else 0
+        distance = bits(channel.table[nearest] - p) if entries else 0
+        p = nearest if channel.is_complete else p
+        spread, lean = 0, 1
+        if second is not None:
+            other = channel.near(second)
+            other = channel.place_near(other) if channel.is_complete else other
+            spread, lean = 1 + bits(other - p), 1 + sign(other - p)
+        self._lengths[x, k] = expected
+        if channel.is_complete and entries == 1:
+            return before
+        if k > 0 and len(codes) > 2 and bit(name, "alike", k):
+            codes[k] = codes[k - 1]
+        elif entries and not channel.is_complete and self._is_common(k, kind, distance, expected):
+            places = [nearest, *(place for place in range(entries) if place != nearest)]
+            turn = chosen(entries, lambda turn: bit(name, "which", min(turn, 3), distance))
+            codes[k] = channel.table[places[turn]]
+            before = 34
+        else:
+            length, sized = self._read_residual(k, kind, expected, spread, lean, before)
+            codes[k] = p + sized
+            self._lengths[x, k] = length
+            before = 1 + length
+        least, most = (0, entries - 1) if channel.is_complete else (-LARGEST_CODE - 1, LARGEST_CODE)
+        require(least <= codes[k] <= most, "a value out of range")
+        return before
+
+    def _is_common(self, k: int, kind: int, distance: int, expected: int) -> int:
+        t = clamp(distance - expected + 8, 0, 15)
+        inputs = (t, self._history.value), (kind, distance), (t, k, expected)
+        return self._contexts.mixed((self._name, "common"), *inputs, into=self._history)
+
+    def _read_residual(self, k: int, kind: int, expected: int, spread: int, lean: int, before: int) -> tuple[int, int]:
+        """17.7: a residual and its length."""
+        name, c, m = self._name, self.channels[k].is_complete, kind // 4
+
+        def decide(length: int, w: int) -> int:
+            inputs = (length, w, before, k), (length, w, kind, spread), (length, w, spread, expected)
+            return self._contexts.mixed((name, "length", c, w, m), *inputs, of=(name, "length"))
+
+        length = length_near(clamp(expected + spread >> 1 if spread else expected, 1, LONGEST), LONGEST, decide)
+        if length == 0:
+            return 0, 0
+        size = self._contexts.digits(length, 4, name, "digit")
+        return length, -size if self._contexts.bit(name, "sign", lean, min(length, 3), m) else size
+
+    def _known(self, corner: int, x: int) -> int:
+        """The wedge of a corner, if it is known and another one than x."""
+        wedge = self._table.vertex[corner]
+        return wedge if wedge in self._linear and wedge != x else NONE
+
+    def _predict(self, x: int) -> tuple[Predictions, list[int]]:
+        """17.6: the predictions of each way that there is, and the known neighbours."""
+        table, y = self._table, self._linear
+        ways: Predictions = defaultdict(list)
+        neighbours: list[int] = []
+        for corner in table.corners[x][:MOST_CORNERS]:
+            after, before, z = table.next[corner], table.previous[corner], table.size(corner)
+            neighbours += [wedge for wedge in (self._known(after, x), self._known(before, x)) if wedge != NONE]
+            is_first = True
+            for i in range(min(z - 2, 2)):
+                side = table.previous[before] if i else after
+                end = table.next[side]
+                a, b = self._known(side, x), self._known(end, x)
+                if NONE in (a, b) or a == b:
+                    continue
+                if is_first:
+                    self._turn(ways, a, b, x)
+                is_first = False
+                opposite = table.opposite[side]
+                if opposite != NONE and table.polygon[opposite] != table.polygon[corner]:
+                    c = self._known(table.next[table.next[opposite]], x)
+                    if c not in (NONE, a, b):
+                        self._affine(ways, a, b, c, x, is_across=True)
+                        if z == table.size(opposite) == 3:
+                            ways[PARALLELOGRAM].append(y[a] + y[b] - y[c])
+                if z > 4 or (z == 4 and i == 0):
+                    near, far = (after, table.previous[side]) if i else (before, table.next[end])
+                    c = self._known(near, x)
+                    if z == 4 and c != NONE:
+                        ways[PARALLELOGRAM].append(y[a] + y[c] - y[b])
+                    c = self._known(far, x) if c == NONE else c
+                    if c not in (NONE, a, b):
+                        self._affine(ways, a, b, c, x, is_across=False)
+        if neighbours:
+            ways[NEIGHBOURS] = [y[wedge] for wedge in neighbours]
+        other = self._others[x]
+        if other is not None:
+            ways[LATEST_ATTRIBUTE] = [other]
+        return ways, neighbours
+
+    def _products(self, a: int, *others: int) -> list[list[int]]:
+        """17.6: dot products of the edges from a to others, made small."""
+        edges = self._positions[list(others)] - self._positions[a]
+        edges >>= max(bits(abs(edges).max()) - 14, 0)
+        found: list[list[int]] = (edges @ edges.T).tolist()
+        return found
+
+    def _turn(self, ways: Predictions, a: int, b: int, x: int) -> None:
+        """17.6, T: where x is if the map keeps angles, to one side of the edge from a to b and to the other."""
+        (bb, bx), (_, xx) = self._products(a, b, x)
+        if bb == 0 or abs(along := (bx << 16) // bb) >= 2**19:
+            return
+        h = max(xx - bx * bx // bb, 0)
+        if h >> 6 > bb:
+            return
+        q = math.isqrt((h << 32) // bb)
+        s = self._linear[b] - self._linear[a]
+        straight, turn = self._linear[a] + (s * along >> 16), np.zeros_like(s)
+        if len(s) > 1:
+            turn[:2] = -(s[1] * q >> 16), s[0] * q >> 16
+        ways[TURNED].append(straight + turn)
+        ways[MIRRORED].append(straight - turn)
+
+    def _affine(self, ways: Predictions, a: int, b: int, c: int, x: int, *, is_across: bool) -> None:
+        """17.6, F: where x is if the map is affine on the triangle a, b, c and beyond."""
+        (bb, bx, bc), (_, xx, xc), (_, _, cc) = self._products(a, b, x, c)
+        if bb == 0 or abs(along := (bx << 16) // bb) >= 2**19:
+            return
+        h, k = max(xx - bx * bx // bb, 0), cc - bc * bc // bb
+        if k <= bb >> 10 or (is_across and h >> 4 > k):
+            return
+        q = -math.isqrt((h << 32) // k) if is_across else (xc - bx * bc // bb << 16) // k
+        of_c = (bc << 16) // bb
+        if abs(q) >= 2**18 or abs(of_c) >= 2**19:
+            return
+        y, to_b, to_c = self._linear[a], self._linear[b] - self._linear[a], self._linear[c] - self._linear[a]
+        ways[AFFINE].append(y + (to_b * along >> 16) + ((to_c - (to_b * of_c >> 16)) * q >> 16))
+
+
+def mean(rows: list[Vector]) -> Vector:
+    """17.6."""
+    total: Vector = np.sum(rows, axis=0)
+    return (2 * total + len(rows)) // (2 * len(rows))
