@@ -80,6 +80,14 @@ def test_any_points_get_an_orthonormal_basis(rest: list[tuple[int, int, int]], p
     np.testing.assert_allclose(again, coefficients, atol=1e-9)
 
 
+def test_motion_without_functions_of_time_has_coefficients_of_no_channel() -> None:
+    item, rest = grid(5, 4)
+    basis = build_space_basis("patch", [item], rest, points=7, functions=9)
+    found = basis.project(np.zeros((20, 0)))
+    assert found.shape == (basis.functions, 0)
+    assert expanded(basis, found).shape == (20, 0)
+
+
 def test_an_affine_motion_needs_four_functions_however_many_patches_there_are() -> None:
     item, rest = grid(40, 30)
     basis = build_space_basis("patch", [item], rest, points=16, functions=16)

@@ -87,14 +87,16 @@ struct PySpaceBasis {
 
     nb::object project(const Values &values, int threads) {
         require(static_cast<i64>(values.shape(0)) == basis->vertices(), "one row of values a vertex");
-        const i64 channels = static_cast<i64>(values.shape(1));
-        std::vector<double> found;
+        const std::size_t channels = values.shape(1), functions = static_cast<std::size_t>(basis->functions());
+        auto found = std::make_unique<std::vector<double>>();
         {
             nb::gil_scoped_release release;
             basis->make_functions(threads);
-            found = basis->project({values.data(), values.size()}, channels, threads);
+            *found = basis->project({values.data(), values.size()}, static_cast<i64>(channels), threads);
         }
-        return to_rows(std::move(found), channels);
+        double *first = found->data();
+        nb::capsule owner(found.release(), [](void *pointer) noexcept { delete static_cast<std::vector<double> *>(pointer); });
+        return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<2>>(first, {functions, channels}, owner));
     }
 
     Grid grid;
