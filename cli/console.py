@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -31,17 +29,6 @@ def say_notices(sequence: MeshSequence) -> None:
     """What a reader wants a person to know, a line each."""
     for notice in sequence.notices:
         say(f"note: {notice}")
-
-
-def say_if_compiling() -> None:
-    """Explain the wait of a first use: Numba compiles the kernels, and keeps the result beside them."""
-    import pdecodec.kernels
-
-    folder = Path(pdecodec.kernels.__path__[0])
-    # Where Numba keeps its results elsewhere, nobody can tell from here whether they are there.
-    kept_here = "NUMBA_CACHE_DIR" not in os.environ and os.access(folder, os.W_OK)
-    if kept_here and not any(folder.glob("__pycache__/*.nbi")):
-        say("note: compiling, once; later runs start at once")
 
 
 def print_json(data: Mapping[str, Any]) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, extent, print_json, progress_bar, say, say_if_compiling, say_notices
+from pdecodec.cli.console import byte_size, extent, print_json, progress_bar, say, say_notices
 from pdecodec.cli.options import (
     check_apart,
     check_output,
@@ -99,7 +99,6 @@ def decode(
         raise InputError("is a folder; decode takes a .pdeanim file", path=source)
     limits = DecodeLimits() if max_memory is None else DecodeLimits(max_memory=max_memory)
     with open_animation(source, limits=limits) as animation:
-        say_if_compiling()
         chosen = _chosen(animation, at=at, times=times, fps=fps, frames=frames, outside=outside)
         positions = place(select_objects(chosen, objects), up_axis=up_axis, scale=scale)
         sequences = [positions]

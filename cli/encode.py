@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say, say_if_compiling, say_notices
+from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say, say_notices
 from pdecodec.cli.options import (
     check_apart,
     check_output,
@@ -145,7 +145,6 @@ def encode(
     ) as whole:
         sequence = place(select_objects(select_frames(whole, frames), objects), up_axis=up_axis, scale=scale)
         say_notices(sequence)
-        say_if_compiling()
         with progress_bar() as progress, naming_file(source):
             if size is not None:
                 report = encode_to_size(sequence, size, output, checked, overwrite=overwrite, progress=progress)

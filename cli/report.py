@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pdecodec.cli.console import print_json, progress_bar, say, say_if_compiling, say_notices
+from pdecodec.cli.console import print_json, progress_bar, say, say_notices
 from pdecodec.cli.options import fps_option, json_option
 from pdecodec.errors import SettingsError
 
@@ -129,7 +129,6 @@ def report(
     )
     for reason in skipped:
         say(f"note: {reason}")
-    say_if_compiling()
     with progress_bar() as progress:
         result = make_report(
             _opened(clips, fps),

@@ -1,13 +1,10 @@
-"""The closed form in time: the four functions of Eq. 12 over a group of frames, at any time.
+"""The closed form in time: the four functions of Eq. 12 over a group of frames.
 
-Inside a group the functions are evaluated as they are. Between the last frame of one group and the first of the next,
-positions follow the cubic that meets both in value and first derivative (Hermite), so that the motion is continuous
-in both everywhere.
+At other times than frames, and between groups, the decoder evaluates it: `core/time_functions/closed_form.hpp`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -86,44 +83,3 @@ class ClosedForm:
             column = values[:, j] - weights[:, :j] @ self.triangle[:j, j]
             weights[:, j] = column / self.triangle[j, j]
         return weights
-
-
-def weights_at(forms: Sequence[ClosedForm], time: float, derivative: int) -> list[tuple[int, Float64Array]]:
-    """What each group's functions count at a time: one group inside it, two between groups.
-
-    Parameters
-    ----------
-    forms : sequence of ClosedForm
-        Of consecutive groups.
-    time : float [s]
-        Between the first and the last frame of all.
-    derivative : int
-        0 (position), 1 (velocity) or 2 (acceleration).
-
-    Returns
-    -------
-    list of (group, (functions,) float64)
-    """
-    begins = [form.times[0] for form in forms]
-    group = max(int(np.searchsorted(begins, time, side="right")) - 1, 0)
-    left = forms[group]
-    t = np.array([time])
-    if time <= left.times[-1]:
-        return [(group, left.weights(t, derivative)[0])]
-    right = forms[group + 1]
-    begin, end = left.times[-1:], right.times[:1]
-    length = float(end[0] - begin[0])
-    value_left, slope_left, value_right, slope_right = _hermite((time - begin[0]) / length, derivative)
-    scale = length**-derivative
-    from_left = value_left * left.weights(begin) + slope_left * length * left.weights(begin, 1)
-    from_right = value_right * right.weights(end) + slope_right * length * right.weights(end, 1)
-    return [(group, scale * from_left[0]), (group + 1, scale * from_right[0])]
-
-
-def _hermite(s: float, derivative: int) -> tuple[float, float, float, float]:
-    """The cubic Hermite functions at s in [0, 1]: value and slope at the left, at the right."""
-    if derivative == 0:
-        return (1 + 2 * s) * (1 - s) ** 2, s * (1 - s) ** 2, s * s * (3 - 2 * s), s * s * (s - 1)
-    if derivative == 1:
-        return 6 * s * (s - 1), (1 - s) * (1 - 3 * s), 6 * s * (1 - s), s * (3 * s - 2)
-    return 12 * s - 6, 6 * s - 4, 6 - 12 * s, 6 * s - 2

@@ -124,7 +124,8 @@ def core_errors() -> Iterator[None]:
     except _core.LimitError as error:
         raise LimitError(str(error)) from error
     except _core.CorruptError as error:
-        raise CorruptFileError(str(error)) from error
+        message, offset, frame = error.args
+        raise CorruptFileError(message, offset=offset, frame=frame) from error
 
 
 def core_parts(parts: Sequence[Connectivity]) -> list[_core.Part]:

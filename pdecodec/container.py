@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import struct
 import tempfile
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
-from pdecodec.errors import CorruptFileError
 from pdecodec.whole_output import whole_file, write_errors
 
 IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
@@ -153,118 +150,3 @@ def section_sizes(sections: Sequence[Section]) -> dict[str, int]:
         "container": HEADER.size + sum(len(row) for row in _rows(sections)),
         **{section.type: section.length for section in sections},
     }
-
-
-class ContainerReader:
-    """Sections of an open file, each checked against its checksum when it is read.
-
-    Parameters
-    ----------
-    file : BinaryIO
-        Seekable.
-    path : str
-        For messages.
-
-    Raises
-    ------
-    CorruptFileError
-        If the file is not a `.pdeanim` file, of another major version, truncated, or its table is damaged.
-    """
-
-    def __init__(self, file: BinaryIO, path: str) -> None:
-        self._file = file
-        self.path = path
-        self.file_bytes = file.seek(0, os.SEEK_END)
-        self.entries = self._read_table()
-
-    def _read_table(self) -> dict[str, SectionEntry]:
-        self._file.seek(0)
-        header = self._file.read(HEADER.size)
-        if header[: len(IDENTIFIER)] != IDENTIFIER[: len(header)] or not header:
-            raise CorruptFileError("not a .pdeanim file (its first bytes are others)", path=self.path, offset=0)
-        if len(header) < HEADER.size:
-            raise CorruptFileError("ends inside its header; get it again", path=self.path, offset=len(header))
-        _, major, _, count, table_checksum, header_checksum = HEADER.unpack(header)
-        if zlib.crc32(header[:-4]) != header_checksum:
-            raise CorruptFileError("its header is damaged; get it again", path=self.path, offset=0)
-        if major != MAJOR_VERSION:
-            message = f"has format version {major}, this decoder reads version {MAJOR_VERSION}; update pdecodec"
-            raise CorruptFileError(message, path=self.path)
-        if count > MAX_SECTIONS:
-            raise CorruptFileError(f"declares {count} sections, at most {MAX_SECTIONS} can be", path=self.path)
-        table = [self._read_row() for _ in range(count)]
-        if zlib.crc32(b"".join(table)) != table_checksum:
-            raise CorruptFileError("its table of sections is damaged", path=self.path, offset=HEADER.size)
-        entries: dict[str, SectionEntry] = {}
-        expected = HEADER.size + sum(len(row) for row in table)
-        for row in table:
-            raw_type, flags = ENTRY_HEAD.unpack_from(row)
-            offset, length = expected, int.from_bytes(row[ENTRY_HEAD.size : -CHECKSUM.size], "little")
-            (checksum,) = CHECKSUM.unpack(row[-CHECKSUM.size :])
-            kind = raw_type.decode("ascii", "backslashreplace")
-            if kind == RUN_BEGINS and kind in entries:
-                message = "has runs of frames of different connectivity, which this decoder does not read"
-                raise CorruptFileError(f"{message}; update pdecodec", path=self.path, offset=offset)
-            if kind in entries:
-                raise CorruptFileError(f"section {kind} stands twice", path=self.path, offset=offset)
-            expected = offset + length
-            entries[kind] = SectionEntry(kind, bool(flags & REQUIRED), offset, length, checksum)
-        if expected != self.file_bytes:
-            what = "is truncated" if expected > self.file_bytes else "has bytes after its last section"
-            message = f"{what}: {self.file_bytes} bytes where the table says {expected}; get it again"
-            raise CorruptFileError(message, path=self.path, offset=min(expected, self.file_bytes))
-        return entries
-
-    def _read_row(self) -> bytes:
-        """One row of the table of sections."""
-        row = self._file.read(ENTRY_HEAD.size)
-        size = row[-1] >> LENGTH_AT if row else 0
-        needed = ENTRY_HEAD.size + size + CHECKSUM.size if size <= MOST_LENGTH_BYTES else 0
-        row += self._file.read(max(needed - len(row), 0))
-        if len(row) != needed:
-            raise CorruptFileError("its table of sections is damaged", path=self.path, offset=HEADER.size)
-        return row
-
-    def check_known(self, known: frozenset[str]) -> None:
-        """Refuse required sections outside `known`; ignorable ones are passed over."""
-        for entry in self.entries.values():
-            if entry.required and entry.type not in known:
-                message = f"needs section {entry.type}, which this decoder does not know; update pdecodec"
-                raise CorruptFileError(message, path=self.path, offset=entry.offset)
-
-    def entry(self, kind: str) -> SectionEntry:
-        """The table's row for section `kind`."""
-        if kind not in self.entries:
-            raise CorruptFileError(f"has no section {kind}; get it again", path=self.path)
-        return self.entries[kind]
-
-    def read(self, kind: str) -> bytes:
-        """A whole section, checked."""
-        entry = self.entry(kind)
-        data = self.read_range(entry.offset, entry.length)
-        if zlib.crc32(data) != entry.checksum:
-            raise CorruptFileError(
-                f"section {kind} is damaged; get the file again", path=self.path, offset=entry.offset
-            )
-        return data
-
-    def read_range(self, offset: int, length: int) -> bytes:
-        """Bytes of the file as they are; the caller checks them."""
-        self._file.seek(offset)
-        data = self._file.read(length)
-        if len(data) < length:
-            raise CorruptFileError("was shortened while it was read", path=self.path, offset=offset + len(data))
-        return data
-
-    def verify(self) -> None:
-        """Check every section, unknown ones too, without holding more than a piece of it."""
-        for entry in self.entries.values():
-            checksum, left = 0, entry.length
-            self._file.seek(entry.offset)
-            while left:
-                piece = self._file.read(min(left, COPY_BYTES))
-                if not piece:
-                    break
-                checksum, left = zlib.crc32(piece, checksum), left - len(piece)
-            if left or checksum != entry.checksum:
-                raise CorruptFileError(f"section {entry.type} is damaged", path=self.path, offset=entry.offset)

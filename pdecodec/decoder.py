@@ -1,12 +1,12 @@
-"""The decoder: a `.pdeanim` file as a mesh sequence that gives positions at any time."""
+"""The decoder: a `.pdeanim` file as a mesh sequence that gives positions at any time.
+
+All of it is native (`core/decoder/animation.hpp`); here are times, settings and errors as Python has them.
+"""
 
 from __future__ import annotations
 
-import io
 import os
-import threading
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,34 +16,26 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdecodec.attributes import decode_attributes
-from pdecodec.connectivity import BYTES_PER_CORNER, decode_connectivity, decode_vertex_counts
-from pdecodec.container import ContainerReader
-from pdecodec.description import decode_remarks, decode_sequence_description
+from pdecodec import _core
+from pdecodec.attributes import DOMAINS
+from pdecodec.connectivity import core_errors
 from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
-from pdecodec.groupmodel import GroupModelDescription
-from pdecodec.groups import CHUNK_SECTIONS, GroupTable, read_group_table
-from pdecodec.motion import Motion
+from pdecodec.groups import TIME_BASES
 from pdecodec.paperform import PaperForm, paper_form
-from pdecodec.patches import early_patches
-from pdecodec.reference import RestShape, decode_rest
+from pdecodec.reference import RestShape
 from pdecodec.resample import Outside, times_inside
-from pdecodec.sequence import MeshObject, MeshSequence, check_frame_range
-from pdecodec.spacebasis import SpaceBasis, decode_space_basis
+from pdecodec.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
+from pdecodec.shares import thread_count
+from pdecodec.spacebasis import SPACE_KINDS, SpaceForm, decode_space_basis
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 
-KNOWN_SECTIONS = frozenset({"META", "SEQN", "CONN", "ORDR", "REST", "MODL", "GRUP", *CHUNK_SECTIONS, "ATTR"})
+POSITIONS, VELOCITIES, ACCELERATIONS = range(3)
+"""Quantities by the core's numbers."""
 
 DEFAULT_MAX_MEMORY = 4 * 2**30
 """Bytes a file may ask for while it is opened and decoded: some five million vertices."""
-
-BYTES_PER_VERTEX = 600
-"""Peak memory of a mesh, per vertex: curves, reference frame, and twelve float64 functions each, twice."""
-
-BYTES_PER_FRAME = 96
-"""Peak memory of opening a file, per frame: times, their spline, a row of the table of groups."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +75,7 @@ def open_animation(source: str | os.PathLike[str] | bytes, *, limits: DecodeLimi
         If it asks for more memory than `limits` allow.
     """
     if isinstance(source, bytes):
-        return Animation(io.BytesIO(source), "bytes in memory", limits or DecodeLimits())
+        return Animation(source, "bytes in memory", limits or DecodeLimits())
     try:
         file = Path(source).open("rb")  # noqa: SIM115 - the animation keeps it open until it is closed
     except OSError as error:
@@ -103,110 +95,70 @@ class Animation(MeshSequence):
     gives the same bits. It may be used from several threads; they take turns.
     """
 
-    def __init__(self, file: BinaryIO, path: str, limits: DecodeLimits) -> None:
+    def __init__(self, file: BinaryIO | bytes, path: str, limits: DecodeLimits) -> None:
         self.path, self.notices = path, ()
-        self._file, self._limits, self._left = file, limits, limits.max_memory
-        self._lock = threading.RLock()
+        self._file = file
         with self._naming_the_file():
-            container = self._container = ContainerReader(file, path)
-            container.check_known(KNOWN_SECTIONS)
-            description = decode_sequence_description(container.read("SEQN"), limits.max_memory // BYTES_PER_FRAME)
-            self._description = description
-            self._vertex_counts, self._polygons = decode_vertex_counts(container.read("CONN"))
-            self.times, self.fps = description.times, description.fps
-            self._table: GroupTable = read_group_table(container.read("GRUP"), self.frame_count)
-            self._table.check_sections(container)
-            self._model = GroupModelDescription.from_bytes(container.read("MODL"))
-            self._take(BYTES_PER_FRAME * self.frame_count, f"{self.frame_count} frames")
-            self._take(BYTES_PER_VERTEX * self.vertex_count, f"{self.vertex_count} vertices")
+            self._core = _core.Animation(file, limits.max_memory, thread_count())
+        self.times, self.fps = self._core.times, self._core.fps
+        self._vertex_counts = self._core.vertex_counts
 
     @contextmanager
     def _naming_the_file(self) -> Iterator[None]:
-        # The parts below know their section, not the file. Numbers of a hostile file may overflow: no warnings.
+        # The core knows section and frame, not the file.
         try:
-            with np.errstate(all="ignore"):
+            with core_errors():
                 yield
         except CorruptFileError as error:
-            if error.path is not None:
-                raise
             raise type(error)(error.message, path=self.path, frame=error.frame, offset=error.offset) from error
         except MemoryError as error:
             raise LimitError("needs more memory than there is; lower the memory limit", path=self.path) from error
-
-    def _take(self, needed: int, what: str) -> None:
-        """Count what a file declares against the memory limit, before memory is taken."""
-        if needed > self._left:
-            most = self._limits.max_memory
-            message = f"declares {what}, about {needed + most - self._left} bytes to decode; the limit is {most}"
-            raise LimitError(f"{message}; raise it if you trust the file")
-        self._left -= needed
 
     @property
     def vertex_count(self) -> int:
         return sum(self._vertex_counts)
 
-    @property
+    @cached_property
     def objects(self) -> tuple[MeshObject, ...]:  # type: ignore[override]  # decoded when it is first needed
-        with self._lock, self._naming_the_file():
-            return self._objects
+        with self._naming_the_file():
+            attributes = self._core.attributes()
+            return tuple(
+                MeshObject(
+                    item.name,
+                    item.connectivity,
+                    tuple(Attribute(name, DOMAINS[domain], *rest) for name, domain, *rest in own),
+                )
+                for item, own in zip(self.meshes, attributes, strict=True)
+            )
 
-    @property
+    @cached_property
     def meshes(self) -> tuple[MeshObject, ...]:
         """The objects without their attributes, for which the reference frame need not be decoded."""
-        with self._lock, self._naming_the_file():
-            return self._meshes
-
-    # What is cached is only taken with the lock held: Python 3.11 has one lock a cached property, taken after it.
-
-    @cached_property
-    def _objects(self) -> tuple[MeshObject, ...]:
-        if "ATTR" not in self._container.entries:
-            return self._meshes
-        levels = self._reference.levels
-        return tuple(decode_attributes(self._container.read("ATTR"), self._meshes, levels, self._left))
-
-    @cached_property
-    def _meshes(self) -> tuple[MeshObject, ...]:
-        """Sections CONN and ORDR."""
-        order = self._container.read("ORDR") if "ORDR" in self._container.entries else b""
-        counts, most = self._vertex_counts, self._left // BYTES_PER_CORNER
-        parts = decode_connectivity(counts, self._polygons, order, most)
-        self._left -= BYTES_PER_CORNER * sum(part.face_indices.size + part.line_indices.size for part in parts)
-        names = self._description.names(len(counts), lambda size: self._take(size, "names of objects"))
-        return tuple(MeshObject(name, part) for name, part in zip(names, parts, strict=True))
-
-    @cached_property
-    def _reference(self) -> RestShape:
-        return decode_rest(self._container.read("REST"), self._meshes)
-
-    @cached_property
-    def _reference_and_space(self) -> tuple[RestShape, SpaceBasis]:
-        """Section REST, and the functions of space that MODL describes."""
-        model, meshes = self._model, self._meshes
-        # The patches of most meshes follow from connectivity alone: they are made while the reference is decoded.
-        with ThreadPoolExecutor(1) as pool:
-            found = pool.submit(early_patches, meshes, model.form.points) if model.form.kind == "patch" else None
-            reference = self._reference
-            early = found.result() if found else None
-        return reference, decode_space_basis(model.form, model.masks, meshes, reference.levels, early)
-
-    @cached_property
-    def _motion(self) -> Motion:
-        reference, space = self._reference_and_space
-        return Motion(self._container, self._table, self._model, self.times, reference, space, self._left)
+        with self._naming_the_file():
+            parts, names = self._core.connectivity(), self._core.names()
+        return tuple(
+            MeshObject(name, Connectivity(vertices, *arrays))
+            for name, vertices, arrays in zip(names, self._vertex_counts, parts, strict=True)
+        )
 
     @cached_property
     def _remarks(self) -> dict[str, Any]:
-        return decode_remarks(self._container.read("META")) if "META" in self._container.entries else {}
+        with self._naming_the_file():
+            data = self._core.remarks()
+            if not data:
+                return {}
+            from pdecodec.description import decode_remarks
+
+            return decode_remarks(data)
 
     @property
     def metadata(self) -> dict[str, str]:  # type: ignore[override]  # read when it is first needed
-        with self._lock, self._naming_the_file():
-            found = self._remarks.get("metadata", {})
+        found = self._remarks.get("metadata", {})
         return {str(key): str(value) for key, value in found.items()} if isinstance(found, dict) else {}
 
     def close(self) -> None:
-        self._file.close()
+        if not isinstance(self._file, bytes):
+            self._file.close()
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -258,18 +210,13 @@ class Animation(MeshSequence):
         shape = (inside.size, self.vertex_count, 3)
         if out is not None and (out.shape != shape or out.dtype != np.float32):
             raise SettingsError(f"the array to write to must be float32 {shape}, not {out.dtype} {out.shape}")
-        order = np.argsort(inside, kind="stable")
-        is_in_order = np.array_equal(order, np.arange(order.size))
-        # Page by page, memory that is new costs as much as decoding into it: the caller's is taken where it can be.
-        is_direct = is_in_order and out is not None and out.flags.c_contiguous
-        found = out if is_direct and out is not None else np.empty(shape, np.float32)
-        with self._lock, self._naming_the_file():
-            self._motion.positions(inside[order], found)
-        if is_direct or (is_in_order and out is None):
+        found = out if out is not None and out.flags.c_contiguous else np.empty(shape, np.float32)
+        with self._naming_the_file():
+            self._core.evaluate(POSITIONS, inside, None, found)
+        if out is None or found is out:
             return found
-        result = np.empty_like(found) if out is None else out
-        result[order] = found
-        return result
+        out[:] = found
+        return out
 
     def velocities(self, times: ArrayLike, *, outside: Outside = "clamp") -> Float32Array:
         """Velocity of every vertex at one time or at several: the exact derivative of the positions.
@@ -287,20 +234,22 @@ class Animation(MeshSequence):
         -------
         (vertices, 3) or (n, vertices, 3) float32 [scene units / s]
         """
-        return self._derivatives(1, times, outside)
+        return self._derivatives(VELOCITIES, times, outside)
 
     def accelerations(self, times: ArrayLike, *, outside: Outside = "clamp") -> Float32Array:
         """As :meth:`velocities`, the second derivative [scene units / s^2]; residuals have none."""
-        return self._derivatives(2, times, outside)
+        return self._derivatives(ACCELERATIONS, times, outside)
 
-    def _derivatives(self, order: Literal[1, 2], times: ArrayLike, outside: Outside) -> Float32Array:
+    def _derivatives(self, quantity: Literal[1, 2], times: ArrayLike, outside: Outside) -> Float32Array:
         asked = np.atleast_1d(np.asarray(times, dtype=np.float64))
         inside = self._inside(asked, outside)
         moving = (outside == "loop") | ((asked >= self.times[0]) & (asked <= self.times[-1]))
         out = np.zeros((asked.size, self.vertex_count, 3), np.float32)
-        with self._lock, self._naming_the_file():
-            for row in np.flatnonzero(moving):
-                out[row] = self._motion.derivative(order, inside[row])
+        found = out if moving.all() else np.empty((np.count_nonzero(moving), self.vertex_count, 3), np.float32)
+        with self._naming_the_file():
+            self._core.evaluate(quantity, inside[moving], None, found)
+        if found is not out:
+            out[moving] = found
         return out if np.ndim(times) else out[0]
 
     def _inside(self, times: ArrayLike, outside: Outside) -> Float64Array:
@@ -322,35 +271,43 @@ class Animation(MeshSequence):
         SettingsError
             If the file was encoded with functions that are not the paper's 32, or there is no such group.
         """
-        if not 0 <= group < len(self._table.entries):
-            raise SettingsError(f"there is no group {group}; the file has {len(self._table.entries)}, from 0 on")
-        with self._lock, self._naming_the_file():
-            reference, space = self._reference_and_space
-            return paper_form(self._model, reference, space, self._motion, group, int(self._table.firsts[group]))
+        groups = self._core.groups
+        if not 0 <= group < len(groups):
+            raise SettingsError(f"there is no group {group}; the file has {len(groups)}, from 0 on")
+        first, frames, functions, _, _, alpha = groups[group]
+        kind, *numbers, _, masks = self._core.model
+        with self._naming_the_file():
+            grid, origin, step = self._core.reference()
+            reference = RestShape(grid, np.array(origin), step)
+            space = decode_space_basis(SpaceForm(SPACE_KINDS[kind], *numbers), masks, self.meshes, grid)
+            values = self._core.coefficients(group)
+        return paper_form(
+            reference, space, values, self.times[first : first + frames], alpha=alpha, functions=functions,
+            first_frame=first,
+        )  # fmt: skip
 
     @property
     def sections(self) -> dict[str, int]:
         """Bytes of each section, and of header and table as ``"container"``; the sum is the file."""
-        sizes = {name: entry.length for name, entry in self._container.entries.items()}
-        return {"container": self._container.file_bytes - sum(sizes.values()), **sizes}
+        sizes = {name: length for name, _, length in self._core.sections}
+        return {"container": self._core.file_bytes - sum(sizes.values()), **sizes}
 
     def info(self) -> dict[str, Any]:
         """What the headers say of the file, as a JSON object: sections, model, settings, and why this model."""
-        entries = self._table.entries
-        with self._lock, self._naming_the_file():
-            remarks = self._remarks
+        groups, remarks, file_bytes = self._core.groups, self._remarks, self._core.file_bytes
+        frames = [group[1] for group in groups]
         return {
-            "file_bytes": self._container.file_bytes,
-            "ratio": 12 * self.frame_count * self.vertex_count / self._container.file_bytes,
+            "file_bytes": file_bytes,
+            "ratio": 12 * self.frame_count * self.vertex_count / file_bytes,
             "sections": self.sections,
             "summary": str(remarks.get("summary", "")),
             "generator": str(remarks.get("generator", "")),
             "settings": remarks.get("settings", {}),
-            "time_bases": sorted({entry.basis for entry in entries}),
-            "space_basis": self._model.form.kind,
-            "functions_of_time": max(entry.functions for entry in entries),
-            "groups": len(entries),
-            "group_frames": [min(entry.frames for entry in entries), max(entry.frames for entry in entries)],
+            "time_bases": sorted({TIME_BASES[basis] for _, _, _, basis, _, _ in groups}),
+            "space_basis": SPACE_KINDS[self._core.model[0]],
+            "functions_of_time": max(functions for _, _, functions, _, _, _ in groups),
+            "groups": len(groups),
+            "group_frames": [min(frames), max(frames)],
         }
 
     def verify(self) -> None:
@@ -361,7 +318,6 @@ class Animation(MeshSequence):
         CorruptFileError
             If one does not.
         """
-        with self._lock, self._naming_the_file():
-            self._container.verify()
-            _ = self._objects, self._remarks
-            self._motion.decode_everything()
+        with self._naming_the_file():
+            self._core.verify()
+        _ = self.objects, self._remarks

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pdecodec.basis import MAX_RATE
-from pdecodec.bytestream import FieldReader, FieldWriter
-from pdecodec.errors import CorruptFileError
-from pdecodec.limits import LARGEST_STEP
-from pdecodec.spacebasis import MOST_FUNCTIONS, MOST_POINTS, SPACE_KINDS, THRESHOLDS, SpaceForm
+from pdecodec.bytestream import FieldWriter
+from pdecodec.spacebasis import SPACE_KINDS, SpaceForm
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,26 +33,3 @@ class GroupModelDescription:
             writer.numbers("dB", form.rate, form.affine)
         writer.numbers("d", self.correction_step)
         return writer.to_bytes() + self.masks
-
-    @classmethod
-    def from_bytes(cls, data: bytes) -> GroupModelDescription:
-        """Undo :meth:`to_bytes`; CorruptFileError where a field is out of range."""
-        reader = FieldReader(data, "MODL")
-        (number,) = reader.integers("B")
-        if number >= len(SPACE_KINDS):
-            raise CorruptFileError(f"section MODL names space basis {number}, which is unknown")
-        kind, points = SPACE_KINDS[number], reader.count()
-        functions, threshold = reader.integers("BB")
-        rate, affine = 0.0, 1
-        if kind == "curve":
-            (rate,) = reader.reals("d")
-            (affine,) = reader.integers("B")
-        (correction_step,) = reader.reals("d")
-        if not (1 <= points <= MOST_POINTS[kind] and 1 <= functions <= MOST_FUNCTIONS):
-            raise CorruptFileError("section MODL has a size of patches out of range")
-        if threshold >= THRESHOLDS or affine > 1 or not 0 <= rate <= MAX_RATE:
-            raise CorruptFileError("section MODL has a threshold, a rate or a sort of pieces out of range")
-        if not 0 < correction_step <= LARGEST_STEP:
-            raise CorruptFileError("section MODL has a quantisation step out of range")
-        form = SpaceForm(kind, points, functions, threshold, rate, bool(affine))
-        return cls(form=form, correction_step=correction_step, masks=reader.rest())

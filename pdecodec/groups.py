@@ -24,12 +24,9 @@ from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec._core import cosine_wave
-from pdecodec.basis import MAX_RATE, TIME_FUNCTIONS
-from pdecodec.bytestream import FieldReader, FieldWriter
+from pdecodec.basis import TIME_FUNCTIONS
+from pdecodec.bytestream import FieldWriter
 from pdecodec.closedform import ClosedForm
-from pdecodec.container import ContainerReader
-from pdecodec.errors import CorruptFileError
-from pdecodec.limits import LARGEST_STEP
 from pdecodec.shares import in_shares
 from pdecodec.spacebasis import Expansion, SpaceBasis
 
@@ -135,86 +132,8 @@ class GroupEntry:
         writer.count(self.sizes[2])
         writer.numbers("I", self.checksum)
 
-    @classmethod
-    def read(cls, reader: FieldReader) -> GroupEntry:
-        """Undo :meth:`write`; CorruptFileError where a field is out of range."""
-        frames, functions = reader.count(), reader.count()
-        (kind,) = reader.integers("B")
-        if not 1 <= frames <= MAX_GROUP_FRAMES:
-            raise CorruptFileError(f"section GRUP has a group of {frames} frames; 1 to {MAX_GROUP_FRAMES} can be")
-        if kind & ~DOUBLE >= len(TIME_BASES):
-            raise CorruptFileError(f"section GRUP has a group of kind {kind}, which is unknown")
-        basis: TimeBasis = TIME_BASES[kind & ~DOUBLE]
-        (step,) = reader.reals("d")
-        mode_step, alpha, time_bytes = step, 0.0, 0
-        if basis in SAMPLED_BASES:
-            (mode_step,) = reader.reals("d")
-            time_bytes = reader.count()
-        elif basis == "closed form":
-            (alpha,) = reader.reals("d")
-        if not (0 < step <= LARGEST_STEP and 0 < mode_step <= LARGEST_STEP):
-            raise CorruptFileError("section GRUP has a quantisation step out of range")
-        if not 0 <= alpha <= MAX_RATE:
-            raise CorruptFileError(f"section GRUP has an alpha outside 0 to {MAX_RATE:g}")
-        sizes = (time_bytes, reader.count(), reader.count())
-        (checksum,) = reader.integers("I")
-        entry = cls(
-            frames=frames,
-            functions=functions,
-            basis=basis,
-            single=not kind & DOUBLE,
-            step=step,
-            mode_step=mode_step,
-            alpha=alpha,
-            sizes=sizes,
-            checksum=checksum,
-        )
-        if functions > entry.most_functions:
-            raise CorruptFileError(f"section GRUP has {functions} functions of time for {frames} frames")
-        return entry
-
 
 CHUNK_SECTIONS = ("TIME", "COEF", "CORR")
-
-
-@dataclass(frozen=True)
-class GroupTable:
-    """All groups of a file.
-
-    Attributes
-    ----------
-    entries : tuple of GroupEntry
-    firsts : (groups + 1,) int64
-        First frame of each group, then the number of frames.
-    offsets : (groups + 1, 3) int64
-        Where each group's chunks begin in their sections.
-    """
-
-    entries: tuple[GroupEntry, ...]
-    firsts: Int64Array
-    offsets: Int64Array
-
-    @property
-    def frames(self) -> int:
-        return int(self.firsts[-1])
-
-    def group_of(self, frame: int) -> int:
-        return int(np.searchsorted(self.firsts, frame, side="right")) - 1
-
-    def check_sections(self, container: ContainerReader) -> None:
-        """CorruptFileError unless the chunks fill their sections."""
-        for name, total in zip(CHUNK_SECTIONS, self.offsets[-1], strict=True):
-            if int(total) != container.entry(name).length:
-                raise CorruptFileError(f"section {name} has another length than the groups say")
-
-    def read_chunks(self, container: ContainerReader, group: int) -> tuple[bytes, bytes, bytes]:
-        """The chunks of one group in TIME, COEF and CORR, checked."""
-        chunks = []
-        for name, offset, size in zip(CHUNK_SECTIONS, self.offsets[group], self.entries[group].sizes, strict=True):
-            chunks.append(container.read_range(container.entry(name).offset + int(offset), size))
-        if zlib.crc32(b"".join(chunks)) != self.entries[group].checksum:
-            raise CorruptFileError(f"group {group} is damaged; get the file again", frame=int(self.firsts[group]))
-        return chunks[0], chunks[1], chunks[2]
 
 
 def write_group_table(entries: Sequence[GroupEntry]) -> bytes:
@@ -223,36 +142,6 @@ def write_group_table(entries: Sequence[GroupEntry]) -> bytes:
     for entry in entries:
         entry.write(writer)
     return writer.to_bytes()
-
-
-def read_group_table(data: bytes, frames: int) -> GroupTable:
-    """Undo :func:`write_group_table`.
-
-    Parameters
-    ----------
-    data : bytes
-    frames : int
-        Of the clip: groups have as many together.
-
-    Raises
-    ------
-    CorruptFileError
-        If a field is out of range.
-    """
-    reader = FieldReader(data, "GRUP")
-    entries: list[GroupEntry] = []
-    left = frames
-    while left > 0:
-        entries.append(GroupEntry.read(reader))
-        left -= entries[-1].frames
-    reader.finish()
-    if left < 0:
-        raise CorruptFileError(f"section SEQN declares {frames} frames, the groups have {frames - left}")
-    if len({entry.basis == "closed form" for entry in entries}) > 1:
-        raise CorruptFileError("section GRUP has groups in closed form and others; a file has one or the other")
-    firsts = np.concatenate([[0], np.cumsum([entry.frames for entry in entries])]).astype(np.int64)
-    offsets = np.concatenate([np.zeros((1, 3), np.int64), np.cumsum([entry.sizes for entry in entries], axis=0)])
-    return GroupTable(tuple(entries), firsts, offsets.astype(np.int64))
 
 
 def cosines(frames: int, functions: int) -> Float64Array:

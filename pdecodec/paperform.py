@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.basis import SPACE_FUNCTIONS, TIME_FUNCTIONS, series_functions, series_to_paper
+from pdecodec.closedform import ClosedForm
 from pdecodec.errors import SettingsError
-from pdecodec.groupmodel import GroupModelDescription
-from pdecodec.motion import Motion
 from pdecodec.reference import RestShape
 from pdecodec.spacebasis import SpaceBasis, arc_length_parameter
 
@@ -68,9 +67,29 @@ class PaperForm:
 
 
 def paper_form(
-    model: GroupModelDescription, reference: RestShape, space: SpaceBasis, motion: Motion, group: int, first_frame: int
+    reference: RestShape,
+    space: SpaceBasis,
+    values: Float64Array,
+    times: Float64Array,
+    *,
+    alpha: float,
+    functions: int,
+    first_frame: int,
 ) -> PaperForm:
     """Convert the coefficients of one group.
+
+    Parameters
+    ----------
+    reference : RestShape
+    space : SpaceBasis
+    values : (functions of space, functions of time x axes) float64 [scene units]
+        As the file has them.
+    times : (frames,) float64 [s]
+        Of the group's frames.
+    alpha : float
+        Rate of Eq. 12 over half the group.
+    functions, first_frame : int
+        Functions of time, and the group's first frame.
 
     A piece of fewer than 8 points, or a group of fewer than 4 frames, has as many functions as points or frames; they
     span the leading functions of the well-conditioned basis, which are combinations of all of the paper's.
@@ -83,10 +102,10 @@ def paper_form(
     form = space.form
     if form.kind != "curve" or form.affine or form.functions != SPACE_FUNCTIONS:
         raise SettingsError("this file's functions are not the 32 of the paper; encode with profile paper")
-    time_form = motion.closed_form(group)
+    time_form = ClosedForm(times, alpha, functions)
     if min(time_form.alpha, form.rate) < SMALLEST_RATE:
         raise SettingsError("an alpha or r this small makes the paper's functions dependent; encode with a larger one")
-    found = motion.coefficients(group)
+    found = values.reshape(len(values), functions, -1)
     # psi = phi R^-1 in time; functions that a group does not have count nothing.
     time = np.zeros((TIME_FUNCTIONS, time_form.functions))
     time[: time_form.functions] = np.linalg.inv(time_form.triangle) if time_form.functions else 0.0

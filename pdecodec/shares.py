@@ -5,11 +5,12 @@ Each share writes what no other one reads, so that no result depends on the numb
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import TypeVar
 
 Result = TypeVar("Result")
 
@@ -18,11 +19,11 @@ SHARES_A_THREAD = 4
 
 
 def thread_count() -> int:
-    """Threads that work at once: one a processor, or as many as the environment's NUMBA_NUM_THREADS says."""
-    import numba
-
-    config: Any = numba.config
-    return int(config.NUMBA_NUM_THREADS)
+    """Threads that work at once: one a processor, or as many as the environment's PDECODEC_THREADS says."""
+    asked = os.environ.get("PDECODEC_THREADS", "")
+    if asked.isdecimal() and int(asked) > 0:
+        return int(asked)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def side_by_side(*works: Callable[[], Result]) -> list[Result]:

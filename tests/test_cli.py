@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdecodec.cli.console import byte_size, ratio, say_if_compiling
+from pdecodec.cli.console import byte_size, ratio
 from pdecodec.cli.main import run
 from pdecodec.formats import list_formats, open_sequence, write_sequence
 from pdecodec.sequence import ArraySequence, Connectivity, MeshObject
@@ -202,21 +202,6 @@ def test_decode_ends_with_what_it_wrote_and_how_large_that_is(animation: Path, t
     assert output.stat().st_size == velocities.stat().st_size
     assert line.startswith(f"{output} and {velocities}: in {sizes[0]} -> out {sizes[1]} ")
     assert "(57.6 kB of positions and velocities), 20 frames of 120 vertices" in line
-
-
-def test_the_first_use_says_that_it_compiles_and_later_ones_do_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    import pdecodec.kernels
-
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    monkeypatch.setattr(pdecodec.kernels, "__path__", [str(tmp_path)])
-    say_if_compiling()
-    assert capsys.readouterr().err == "note: compiling, once; later runs start at once\n"
-    (tmp_path / "__pycache__").mkdir()
-    (tmp_path / "__pycache__" / "motion.evaluate-146.py311.nbi").touch()
-    say_if_compiling()
-    assert capsys.readouterr().err == ""
 
 
 def test_decode_takes_times_rates_and_ranges_and_frames_keep_every_bit(animation: Path, tmp_path: Path) -> None:

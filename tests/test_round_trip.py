@@ -257,7 +257,7 @@ def test_the_number_of_threads_changes_no_bit() -> None:
     printed = []
     for threads in ("1", "3"):
         path = os.pathsep.join([str(here), str(here.parent)])
-        environment = {**os.environ, "NUMBA_NUM_THREADS": threads, "PYTHONPATH": path}
+        environment = {**os.environ, "PDECODEC_THREADS": threads, "PYTHONPATH": path}
         command = [sys.executable, "-c", SCRIPT]
         printed.append(subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout)
     assert printed[0] == printed[1]

@@ -29,9 +29,7 @@ from pdecodec import (
     open_animation,
 )
 from pdecodec.effort import EFFORTS
-from pdecodec.kernels import rangecoder
 from spec.decoder import animation as independent
-from spec.decoder import rangecoder as independent_coder
 from spec.decoder.space import EXPONENTS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -133,12 +131,6 @@ def test_its_command_line_prints_objects_and_positions(tmp_path: Path) -> None:
     with open_animation(path) as mine:
         rows = [[float(number) for number in line.split()] for line in printed("0.05").splitlines()]
         np.testing.assert_allclose(rows, mine.positions(0.05), rtol=1e-6)
-
-
-def test_its_tables_of_logarithms_are_the_librarys() -> None:
-    assert independent_coder.EVEN == rangecoder.EVEN
-    assert rangecoder.SQUASH.tolist() == independent_coder.SQUASH
-    assert rangecoder.STRETCH.tolist() == independent_coder.STRETCH
 
 
 def test_its_polynomials_come_in_the_librarys_order() -> None:

@@ -30,7 +30,7 @@ Model Model::of_bytes(std::span<const u8> data) {
         form.rate = fields.real();
         affine = fields.integer<u8>();
     }
-    form.affine = affine != 0;
+    form.is_affine = affine != 0;
     model.residual_step = fields.real();
     if (form.points < 1 || form.points > most_points[kind] || form.functions < 1 || form.functions > most_functions) {
         throw CorruptError("section MODL has a size of patches out of range");
