@@ -28,14 +28,8 @@ CHECKSUM = struct.Struct("<I")
 LENGTH_AT, MOST_LENGTH_BYTES = 4, 8
 """Bit of the flags at which the bytes of a length begin to be counted, and how many they are at most."""
 
-RUN_BEGINS = "CONN"
-"""Frames of one connectivity are a run; its sections begin with this one. This version reads files of one run."""
-
 REQUIRED = 1
 """Section flag: a decoder that does not know this type must refuse the file."""
-
-MAX_SECTIONS = 64
-"""A run of frames has 9 sections at most; more can only be damage."""
 
 COPY_BYTES = 2**20
 """Bytes copied or checked at a time, so that memory does not grow with a section."""

@@ -105,7 +105,7 @@ def paper_form(
     time_form = ClosedForm(times, alpha, functions)
     if min(time_form.alpha, form.rate) < SMALLEST_RATE:
         raise SettingsError("an alpha or r this small makes the paper's functions dependent; encode with a larger one")
-    found = values.reshape(len(values), functions, -1)
+    found = values.reshape(space.functions, functions, 3)
     # psi = phi R^-1 in time; functions that a group does not have count nothing.
     time = np.zeros((TIME_FUNCTIONS, time_form.functions))
     time[: time_form.functions] = np.linalg.inv(time_form.triangle) if time_form.functions else 0.0

@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
-HEAVY = ("fileseq", "h5py", "matplotlib", "meshio", "numba", "rich", "scipy", "zstandard")
+HEAVY = ("fileseq", "h5py", "matplotlib", "meshio", "rich", "scipy", "zstandard")
 """Packages that neither `import pdecodec` nor a help page may load."""
 
 

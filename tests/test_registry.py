@@ -29,7 +29,7 @@ def own_formats(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         (
             "import sys, pdecodec.formats\n"
-            "print([name for name in ('h5py', 'numba', 'fileseq', 'meshio', 'zipfile') if name in sys.modules])",
+            "print([name for name in ('h5py', 'fileseq', 'meshio', 'zipfile') if name in sys.modules])",
             "[]\n",
             "",
         ),

@@ -65,6 +65,7 @@ void bind_xpbd(nb::module_ &module);
 void bind_text(nb::module_ &module);
 void bind_baselines(nb::module_ &module);
 void bind_animation(nb::module_ &module);
+void bind_container(nb::module_ &module);
 // One function a part of the core; each adds its classes and functions to the module.
 void bind_connectivity(nb::module_ &module);
 void bind_reference(nb::module_ &module);

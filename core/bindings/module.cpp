@@ -34,5 +34,6 @@ NB_MODULE(_core, module) {
     bind_text(module);
     bind_baselines(module);
     bind_animation(module);
+    bind_container(module);
     bind_basis(module);
 }

@@ -65,6 +65,7 @@ Animation::Animation(std::unique_ptr<Source> source, const Options &options)
     : source_(std::move(source)), container_(*source_), max_memory_(options.max_memory), left_(options.max_memory),
       threads_(options.threads > 0 ? options.threads
                                    : static_cast<int>(most(std::thread::hardware_concurrency(), 1u))) {
+    container_.check_known();
     sequence_ = SequenceDescription::of_bytes(container_.read("SEQN"), static_cast<i64>(max_memory_ / bytes_per_frame));
     polygons_ = container_.read("CONN");
     FieldReader fields(polygons_, "CONN");

@@ -39,8 +39,7 @@ std::string readable(std::span<const u8> bytes) {
 
 }  // namespace
 
-Container::Container(Source &source) : source_(source) {
-    read_table();
+void Container::check_known() const {
     for (const SectionEntry &entry : entries_) {
         if (entry.is_required && std::find(known.begin(), known.end(), entry.type) == known.end()) {
             throw CorruptError("needs section " + entry.type + ", which this decoder does not know; update pdecodec",
@@ -98,17 +97,14 @@ void Container::read_table() {
             }
             throw CorruptError("section " + entry.type + " stands twice", static_cast<i64>(offset));
         }
-        if (entry.length > source_.size() || offset > source_.size()) {
-            offset = source_.size() + 1;  // beyond the end, whatever the sum would be
-        } else {
-            offset += entry.length;
-        }
+        offset = entry.length > UINT64_MAX - offset ? UINT64_MAX : offset + entry.length;
         entries_.push_back(std::move(entry));
     }
     if (offset != source_.size()) {
         const bool is_short = offset > source_.size();
-        throw CorruptError(std::string(is_short ? "is truncated" : "has bytes after its last section") + ": it has " +
-                               std::to_string(source_.size()) + " bytes, and its table says otherwise; get it again",
+        throw CorruptError(std::string(is_short ? "is truncated" : "has bytes after its last section") + ": " +
+                               std::to_string(source_.size()) + " bytes where the table says " +
+                               std::to_string(offset) + "; get it again",
                            static_cast<i64>(std::min(offset, source_.size())));
     }
 }

@@ -22,7 +22,10 @@ public:
     static constexpr int major_version = 1, minor_version = 0;
 
     // Read header and table. CorruptError if this is no such file, or one that cannot be read.
-    explicit Container(Source &source);
+    explicit Container(Source &source) : source_(source) { read_table(); }
+
+    // CorruptError if there is a section that this decoder does not know, and must.
+    void check_known() const;
 
     const std::vector<SectionEntry> &entries() const { return entries_; }
     u64 file_bytes() const { return source_.size(); }
