@@ -364,7 +364,7 @@ class GroupFitter:
     def _decoded(self, functions: GroupFunctions) -> Float64Array:
         """Positions at the frames, before corrections, and before they are rounded to float32."""
         out = np.empty(self.points.shape)
-        evaluate_group(functions, slice(None), np.ascontiguousarray(self._rest.T), out)
+        evaluate_group(functions, slice(None), np.ascontiguousarray(self._rest), out)
         return out
 
     def _corrections(

@@ -8,8 +8,8 @@ A group has one of four time bases:
 * ``closed form``: the four functions of Eq. 12 at a rate alpha that the file stores (the paper's).
 
 The first three are sampled at the frames; between frames positions follow the C2 spline through all frames of the
-clip (:mod:`pdecodec.spline`), whose pieces are the four functions of Eq. 12 at alpha = 0. The closed form is evaluated
-at any time (:mod:`pdecodec.closedform`).
+clip (core/evaluate/spline.hpp), whose pieces are the four functions of Eq. 12 at alpha = 0. The closed form is
+evaluated at any time (:mod:`pdecodec.closedform`).
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec import _core
 from pdecodec.basis import MAX_RATE, TIME_FUNCTIONS
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.closedform import ClosedForm
@@ -369,14 +370,13 @@ def evaluate_group(group: GroupFunctions, frames: slice, rest: Float64Array, out
     ----------
     group : GroupFunctions
     frames : slice
-    rest : (3, vertices) float64 [scene units]
-    out : (frames, vertices, 3) float32 or float64, written
+    rest : (vertices, 3) float64 [scene units], C-contiguous
+    out : (frames, vertices, 3) float32 or float64, C-contiguous, written
     """
-    from pdecodec.kernels.group_motion import BLOCK, TILE, positions
-
-    weights = group.time[frames]
+    time = group.time[frames].copy()  # C-contiguous
 
     def evaluate(first: int, end: int) -> None:
-        positions(first, end, weights, group.planes, rest, np.empty((3, BLOCK), weights.dtype), out)
+        some = slice(first * _core.FRAMES_AT_ONCE, end * _core.FRAMES_AT_ONCE)
+        _core.evaluate_frames(time[some], group.planes, rest, out[some])
 
-    in_shares(evaluate, -(-len(weights) // TILE))
+    in_shares(evaluate, -(-len(time) // _core.FRAMES_AT_ONCE))

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec import _core
 from pdecodec.closedform import ClosedForm, weights_at
 from pdecodec.container import ContainerReader
 from pdecodec.errors import CorruptFileError, LimitError
@@ -32,7 +33,6 @@ from pdecodec.modes import decode_modes
 from pdecodec.reference import RestShape
 from pdecodec.shares import thread_count
 from pdecodec.spacebasis import Expansion, SpaceBasis
-from pdecodec.spline import FrameSpline
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -103,7 +103,7 @@ class Motion:
                 f"more than the limit leaves ({most_bytes}); raise it if you trust the file"
             )
         self._most_bytes -= needed
-        self._reference = np.ascontiguousarray(reference.points.T)
+        self._reference = reference.points
         self._order: Int64Array = space.order.astype(np.int64)
         self._cache: OrderedDict[int, DecodedGroup] = OrderedDict()
         self._cached_bytes = 0
@@ -125,7 +125,7 @@ class Motion:
                 evaluate_group(decoded.functions, frames, self._reference, out[start:stop])
                 add_frames(out[start:stop], decoded.corrections, first, self._order, step=self._correction_step)
             else:
-                out[start] = (self._reference + self._displacement(times[start], 0)).T
+                np.add(self._reference, self._displacement(times[start], 0), out=out[start], casting="same_kind")
                 self._add_residuals_between(out[start], times[start])
 
     def derivative(self, order: Literal[1, 2], time: float) -> Float64Array:
@@ -136,7 +136,7 @@ class Motion:
         frames = self._times.size
         if frames == 1:
             return np.zeros((self._vertices, 3))
-        found = np.ascontiguousarray(self._displacement(time, order).T)
+        found = self._displacement(time, order)
         if order == 1:
             frame = min(int(np.searchsorted(self._times, time, side="right")), frames - 1)
             step = float(self._times[frame] - self._times[frame - 1])
@@ -168,8 +168,8 @@ class Motion:
         return [self.closed_form(index) for index in range(len(self._table.entries))]
 
     @cached_property
-    def _spline(self) -> FrameSpline:
-        return FrameSpline(self._times)
+    def _spline(self) -> _core.FrameSpline:
+        return _core.FrameSpline(self._times)
 
     def _chunks(self, index: int) -> tuple[bytes, bytes, bytes]:
         return self._table.read_chunks(self._container, index)
@@ -249,12 +249,10 @@ class Motion:
             yield start, stop, int(left[start]) if is_frame[start] else -1
 
     def _displacement(self, time: float, derivative: Literal[0, 1, 2]) -> Float64Array:
-        """(3, vertices) float64: displacement by the model alone, or a derivative of it."""
-        from pdecodec.kernels.group_motion import add_group
-
-        moved = np.zeros((3, self._vertices))
+        """(vertices, 3) float64: displacement by the model alone, or a derivative of it."""
+        moved = np.zeros((self._vertices, 3))
         for index, weights in self._weights(time, derivative):
-            add_group(weights, self._group(index).functions.planes, moved)
+            _core.add_displacement(weights, self._group(index).functions.planes, moved)
         return moved
 
     def _weights(self, time: float, derivative: Literal[0, 1, 2]) -> Iterator[tuple[int, Float64Array]]:

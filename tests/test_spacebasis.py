@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pdecodec.kernels.group_motion import BLOCK, add_group, moved_reference, positions
+from pdecodec._core import add_displacement
+from pdecodec.groups import GroupFunctions, evaluate_group
 from pdecodec.patches import build_patches, early_patches
 from pdecodec.sequence import Connectivity, MeshObject
 from pdecodec.shares import in_shares
@@ -132,10 +133,11 @@ def test_patches_before_the_rest_shape_are_those_after_it_unless_vertices_coinci
 @pytest.mark.parametrize("functions", [0, 1, 4, 7])
 def test_the_compiled_sum_over_functions_of_time_is_the_plain_one(axes: int, functions: int) -> None:
     rng = np.random.default_rng(RNG_SEED)
-    weights, planes = rng.normal(size=(3, functions)), rng.normal(size=(functions, axes, 700))
-    moved = np.zeros((3, 700))
-    add_group(weights, planes, moved)
-    np.testing.assert_allclose(moved, moved_reference(weights, planes), atol=1e-12)
+    weights, fields = rng.normal(size=(3, functions)), rng.normal(size=(functions, axes, 700))
+    moved = np.ones((700, 3))
+    add_displacement(weights, fields, moved)
+    expected = 1.0 + np.einsum("xa,axv->vx", weights, np.broadcast_to(fields, (functions, 3, 700)))
+    np.testing.assert_allclose(moved, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["patch", "curve"])
@@ -162,12 +164,11 @@ def test_positions_of_many_frames_are_those_of_each_summed_up_in_order(dtype: ty
     frames, vertices = 11, 700
     weights = rng.normal(size=(frames, 3, functions)).astype(dtype)
     planes = rng.normal(size=(functions, axes, vertices)).astype(dtype)
-    rest = rng.normal(size=(3, vertices))
+    rest = rng.normal(size=(vertices, 3))
     out = np.empty((frames, vertices, 3), np.float32)
-    for first, end in ((0, 1), (1, 2)):
-        positions(first, end, weights, planes, rest, np.empty((3, BLOCK), dtype), out)
+    evaluate_group(GroupFunctions(weights, planes), slice(0, frames), rest, out)
     for t in range(frames):
         moved = np.zeros((3, vertices), dtype)
         for a in range(functions):
             moved += weights[t, :, a, None] * planes[a]
-        assert np.array_equal(out[t], (rest + moved.astype(np.float64)).T.astype(np.float32))
+        assert np.array_equal(out[t], (rest + moved.T.astype(np.float64)).astype(np.float32))

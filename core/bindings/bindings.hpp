@@ -50,6 +50,8 @@ std::vector<ConnectivityView> views_of(const nb::list &parts);
 // One function a part of the core; each adds its classes and functions to the module.
 void bind_connectivity(nb::module_ &module);
 void bind_reference(nb::module_ &module);
+void bind_curves(nb::module_ &module);
+void bind_evaluate(nb::module_ &module);
 void bind_basis(nb::module_ &module);
 
 }  // namespace pdeanim::bindings

@@ -12,5 +12,7 @@ NB_MODULE(_core, module) {
     nb::exception<LimitError>(module, "LimitError");
     bind_connectivity(module);
     bind_reference(module);
+    bind_curves(module);
+    bind_evaluate(module);
     bind_basis(module);
 }

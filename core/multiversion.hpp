@@ -1,0 +1,20 @@
+// Loops that are compiled once for each width of vector registers; the machine chooses when the library is loaded.
+//
+// Only for loops whose result does not depend on that width: each lane does what a loop over single numbers would.
+#pragma once
+
+#include <cstddef>  // whatever header it is, with glibc it defines __GLIBC__
+
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__) && \
+    !defined(__SANITIZE_ADDRESS__)
+#define PDEANIM_MULTIVERSION __attribute__((target_clones("avx512f", "avx2", "default")))
+#else
+#define PDEANIM_MULTIVERSION
+#endif
+
+// For the templates that such loops are written as: they must become part of each version.
+#if defined(_MSC_VER)
+#define PDEANIM_INLINE __forceinline
+#else
+#define PDEANIM_INLINE inline __attribute__((always_inline))
+#endif
