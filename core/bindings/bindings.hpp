@@ -41,7 +41,7 @@ template <class T> nb::object to_array(std::vector<T> &&values) {
 template <class T> nb::object to_rows(std::vector<T> &&values, std::size_t columns) {
     auto *kept = new std::vector<T>(std::move(values));
     nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<std::vector<T> *>(pointer); });
-    return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<2>>(kept->data(), {kept->size() / columns, columns}, owner));
+    return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<2>>(kept->data(), {columns ? kept->size() / columns : 0, columns}, owner));
 }
 
 // Connectivity of objects, each (vertices, face sizes, face indices, line sizes, line indices), whose arrays the caller
@@ -66,9 +66,6 @@ void bind_text(nb::module_ &module);
 void bind_baselines(nb::module_ &module);
 void bind_animation(nb::module_ &module);
 void bind_container(nb::module_ &module);
-// One function a part of the core; each adds its classes and functions to the module.
-void bind_connectivity(nb::module_ &module);
-void bind_reference(nb::module_ &module);
 void bind_basis(nb::module_ &module);
 
 }  // namespace pdeanim::bindings

@@ -11,28 +11,6 @@ namespace pdeanim {
 
 namespace {
 
-// Edges of all objects: of faces, corner by corner, then of lines.
-std::vector<Edge> edges_of(std::span<const ConnectivityView> objects) {
-    std::vector<Edge> edges;
-    i32 shift = 0;
-    for (const ConnectivityView &object : objects) {
-        const auto add = [&](i32 from, i32 to) { edges.push_back({from + shift, to + shift}); };
-        edges.reserve(edges.size() + object.face_indices.size() + object.line_indices.size());
-        const i32 *corner = object.face_indices.data();
-        for (const i32 size : object.face_sizes) {
-            for (i32 k = 0; k < size; ++k) add(corner[k], corner[k + 1 < size ? k + 1 : 0]);
-            corner += size;
-        }
-        const i32 *point = object.line_indices.data();
-        for (const i32 size : object.line_sizes) {
-            for (i32 k = 0; k + 1 < size; ++k) add(point[k], point[k + 1]);
-            point += size;
-        }
-        shift += static_cast<i32>(object.vertices);
-    }
-    return edges;
-}
-
 // Chains through the vertices at equal places: from each but the last of a place to the one after it.
 std::vector<Edge> coincident_vertices(std::span<const GridPoint> grid) {
     constexpr int digit_bits = 11;

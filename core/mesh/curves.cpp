@@ -68,23 +68,6 @@ void add_edge_loops(const ConnectivityView &object, std::span<const GridPoint> p
     }
 }
 
-// Edges of faces, corner by corner, then of lines.
-Graph graph_of(const ConnectivityView &object) {
-    std::vector<Edge> edges;
-    edges.reserve(object.face_indices.size() + object.line_indices.size());
-    const i32 *corner = object.face_indices.data();
-    for (const i32 size : object.face_sizes) {
-        for (i32 k = 0; k < size; ++k) edges.push_back({corner[k], corner[k + 1 < size ? k + 1 : 0]});
-        corner += size;
-    }
-    const i32 *point = object.line_indices.data();
-    for (const i32 size : object.line_sizes) {
-        for (i32 k = 0; k + 1 < size; ++k) edges.push_back({point[k], point[k + 1]});
-        point += size;
-    }
-    return Graph(edges, object.vertices);
-}
-
 void add_isolated_vertices(std::span<const GridPoint> points, CurveCover &cover) {
     std::vector<i32> isolated;
     std::vector<GridPoint> places;
@@ -108,7 +91,7 @@ Curves extract_curves(std::span<const ConnectivityView> objects, std::span<const
         CurveCover cover(object.vertices);
         add_polylines(object, cover);
         if (!object.face_sizes.empty()) add_edge_loops(object, points, cover);
-        cover.add_paths(graph_of(object));
+        cover.add_paths(Graph(edges_of({&object, 1}), object.vertices));
         add_isolated_vertices(points, cover);
         for (const i32 vertex : cover.order) found.order.push_back(first + vertex);
         for (std::size_t c = 1; c < cover.starts.size(); ++c) found.starts.push_back(first + cover.starts[c]);

@@ -29,4 +29,25 @@ Graph::Graph(std::span<const Edge> edges, i64 vertices) : starts(vertices + 1), 
     listed.resize(used);
 }
 
+std::vector<Edge> edges_of(std::span<const ConnectivityView> objects) {
+    std::vector<Edge> edges;
+    i32 shift = 0;
+    for (const ConnectivityView &object : objects) {
+        const auto add = [&](i32 from, i32 to) { edges.push_back({from + shift, to + shift}); };
+        edges.reserve(edges.size() + object.face_indices.size() + object.line_indices.size());
+        const i32 *corner = object.face_indices.data();
+        for (const i32 size : object.face_sizes) {
+            for (i32 k = 0; k < size; ++k) add(corner[k], corner[k + 1 < size ? k + 1 : 0]);
+            corner += size;
+        }
+        const i32 *point = object.line_indices.data();
+        for (const i32 size : object.line_sizes) {
+            for (i32 k = 0; k + 1 < size; ++k) add(point[k], point[k + 1]);
+            point += size;
+        }
+        shift += static_cast<i32>(object.vertices);
+    }
+    return edges;
+}
+
 }  // namespace pdeanim

@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "arithmetic.hpp"
+#include "connectivity/connectivity.hpp"
 
 namespace pdeanim {
 
@@ -24,5 +24,8 @@ struct Graph {
     std::vector<i64> starts;  // neighbours of vertex v are listed[starts[v]] to listed[starts[v + 1] - 1]
     std::vector<i32> listed;
 };
+
+// Edges of all objects, whose vertices are numbered through: of faces, corner by corner, then of lines.
+std::vector<Edge> edges_of(std::span<const ConnectivityView> objects);
 
 }  // namespace pdeanim
