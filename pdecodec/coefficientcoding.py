@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,9 +10,6 @@ from pdecodec.connectivity import core_errors
 from pdecodec.spacebasis import SpaceBasis
 
 Int64Array = NDArray[np.int64]
-
-PARTS = 12
-"""In which coefficients are decoded: enough for another thread to have work soon, few enough to cost nothing."""
 
 
 def encode_coefficients(coefficients: Int64Array, basis: SpaceBasis, *, axes: int) -> bytes:
@@ -56,39 +50,8 @@ def decode_coefficients(data: bytes, basis: SpaceBasis, channels: int, *, axes: 
         If the bytes are not coefficients of this basis, or not just these.
     """
     coefficients = np.zeros((basis.functions, channels), np.int64)
-    for _ in decode_coefficients_in_parts(data, basis, coefficients, axes=axes):
-        pass
-    return coefficients
-
-
-def decode_coefficients_in_parts(
-    data: bytes, basis: SpaceBasis, coefficients: Int64Array, *, axes: int
-) -> Iterator[tuple[int, int]]:
-    """As :func:`decode_coefficients`, some elements at a time: others may go on with those while the next are decoded.
-
-    Parameters
-    ----------
-    data : bytes
-    basis : SpaceBasis
-    coefficients : (functions, channels) int64, C-contiguous
-        All zero; written.
-    axes : int
-
-    Yields
-    ------
-    first, end : int
-        Elements whose coefficients are there now; with the first of them those of all nodes.
-
-    Raises
-    ------
-    CorruptFileError
-        As :func:`decode_coefficients`; the coefficients that were there before are then of no use.
-    """
     with core_errors():
         decoder = _core.CoefficientDecoder(data, coefficients, *basis.subbands, axes)
-        of_nodes = basis.subband_count - basis.element_count
-        parts = min(PARTS, basis.element_count)
-        for first, end in pairwise(basis.element_count * k // parts for k in range(parts + 1)):
-            decoder.decode(of_nodes + end)
-            yield first, end
+        decoder.decode(basis.subband_count)
         decoder.finish()
+    return coefficients

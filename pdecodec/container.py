@@ -25,25 +25,14 @@ begins where the one before it ends."""
 
 CHECKSUM = struct.Struct("<I")
 
-LENGTH_AT, MOST_LENGTH_BYTES = 4, 8
-"""Bit of the flags at which the bytes of a length begin to be counted, and how many they are at most."""
+LENGTH_AT = 4
+"""Bit of the flags at which the bytes of a length begin to be counted."""
 
 REQUIRED = 1
 """Section flag: a decoder that does not know this type must refuse the file."""
 
 COPY_BYTES = 2**20
 """Bytes copied or checked at a time, so that memory does not grow with a section."""
-
-
-@dataclass(frozen=True)
-class SectionEntry:
-    """One row of the table of sections."""
-
-    type: str
-    required: bool
-    offset: int
-    length: int
-    checksum: int
 
 
 class Spool:

@@ -34,6 +34,9 @@ Float64Array = NDArray[np.float64]
 POSITIONS, VELOCITIES, ACCELERATIONS = range(3)
 """Quantities by the core's numbers."""
 
+CACHE_BYTES = 64 * 2**20
+"""Memory for decoded groups: all of most clips, so that scrubbing does not decode one twice."""
+
 DEFAULT_MAX_MEMORY = 4 * 2**30
 """Bytes a file may ask for while it is opened and decoded: some five million vertices."""
 
@@ -99,7 +102,7 @@ class Animation(MeshSequence):
         self.path, self.notices = path, ()
         self._file = file
         with self._naming_the_file():
-            self._core = _core.Animation(file, limits.max_memory, thread_count())
+            self._core = _core.Animation(file, limits.max_memory, thread_count(), CACHE_BYTES)
         self.times, self.fps = self._core.times, self._core.fps
         self._vertex_counts = self._core.vertex_counts
 

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec._core import cosine_wave
-from pdecodec.basis import TIME_FUNCTIONS
 from pdecodec.bytestream import FieldWriter
 from pdecodec.closedform import ClosedForm
 from pdecodec.shares import in_shares
@@ -55,9 +54,6 @@ positions are added up in float32 and in float64."""
 
 ROUNDING = 2.0**-44
 """Share of everything that is added up by which they may differ in any case."""
-
-MAX_GROUP_FRAMES = 4096
-"""Longest group: an encoder holds one in memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,13 +102,6 @@ class GroupEntry:
     def width(self) -> int:
         """Coefficients of one function of space."""
         return self.functions * self.axes
-
-    @property
-    def most_functions(self) -> int:
-        """Functions of time that so many frames can have."""
-        if self.basis == "closed form":
-            return min(self.frames, TIME_FUNCTIONS)
-        return self.frames * self.mode_axes
 
     def with_chunks(self, chunks: tuple[bytes, bytes, bytes]) -> GroupEntry:
         """With the sizes and the checksum of what is written."""

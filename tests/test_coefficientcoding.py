@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec.coefficientcoding import (
     decode_coefficients,
-    decode_coefficients_in_parts,
     encode_coefficients,
     measure_coefficients,
 )
@@ -98,16 +97,15 @@ def test_bytes_after_the_coefficients_are_refused(basis: SpaceBasis) -> None:
 
 def test_coefficients_are_there_as_soon_as_a_part_is_said_to_be(basis: SpaceBasis) -> None:
     wanted = falling(basis, 5, 200.0)
-    starts = basis.elements.coefficient_starts
+    starts = basis.coefficient_starts
     found = np.zeros_like(wanted)
-    ends = [0]
-    for first, end in decode_coefficients_in_parts(encode_coefficients(wanted, basis, axes=1), basis, found, axes=1):
-        assert first == ends[-1]
-        ends.append(end)
+    data = encode_coefficients(wanted, basis, axes=1)
+    decoder = _core.CoefficientDecoder(data, found, *basis.subbands, 1)
+    for end in range(basis.element_count + 1):
+        decoder.decode(basis.subband_count - basis.element_count + end)
         np.testing.assert_array_equal(found[: starts[end]], wanted[: starts[end]])
         assert not found[starts[end] :].any()
-    assert len(ends) > 2
-    assert ends[-1] == basis.element_count
+    decoder.finish()
 
 
 def test_arrays_that_do_not_agree_are_refused(basis: SpaceBasis) -> None:

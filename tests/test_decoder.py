@@ -106,7 +106,7 @@ def test_times_between_frames_and_at_them_in_any_order_give_the_same_bits_as_one
 def test_several_threads_and_a_small_cache_change_no_bit(
     data: bytes, animation: Animation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pdecodec.motion.CACHE_BYTES", 1)
+    monkeypatch.setattr("pdecodec.decoder.CACHE_BYTES", 1)
     times = np.random.default_rng(3).permutation(np.concatenate([animation.times, animation.times[:-1] + 0.01]))
     with open_animation(data) as shared, ThreadPoolExecutor(6) as pool:
         positions = pool.map(shared.positions, times)

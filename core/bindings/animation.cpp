@@ -30,10 +30,10 @@ std::unique_ptr<Source> source_of(const nb::object &file) {
 
 class PyAnimation {
 public:
-    PyAnimation(nb::object file, u64 max_memory, int threads) : file_(std::move(file)) {
+    PyAnimation(nb::object file, u64 max_memory, int threads, i64 kept_bytes) : file_(std::move(file)) {
         std::unique_ptr<Source> source = source_of(file_);
         const nb::gil_scoped_release release;
-        animation_ = std::make_unique<Animation>(std::move(source), Animation::Options{max_memory, threads});
+        animation_ = std::make_unique<Animation>(std::move(source), Animation::Options{max_memory, threads, kept_bytes});
     }
 
     // Run `work` on the animation with the interpreter lock released.
@@ -126,7 +126,7 @@ void evaluate(const PyAnimation &self, int quantity, const Flat<double> &times, 
 
 void bind_animation(nb::module_ &module) {
     nb::class_<PyAnimation>(module, "Animation")
-        .def(nb::init<nb::object, u64, int>(), nb::arg("file"), nb::arg("max_memory"), nb::arg("threads") = 0)
+        .def(nb::init<nb::object, u64, int, i64>(), nb::arg("file"), nb::arg("max_memory"), nb::arg("threads"), nb::arg("kept_bytes"))
         .def_prop_ro("times", [](const PyAnimation &self) { return to_array(std::vector<double>(self.animation().times())); })
         .def_prop_ro("fps", [](const PyAnimation &self) { return self.animation().fps(); })
         .def_prop_ro("vertex_counts", &vertex_counts)

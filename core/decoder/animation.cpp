@@ -23,7 +23,6 @@ namespace {
 constexpr u64 bytes_per_vertex = 600, bytes_per_frame = 96, bytes_per_corner = 128;
 constexpr u64 bytes_per_coefficient = 40, bytes_per_time_value = 120;
 
-constexpr i64 kept_most = i64{64} << 20;  // bytes of decoded groups that are kept
 constexpr i64 most_vertices = (i64{1} << 31) - 1;
 constexpr i64 frames_between_looks = 64;  // frames that are evaluated before a cancel is noticed
 constexpr u8 predictors = 4;              // of the reference frame
@@ -64,7 +63,8 @@ std::span<Position> as_positions(std::span<float> out) {
 Animation::Animation(std::unique_ptr<Source> source, const Options &options)
     : source_(std::move(source)), container_(*source_), max_memory_(options.max_memory), left_(options.max_memory),
       threads_(options.threads > 0 ? options.threads
-                                   : static_cast<int>(most(std::thread::hardware_concurrency(), 1u))) {
+                                   : static_cast<int>(most(std::thread::hardware_concurrency(), 1u))),
+      most_kept_(options.kept_bytes) {
     container_.check_known();
     sequence_ = SequenceDescription::of_bytes(container_.read("SEQN"), static_cast<i64>(max_memory_ / bytes_per_frame));
     polygons_ = container_.read("CONN");
@@ -254,7 +254,7 @@ DecodedGroup Animation::decode(std::size_t index, int threads) const {
 void Animation::keep(std::size_t index, DecodedGroup group) {
     kept_bytes_ += group.bytes();
     kept_.emplace_front(index, std::move(group));
-    while (kept_bytes_ > kept_most && kept_.size() > 1) {
+    while (kept_bytes_ > most_kept_ && kept_.size() > 1) {
         kept_bytes_ -= kept_.back().second.bytes();
         kept_.pop_back();
     }
@@ -287,7 +287,7 @@ void Animation::decode_ahead(std::span<const double> sorted) {
         if (!wanted.empty() && wanted.back() == index) continue;
         const Group &own = table_->groups()[index];
         expected_bytes += own.channels() * vertices() * static_cast<i64>(own.is_single ? sizeof(float) : sizeof(double));
-        if (is_kept(index) || (!wanted.empty() && expected_bytes > kept_most)) break;
+        if (is_kept(index) || (!wanted.empty() && expected_bytes > most_kept_)) break;
         wanted.push_back(index);
     }
     if (wanted.size() < 2) return;
@@ -492,7 +492,7 @@ void Animation::evaluate(Quantity quantity, std::span<const double> asked, std::
         return;
     }
     // As many times at once as fit in the memory that groups are kept in.
-    const std::size_t at_once = most<std::size_t>(kept_most / (sizeof(float) * whole), 1);
+    const std::size_t at_once = most<std::size_t>(most_kept_ / (sizeof(float) * whole), 1);
     std::vector<float> rows;
     for (std::size_t first = 0; first < order.size(); first += at_once) {
         const std::size_t count = least(at_once, order.size() - first);

@@ -45,9 +45,12 @@ class Animation {
 public:
     static constexpr u64 usual_memory = u64{4} << 30;  // some five million vertices
 
+    static constexpr i64 usual_kept = i64{64} << 20;       // all of most clips
+
     struct Options {
         u64 max_memory = usual_memory;  // that a file may ask for [bytes]
         int threads = 0;                // 0: one a processor
+        i64 kept_bytes = usual_kept;    // of decoded groups, so that scrubbing does not decode one twice
     };
 
     // Read the headers. CorruptError or LimitError where the file is not sound or asks for too much.
@@ -113,6 +116,7 @@ private:
     Container container_;
     u64 max_memory_, left_;
     int threads_;
+    i64 most_kept_;
     SequenceDescription sequence_;
     std::vector<u8> polygons_;             // section CONN behind its head
     std::vector<i64> first_vertices_{0};  // of each object, and the number of all
@@ -130,7 +134,7 @@ private:
     std::optional<FrameSpline> spline_;
     std::vector<ClosedForm> closed_forms_;
 
-    // Decoded groups, the latest first: all of most clips, so that scrubbing does not decode one twice.
+    // Decoded groups, the latest first.
     std::list<std::pair<std::size_t, DecodedGroup>> kept_;
     i64 kept_bytes_ = 0;
 };

@@ -17,7 +17,7 @@ static int fail(const char *path, const pdeanim_error *error) {
 static int write_obj(const char *path, pdeanim_animation *animation, const float *points, pdeanim_error *error) {
     FILE *file = fopen(path, "w");
     if (!file) {
-        snprintf(error->text, sizeof error->text, "%s cannot be written", path);
+        snprintf(error->text, sizeof error->text, "the folder for the frames cannot be written to");
         return 1;
     }
     for (int64_t v = 0; v < pdeanim_vertex_count(animation); ++v) {

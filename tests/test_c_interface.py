@@ -1,0 +1,147 @@
+"""The C interface: installed as a library, and used by the program in `examples/c`."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdecodec import encode, open_animation
+from pdecodec.sequence import MeshSequence
+from spec.accepted import several_objects, with_attributes
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where `cmake --install` has put the library."""
+    builds = [path.parent for path in ROOT.glob("build/*/libpdeanim.so")]
+    if not builds or shutil.which("cmake") is None:
+        pytest.skip("the library is not built here, or cmake is not in the path")
+    prefix: Path = tmp_path_factory.mktemp("installed")
+    newest = max(builds, key=lambda build: (build / "libpdeanim.so").stat().st_mtime)
+    command = ["cmake", "--install", os.fspath(newest), "--component", "library", "--prefix", os.fspath(prefix)]
+    subprocess.run(command, check=True, capture_output=True)
+    return prefix
+
+
+def library_of(installed: Path) -> Path:
+    (found,) = installed.glob("lib*/libpdeanim.so")
+    return found
+
+
+@pytest.fixture(scope="module")
+def player(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The example, compiled as its users do."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("there is no C compiler in the path")
+    folder = library_of(installed).parent
+    program: Path = tmp_path_factory.mktemp("player") / "play"
+    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-O2", f"-I{installed / 'include'}"]
+    source = ROOT / "examples" / "c" / "play.c"
+    command = [compiler, *flags, os.fspath(source), f"-L{folder}", "-lpdeanim", f"-Wl,-rpath,{folder}"]
+    subprocess.run([*command, "-o", os.fspath(program)], check=True)
+    return program
+
+
+def points_of(path: Path) -> np.ndarray:
+    rows = [line.split()[1:] for line in path.read_text().splitlines() if line.startswith("v ")]
+    return np.array(rows, np.float64).astype(np.float32)
+
+
+def encoded(sequence: MeshSequence, path: Path) -> Path:
+    encode(sequence, path, tolerance=1e-3)
+    return path
+
+
+def test_the_example_has_fewer_than_a_hundred_lines() -> None:
+    assert len((ROOT / "examples" / "c" / "play.c").read_text().splitlines()) < 100
+
+
+def test_the_example_plays_a_file_to_obj_at_any_rate(player: Path, tmp_path: Path) -> None:
+    source = encoded(several_objects(), tmp_path / "clip.pdeanim")
+    out = tmp_path / "out"
+    out.mkdir()
+    subprocess.run([player, source, out, "37"], check=True)
+    with open_animation(source) as animation:
+        files = sorted(out.iterdir())
+        assert len(files) > 1
+        for index, file in enumerate(files):
+            expected = animation.positions(float(animation.times[0]) + index / 37)
+            assert np.array_equal(points_of(file), expected)
+        faces = [line for line in files[0].read_text().splitlines() if line.startswith("f ")]
+        assert len(faces) == sum(item.connectivity.face_counts.size for item in animation.objects)
+
+
+def test_the_example_says_in_one_line_what_is_wrong_with_a_file(player: Path, tmp_path: Path) -> None:
+    source = encoded(several_objects(), tmp_path / "clip.pdeanim")
+    (tmp_path / "short.pdeanim").write_bytes(source.read_bytes()[:-1])
+    run = subprocess.run([player, tmp_path / "short.pdeanim", tmp_path], capture_output=True, text=True, check=False)
+    assert run.returncode == 1
+    assert run.stderr.count("\n") == 1
+    assert "is truncated" in run.stderr
+
+
+def test_only_the_interface_is_seen_from_outside(installed: Path) -> None:
+    if shutil.which("nm") is None:
+        pytest.skip("nm is not in the path")
+    command = ["nm", "-D", "--defined-only", os.fspath(library_of(installed))]
+    listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    names = {line.split()[-1].split("@")[0] for line in listed}
+    header = (ROOT / "core" / "include" / "pdeanim.h").read_text()
+    assert {name for name in names if not name.startswith("pdeanim_")} <= {"_init", "_fini"}
+    assert all(f"{name}(" in header for name in names if name.startswith("pdeanim_"))
+
+
+class Error(ctypes.Structure):
+    _fields_ = (
+        ("status", ctypes.c_int),
+        ("offset", ctypes.c_int64),
+        ("frame", ctypes.c_int64),
+        ("text", ctypes.c_char * 256),
+    )
+
+
+def test_memory_limits_arguments_and_damage_end_in_codes_and_never_in_a_crash(installed: Path, tmp_path: Path) -> None:
+    library = ctypes.CDLL(os.fspath(library_of(installed)))
+    data = encoded(with_attributes(), tmp_path / "clip.pdeanim").read_bytes()
+    handle, error = ctypes.c_void_p(), Error()
+
+    def open_with(content: bytes) -> int:
+        place = ctypes.c_char_p(content)
+        return int(library.pdeanim_open_memory(place, ctypes.c_size_t(len(content)), None, ctypes.byref(handle),
+                                               ctypes.byref(error)))  # fmt: skip
+
+    for size in range(0, len(data), 7):
+        assert open_with(data[:size]) == 1
+        assert handle.value is None
+        assert error.text
+    assert open_with(data) == 0
+    library.pdeanim_vertex_count.restype = ctypes.c_int64
+    vertices = library.pdeanim_vertex_count(handle)
+    out = np.empty((2, vertices, 3), np.float32)
+    times = np.array([0.0, 0.05])
+
+    def evaluate(quantity: int, which: int) -> int:
+        return int(library.pdeanim_evaluate(handle, quantity, ctypes.c_void_p(times.ctypes.data), ctypes.c_size_t(2),
+                                            ctypes.c_int64(which), ctypes.c_void_p(out.ctypes.data),
+                                            ctypes.byref(error)))  # fmt: skip
+
+    for quantity, name in enumerate(("positions", "velocities", "accelerations")):
+        assert evaluate(quantity, -1) == 0
+        with open_animation(data) as animation:
+            assert np.array_equal(out, getattr(animation, name)(times))
+    assert evaluate(3, -1) == 3
+    assert b"unknown quantity" in error.text
+    assert evaluate(0, 99) == 3
+    assert b"there is no object 99" in error.text
+    times[0] = np.nan
+    assert evaluate(0, -1) == 3
+    library.pdeanim_close(handle)
