@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
 from pdecodec.cli.console import counted, say
 from pdecodec.cli.options import check_apart, check_output, output_option, overwrite_option
@@ -44,6 +43,8 @@ def coefficients(*, source: str, output: str, overwrite: bool) -> None:
         forms = [animation.coefficients(group) for group in range(animation.info()["groups"])]
     with whole_file(path, overwrite=overwrite) as partial:
         if path.suffix.lower() == ".npz":
+            import numpy as np
+
             with partial.open("wb") as file:
                 np.savez_compressed(file, **_arrays(forms))
         else:
@@ -53,6 +54,8 @@ def coefficients(*, source: str, output: str, overwrite: bool) -> None:
 
 
 def _arrays(forms: list[PaperForm]) -> dict[str, Any]:
+    import numpy as np
+
     first = forms[0]
     return {
         "coefficients": np.stack([form.coefficients for form in forms]),

@@ -6,6 +6,7 @@ Exit codes: 0 done; 1 a check failed; 2 usage; 3 bad input or a place that canno
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
 from collections.abc import Sequence
@@ -14,18 +15,6 @@ from types import TracebackType
 import click
 
 from pdecodec import __version__
-from pdecodec.cli.coefficients import coefficients
-from pdecodec.cli.compare import compare
-from pdecodec.cli.convert import convert
-from pdecodec.cli.decode import decode
-from pdecodec.cli.demo import demo
-from pdecodec.cli.encode import encode
-from pdecodec.cli.formats import formats
-from pdecodec.cli.info import info
-from pdecodec.cli.report import report
-from pdecodec.cli.reproduce import reproduce
-from pdecodec.cli.simulate import simulate
-from pdecodec.cli.stability import stability
 from pdecodec.errors import InputError, PdecodecError, SettingsError
 
 EXIT_INTERRUPTED = 130
@@ -38,7 +27,36 @@ TRACEBACK_VARIABLE = "PDECODEC_TRACEBACK"
 """Environment variable that, when set, shows the traceback of a bug instead of one line about it."""
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+COMMANDS = (
+    "coefficients",
+    "compare",
+    "convert",
+    "decode",
+    "demo",
+    "encode",
+    "formats",
+    "info",
+    "report",
+    "reproduce",
+    "simulate",
+    "stability",
+)
+
+
+class CommandsOnDemand(click.Group):
+    """Each command is imported when it is needed: an answer does not wait for the modules of the others."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = getattr(importlib.import_module(f"pdecodec.cli.{cmd_name}"), cmd_name)
+        return command
+
+
+@click.group(cls=CommandsOnDemand, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="pdecodec")
 def pdecodec() -> None:
     """Encode deforming meshes into compact .pdeanim files, and decode them at any time.
@@ -49,23 +67,6 @@ def pdecodec() -> None:
     Exit codes: 0 done, 1 a check failed, 2 usage, 3 bad input or unwritable output, 4 corrupt file,
     5 missing extra, 130 interrupted, 141 nobody reads the output any more (`| head`).
     """
-
-
-for command in (
-    encode,
-    decode,
-    info,
-    compare,
-    convert,
-    coefficients,
-    simulate,
-    formats,
-    demo,
-    report,
-    reproduce,
-    stability,
-):
-    pdecodec.add_command(command)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -23,7 +23,9 @@ def _pages(command: click.Command, context: click.Context) -> list[str]:
     lines += [f"- `{names}`: {' '.join(text.split())}" for names, text in _options(command, context)]
     if not isinstance(command, click.Group):
         return [*lines, ""]
-    members = sorted(command.commands.items())
+    members = [
+        (name, member) for name in command.list_commands(context) if (member := command.get_command(context, name))
+    ]
     lines += [f"- `{name}`: {member.short_help or member.get_short_help_str(200)}" for name, member in members]
     lines.append("")
     for name, member in members:

@@ -47,6 +47,9 @@ BITS_OF_A_GROUP = 8 * 32
 WORTH_DIVIDING = 1.5
 """Bits for each vertex and frame from which on shorter groups are tried: below, what frames have in common rules."""
 
+WORTH_PARTS = 1.005
+"""Parts are fitted in full where untuned they cost less than this many times the whole: tuning may well decide."""
+
 SHORTEST_PART = 8
 """Frames of a part at least."""
 
@@ -174,7 +177,8 @@ def _division(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice) -> tup
     if middle < SHORTEST_PART:
         return best
     halves = [_division(fitter.part(part), basis, usual) for part in (slice(0, middle), slice(middle, fitter.frames))]
-    return min(best, (halves[0][0] + halves[1][0], halves[0][1] + halves[1][1]), key=lambda item: item[0])
+    together = halves[0][0] + halves[1][0]
+    return (together, halves[0][1] + halves[1][1]) if together < WORTH_PARTS * best[0] else best
 
 
 def candidates(subsample: Subsample, fitter: GroupFitter, rest: Int64Array, usual: GroupChoice) -> list[GroupChoice]:

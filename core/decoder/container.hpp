@@ -1,0 +1,54 @@
+// The container: identifier, header, table of sections, sections (the specification's sections 1 to 3).
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "decoder/source.hpp"
+
+namespace pdeanim {
+
+// One row of the table of sections.
+struct SectionEntry {
+    std::string type;  // four letters; bytes that are not ASCII are escaped
+    bool is_required = false;
+    u64 offset = 0, length = 0;
+    u32 checksum = 0;
+};
+
+class Container {
+public:
+    static constexpr int major_version = 1, minor_version = 0;
+
+    // Read header and table. CorruptError if this is no such file, or one that cannot be read.
+    explicit Container(Source &source);
+
+    const std::vector<SectionEntry> &entries() const { return entries_; }
+    u64 file_bytes() const { return source_.size(); }
+
+    // The row of a section, or none.
+    const SectionEntry *find(std::string_view type) const;
+
+    // The row of a section; CorruptError if the file lacks it.
+    const SectionEntry &entry(std::string_view type) const;
+
+    // A whole section, checked; nothing where an optional one is not there.
+    std::vector<u8> read(std::string_view type) const;
+    std::vector<u8> read_optional(std::string_view type) const;
+
+    // Bytes of the file as they are, added to `data`; the caller checks them.
+    void read_range(u64 offset, u64 length, std::vector<u8> &data) const;
+
+    // Check every section, unknown ones too, without holding more than a piece of it.
+    void verify() const;
+
+private:
+    void read_table();
+    std::vector<u8> read_row(u64 offset) const;
+
+    Source &source_;
+    std::vector<SectionEntry> entries_;
+};
+
+}  // namespace pdeanim
