@@ -76,16 +76,12 @@ class Contexts:
 
     def counted(self, most: int, *name: object) -> int:
         """A number from 1 on of at most so many binary digits."""
-        digits = 1
-        while digits < most and self.bit(*name, digits):
-            digits += 1
+        digits = 1 + chosen(most, lambda less: not self.bit(*name, less + 1))
         return 1 << digits - 1 | self.bypass(digits - 1)
 
     def number(self, *name: object) -> int:
         """A number from 0 to 2^32 - 2."""
-        digits = 1
-        while digits < MOST_DIGITS and self.bit(*name, "more", digits):
-            digits += 1
+        digits = 1 + chosen(MOST_DIGITS, lambda less: not self.bit(*name, "more", less + 1))
         return self.digits(digits, 8, *name, "digit") - 1
 
     def signed(self, *name: object) -> int:
