@@ -97,7 +97,7 @@ def decisions(data: bytes) -> dict[bytes, list[tuple[str, int]]]:
     return found
 
 
-def told(stream: list[tuple[str, int]]) -> str:
+def written_out(stream: list[tuple[str, int]]) -> str:
     """Decisions as words and what was read, many alike as their number."""
     parts = []
     for word, several in groupby(stream, key=lambda decision: decision[0]):
@@ -137,7 +137,7 @@ def rows(data: bytes) -> Iterator[tuple[str, list[Row]]]:
         found = shared(found)
         stream = part.content[fields.position :]
         if stream:
-            found.append((stream, told(streams[stream])))
+            found.append((stream, written_out(streams[stream])))
         yield part.kind, found
 
 

@@ -83,7 +83,6 @@ class AttributeReader:
         rows = contexts.number("rows") if head.rule == LISTED else 0
         labels = [self._texts.read_text() for _ in range(contexts.number("labels"))]
         require(max(count, rows, head.columns) <= LARGEST_INDEX, "an attribute is too large")
-        contexts.check_not_ended()
         elements, indices = body.elements(head.domain, count), None
         if head.rule == LISTED:
             indices = self._read_integers("rows", body, elements)
@@ -169,7 +168,6 @@ class AttributeReader:
     def _read_table(self, size: int) -> list[int]:
         table: list[int] = []
         for _ in range(size):
-            self._contexts.check_not_ended()
             step = 1 + self._contexts.number("table", "gap") if table else self._contexts.signed("table", "first")
             table.append(step + (table[-1] if table else 0))
         require(not table or -LARGEST_INDEX - 1 <= table[0] <= table[-1] <= LARGEST_INDEX, "a table out of range")

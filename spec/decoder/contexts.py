@@ -58,10 +58,10 @@ class Contexts:
         value = 0
         for _ in range(bits):
             value = 2 * value + self._coder.bit_with(HALF)
-        return value
+        return self._sound(value)
 
     def bit(self, *name: object) -> int:
-        return self._coder.bit(self._models, self._model(name))
+        return self._sound(self._coder.bit(self._models, self._model(name)))
 
     def mixed(self, weights: Name, *names: Name, of: Name | None = None, into: History | None = None) -> int:
         """A mixed bit, which goes into a history; inputs' names follow on `of` if common, else on the weights'."""
@@ -69,23 +69,19 @@ class Contexts:
             self._weights[weights] = [self._first_weights[len(names)]] * len(names)
         family = weights if of is None else of
         inputs = [self._model((*family, place, *name)) for place, name in enumerate(names)]
-        bit = self._coder.mixed(self._models, inputs, self._weights[weights])
+        bit = self._sound(self._coder.mixed(self._models, inputs, self._weights[weights]))
         if into:
             into.add(bit)
         return bit
 
     def counted(self, most: int, *name: object) -> int:
         """A number from 1 on of at most so many binary digits."""
-        digits = 1
-        while digits < most and self.bit(*name, digits):
-            digits += 1
+        digits = 1 + chosen(most, lambda less: not self.bit(*name, less + 1))
         return 1 << digits - 1 | self.bypass(digits - 1)
 
     def number(self, *name: object) -> int:
         """A number from 0 to 2^32 - 2."""
-        digits = 1
-        while digits < MOST_DIGITS and self.bit(*name, "more", digits):
-            digits += 1
+        digits = 1 + chosen(MOST_DIGITS, lambda less: not self.bit(*name, "more", less + 1))
         return self.digits(digits, 8, *name, "digit") - 1
 
     def signed(self, *name: object) -> int:
@@ -109,9 +105,10 @@ class Contexts:
         yield
         self._coder = coder
 
-    def check_not_ended(self) -> None:
-        """Refuse what goes on although the bytes have long ended."""
+    def _sound(self, read: int) -> int:
+        """What was read, unless the bytes ended so long before that 3.7 cannot be kept any more."""
         require(not self._coder.has_ended(), "a coded stream ends too early")
+        return read
 
     def finish(self) -> None:
         """3.7."""
@@ -206,7 +203,6 @@ class ByteModel:
 
     def read(self) -> int:
         """The next byte."""
-        self._contexts.check_not_ended()
         past, count = self._past, len(self._past)
         last = int.from_bytes(bytes(past[-4:]), "big")
         slot = hashed(last) >> 20

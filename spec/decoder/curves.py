@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from fractions import Fraction
 from itertools import pairwise
 
 from spec.decoder.fields import bits
@@ -200,29 +201,23 @@ class Pairing:
 
     def _best(self, ways: list[int]) -> int:
         """8.2.4."""
-        judged = [(side, *self._judge(self._grow(side, TRIAL_PAIRS))) for side in ways]
-        best = judged[0]
-        for way in judged[1:]:
-            _, faults, skew, count = way
-            if (faults, skew * best[3], -count) < (best[1], best[2] * count, -best[3]):
-                best = way
-        return best[0]
+
+        def order(side: int) -> tuple[int, Fraction, int]:
+            faults, skew, count = self._judge(self._grow(side, TRIAL_PAIRS))
+            return faults, Fraction(skew, count), -count
+
+        return min(ways, key=order)
 
     def _undo_what_is_no_grid(self) -> None:
         """8.2.5."""
         faces = self.faces
-        reached = [not corners for corners in faces.corners]
-        for first in range(len(reached)):
-            if reached[first]:
-                continue
-            reached[first] = True
-            component = [first]
+        not_reached = {vertex for vertex, corners in enumerate(faces.corners) if corners}
+        while not_reached:
+            component = [not_reached.pop()]
             for vertex in component:  # grows on the way
-                for corner in faces.corners[vertex]:
-                    for other in faces.polygons[faces.polygon[corner]]:
-                        if not reached[other]:
-                            reached[other] = True
-                            component.append(other)
+                around = {other for c in faces.corners[vertex] for other in faces.polygons[faces.polygon[c]]}
+                component += around & not_reached
+                not_reached -= around
             regular = sum(
                 self.left[v] == 0 and (self.lacking[v] == 0 if self.has_rule[v] else len(faces.corners[v]) <= 2)
                 for v in component

@@ -142,8 +142,11 @@ class Motion:
         """Section 19: how far other decoders may be in a coordinate, before it is rounded to float32."""
         margin = 0.0
         for index, frames in self._parts(time):
-            largest = abs(self.group(index).fields).max(axis=2, initial=0.0)
-            least = self.step * (MARGIN_PRECISE if self.groups[index].is_precise else MARGIN)
+            group = self.groups[index]
+            rows = self.group(index).coefficients
+            coefficients = np.array(rows, np.float64).reshape(len(rows), group.functions, group.axes)
+            largest = group.step * abs(coefficients).max(axis=0, initial=0.0).T
+            least = self.step * (MARGIN_PRECISE if group.is_precise else MARGIN)
             for weight, row in frames:
                 margin += abs(weight) * max(ROUNDING * (abs(row) * largest).sum(axis=1).max(), least)
         return margin

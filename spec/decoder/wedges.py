@@ -99,7 +99,6 @@ class WedgeReader:
         found: list[int] = []
         wedges = 0
         for element in range(elements.count):
-            self._contexts.check_not_ended()
             refused: set[int] = set()
             corners = elements.corners.get(element, [])[:MOST_CORNERS]
             at_corners = (self._compare(body, table, elements, found, corner, refused) for corner in corners)
@@ -233,7 +232,6 @@ class Values:
         for x in self._table.walk():
             if x == len(self._positions):
                 continue
-            self._contexts.check_not_ended()
             ways, neighbours = self._predict(x)
             order = sorted(ways, key=lambda way: (scores[way], way))
             means = {way: mean(values) for way, values in ways.items()}
