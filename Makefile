@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
-CORE := $(shell find core -name '*.hpp' -o -name '*.cpp' -o -name CMakeLists.txt)
+CORE := $(shell find core -name '*.hpp' -o -name '*.cpp' -o -name '*.h' -o -name CMakeLists.txt)
 # The system's C++ compiler; where there is none, the one in the package ziglang, through two scripts.
 ifeq ($(shell command -v c++),)
 COMPILER := .venv/compiler
@@ -31,6 +31,7 @@ browser:
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/clang-format --dry-run -Werror $(filter-out core/entropy/tables.hpp core/CMakeLists.txt,$(CORE)) examples/c/*.c
 
 # mypy sees all four folders only where they lie as they are installed: nested in one package.
 types: $(READY)

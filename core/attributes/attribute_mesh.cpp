@@ -37,7 +37,8 @@ GridPoint normal_of(std::span<const i32> vertices, std::span<const GridPoint> gr
 
 }  // namespace
 
-AttributeElements::AttributeElements(std::vector<i32> of_corner_, i64 count) : of_corner(std::move(of_corner_)), starts(count + 1) {
+AttributeElements::AttributeElements(std::vector<i32> of_corner_, i64 count)
+    : of_corner(std::move(of_corner_)), starts(count + 1) {
     for (const i32 element : of_corner) {
         if (element >= 0) ++starts[element + 1];
     }
@@ -113,10 +114,10 @@ AttributeElements AttributeMesh::elements_of(Domain domain, i64 count) const {
 
 i64 AttributeMesh::count_of(Domain domain) const {
     switch (domain) {
-    case Domain::vertex: return polygons_.vertices;
-    case Domain::face: return polygons_.faces;
-    case Domain::corner: return static_cast<i64>(face_corners().size());
-    default: return 0;
+        case Domain::vertex: return polygons_.vertices;
+        case Domain::face: return polygons_.faces;
+        case Domain::corner: return static_cast<i64>(face_corners().size());
+        default: return 0;
     }
 }
 

@@ -151,8 +151,22 @@ public:
     }
 
 private:
-    enum Field { of_part, of_domain, of_kind, of_columns, of_rule, of_elements, of_listed, of_labels, of_shift, of_scale,
-                 of_divisor, of_complete, of_table, fields };
+    enum Field {
+        of_part,
+        of_domain,
+        of_kind,
+        of_columns,
+        of_rule,
+        of_elements,
+        of_listed,
+        of_labels,
+        of_shift,
+        of_scale,
+        of_divisor,
+        of_complete,
+        of_table,
+        fields
+    };
     enum Use { of_rows, of_fans, of_integers, of_channels, uses };
 
     i64 number(Field field, i64 value) { return numbers_[field].code(coder_, value); }
@@ -199,8 +213,8 @@ private:
     }
 
     // Values of all elements.
-    void code_values(AttributeMesh &mesh, const AttributeHead &head, const AttributeElements &elements, const AttributePlan &plan,
-                     Decoded &decoded) {
+    void code_values(AttributeMesh &mesh, const AttributeHead &head, const AttributeElements &elements,
+                     const AttributePlan &plan, Decoded &decoded) {
         const i64 count = elements.count();
         if (head.kind >= raw) {
             decoded.bytes = code_raw(plan.bytes, count * head.channels(), bytes_of(head.type()));
@@ -231,8 +245,8 @@ private:
         return found;
     }
 
-    Wedges code_wedges(Use use, AttributeMesh &mesh, const CornerTable &corners, const AttributeElements &elements, bool has_runs,
-                       std::span<const i32> wanted) {
+    Wedges code_wedges(Use use, AttributeMesh &mesh, const CornerTable &corners, const AttributeElements &elements,
+                       bool has_runs, std::span<const i32> wanted) {
         Wedges wedges = wedges_[use].code(coder_, mesh, corners, elements, has_runs, wanted);
         if (!elements.corners.empty()) {
             mesh.earlier.resize(elements.of_corner.size());
@@ -245,8 +259,8 @@ private:
     }
 
     // Numbers that count, of all elements; CorruptError where one is not from `lowest` to `highest`.
-    std::vector<i32> code_integers(Use use, AttributeMesh &mesh, const AttributeElements &elements, std::span<const i32> wanted,
-                                   i64 lowest, i64 highest, const char *what) {
+    std::vector<i32> code_integers(Use use, AttributeMesh &mesh, const AttributeElements &elements,
+                                   std::span<const i32> wanted, i64 lowest, i64 highest, const char *what) {
         const Wedges wedges = code_wedges(use, mesh, mesh.by_point(), elements, true, wanted);
         std::vector<i64> numbers(wedges.count());
         if constexpr (mode != Mode::decode) {
@@ -262,8 +276,8 @@ private:
         return found;
     }
 
-    void code_channels(AttributeMesh &mesh, const AttributeHead &head, const AttributeElements &elements, const AttributePlan &plan,
-                       Channels &decoded) {
+    void code_channels(AttributeMesh &mesh, const AttributeHead &head, const AttributeElements &elements,
+                       const AttributePlan &plan, Channels &decoded) {
         const int channels = static_cast<int>(head.channels());
         Scales scales = code_scales(head, plan.channels.scales);
         std::vector<i32> wanted;
@@ -387,7 +401,8 @@ std::vector<u8> encode_attributes(std::span<const AttributedPart> parts, std::sp
         AttributeMesh mesh(part.connectivity, grid.first(vertices));
         grid = grid.subspan(vertices);
         attributes.code_count(static_cast<i64>(part.attributes.size()));
-        for (const AttributeView &attribute : part.attributes) attributes.code(mesh, plan_of(attribute, mesh, settings));
+        for (const AttributeView &attribute : part.attributes)
+            attributes.code(mesh, plan_of(attribute, mesh, settings));
     }
     return coder.finish();
 }
@@ -408,7 +423,8 @@ std::vector<std::vector<Attribute>> decode_attributes(std::span<const u8> data, 
         }
         if (!coder.is_finished()) throw CorruptError("does not end where what it holds does");
     } catch (const CorruptError &error) {
-        throw CorruptError("section ATTR " + std::string(error.what()) + ", at its byte " + std::to_string(coder.byte()));
+        throw CorruptError("section ATTR " + std::string(error.what()) + ", at its byte " +
+                           std::to_string(coder.byte()));
     }
     return found;
 }

@@ -53,7 +53,8 @@ struct Column {
 };
 
 // The coarsest grid that holds a column, if there is one; values are below 2^exponent.
-std::optional<Scale> grid_of(const Column &column, int exponent, std::span<const i64> divisors, std::vector<i32> &codes) {
+std::optional<Scale> grid_of(const Column &column, int exponent, std::span<const i64> divisors,
+                             std::vector<i32> &codes) {
     for (const i64 divisor : divisors) {
         if (static_cast<double>(divisor) > std::ldexp(1.0, float_bits - exponent)) return std::nullopt;
         for (const Scale::Kind kind : {Scale::fraction, Scale::complement}) {

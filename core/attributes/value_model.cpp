@@ -46,11 +46,11 @@ i64 ValueModel::code_residual(RangeCoder<mode> &coder, bool is_place, const Outl
     Step step = first;
     while (true) {
         const int row = length * steps + step;
-        const bool is_it = coder.template mixed<3>(
-            {&by_channel_[(row * sizes + of.before) * most_channels + of.channel],
-             &by_prediction_[(row * predictions + 4 * of.best + of.count) * sizes + of.spread],
-             &by_spread_[(row * sizes + of.spread) * sizes + of.expected]},
-            length_weights_[is_place][step][of.best].data(), wanted >= length);
+        const bool is_it =
+            coder.template mixed<3>({&by_channel_[(row * sizes + of.before) * most_channels + of.channel],
+                                     &by_prediction_[(row * predictions + 4 * of.best + of.count) * sizes + of.spread],
+                                     &by_spread_[(row * sizes + of.spread) * sizes + of.expected]},
+                                    length_weights_[is_place][step][of.best].data(), wanted >= length);
         if (step == first) step = is_it ? up : down;
         if (step == up) {
             if (!is_it) {
@@ -74,9 +74,8 @@ i64 ValueModel::code_residual(RangeCoder<mode> &coder, bool is_place, const Outl
 }
 
 // Whether a value is in the table of its channel, and where: its place, or -1.
-template <Mode mode>
-i64 ValueModel::code_common(RangeCoder<mode> &coder, const std::vector<i64> &table, i64 nearest, int distance,
-                            const Outlook &of, i64 code) {
+template <Mode mode> i64 ValueModel::code_common(RangeCoder<mode> &coder, const std::vector<i64> &table, i64 nearest,
+                                                 int distance, const Outlook &of, i64 code) {
     const bool is_in = mode != Mode::decode && std::binary_search(table.begin(), table.end(), code);
     const int nearness = clamp(distance - of.expected + 8, 0, 15);
     const bool is_there = coder.template mixed<3>(

@@ -49,14 +49,13 @@ private:
     template <Mode mode>
     i64 code_residual(RangeCoder<mode> &coder, bool is_place, const Outlook &outlook, i64 residual);
 
-    template <Mode mode>
-    i64 code_common(RangeCoder<mode> &coder, const std::vector<i64> &table, i64 nearest, int distance,
-                    const Outlook &outlook, i64 code);
+    template <Mode mode> i64 code_common(RangeCoder<mode> &coder, const std::vector<i64> &table, i64 nearest,
+                                         int distance, const Outlook &outlook, i64 code);
 
     enum Step { first, up, down, steps };  // decisions on the length: the first one, and those up and down from there
 
-    static constexpr int longest = 32;          // binary digits of the largest residual
-    static constexpr int sizes = longest + 3;   // lengths that are told apart
+    static constexpr int longest = 32;         // binary digits of the largest residual
+    static constexpr int sizes = longest + 3;  // lengths that are told apart
     static constexpr int predictions = 4 * (WedgeField::ways + 1);
     static constexpr int rows = (longest + 1) * steps;
 

@@ -36,8 +36,7 @@ int WedgeModel::bend_of(const GridPoint &one, const GridPoint &another) {
     return least(1 + bit_length(squares / most<i64>(squares - dot * dot, 1)), bends - 1);
 }
 
-template <Mode mode>
-bool WedgeModel::code_same(RangeCoder<mode> &coder, const Comparison &of, bool is_same) {
+template <Mode mode> bool WedgeModel::code_same(RangeCoder<mode> &coder, const Comparison &of, bool is_same) {
     is_same = coder.template mixed<3>(
         {&by_ends_[((of.kind * likenesses + of.ends) * likenesses + of.agreement) * 3 + least(of.refused, 2)],
          &by_bend_[((of.kind * bends + of.bend) * likenesses + of.ends) * likenesses + of.seam],
@@ -47,9 +46,9 @@ bool WedgeModel::code_same(RangeCoder<mode> &coder, const Comparison &of, bool i
     return is_same;
 }
 
-template <Mode mode>
-Wedges WedgeModel::code(RangeCoder<mode> &coder, AttributeMesh &mesh, const CornerTable &corners,
-                        const AttributeElements &elements, bool has_runs, std::span<const i32> wanted) {
+template <Mode mode> Wedges WedgeModel::code(RangeCoder<mode> &coder, AttributeMesh &mesh, const CornerTable &corners,
+                                             const AttributeElements &elements, bool has_runs,
+                                             std::span<const i32> wanted) {
     const std::vector<GridPoint> &normals = mesh.normals();
     const std::vector<i32> &earlier = mesh.earlier;
     const i64 count = elements.count();
@@ -115,9 +114,9 @@ Wedges WedgeModel::code(RangeCoder<mode> &coder, AttributeMesh &mesh, const Corn
     return wedges;
 }
 
-template Wedges WedgeModel::code(RangeCoder<Mode::encode> &, AttributeMesh &, const CornerTable &, const AttributeElements &, bool,
-                                 std::span<const i32>);
-template Wedges WedgeModel::code(RangeCoder<Mode::decode> &, AttributeMesh &, const CornerTable &, const AttributeElements &, bool,
-                                 std::span<const i32>);
+template Wedges WedgeModel::code(RangeCoder<Mode::encode> &, AttributeMesh &, const CornerTable &,
+                                 const AttributeElements &, bool, std::span<const i32>);
+template Wedges WedgeModel::code(RangeCoder<Mode::decode> &, AttributeMesh &, const CornerTable &,
+                                 const AttributeElements &, bool, std::span<const i32>);
 
 }  // namespace pdeanim

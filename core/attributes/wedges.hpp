@@ -32,9 +32,8 @@ public:
     //
     // corners: of the mesh, over its vertices or points; has_runs: whether an element is compared with the one before it in
     // the end; wanted: numbers that are equal where values are, of every element; not needed for decoding.
-    template <Mode mode>
-    Wedges code(RangeCoder<mode> &coder, AttributeMesh &mesh, const CornerTable &corners, const AttributeElements &elements,
-                bool has_runs, std::span<const i32> wanted);
+    template <Mode mode> Wedges code(RangeCoder<mode> &coder, AttributeMesh &mesh, const CornerTable &corners,
+                                     const AttributeElements &elements, bool has_runs, std::span<const i32> wanted);
 
 private:
     // What an element is compared with: the wedge across the side before its corner, across the side after it, at any other

@@ -27,9 +27,9 @@ template <int lanes> struct Pack {
 #endif
 
 // So many sums are kept in registers while all rows are added.
-template <int lanes, int registers>
-PDEANIM_INLINE void add_tiles(double *total, i64 &first, i64 width, const double *const *rows, const double *multiples,
-                              i64 count) {
+template <int lanes, int registers> PDEANIM_INLINE void add_tiles(double *total, i64 &first, i64 width,
+                                                                  const double *const *rows, const double *multiples,
+                                                                  i64 count) {
     using Lanes = typename Pack<lanes>::Type;
     for (; first + lanes * registers <= width; first += lanes * registers) {
         Lanes sums[registers];

@@ -27,18 +27,20 @@ struct Elements {
     Elements(const SpaceForm &form, std::shared_ptr<const Patches> patches, std::span<const GridPoint> grid);
 
     i64 count() const { return patches->count(); }
-    i64 rank(i64 element) const { return affine[element] + coefficient_starts[element + 1] - coefficient_starts[element]; }
+    i64 rank(i64 element) const {
+        return affine[element] + coefficient_starts[element + 1] - coefficient_starts[element];
+    }
 
     // Where an element's functions would begin among those of all, if its affine ones were among them.
     i64 first_function(i64 element) const { return coefficient_starts[element] - affine[element]; }
 
     SpaceForm form;
     std::shared_ptr<const Patches> patches;
-    std::span<const GridPoint> grid;  // the caller's
+    std::span<const GridPoint> grid;        // the caller's
     std::array<double, sort_count> shares;  // of a column's squared norm that must be new for it to be kept
-    std::vector<double> series;  // of pieces: their functions at each vertex in order, not orthonormal yet
-    std::vector<i64> affine;     // how many of an element's functions are affine
-    std::vector<i64> coefficient_starts;  // where an element's other functions begin among those of all
+    std::vector<double> series;             // of pieces: their functions at each vertex in order, not orthonormal yet
+    std::vector<i64> affine;                // how many of an element's functions are affine
+    std::vector<i64> coefficient_starts;    // where an element's other functions begin among those of all
 };
 
 // Sums of an element's affine functions times 1, x, y and z about its first vertex.

@@ -7,13 +7,13 @@ namespace pdeanim {
 
 namespace {
 
-constexpr int sum_bits = 61;           // of a sum of squares of one coordinate: three of them stay below 2^63
-constexpr int moment_bits = 30;        // of moments as rotations are chosen by them: products of two stay below 2^63
-constexpr int turn_bits = 30;          // fraction bits of sines and cosines
-constexpr int uncorrelated_bits = 8;   // two are turned where their correlation's square exceeds 2 to minus this
-constexpr i64 floor_moment = 16;       // added to moments that are compared: rounding is not correlated with anything
-constexpr int most_sweeps = 8;         // of rotations; three or four are enough
-constexpr int thinnest_bits = 20;      // a coordinate with less of all sums of squares is none: it is mostly rounding
+constexpr int sum_bits = 61;          // of a sum of squares of one coordinate: three of them stay below 2^63
+constexpr int moment_bits = 30;       // of moments as rotations are chosen by them: products of two stay below 2^63
+constexpr int turn_bits = 30;         // fraction bits of sines and cosines
+constexpr int uncorrelated_bits = 8;  // two are turned where their correlation's square exceeds 2 to minus this
+constexpr i64 floor_moment = 16;      // added to moments that are compared: rounding is not correlated with anything
+constexpr int most_sweeps = 8;        // of rotations; three or four are enough
+constexpr int thinnest_bits = 20;     // a coordinate with less of all sums of squares is none: it is mostly rounding
 
 using Axis = std::vector<i64>;
 

@@ -15,9 +15,8 @@ constexpr double dependent = 0x1p-16;
 
 // Code which of 1, x, y and z the nodes keep, upwards. `affine`: how many affine functions each node has, those of elements
 // given.
-template <Mode mode>
-void code_masks(RangeCoder<mode> &coder, const std::vector<i64> &children, std::vector<i64> &affine,
-                std::vector<u8> &masks) {
+template <Mode mode> void code_masks(RangeCoder<mode> &coder, const std::vector<i64> &children,
+                                     std::vector<i64> &affine, std::vector<u8> &masks) {
     std::array<std::array<BitModel, affine_count>, 3> models;  // by how many halves have all four functions, and axis
     for (i64 node = static_cast<i64>(children.size()); node-- > 0;) {
         const i64 half = children[node];

@@ -21,7 +21,8 @@ class PartitionTree {
 public:
     // Over elements whose affine functions are counted, with their sums. `masks`: which of 1, x, y and z the nodes keep,
     // coded; without it they are chosen. CorruptError where the bytes do not end where the tree does.
-    PartitionTree(const Elements &elements, const std::vector<AffineSums> &sums, std::optional<std::span<const u8>> masks);
+    PartitionTree(const Elements &elements, const std::vector<AffineSums> &sums,
+                  std::optional<std::span<const u8>> masks);
 
     i64 nodes() const { return static_cast<i64>(affine_.size()); }
 

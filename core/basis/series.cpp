@@ -10,8 +10,7 @@ namespace {
 constexpr int term_count = 14;  // at |rate x| <= 12 and n = 4 the first left-out term, 12^60 / 60!, is below 7e-18
 
 // (n k + j)! / (n (k - 1) + j)! for k = 1, 2, ...
-template <int order>
-constexpr std::array<std::array<double, order>, term_count> quotients = [] {
+template <int order> constexpr std::array<std::array<double, order>, term_count> quotients = [] {
     std::array<std::array<double, order>, term_count> found{};
     for (int k = 0; k < term_count; ++k) {
         for (int j = 0; j < order; ++j) {

@@ -73,7 +73,8 @@ void SpaceBasis::make_functions(int threads) {
             for (i64 e = first; e < end; ++e) {
                 functions.make(e, elements_.rank(e));
                 double *to = made_.data() + made_starts_[e];
-                for (i64 k = 0; k < elements_.rank(e); ++k) to = std::copy_n(functions.function(k), patches.size(e), to);
+                for (i64 k = 0; k < elements_.rank(e); ++k)
+                    to = std::copy_n(functions.function(k), patches.size(e), to);
             }
             const std::lock_guard guard(lock);
             nearest_ = std::min(nearest_, functions.nearest());

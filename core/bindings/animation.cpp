@@ -33,7 +33,8 @@ public:
     PyAnimation(nb::object file, u64 max_memory, int threads, i64 kept_bytes) : file_(std::move(file)) {
         std::unique_ptr<Source> source = source_of(file_);
         const nb::gil_scoped_release release;
-        animation_ = std::make_unique<Animation>(std::move(source), Animation::Options{max_memory, threads, kept_bytes});
+        animation_ =
+            std::make_unique<Animation>(std::move(source), Animation::Options{max_memory, threads, kept_bytes});
     }
 
     // Run `work` on the animation with the interpreter lock released.
@@ -75,22 +76,22 @@ nb::tuple reference(const PyAnimation &self) {
     const Reference found = self.with([](Animation &animation) { return animation.reference(); });
     std::vector<i64> grid;
     for (const GridPoint &point : found.grid) grid.insert(grid.end(), point.begin(), point.end());
-    return nb::make_tuple(to_rows(std::move(grid), 3), nb::make_tuple(found.origin[0], found.origin[1], found.origin[2]),
-                          found.step);
+    return nb::make_tuple(to_rows(std::move(grid), 3),
+                          nb::make_tuple(found.origin[0], found.origin[1], found.origin[2]), found.step);
 }
 
 nb::tuple model(const PyAnimation &self) {
     const Model &own = self.animation().model();
     const SpaceForm &form = own.form;
-    return nb::make_tuple(static_cast<int>(form.kind), form.points, form.functions, form.threshold, form.rate, form.is_affine,
-                          own.residual_step, to_bytes(own.masks));
+    return nb::make_tuple(static_cast<int>(form.kind), form.points, form.functions, form.threshold, form.rate,
+                          form.is_affine, own.residual_step, to_bytes(own.masks));
 }
 
 nb::list groups(const PyAnimation &self) {
     nb::list found;
     for (const Group &group : self.animation().table().groups()) {
-        found.append(nb::make_tuple(group.first, group.frames, group.functions, static_cast<int>(group.basis), group.step,
-                                    group.alpha));
+        found.append(nb::make_tuple(group.first, group.frames, group.functions, static_cast<int>(group.basis),
+                                    group.step, group.alpha));
     }
     return found;
 }
@@ -115,7 +116,8 @@ using Positions3 = nb::ndarray<float, nb::shape<-1, -1, 3>, nb::c_contig, nb::de
 void evaluate(const PyAnimation &self, int quantity, const Flat<double> &times, std::optional<i64> object,
               const Positions3 &out) {
     if (quantity < 0 || quantity > 2) throw nb::value_error("an unknown quantity");
-    if (object && (*object < 0 || *object >= self.animation().objects())) throw nb::index_error("there is no such object");
+    if (object && (*object < 0 || *object >= self.animation().objects()))
+        throw nb::index_error("there is no such object");
     self.with([&](Animation &animation) {
         animation.evaluate(static_cast<Quantity>(quantity), view(times), object, {out.data(), out.size()});
         return 0;
@@ -126,8 +128,10 @@ void evaluate(const PyAnimation &self, int quantity, const Flat<double> &times, 
 
 void bind_animation(nb::module_ &module) {
     nb::class_<PyAnimation>(module, "Animation")
-        .def(nb::init<nb::object, u64, int, i64>(), nb::arg("file"), nb::arg("max_memory"), nb::arg("threads"), nb::arg("kept_bytes"))
-        .def_prop_ro("times", [](const PyAnimation &self) { return to_array(std::vector<double>(self.animation().times())); })
+        .def(nb::init<nb::object, u64, int, i64>(), nb::arg("file"), nb::arg("max_memory"), nb::arg("threads"),
+             nb::arg("kept_bytes"))
+        .def_prop_ro("times",
+                     [](const PyAnimation &self) { return to_array(std::vector<double>(self.animation().times())); })
         .def_prop_ro("fps", [](const PyAnimation &self) { return self.animation().fps(); })
         .def_prop_ro("vertex_counts", &vertex_counts)
         .def_prop_ro("sections", &sections)
@@ -139,9 +143,7 @@ void bind_animation(nb::module_ &module) {
         .def("attributes", &attributes)
         .def("reference", &reference)
         .def("remarks",
-             [](const PyAnimation &self) {
-                 return to_bytes(self.with([](Animation &own) { return own.remarks(); }));
-             })
+             [](const PyAnimation &self) { return to_bytes(self.with([](Animation &own) { return own.remarks(); })); })
         .def("coefficients", &coefficients, nb::arg("group"))
         .def("evaluate", &evaluate, nb::arg("quantity"), nb::arg("times"), nb::arg("object").none(),
              nb::arg("out").noconvert())

@@ -35,7 +35,8 @@ AttributeView attribute_view(const nb::handle &fields) {
     if (values.ndim() < 1 || values.ndim() > 2) throw nb::value_error("values are no rows");
     view_of.domain = static_cast<Domain>(domain);
     view_of.type = static_cast<ValueType>(type);
-    if (static_cast<i64>(values.itemsize()) != bytes_of(view_of.type)) throw nb::value_error("values are of another type");
+    if (static_cast<i64>(values.itemsize()) != bytes_of(view_of.type))
+        throw nb::value_error("values are of another type");
     view_of.rows = static_cast<i64>(values.shape(0));
     view_of.columns = values.ndim() == 2 ? static_cast<i64>(values.shape(1)) + 1 : 0;
     view_of.values = {static_cast<const u8 *>(values.data()), values.nbytes()};
@@ -81,18 +82,19 @@ nb::bytes py_encode_attributes(const nb::list &parts, const nb::list &attributes
 
 nb::dlpack::dtype dtype_of(ValueType type) {
     switch (type) {
-    case ValueType::float32: return nb::dtype<float>();
-    case ValueType::float64: return nb::dtype<double>();
-    case ValueType::int32: return nb::dtype<i32>();
-    case ValueType::uint8: return nb::dtype<u8>();
-    default: return nb::dtype<i64>();
+        case ValueType::float32: return nb::dtype<float>();
+        case ValueType::float64: return nb::dtype<double>();
+        case ValueType::int32: return nb::dtype<i32>();
+        case ValueType::uint8: return nb::dtype<u8>();
+        default: return nb::dtype<i64>();
     }
 }
 
 nb::object to_values(Attribute &attribute) {
     auto *kept = new std::vector<u8>(std::move(attribute.values));
     nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<std::vector<u8> *>(pointer); });
-    const std::size_t shape[] = {static_cast<std::size_t>(attribute.rows), static_cast<std::size_t>(attribute.numbers())};
+    const std::size_t shape[] = {static_cast<std::size_t>(attribute.rows),
+                                 static_cast<std::size_t>(attribute.numbers())};
     return nb::cast(nb::ndarray<nb::numpy>(kept->data(), attribute.columns ? 2 : 1, shape, owner, nullptr,
                                            dtype_of(attribute.type)));
 }
@@ -143,10 +145,11 @@ nb::object py_fan_numbers(const Flat<i32> &vertices, const Flat<i32> &keys) {
 }  // namespace
 
 void bind_attributes(nb::module_ &module) {
-    module.def("encode_attributes", &py_encode_attributes, nb::arg("parts"), nb::arg("attributes"), nb::arg("grid"),
-               nb::arg("uv_tolerance"), nb::arg("keeps_rows"),
-               "Section ATTR of parts as in encode_connectivity, with a list of attributes (name, domain, type, values, "
-               "indices or None, labels) each.");
+    module.def(
+        "encode_attributes", &py_encode_attributes, nb::arg("parts"), nb::arg("attributes"), nb::arg("grid"),
+        nb::arg("uv_tolerance"), nb::arg("keeps_rows"),
+        "Section ATTR of parts as in encode_connectivity, with a list of attributes (name, domain, type, values, "
+        "indices or None, labels) each.");
     module.def("decode_attributes", &py_decode_attributes, nb::arg("data"), nb::arg("parts"), nb::arg("grid"),
                nb::arg("most_bytes"), "Attributes (name, domain, values, indices or None, labels) of each part.");
     module.def("fan_numbers", &py_fan_numbers, nb::arg("vertices"), nb::arg("keys"),

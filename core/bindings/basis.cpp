@@ -38,7 +38,8 @@ template <auto member> nb::object patches_array(nb::handle self) {
 void check_vertices(const std::vector<ConnectivityView> &objects, const Grid &grid) {
     i64 vertices = 0;
     for (const ConnectivityView &object : objects) vertices += object.vertices;
-    require(vertices > 0 && vertices == static_cast<i64>(grid.shape(0)), "the objects have other vertices than the grid");
+    require(vertices > 0 && vertices == static_cast<i64>(grid.shape(0)),
+            "the objects have other vertices than the grid");
 }
 
 std::shared_ptr<Patches> py_early_patches(const nb::list &objects, i64 points) {
@@ -66,7 +67,8 @@ std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &
     require(bounds.size() > 1 && bounds.front() == 0 && bounds.back() == vertices &&
                 std::is_sorted(bounds.begin(), bounds.end()),
             "curves do not cover the vertices");
-    for (const i32 vertex : view(order)) require(vertex >= 0 && vertex < vertices, "a curve has a vertex that is not there");
+    for (const i32 vertex : view(order))
+        require(vertex >= 0 && vertex < vertices, "a curve has a vertex that is not there");
     nb::gil_scoped_release release;
     return std::make_shared<Patches>(cut_curves({order.data(), order.data() + vertices}, bounds, points));
 }
@@ -74,7 +76,8 @@ std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &
 // A space basis, and the array that it looks at.
 struct PySpaceBasis {
     PySpaceBasis(int kind, i64 points, int functions, int threshold, double rate, bool affine,
-                 const std::shared_ptr<Patches> &patches, Grid of_grid, const std::optional<nb::bytes> &masks, int threads)
+                 const std::shared_ptr<Patches> &patches, Grid of_grid, const std::optional<nb::bytes> &masks,
+                 int threads)
         : grid(std::move(of_grid)) {
         require(0 <= kind && kind <= 1 && functions > 0, "a space basis is of patches or curves, and has functions");
         require(patches && patches->order.size() == grid.shape(0), "the patches are those of another mesh");
@@ -95,7 +98,8 @@ struct PySpaceBasis {
             *found = basis->project({values.data(), values.size()}, static_cast<i64>(channels), threads);
         }
         double *first = found->data();
-        nb::capsule owner(found.release(), [](void *pointer) noexcept { delete static_cast<std::vector<double> *>(pointer); });
+        nb::capsule owner(found.release(),
+                          [](void *pointer) noexcept { delete static_cast<std::vector<double> *>(pointer); });
         return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<2>>(first, {functions, channels}, owner));
     }
 
@@ -115,7 +119,7 @@ nb::object py_functions_of(nb::handle self, i64 element) {
     const std::span<const double> found = basis.functions_of(element);
     const std::size_t points = static_cast<std::size_t>(basis.elements().patches->size(element));
     return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<2>>(const_cast<double *>(found.data()),
-                                                               {found.size() / points, points}, self));
+                                                                {found.size() / points, points}, self));
 }
 
 // An expansion, and the array that it looks at.
@@ -202,12 +206,13 @@ void bind_basis(nb::module_ &module) {
         .def_prop_ro("nearest", [](const PySpaceBasis &self) { return self.basis->nearest(); })
         .def("subbands", &py_subbands)
         .def("encode_masks", [](const PySpaceBasis &self) { return to_bytes(self.basis->tree().encode_masks()); })
-        .def("make_functions",
-             [](PySpaceBasis &self, int threads) {
-                 nb::gil_scoped_release release;
-                 self.basis->make_functions(threads);
-             },
-             nb::arg("threads"))
+        .def(
+            "make_functions",
+            [](PySpaceBasis &self, int threads) {
+                nb::gil_scoped_release release;
+                self.basis->make_functions(threads);
+            },
+            nb::arg("threads"))
         .def("functions_of", &py_functions_of, nb::arg("element"))
         .def("project", &PySpaceBasis::project, nb::arg("values"), nb::arg("threads"));
     nb::class_<PyExpansion>(module, "Expansion")

@@ -19,8 +19,8 @@ namespace nb = nanobind;
 template <class T> using Flat = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
 // Rows of so many numbers.
-template <class T, int columns>
-using Rows = nb::ndarray<const T, nb::shape<-1, columns>, nb::c_contig, nb::device::cpu>;
+template <class T, int columns> using Rows =
+    nb::ndarray<const T, nb::shape<-1, columns>, nb::c_contig, nb::device::cpu>;
 
 template <class T> std::span<const T> view(const Flat<T> &array) { return {array.data(), array.size()}; }
 
@@ -41,7 +41,8 @@ template <class T> nb::object to_array(std::vector<T> &&values) {
 template <class T> nb::object to_rows(std::vector<T> &&values, std::size_t columns) {
     auto *kept = new std::vector<T>(std::move(values));
     nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<std::vector<T> *>(pointer); });
-    return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<2>>(kept->data(), {columns ? kept->size() / columns : 0, columns}, owner));
+    return nb::cast(
+        nb::ndarray<nb::numpy, T, nb::ndim<2>>(kept->data(), {columns ? kept->size() / columns : 0, columns}, owner));
 }
 
 // Connectivity of objects, each (vertices, face sizes, face indices, line sizes, line indices), whose arrays the caller

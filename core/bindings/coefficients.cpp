@@ -9,9 +9,8 @@ namespace {
 
 template <class T> using Grid = nb::ndarray<T, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
-template <class T>
-CoefficientLayout layout_of(const Grid<T> &coefficients, const Flat<i64> &starts, const Flat<i64> &kinds,
-                            const Flat<i64> &parents, int axes) {
+template <class T> CoefficientLayout layout_of(const Grid<T> &coefficients, const Flat<i64> &starts,
+                                               const Flat<i64> &kinds, const Flat<i64> &parents, int axes) {
     return {.subbands = {view(starts), view(kinds), view(parents)},
             .rows = static_cast<i64>(coefficients.shape(0)),
             .channels = static_cast<i64>(coefficients.shape(1)),
@@ -41,11 +40,8 @@ class PyCoefficientDecoder {
 public:
     PyCoefficientDecoder(nb::bytes data, Grid<i64> coefficients, Flat<i64> starts, Flat<i64> kinds, Flat<i64> parents,
                          int axes)
-        : data_(std::move(data)),
-          coefficients_(std::move(coefficients)),
-          starts_(std::move(starts)),
-          kinds_(std::move(kinds)),
-          parents_(std::move(parents)),
+        : data_(std::move(data)), coefficients_(std::move(coefficients)), starts_(std::move(starts)),
+          kinds_(std::move(kinds)), parents_(std::move(parents)),
           decoder_(layout_of(coefficients_, starts_, kinds_, parents_, axes), view(data_),
                    {coefficients_.data(), coefficients_.size()}) {}
 

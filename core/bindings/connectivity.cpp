@@ -1,6 +1,6 @@
 // Python's view of sections CONN and ORDR.
-#include "bindings/bindings.hpp"
 #include "connectivity/connectivity.hpp"
+#include "bindings/bindings.hpp"
 
 namespace pdeanim::bindings {
 
@@ -67,7 +67,8 @@ nb::list py_coded_orders(const nb::list &parts) {
     return found;
 }
 
-nb::list py_decode_connectivity(const nb::bytes &conn, const nb::bytes &ordr, const nb::list &vertices, i64 most_corners) {
+nb::list py_decode_connectivity(const nb::bytes &conn, const nb::bytes &ordr, const nb::list &vertices,
+                                i64 most_corners) {
     std::vector<i64> counts;
     for (const nb::handle count : vertices) counts.push_back(nb::cast<i64>(count));
     std::vector<Connectivity> parts;
@@ -86,8 +87,9 @@ nb::list py_decode_connectivity(const nb::bytes &conn, const nb::bytes &ordr, co
 }  // namespace
 
 void bind_connectivity(nb::module_ &module) {
-    module.def("encode_connectivity", &py_encode_connectivity, nb::arg("parts"), nb::arg("keep_order"),
-               "Streams of CONN and ORDR of parts (vertices, face sizes, face indices, line sizes, line indices), int32.");
+    module.def(
+        "encode_connectivity", &py_encode_connectivity, nb::arg("parts"), nb::arg("keep_order"),
+        "Streams of CONN and ORDR of parts (vertices, face sizes, face indices, line sizes, line indices), int32.");
     module.def("coded_orders", &py_coded_orders, nb::arg("parts"),
                "Of each part, the source's number of each vertex, face and corner in the order of coding, or None.");
     module.def("decode_connectivity", &py_decode_connectivity, nb::arg("conn"), nb::arg("ordr"), nb::arg("vertices"),

@@ -38,8 +38,10 @@ void bind_container(nb::module_ &module) {
         .def(nb::init<nb::bytes>(), nb::arg("data"))
         .def_prop_ro("sections", &sections)
         .def("check_known", [](const PyContainer &self) { self.container().check_known(); })
-        .def("read", [](const PyContainer &self, const std::string &type) { return to_bytes(self.container().read(type)); },
-             nb::arg("type"))
+        .def(
+            "read",
+            [](const PyContainer &self, const std::string &type) { return to_bytes(self.container().read(type)); },
+            nb::arg("type"))
         .def("verify", [](const PyContainer &self) { self.container().verify(); });
 }
 

@@ -1,6 +1,6 @@
 // Python's view of the curves of a mesh.
-#include "bindings/bindings.hpp"
 #include "mesh/curves.hpp"
+#include "bindings/bindings.hpp"
 
 namespace pdeanim::bindings {
 

@@ -38,7 +38,8 @@ std::vector<std::string> py_decode_names(const nb::bytes &data, i64 times, i64 o
 void bind_description(nb::module_ &module) {
     module.def("encode_description", &py_encode_description, nb::arg("times"), nb::arg("names"),
                "Coded stream of section SEQN: listed times, float64 [s], and names of objects.");
-    module.def("decode_times", &py_decode_times, nb::arg("data"), nb::arg("times"), "So many listed times, float64 [s].");
+    module.def("decode_times", &py_decode_times, nb::arg("data"), nb::arg("times"),
+               "So many listed times, float64 [s].");
     module.def("decode_names", &py_decode_names, nb::arg("data"), nb::arg("times"), nb::arg("objects"), nb::arg("take"),
                "Names of so many objects after so many times; `take` is called with bytes before memory is taken.");
 }

@@ -21,9 +21,8 @@ Fields<T> fields_of(const Cube<const T> &fields, std::size_t functions, std::siz
     return {all_of(fields), static_cast<i64>(functions), static_cast<i64>(fields.shape(1)), static_cast<i64>(vertices)};
 }
 
-template <class T, class Out>
-void py_evaluate_frames(const Cube<const T> &time, const Cube<const T> &fields, const Rows<double, 3> &reference,
-                        const Cube<Out> &out) {
+template <class T, class Out> void py_evaluate_frames(const Cube<const T> &time, const Cube<const T> &fields,
+                                                      const Rows<double, 3> &reference, const Cube<Out> &out) {
     const Fields<T> checked = fields_of(fields, time.shape(2), time.shape(1), reference.shape(0));
     if (out.shape(0) != time.shape(0) || out.shape(1) != reference.shape(0) || out.shape(2) != 3) {
         throw nb::value_error("positions have another shape than the frames and the reference frame give");

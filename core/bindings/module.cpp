@@ -15,7 +15,9 @@ NB_MODULE(_core, module) {
         try {
             std::rethrow_exception(thrown);
         } catch (const CorruptError &error) {
-            const auto place = [](i64 number) { return number < 0 ? nb::object(nb::none()) : nb::object(nb::int_(number)); };
+            const auto place = [](i64 number) {
+                return number < 0 ? nb::object(nb::none()) : nb::object(nb::int_(number));
+            };
             const nb::tuple fields = nb::make_tuple(error.what(), place(error.offset), place(error.frame));
             PyErr_SetObject(corrupt, fields.ptr());
         }

@@ -39,7 +39,8 @@ nb::object py_decode_reference(const Flat<i64> &starts, const Flat<i32> &vertex,
     }
     const std::size_t rows = kept->size();
     i64 *first = reinterpret_cast<i64 *>(kept->data());
-    nb::capsule owner(kept.release(), [](void *pointer) noexcept { delete static_cast<std::vector<Vector> *>(pointer); });
+    nb::capsule owner(kept.release(),
+                      [](void *pointer) noexcept { delete static_cast<std::vector<Vector> *>(pointer); });
     return nb::cast(nb::ndarray<nb::numpy, i64, nb::shape<-1, 3>>(first, {rows, 3}, owner));
 }
 
@@ -47,7 +48,8 @@ nb::object py_decode_reference(const Flat<i64> &starts, const Flat<i32> &vertex,
 
 void bind_reference(nb::module_ &module) {
     module.def("encode_reference", &py_encode_reference, nb::arg("starts"), nb::arg("vertex"), nb::arg("faces"),
-               nb::arg("grid"), "The predictor that makes them smallest, and the coded grid coordinates of section REST.");
+               nb::arg("grid"),
+               "The predictor that makes them smallest, and the coded grid coordinates of section REST.");
     module.def("decode_reference", &py_decode_reference, nb::arg("starts"), nb::arg("vertex"), nb::arg("faces"),
                nb::arg("vertices"), nb::arg("predictor"), nb::arg("data"), "Grid coordinates, (vertices, 3) int64.");
 }

@@ -85,15 +85,24 @@ void bind_text(nb::module_ &module) {
         .def_ro("vertex_count", &ObjScan::vertex_count)
         .def_ro("texture_count", &ObjScan::texture_count)
         .def_ro("texture_size", &ObjScan::texture_size)
-        .def_prop_ro("positions", [](ObjScan &scan) { return rows_of<3>(scan.positions); }, inside)
-        .def_prop_ro("vertex_extras", [](ObjScan &scan) { return rows_of<4>(scan.vertex_extras); }, inside)
-        .def_prop_ro("textures", [](ObjScan &scan) { return rows_of<3>(scan.textures); }, inside)
-        .def_prop_ro("normals", [](ObjScan &scan) { return rows_of<3>(scan.normals); }, inside)
-        .def_prop_ro("vertex_sizes", [](ObjScan &scan) { return flat(scan.vertex_sizes); }, inside)
-        .def_prop_ro("is_face", [](ObjScan &scan) { return flat(scan.is_face); }, inside)
-        .def_prop_ro("element_sizes", [](ObjScan &scan) { return flat(scan.element_sizes); }, inside)
-        .def_prop_ro("corners", [](ObjScan &scan) { return rows_of<3>(scan.corners); }, inside)
-        .def_prop_ro("others", [](ObjScan &scan) { return rows_of<3>(scan.others); }, inside)
+        .def_prop_ro(
+            "positions", [](ObjScan &scan) { return rows_of<3>(scan.positions); }, inside)
+        .def_prop_ro(
+            "vertex_extras", [](ObjScan &scan) { return rows_of<4>(scan.vertex_extras); }, inside)
+        .def_prop_ro(
+            "textures", [](ObjScan &scan) { return rows_of<3>(scan.textures); }, inside)
+        .def_prop_ro(
+            "normals", [](ObjScan &scan) { return rows_of<3>(scan.normals); }, inside)
+        .def_prop_ro(
+            "vertex_sizes", [](ObjScan &scan) { return flat(scan.vertex_sizes); }, inside)
+        .def_prop_ro(
+            "is_face", [](ObjScan &scan) { return flat(scan.is_face); }, inside)
+        .def_prop_ro(
+            "element_sizes", [](ObjScan &scan) { return flat(scan.element_sizes); }, inside)
+        .def_prop_ro(
+            "corners", [](ObjScan &scan) { return rows_of<3>(scan.corners); }, inside)
+        .def_prop_ro(
+            "others", [](ObjScan &scan) { return rows_of<3>(scan.others); }, inside)
         .def_prop_ro("unread", [](ObjScan &scan) { return unread_rows(scan.unread); });
 
     nb::class_<ObjStructure>(module, "ObjStructure", "What must be the same in every frame of OBJ files.")

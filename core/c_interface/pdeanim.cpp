@@ -77,11 +77,11 @@ void check_index(i64 index, i64 count, const char *what) {
 
 pdeanim_type type_of(ValueType type) {
     switch (type) {
-    case ValueType::float32: return PDEANIM_FLOAT32;
-    case ValueType::float64: return PDEANIM_FLOAT64;
-    case ValueType::int32: return PDEANIM_INT32;
-    case ValueType::int64: return PDEANIM_INT64;
-    default: return PDEANIM_UINT8;
+        case ValueType::float32: return PDEANIM_FLOAT32;
+        case ValueType::float64: return PDEANIM_FLOAT64;
+        case ValueType::int32: return PDEANIM_INT32;
+        case ValueType::int64: return PDEANIM_INT64;
+        default: return PDEANIM_UINT8;
     }
 }
 
@@ -137,7 +137,8 @@ pdeanim_status pdeanim_remarks(pdeanim_animation *animation, const void **data, 
     });
 }
 
-pdeanim_status pdeanim_get_object(pdeanim_animation *handle, int64_t index, pdeanim_object *object, pdeanim_error *error) {
+pdeanim_status pdeanim_get_object(pdeanim_animation *handle, int64_t index, pdeanim_object *object,
+                                  pdeanim_error *error) {
     return guarded(error, [&] {
         Animation &animation = handle->animation;
         check_index(index, animation.objects(), "object");
@@ -156,15 +157,16 @@ pdeanim_status pdeanim_get_object(pdeanim_animation *handle, int64_t index, pdea
     });
 }
 
-pdeanim_status pdeanim_attribute_count(pdeanim_animation *handle, int64_t object, int64_t *count, pdeanim_error *error) {
+pdeanim_status pdeanim_attribute_count(pdeanim_animation *handle, int64_t object, int64_t *count,
+                                       pdeanim_error *error) {
     return guarded(error, [&] {
         check_index(object, handle->animation.objects(), "object");
         *count = static_cast<int64_t>(handle->animation.attributes()[object].size());
     });
 }
 
-pdeanim_status pdeanim_get_attribute(pdeanim_animation *handle, int64_t object, int64_t index, pdeanim_attribute *attribute,
-                                     pdeanim_error *error) {
+pdeanim_status pdeanim_get_attribute(pdeanim_animation *handle, int64_t object, int64_t index,
+                                     pdeanim_attribute *attribute, pdeanim_error *error) {
     return guarded(error, [&] {
         Animation &animation = handle->animation;
         check_index(object, animation.objects(), "object");
@@ -199,11 +201,12 @@ pdeanim_status pdeanim_evaluate(pdeanim_animation *handle, pdeanim_quantity quan
                                 int64_t object, float *out, pdeanim_error *error) {
     return guarded(error, [&] {
         Animation &animation = handle->animation;
-        if (quantity < PDEANIM_POSITIONS || quantity > PDEANIM_ACCELERATIONS) throw ArgumentError("an unknown quantity");
+        if (quantity < PDEANIM_POSITIONS || quantity > PDEANIM_ACCELERATIONS)
+            throw ArgumentError("an unknown quantity");
         if (object != PDEANIM_ALL_OBJECTS) check_index(object, animation.objects(), "object");
         const std::optional<i64> which = object == PDEANIM_ALL_OBJECTS ? std::nullopt : std::optional<i64>(object);
-        const i64 vertices = which ? animation.first_vertex(object + 1) - animation.first_vertex(object)
-                                   : animation.vertices();
+        const i64 vertices =
+            which ? animation.first_vertex(object + 1) - animation.first_vertex(object) : animation.vertices();
         if (count > 0 && (!times || (!out && vertices > 0))) throw ArgumentError("times and out must not be NULL");
         animation.evaluate(static_cast<Quantity>(quantity), {times, count}, which,
                            {out, count * 3 * static_cast<std::size_t>(vertices)});

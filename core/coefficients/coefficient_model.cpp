@@ -54,14 +54,14 @@ i64 CoefficientModel::code_count(RangeCoder<mode> &coder, int band, i64 before, 
     return value;
 }
 
-template <Mode mode>
-i64 CoefficientModel::code_coefficient(RangeCoder<mode> &coder, int band, i64 row, i64 rank,
-                                       const CoefficientsAround &around, i64 coefficient) {
+template <Mode mode> i64 CoefficientModel::code_coefficient(RangeCoder<mode> &coder, int band, i64 row, i64 rank,
+                                                            const CoefficientsAround &around, i64 coefficient) {
     const auto &[r1, r2, t1, t2, s1, x1, p1] = around;
     const int sum = ratio_class(2 * r1 + r2 + 2 * t1 + t2 + 2 * s1 + 2 * x1 + p1);
     const int ranked = rank_class(rank);
-    const auto nearest = (((least<i64>(r1, 3) * 3 + least<i64>(r2, 2)) * 4 + least<i64>(t1 + x1, 3)) * 3 +
-                          least<i64>(t2, 2)) * 4 + least<i64>(s1, 3);
+    const auto nearest =
+        (((least<i64>(r1, 3) * 3 + least<i64>(r2, 2)) * 4 + least<i64>(t1 + x1, 3)) * 3 + least<i64>(t2, 2)) * 4 +
+        least<i64>(s1, 3);
     const i64 size = size_of(coefficient);
     const bool is_nonzero = coder.template mixed<6>(
         {&nonzero_by_band_[band][ranked], &nonzero_by_nearest_[nearest], &nonzero_by_sum_[sum][band],
@@ -74,11 +74,10 @@ i64 CoefficientModel::code_coefficient(RangeCoder<mode> &coder, int band, i64 ro
     i64 found = 1;
     for (; found <= modelled; ++found) {
         const i64 at = found - 1;
-        const bool is_larger = coder.template mixed<4>(
-            {&larger_by_sum_[at][sum], &larger_by_band_[at][band][ranked],
-             &larger_by_nearest_[at][largest_around][least<i64>(r1 + p1, 7)],
-             &larger_by_sum_and_rank_[at][sum][ranked]},
-            larger_weights_[at].data(), size > found);
+        const bool is_larger = coder.template mixed<4>({&larger_by_sum_[at][sum], &larger_by_band_[at][band][ranked],
+                                                        &larger_by_nearest_[at][largest_around][least<i64>(r1 + p1, 7)],
+                                                        &larger_by_sum_and_rank_[at][sum][ranked]},
+                                                       larger_weights_[at].data(), size > found);
         if (!is_larger) break;
     }
     if (found > modelled) {
@@ -97,11 +96,11 @@ i64 CoefficientModel::code_coefficient(RangeCoder<mode> &coder, int band, i64 ro
 template i64 CoefficientModel::code_count(RangeCoder<Mode::encode> &, int, i64, i64, i64);
 template i64 CoefficientModel::code_count(RangeCoder<Mode::decode> &, int, i64, i64, i64);
 template i64 CoefficientModel::code_count(RangeCoder<Mode::measure> &, int, i64, i64, i64);
-template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::encode> &, int, i64, i64,
-                                                const CoefficientsAround &, i64);
-template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::decode> &, int, i64, i64,
-                                                const CoefficientsAround &, i64);
-template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::measure> &, int, i64, i64,
-                                                const CoefficientsAround &, i64);
+template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::encode> &, int, i64, i64, const CoefficientsAround &,
+                                                i64);
+template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::decode> &, int, i64, i64, const CoefficientsAround &,
+                                                i64);
+template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::measure> &, int, i64, i64, const CoefficientsAround &,
+                                                i64);
 
 }  // namespace pdeanim

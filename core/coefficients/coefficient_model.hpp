@@ -23,7 +23,7 @@ public:
     static constexpr int depths = 16;        // bands of nodes, one for each depth
     static constexpr int element_bands = 9;  // bands of an element's rows
     static constexpr int bands = depths + element_bands;
-    static constexpr i64 largest = i64{1} << 40;       // magnitude of a coefficient
+    static constexpr i64 largest = i64{1} << 40;  // magnitude of a coefficient
     static constexpr i64 most_channels = (1 << 19) - 1;
 
     CoefficientModel();
@@ -34,9 +34,8 @@ public:
 
     // Code a coefficient, `row` of its element (affine functions included) or of its subband, at a rank of functions of
     // time. CorruptError where the bits hold one out of range.
-    template <Mode mode>
-    i64 code_coefficient(RangeCoder<mode> &coder, int band, i64 row, i64 rank, const CoefficientsAround &around,
-                         i64 coefficient);
+    template <Mode mode> i64 code_coefficient(RangeCoder<mode> &coder, int band, i64 row, i64 rank,
+                                              const CoefficientsAround &around, i64 coefficient);
 
 private:
     template <std::size_t count> using Models = std::array<BitModel, count>;

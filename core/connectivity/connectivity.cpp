@@ -47,7 +47,8 @@ private:
 
 // What all parts of the coder have learnt.
 struct Models {
-    std::array<std::array<NumberModel, 3>, 2> heads;  // of faces and lines: how many, their common size or 0, their corners
+    std::array<std::array<NumberModel, 3>, 2>
+        heads;  // of faces and lines: how many, their common size or 0, their corners
     std::array<BitModel, 3> choices;
     Lazy<SurfaceModel> surface;
     Lazy<OrderModel> order;
@@ -80,9 +81,8 @@ template <Mode mode> Choice code_choice(RangeCoder<mode> &coder, Models &models,
     return choice;
 }
 
-template <Mode mode>
-void encode_polygons(RangeCoder<mode> &coder, PolygonModel &model, Kind kind, i64 vertices, std::span<const i32> sizes,
-                     std::span<const i32> indices) {
+template <Mode mode> void encode_polygons(RangeCoder<mode> &coder, PolygonModel &model, Kind kind, i64 vertices,
+                                          std::span<const i32> sizes, std::span<const i32> indices) {
     std::vector<i32> own_sizes(sizes.begin(), sizes.end()), corners(indices.begin(), indices.end());
     model.code(coder, common_size(sizes), smallest[kind], vertices, std::span<i32>(own_sizes), std::span<i32>(corners));
 }
@@ -149,12 +149,14 @@ void check_head(Kind kind, const Head &head, i64 most_corners) {
 
 void check_end(const RangeCoder<Mode::decode> &coder, const char *name, std::size_t size) {
     if (coder.is_finished()) return;
-    throw CorruptError(std::string("section ") + name + (coder.byte() < size ? " has bytes too many" : " ends too early"));
+    throw CorruptError(std::string("section ") + name +
+                       (coder.byte() < size ? " has bytes too many" : " ends too early"));
 }
 
 }  // namespace
 
-std::pair<std::vector<u8>, std::vector<u8>> encode_connectivity(std::span<const ConnectivityView> parts, bool keep_order) {
+std::pair<std::vector<u8>, std::vector<u8>> encode_connectivity(std::span<const ConnectivityView> parts,
+                                                                bool keep_order) {
     const std::vector<Choice> choices = choose(parts, keep_order ? Order::kept : Order::left_out);
     RangeCoder<Mode::encode> conn, ordr;
     Models models;
@@ -204,7 +206,8 @@ std::vector<CodedOrder> coded_orders(std::span<const ConnectivityView> parts) {
         std::vector<i32> starts(coded.sizes.size() + 1), face_of(coded.border.sides.size());
         for (std::size_t face = 0; face < coded.sizes.size(); ++face) {
             starts[face + 1] = starts[face] + coded.sizes[face];
-            for (i32 corner = starts[face]; corner < starts[face + 1]; ++corner) face_of[corner] = static_cast<i32>(face);
+            for (i32 corner = starts[face]; corner < starts[face + 1]; ++corner)
+                face_of[corner] = static_cast<i32>(face);
         }
         order.faces.resize(coded.sizes.size());
         order.corners.resize(coded.border.sides.size());
@@ -244,7 +247,8 @@ std::vector<Connectivity> decode_connectivity(std::span<const u8> conn_bytes, st
                                                    head.corners, part.vertices);
                         if (!choice.has_order) {
                             part.face_sizes = coded.sizes;
-                            for (const Border::Side &side : coded.border.sides) part.face_indices.push_back(side.origin);
+                            for (const Border::Side &side : coded.border.sides)
+                                part.face_indices.push_back(side.origin);
                             continue;
                         }
                         any_order = true;

@@ -27,7 +27,8 @@ struct ConnectivityView {
 
 // The coded streams of sections CONN and ORDR; the latter is empty where there is no order to restore. Without `keep_order`
 // surfaces whose vertices and faces stand in the order of their coding (`coded_order`) leave ORDR out.
-std::pair<std::vector<u8>, std::vector<u8>> encode_connectivity(std::span<const ConnectivityView> parts, bool keep_order);
+std::pair<std::vector<u8>, std::vector<u8>> encode_connectivity(std::span<const ConnectivityView> parts,
+                                                                bool keep_order);
 
 // The order in which an object's vertices, faces and corners are coded: of each, its number in the source.
 struct CodedOrder {

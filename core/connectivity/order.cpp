@@ -13,7 +13,8 @@ namespace {
 // faces have more, and they must not take time each time.
 constexpr int most_sides = 16;
 
-constexpr int most_listed = 32;  // corners at a vertex that can be named by it: keeps time linear at vertices of many faces
+constexpr int most_listed =
+    32;  // corners at a vertex that can be named by it: keeps time linear at vertices of many faces
 
 // A surface, and how much of its order has been told.
 class Records {
@@ -26,14 +27,9 @@ public:
     };
 
     explicit Records(const CodedSurface &surface)
-        : corners(surface.border.sides.size()),
-          starts(surface.sizes.size() + 1),
-          vertices(surface.vertex_count),
-          vertex_of(surface.vertex_count, -1),
-          left_faces(static_cast<i64>(surface.sizes.size()), true),
-          left_numbers(surface.vertex_count, true),
-          live(surface.vertex_count, false),
-          is_named_(surface.sizes.size()) {
+        : corners(surface.border.sides.size()), starts(surface.sizes.size() + 1), vertices(surface.vertex_count),
+          vertex_of(surface.vertex_count, -1), left_faces(static_cast<i64>(surface.sizes.size()), true),
+          left_numbers(surface.vertex_count, true), live(surface.vertex_count, false), is_named_(surface.sizes.size()) {
         i32 first = 0;
         for (i32 face = 0; face < static_cast<i32>(surface.sizes.size()); ++face) {
             const i32 size = surface.sizes[face];
@@ -170,10 +166,10 @@ private:
         int place = encoding ? 0 : count;
         while (place < count && records_.corners[candidates_[place].corner].face != face) ++place;
         const int last = model_.slot_now_, before = model_.slot_before_, long_before = model_.slot_long_before_;
-        const bool found = coder_.template mixed<2>(
-            {&model_.found_[model_.found_history_],
-             &model_.found_slots_[(last * slots + before) * slots + long_before]},
-            model_.found_weights_.data(), place < count);
+        const bool found =
+            coder_.template mixed<2>({&model_.found_[model_.found_history_],
+                                      &model_.found_slots_[(last * slots + before) * slots + long_before]},
+                                     model_.found_weights_.data(), place < count);
         model_.found_history_ = (2 * model_.found_history_ + found) & 255;
         if (!found) return std::nullopt;
         // The slot that came last time is tried before the others: most orders repeat themselves.
@@ -257,9 +253,9 @@ private:
         } else {
             const i64 rank = records_.live.rank_of(reference);
             const i64 last = model_.last_jump_;
-            const int context = 2 * static_cast<int>(least<i64>(size_of(last), OrderModel::jump_classes / 2 - 1)) + (last < 0);
-            const i64 jump =
-                model_.jump_[context].code(coder_, vertex < 0 ? 0 : records_.live.rank_of(number) - rank);
+            const int context =
+                2 * static_cast<int>(least<i64>(size_of(last), OrderModel::jump_classes / 2 - 1)) + (last < 0);
+            const i64 jump = model_.jump_[context].code(coder_, vertex < 0 ? 0 : records_.live.rank_of(number) - rank);
             model_.last_jump_ = jump;
             if (rank + jump < 0 || rank + jump >= records_.live.count()) broken();
             number = records_.live.member_at(rank + jump);
@@ -278,9 +274,9 @@ private:
             const i32 following = records_.next_left(listed);
             if (following < 0 || place == most_listed - 1) break;
             const int alike = first >= 0 ? resemblance(first) : 0;
-            const bool taken = coder_.template mixed<2>(
-                {&model_.list_[alike * 8 + least(place, 7)], &model_.list_recent_[alike / 9 * 64 + model_.list_history_]},
-                model_.list_weights_.data(), listed == wanted);
+            const bool taken = coder_.template mixed<2>({&model_.list_[alike * 8 + least(place, 7)],
+                                                         &model_.list_recent_[alike / 9 * 64 + model_.list_history_]},
+                                                        model_.list_weights_.data(), listed == wanted);
             model_.list_history_ = (2 * model_.list_history_ + taken) & 63;
             if (taken) break;
             listed = following;
@@ -321,8 +317,7 @@ private:
     // Third case: a face by its rank among those left, compared with that of the last face.
     i32 code_place(i32 last, i32 face) {
         const i64 rank = records_.left_faces.rank_of(last);
-        const i64 distance =
-            model_.place_.code(coder_, face >= 0 ? records_.left_faces.rank_of(face) - rank : 0);
+        const i64 distance = model_.place_.code(coder_, face >= 0 ? records_.left_faces.rank_of(face) - rank : 0);
         if (rank + distance < 0 || rank + distance >= records_.left_faces.count()) broken();
         return static_cast<i32>(records_.left_faces.member_at(rank + distance));
     }
@@ -360,7 +355,8 @@ private:
     }
 
     i64 code_unmatched(int slot, i32 corner, i64 number) {
-        const i64 before = records_.number_at(records_.before(corner)), after = records_.number_at(records_.after(corner));
+        const i64 before = records_.number_at(records_.before(corner)),
+                  after = records_.number_at(records_.after(corner));
         const i64 grid = grid_number(corner), last = last_number_;
         const int recent = model_.proposal_history_;
         const int around = 4 * (before >= 0) + 2 * (after >= 0) + (grid >= 0);
@@ -472,18 +468,15 @@ private:
     Records records_;
     const SourceOrder *source_;
     std::vector<Candidate> candidates_;
-    i32 last_first_ = -1;              // the first corner of the last face
-    std::array<i32, 4> differences_{};  // of the numbers of its second and third corner to the first's; of the face before
+    i32 last_first_ = -1;  // the first corner of the last face
+    std::array<i32, 4>
+        differences_{};  // of the numbers of its second and third corner to the first's; of the face before
     i64 last_number_ = -1, highest_ = -1;
 };
 
 OrderModel::OrderModel()
-    : found_(256),
-      found_slots_(slots * slots * slots),
-      side_(by_place * slots * 4),
-      side_slots_(by_place * slots * slots),
-      list_(81 * 8),
-      list_recent_(9 * 64) {
+    : found_(256), found_slots_(slots * slots * slots), side_(by_place * slots * 4),
+      side_slots_(by_place * slots * slots), list_(81 * 8), list_recent_(9 * 64) {
     corner_.fill(Models(256));
     corner_slot_.fill(Models(16 * slots));
     first_.fill(Models(64 * 4));
@@ -493,9 +486,8 @@ OrderModel::OrderModel()
     proposal_weights_.fill(equal_weights<2>());
 }
 
-template <Mode mode>
-void OrderModel::encode(RangeCoder<mode> &coder, const CodedSurface &surface, const SourceOrder &order,
-                        std::span<const i32> used) {
+template <Mode mode> void OrderModel::encode(RangeCoder<mode> &coder, const CodedSurface &surface,
+                                             const SourceOrder &order, std::span<const i32> used) {
     i64 at = 0;
     for (std::size_t k = 0; k < used.size();) {
         std::size_t end = k + 1;

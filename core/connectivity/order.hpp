@@ -32,9 +32,8 @@ public:
     OrderModel();
 
     // Code which of an object's vertices are on faces (`used`, ascending), and the order of the source.
-    template <Mode mode>
-    void encode(RangeCoder<mode> &coder, const CodedSurface &surface, const SourceOrder &order,
-                std::span<const i32> used);
+    template <Mode mode> void encode(RangeCoder<mode> &coder, const CodedSurface &surface, const SourceOrder &order,
+                                     std::span<const i32> used);
 
     // Undo `encode`; CorruptError if there is no such order.
     Faces decode(RangeCoder<Mode::decode> &coder, const CodedSurface &surface, i64 vertices);
@@ -46,10 +45,10 @@ private:
     static constexpr int sides_told = 4;    // sides of a recent face that have slots of their own
     // How a face was named: by a side of a recent face, a slot for each; in the third case; in the second.
     static constexpr int by_place = recent_faces * sides_told, by_vertex = by_place + 1, slots = by_vertex + 1;
-    static constexpr int corners_told = 3;   // corners that the second case tells by yes and no
-    static constexpr int jump_classes = 8;   // contexts of a difference of ranks: that before, up to 3, and its sign
-    static constexpr int proposals = 6;      // of a vertex's number, besides those of the match model
-    static constexpr int farthest = 20;      // differences of numbers are alike from this on, where they are a context
+    static constexpr int corners_told = 3;  // corners that the second case tells by yes and no
+    static constexpr int jump_classes = 8;  // contexts of a difference of ranks: that before, up to 3, and its sign
+    static constexpr int proposals = 6;     // of a vertex's number, besides those of the match model
+    static constexpr int farthest = 20;     // differences of numbers are alike from this on, where they are a context
 
     using Models = std::vector<BitModel>;
 
@@ -66,7 +65,7 @@ private:
     int found_history_ = 0, corner_history_ = 0, list_history_ = 0, first_history_ = 0;
     int slot_now_ = 0, slot_before_ = 0, slot_long_before_ = 0;
     i64 last_jump_ = 0;
-    std::array<int, slots> firsts_after_{};              // which corners were the first after each slot
+    std::array<int, slots> firsts_after_{};                 // which corners were the first after each slot
     std::array<std::array<int, slots>, slots> expected_{};  // which slot came after two slots the last time
 
     // Vertices' numbers.

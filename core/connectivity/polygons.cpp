@@ -4,9 +4,8 @@
 
 namespace pdeanim {
 
-template <Mode mode>
-void PolygonModel::code(RangeCoder<mode> &coder, i32 common_size, i32 smallest, i64 vertices, std::span<i32> sizes,
-                        std::span<i32> corners) {
+template <Mode mode> void PolygonModel::code(RangeCoder<mode> &coder, i32 common_size, i32 smallest, i64 vertices,
+                                             std::span<i32> sizes, std::span<i32> corners) {
     constexpr const char *broken = "refers to a vertex that is not there, or has faces that do not fit it";
     i64 highest = -1, first = 0;
     std::size_t used = 0;
@@ -23,7 +22,8 @@ void PolygonModel::code(RangeCoder<mode> &coder, i32 common_size, i32 smallest, 
             sizes[polygon] = static_cast<i32>(size);
         }
         const i64 left = static_cast<i64>(sizes.size() - 1 - polygon);
-        if (size < smallest || size > static_cast<i64>(corners.size() - used) - smallest * left) throw CorruptError(broken);
+        if (size < smallest || size > static_cast<i64>(corners.size() - used) - smallest * left)
+            throw CorruptError(broken);
         i64 before = first;
         for (i64 corner = 0; corner < size; ++corner) {
             const int phase = static_cast<int>(least<i64>(corner, last_corner_phase));

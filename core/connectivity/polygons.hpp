@@ -22,9 +22,8 @@ public:
     // Code the polygons of one object, read when encoding and written when decoding; CorruptError where the bits are not
     // those of sound polygons. common_size: of every polygon, or 0 where they differ; smallest: least size of a polygon;
     // corners are below `vertices`.
-    template <Mode mode>
-    void code(RangeCoder<mode> &coder, i32 common_size, i32 smallest, i64 vertices, std::span<i32> sizes,
-              std::span<i32> corners);
+    template <Mode mode> void code(RangeCoder<mode> &coder, i32 common_size, i32 smallest, i64 vertices,
+                                   std::span<i32> sizes, std::span<i32> corners);
 
 private:
     static constexpr int last_corner_phase = 3;  // corners from this on are alike; 0 to 2 have phases of their own

@@ -9,7 +9,8 @@ namespace pdeanim {
 
 namespace {
 
-constexpr int farthest = 200;  // steps along the border within which a vertex met before is looked for: keeps time linear
+constexpr int farthest =
+    200;  // steps along the border within which a vertex met before is looked for: keeps time linear
 constexpr i32 last_told_size = 10;  // sizes up to this one are told by yes and no, larger ones by their number
 
 }  // namespace
@@ -62,10 +63,7 @@ SourceMesh::SourceMesh(std::span<const i32> sizes, std::span<const i32> indices)
 // What has been coded of a mesh that is encoded.
 struct SurfaceEncoding {
     explicit SurfaceEncoding(const SourceMesh &source)
-        : mesh(source),
-          next_of_group(source.group_starts_),
-          is_coded(source.faces()),
-          numbers(source.used_.size(), -1),
+        : mesh(source), next_of_group(source.group_starts_), is_coded(source.faces()), numbers(source.used_.size(), -1),
           corner_of(source.corners()) {}
 
     // The first corner on a face not coded yet whose side runs the other way, -1 if there is none.
@@ -119,7 +117,8 @@ struct SurfaceEncoding {
 template <Mode mode> class SurfaceCoder {
 public:
     SurfaceCoder(RangeCoder<mode> &coder, SurfaceModel &model, CodedSurface &surface, SurfaceEncoding *source)
-        : coder_(coder), model_(model), border_(surface.border), sides_(border_.sides), surface_(surface), source_(source) {}
+        : coder_(coder), model_(model), border_(surface.border), sides_(border_.sides), surface_(surface),
+          source_(source) {}
 
     void code(i32 common_size, bool has_border) {
         const i64 faces = static_cast<i64>(surface_.sizes.size()), most_corners = static_cast<i64>(sides_.size());
@@ -193,8 +192,7 @@ private:
     // Whether there is no face across `gate`.
     bool code_border(i32 gate, bool is_closed) {
         const i32 before = sides_[gate].preceding, after = sides_[gate].following;
-        const int beside =
-            2 * (sides_[before].state == Border::closed) + (sides_[after].state == Border::closed);
+        const int beside = 2 * (sides_[before].state == Border::closed) + (sides_[after].state == Border::closed);
         const int from = faces(sides_[gate].origin), to = faces(sides_[after].origin);
         const bool bit = coder_.template mixed<3>(
             {&model_.border_[(from * F + to) * 4 + beside], &model_.border_recent_[model_.borders_],
@@ -256,11 +254,10 @@ private:
                 auto &models = model_.closings_[way];
                 bool closes = false;
                 if constexpr (encoding) closes = source_->numbers[source_->vertex(place)] == candidate;
-                if (!coder_.template mixed<3>(
-                        {&models.beyond[(faces(closing) * F + faces(candidate)) * 2 + special],
-                         &models.opposite[(faces(closing) * F + opposite) * F + faces(other)],
-                         &models.recent[around * 64 + model_.closed_recently_]},
-                        models.weights.data(), closes)) {
+                if (!coder_.template mixed<3>({&models.beyond[(faces(closing) * F + faces(candidate)) * 2 + special],
+                                               &models.opposite[(faces(closing) * F + opposite) * F + faces(other)],
+                                               &models.recent[around * 64 + model_.closed_recently_]},
+                                              models.weights.data(), closes)) {
                     refused = candidate;
                     break;
                 }
@@ -327,8 +324,8 @@ private:
 
 SurfaceModel::SurfaceModel() : border_(F * F * 4), border_recent_(256), border_beside_(32) {}
 
-template <Mode mode>
-CodedSurface SurfaceModel::encode(RangeCoder<mode> &coder, const SourceMesh &mesh, bool has_border, SourceOrder &order) {
+template <Mode mode> CodedSurface SurfaceModel::encode(RangeCoder<mode> &coder, const SourceMesh &mesh, bool has_border,
+                                                       SourceOrder &order) {
     CodedSurface surface(mesh.faces(), mesh.corners(), static_cast<i64>(mesh.used().size()));
     SurfaceEncoding source(mesh);
     const auto sizes = mesh.sizes();

@@ -51,12 +51,12 @@ private:
     friend struct SurfaceEncoding;
     std::span<const i32> sizes_;
     std::vector<i32> used_;
-    std::vector<i32> vertex_;    // of each corner, numbered among those used
-    std::vector<i32> face_;      // of each corner
-    std::vector<i32> across_;    // of each corner, the group of corners whose sides run the other way, or -1
-    std::vector<i32> members_;   // corners, group after group: those of a group have sides between the same vertices
+    std::vector<i32> vertex_;   // of each corner, numbered among those used
+    std::vector<i32> face_;     // of each corner
+    std::vector<i32> across_;   // of each corner, the group of corners whose sides run the other way, or -1
+    std::vector<i32> members_;  // corners, group after group: those of a group have sides between the same vertices
     std::vector<i32> group_starts_;
-    std::vector<i32> firsts_;    // first corner of each face
+    std::vector<i32> firsts_;  // first corner of each face
 };
 
 // How a coded surface's faces and vertices stood in the source.
@@ -104,8 +104,8 @@ private:
     std::array<BitModel, 8> new_vertex_;
     NumberModel distance_, number_, large_size_;
 
-    int borders_ = 0;         // the last 8 decisions "no face across", the latest in bit 0
-    int closed_recently_ = 0;  // whether the last 3 faces closed on either side, 2 bits each
+    int borders_ = 0;                      // the last 8 decisions "no face across", the latest in bit 0
+    int closed_recently_ = 0;              // whether the last 3 faces closed on either side, 2 bits each
     i32 last_size_ = 0, size_before_ = 0;  // of the last two faces that were told
 };
 

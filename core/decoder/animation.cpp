@@ -62,8 +62,7 @@ std::span<Position> as_positions(std::span<float> out) {
 
 Animation::Animation(std::unique_ptr<Source> source, const Options &options)
     : source_(std::move(source)), container_(*source_), max_memory_(options.max_memory), left_(options.max_memory),
-      threads_(options.threads > 0 ? options.threads
-                                   : static_cast<int>(most(std::thread::hardware_concurrency(), 1u))),
+      threads_(options.threads > 0 ? options.threads : static_cast<int>(most(std::thread::hardware_concurrency(), 1u))),
       most_kept_(options.kept_bytes) {
     container_.check_known();
     sequence_ = SequenceDescription::of_bytes(container_.read("SEQN"), static_cast<i64>(max_memory_ / bytes_per_frame));
@@ -111,11 +110,13 @@ const std::vector<Connectivity> &Animation::connectivity() {
     const std::lock_guard guard(lock_);
     if (!connectivity_) {
         std::vector<i64> counts;
-        for (i64 object = 0; object < objects(); ++object) counts.push_back(first_vertex(object + 1) - first_vertex(object));
+        for (i64 object = 0; object < objects(); ++object)
+            counts.push_back(first_vertex(object + 1) - first_vertex(object));
         const std::vector<u8> orders = container_.read_optional("ORDR");
         const i64 most = static_cast<i64>(left_ / bytes_per_corner);
         std::vector<Connectivity> found = decode_connectivity(polygons_, orders, counts, most);
-        for (const Connectivity &part : found) left_ -= bytes_per_corner * (part.face_indices.size() + part.line_indices.size());
+        for (const Connectivity &part : found)
+            left_ -= bytes_per_corner * (part.face_indices.size() + part.line_indices.size());
         connectivity_ = std::move(found);
     }
     return *connectivity_;
@@ -139,11 +140,12 @@ const Reference &Animation::reference() {
         for (double &coordinate : found.origin) coordinate = fields.real();
         const u8 predictor = fields.integer<u8>();
         if (predictor >= predictors) {
-            throw CorruptError("section REST names predictor " + std::to_string(predictor) + ", this decoder has 0 to " +
-                               std::to_string(predictors - 1));
+            throw CorruptError("section REST names predictor " + std::to_string(predictor) +
+                               ", this decoder has 0 to " + std::to_string(predictors - 1));
         }
         bool is_sound = found.step > 0.0 && found.step <= limits::largest_step;
-        for (const double coordinate : found.origin) is_sound = is_sound && std::abs(coordinate) <= limits::largest_step;
+        for (const double coordinate : found.origin)
+            is_sound = is_sound && std::abs(coordinate) <= limits::largest_step;
         if (!is_sound) throw CorruptError("section REST has a quantisation step or an origin out of range");
         found.grid = decode_reference(polygons_of(connectivity()), predictor, fields.rest());
         for (const GridPoint &point : found.grid) {
@@ -198,7 +200,8 @@ const SpaceBasis &Animation::space() {
             Curves curves = extract_curves(parts, reference().grid);
             patches = std::make_shared<const Patches>(cut_curves(std::move(curves.order), curves.starts, form.points));
         }
-        space_ = std::make_unique<SpaceBasis>(form, patches, reference().grid, std::span<const u8>(model_.masks), threads_);
+        space_ =
+            std::make_unique<SpaceBasis>(form, patches, reference().grid, std::span<const u8>(model_.masks), threads_);
         check_motion();
     }
     return *space_;
@@ -286,7 +289,8 @@ void Animation::decode_ahead(std::span<const double> sorted) {
         const std::size_t index = table_->group_of(frame_at(most(time, times().front())));
         if (!wanted.empty() && wanted.back() == index) continue;
         const Group &own = table_->groups()[index];
-        expected_bytes += own.channels() * vertices() * static_cast<i64>(own.is_single ? sizeof(float) : sizeof(double));
+        expected_bytes +=
+            own.channels() * vertices() * static_cast<i64>(own.is_single ? sizeof(float) : sizeof(double));
         if (is_kept(index) || (!wanted.empty() && expected_bytes > most_kept_)) break;
         wanted.push_back(index);
     }
@@ -343,7 +347,8 @@ std::vector<double> Animation::displacement(double time, int derivative) {
     std::vector<double> moved(3 * vertices());
     const auto add = [&](std::size_t index, std::span<const double> weights) {
         const DecodedGroup &own = group(index);
-        std::visit([&](const auto &functions) { add_displacement(weights, own.fields(functions), moved); }, own.functions);
+        std::visit([&](const auto &functions) { add_displacement(weights, own.fields(functions), moved); },
+                   own.functions);
     };
     if (table_->groups()[0].basis == TimeBasis::closed_form) {
         if (closed_forms_.empty()) {
@@ -469,13 +474,15 @@ void Animation::evaluate_all(Quantity quantity, std::span<const double> sorted, 
         const Group &own = table_->groups()[table_->group_of(frame)];
         const i64 most_here = least(own.first + own.frames - frame, frames_between_looks);
         i64 count = 1;
-        while (count < most_here && row + count < sorted.size() && sorted[row + count] == times()[frame + count]) ++count;
+        while (count < most_here && row + count < sorted.size() && sorted[row + count] == times()[frame + count])
+            ++count;
         evaluate_frames_of_group(frame, count, out.subspan(row * size, count * size));
         row += count;
     }
 }
 
-void Animation::evaluate(Quantity quantity, std::span<const double> asked, std::optional<i64> object, std::span<float> out) {
+void Animation::evaluate(Quantity quantity, std::span<const double> asked, std::optional<i64> object,
+                         std::span<float> out) {
     const i64 begin = object ? first_vertex(*object) : 0, end = object ? first_vertex(*object + 1) : vertices();
     const std::size_t size = 3 * (end - begin), whole = 3 * vertices();
     if (out.size() != asked.size() * size) throw ArgumentError("the array to write to has another size");

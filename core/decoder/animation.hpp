@@ -45,7 +45,7 @@ class Animation {
 public:
     static constexpr u64 usual_memory = u64{4} << 30;  // some five million vertices
 
-    static constexpr i64 usual_kept = i64{64} << 20;       // all of most clips
+    static constexpr i64 usual_kept = i64{64} << 20;  // all of most clips
 
     struct Options {
         u64 max_memory = usual_memory;  // that a file may ask for [bytes]
@@ -118,7 +118,7 @@ private:
     int threads_;
     i64 most_kept_;
     SequenceDescription sequence_;
-    std::vector<u8> polygons_;             // section CONN behind its head
+    std::vector<u8> polygons_;            // section CONN behind its head
     std::vector<i64> first_vertices_{0};  // of each object, and the number of all
     std::optional<GroupTable> table_;
     Model model_;

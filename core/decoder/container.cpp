@@ -52,7 +52,8 @@ void Container::read_table() {
     std::vector<u8> header(header_size);
     header.resize(source_.read(0, header));
     const std::size_t shown = std::min(header.size(), identifier.size());
-    if (header.empty() || !std::equal(header.begin(), header.begin() + static_cast<std::ptrdiff_t>(shown), identifier.begin())) {
+    if (header.empty() ||
+        !std::equal(header.begin(), header.begin() + static_cast<std::ptrdiff_t>(shown), identifier.begin())) {
         throw CorruptError("not a .pdeanim file (its first bytes are others)", 0);
     }
     if (header.size() < header_size) {
@@ -91,9 +92,10 @@ void Container::read_table() {
         entry.checksum = FieldReader(std::span<const u8>(row).last(checksum_size), "table").integer<u32>();
         if (find(entry.type)) {
             if (entry.type == run_begins) {
-                throw CorruptError("has runs of frames of different connectivity, which this decoder does not read; "
-                                   "update pdecodec",
-                                   static_cast<i64>(offset));
+                throw CorruptError(
+                    "has runs of frames of different connectivity, which this decoder does not read; "
+                    "update pdecodec",
+                    static_cast<i64>(offset));
             }
             throw CorruptError("section " + entry.type + " stands twice", static_cast<i64>(offset));
         }

@@ -64,9 +64,8 @@ Subbands view_of(const SubbandTable &table) { return {table.starts, table.kinds,
 class CoefficientPipeline {
 public:
     CoefficientPipeline(const Group &group, std::span<const u8> chunk, const SpaceBasis &space)
-        : group_(group), space_(space), subbands_(space.subbands()),
-          quantised_(space.functions() * group.channels()), values_(quantised_.size()),
-          expansion_(space, values_.data(), group.channels()),
+        : group_(group), space_(space), subbands_(space.subbands()), quantised_(space.functions() * group.channels()),
+          values_(quantised_.size()), expansion_(space, values_.data(), group.channels()),
           decoder_({view_of(subbands_), space.functions(), group.channels(), group.axes()}, chunk, quantised_) {}
 
     // Decode everything; `expand(first, end)` is called by whoever runs `work`.
@@ -138,10 +137,10 @@ private:
     bool is_done_ = false;
 };
 
-template <class Real>
-GroupFunctions<Real> decode_functions(const Group &group, const std::array<std::vector<u8>, 3> &chunks,
-                                      const SpaceBasis &space, std::span<const double> times, i64 most_bytes,
-                                      int threads, Residuals &residuals) {
+template <class Real> GroupFunctions<Real> decode_functions(const Group &group,
+                                                            const std::array<std::vector<u8>, 3> &chunks,
+                                                            const SpaceBasis &space, std::span<const double> times,
+                                                            i64 most_bytes, int threads, Residuals &residuals) {
     GroupFunctions<Real> found;
     found.fields.resize(group.channels() * space.vertices());
     CoefficientPipeline pipeline(group, chunks[1], space);
@@ -217,7 +216,8 @@ DecodedGroup decode_group(const Group &group, const std::array<std::vector<u8>, 
 std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space) {
     const SubbandTable subbands = space.subbands();
     std::vector<i64> quantised(space.functions() * group.channels());
-    CoefficientDecoder decoder({view_of(subbands), space.functions(), group.channels(), group.axes()}, chunk, quantised);
+    CoefficientDecoder decoder({view_of(subbands), space.functions(), group.channels(), group.axes()}, chunk,
+                               quantised);
     decoder.decode(static_cast<i64>(subbands.kinds.size()));
     decoder.finish();
     std::vector<double> found;

@@ -18,10 +18,10 @@ struct Group {
     i64 first = 0, frames = 0;
     i64 functions = 0;  // of time
     TimeBasis basis = TimeBasis::trajectories;
-    bool is_single = false;   // its positions are added up in float32
-    double step = 0.0;        // quantisation step of the coefficients [scene units]
-    double time_step = 0.0;   // the same of the functions of time, where these are stored
-    double alpha = 0.0;       // rate of Eq. 12 over half the group
+    bool is_single = false;                 // its positions are added up in float32
+    double step = 0.0;                      // quantisation step of the coefficients [scene units]
+    double time_step = 0.0;                 // the same of the functions of time, where these are stored
+    double alpha = 0.0;                     // rate of Eq. 12 over half the group
     std::array<u64, 3> offsets{}, sizes{};  // of its chunks in TIME, COEF and CORR
     u32 checksum = 0;                       // of the three
 

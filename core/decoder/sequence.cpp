@@ -45,11 +45,13 @@ SequenceDescription SequenceDescription::of_bytes(std::span<const u8> data, i64 
     FieldReader fields(data, "SEQN");
     const i64 runs = fields.count(), frames = fields.count();
     if (runs != 1) {
-        throw CorruptError("section SEQN declares " + std::to_string(runs) + " runs of frames; this version reads files of one");
+        throw CorruptError("section SEQN declares " + std::to_string(runs) +
+                           " runs of frames; this version reads files of one");
     }
     if (frames < 1) throw CorruptError("section SEQN declares no frames");
     if (frames > most_frames) {
-        throw LimitError("section SEQN declares " + std::to_string(frames) + " frames, more than the memory limit allows");
+        throw LimitError("section SEQN declares " + std::to_string(frames) +
+                         " frames, more than the memory limit allows");
     }
     const u8 flags = fields.integer<u8>(), rule = flags & ~(at_frame_rate | whole_frame_rate | whole_start);
     SequenceDescription found;

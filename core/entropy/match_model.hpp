@@ -35,8 +35,8 @@ public:
             if (run == longest_run) {
                 right = coder.bit(of_run, number == proposed);
             } else {
-                right = coder.template mixed<2>({&of_run, &long_recent_[long_history_][agreement]}, long_weights_.data(),
-                                                number == proposed);
+                right = coder.template mixed<2>({&of_run, &long_recent_[long_history_][agreement]},
+                                                long_weights_.data(), number == proposed);
             }
             long_history_ = 2 * (long_history_ & 127) + right;
             if (right) return proposed;
@@ -70,8 +70,8 @@ public:
 
 private:
     static constexpr int long_context = 6, short_context = 3;
-    static constexpr int table_bits = 13;        // of the tables of places: they stay within the processor's cache
-    static constexpr i64 past_size = 1 << 14;    // numbers that are kept: two rows of a grid of a thousand columns
+    static constexpr int table_bits = 13;            // of the tables of places: they stay within the processor's cache
+    static constexpr i64 past_size = 1 << 14;        // numbers that are kept: two rows of a grid of a thousand columns
     static constexpr u32 hash_factor = 0x9E3779B1u;  // 2^32 over the golden ratio (Knuth, volume 3, section 6.4)
     static constexpr int longest_run = 63, farthest = 63;  // runs and distances beyond these are alike
 

@@ -23,7 +23,8 @@ enum class Mode { encode, decode, measure };
 class BitModel {
 public:
     static constexpr int probability_bits = 22, count_bits = 10;
-    static constexpr u32 slowest = 255;  // adaptations after which it becomes no slower: about as many bits it remembers
+    static constexpr u32 slowest =
+        255;  // adaptations after which it becomes no slower: about as many bits it remembers
 
     // In 1/65536.
     constexpr i32 probability() const { return static_cast<i32>(state_ >> (count_bits + probability_bits - 16)); }
@@ -74,10 +75,14 @@ public:
     static constexpr i32 rarest = 32;  // least probability of either bit, in 1/65536: no bit costs more than 11 bits
     static constexpr int cost_bits = 16;
 
-    RangeCoder() requires(mode != Mode::decode) = default;
+    RangeCoder()
+        requires(mode != Mode::decode)
+    = default;
 
     // Decode these bytes; zeros follow them. They must outlive the coder.
-    explicit RangeCoder(std::span<const u8> data) requires(mode == Mode::decode) : data_(data) {
+    explicit RangeCoder(std::span<const u8> data)
+        requires(mode == Mode::decode)
+        : data_(data) {
         for (int i = 0; i < first_bytes; ++i) code_ = code_ << 8 | next();
     }
 
@@ -125,8 +130,7 @@ public:
     }
 
     // One bit with the mixed opinion of several inputs, all of them different; inputs and weights learn.
-    template <std::size_t inputs>
-    bool mixed(const std::array<BitModel *, inputs> &chosen, i32 *weights, bool bit) {
+    template <std::size_t inputs> bool mixed(const std::array<BitModel *, inputs> &chosen, i32 *weights, bool bit) {
         std::array<i32, inputs> opinions;
         i64 total = 0;
         for (std::size_t i = 0; i < inputs; ++i) {
@@ -145,7 +149,9 @@ public:
     }
 
     // End encoding: the shortest bytes that, with zeros after them, lie in the interval.
-    std::vector<u8> finish() requires(mode == Mode::encode) {
+    std::vector<u8> finish()
+        requires(mode == Mode::encode)
+    {
         u64 value = 0;
         int kept = 0;
         for (; kept <= first_bytes; ++kept) {
@@ -169,17 +175,25 @@ public:
     // An encoder writes a byte each time the interval is widened, and `finish` up to six more, only as many as it takes to
     // be in the interval. So no more than six zeros follow the end, and without the last byte of `finish` the number
     // would be below the interval.
-    bool is_finished() const requires(mode == Mode::decode) {
+    bool is_finished() const
+        requires(mode == Mode::decode)
+    {
         const std::size_t size = data_.size();
         if (position_ < size || position_ - size >= first_bytes) return position_ == size + first_bytes;
         return code_ < static_cast<u64>(data_[size - 1]) << 8 * (position_ - size);
     }
 
     // Where damage is noticed: the decoder has looked at the bytes up to this one.
-    std::size_t byte() const requires(mode == Mode::decode) { return least(position_, data_.size()); }
+    std::size_t byte() const
+        requires(mode == Mode::decode)
+    {
+        return least(position_, data_.size());
+    }
 
     // Bytes that were taken beyond the end; a sound stream takes six at most.
-    std::size_t beyond() const requires(mode == Mode::decode) {
+    std::size_t beyond() const
+        requires(mode == Mode::decode)
+    {
         return position_ > data_.size() ? position_ - data_.size() : 0;
     }
 
@@ -191,7 +205,11 @@ public:
     }
 
     // What encoding would have cost so far [bits].
-    double bits() const requires(mode == Mode::measure) { return static_cast<double>(cost_) / (1 << cost_bits); }
+    double bits() const
+        requires(mode == Mode::measure)
+    {
+        return static_cast<double>(cost_) / (1 << cost_bits);
+    }
 
 private:
     static constexpr int learning_shift = 14;  // rate at which weights learn, as a power of two

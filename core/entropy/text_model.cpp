@@ -8,11 +8,18 @@ constexpr u32 hash_factor = 0x9E3779B1u;  // 2^32 over the golden ratio (Knuth, 
 
 // What the model of texts reads before it codes any; 255 ends a word.
 constexpr std::string_view words =
-    "uv\xffuv:UVMap\xffuv:map1\xffuv:st\xffuv:TEXCOORD_1\xff" "color\xff" "color:Cd\xff" "color:COLOR_0\xff"
-    "material\xffgroup\xffobject\xffsmoothing\xffnormal_group\xffsubdivision\xff" "catmull-clark\xff"
-    "curve_basis\xfftransform\xff" "displayOpacity\xffMaterial.001\xffinitialShadingGroup\xfflambert1SG\xffmesh\xff"
-    "/root/Armature/BodyShape\xff/World/Geometry/Cube\xffSphere_002/SphereShape_003\xff" "default\xff"
-    "pCube1|pCubeShape1\xffPlane_0001\xff" "Cylinder_10\xff";
+    "uv\xffuv:UVMap\xffuv:map1\xffuv:st\xffuv:TEXCOORD_1\xff"
+    "color\xff"
+    "color:Cd\xff"
+    "color:COLOR_0\xff"
+    "material\xffgroup\xffobject\xffsmoothing\xffnormal_group\xffsubdivision\xff"
+    "catmull-clark\xff"
+    "curve_basis\xfftransform\xff"
+    "displayOpacity\xffMaterial.001\xffinitialShadingGroup\xfflambert1SG\xffmesh\xff"
+    "/root/Armature/BodyShape\xff/World/Geometry/Cube\xffSphere_002/SphereShape_003\xff"
+    "default\xff"
+    "pCube1|pCubeShape1\xffPlane_0001\xff"
+    "Cylinder_10\xff";
 
 // Whether bytes are UTF-8 as the standard has it: the shortest form of each character, and no surrogates.
 bool is_utf8(std::string_view text) {

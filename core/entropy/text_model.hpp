@@ -26,14 +26,13 @@ public:
     template <Mode mode> void code_bytes(RangeCoder<mode> &coder, std::span<u8> values);
 
     // Code a text; when decoding, CorruptError where it is not UTF-8.
-    template <Mode mode>
-    std::string code_text(RangeCoder<mode> &coder, std::string_view text, const TakeMemory &take);
+    template <Mode mode> std::string code_text(RangeCoder<mode> &coder, std::string_view text, const TakeMemory &take);
 
 private:
     template <Mode mode> u8 code(RangeCoder<mode> &coder, u8 byte);
 
-    static constexpr u8 end = 255;      // byte after the last one of a text: UTF-8 has none such
-    static constexpr i64 piece = 256;   // bytes of a text that are decoded before memory for more is taken
+    static constexpr u8 end = 255;     // byte after the last one of a text: UTF-8 has none such
+    static constexpr i64 piece = 256;  // bytes of a text that are decoded before memory for more is taken
     static constexpr int place_bits = 12, slot_bits = 16;
     static constexpr i64 past_size = 1 << 16;
     static constexpr int longest_run = 15, decisions = 5;

@@ -33,9 +33,8 @@ PDEANIM_INLINE void add_functions(const Sum *weights, const Fields<T> &fields, i
     }
 }
 
-template <int axes, class T, class Sum>
-PDEANIM_INLINE void add_axes(const Sum *weights, const Fields<T> &fields, i64 first, i64 size, int axis,
-                             Sums<Sum> &sums) {
+template <int axes, class T, class Sum> PDEANIM_INLINE void add_axes(const Sum *weights, const Fields<T> &fields,
+                                                                     i64 first, i64 size, int axis, Sums<Sum> &sums) {
     constexpr int together = 4;  // functions for which sums are loaded and stored once
     i64 a = 0;
     for (; a + together <= fields.functions; a += together) {
@@ -53,9 +52,8 @@ PDEANIM_INLINE void add_run(const Sum *weights, const Fields<T> &fields, i64 fir
     }
 }
 
-template <class T, class Out>
-PDEANIM_INLINE void evaluate(std::span<const T> time, const Fields<T> &fields, std::span<const double> reference,
-                              std::span<Out> out) {
+template <class T, class Out> PDEANIM_INLINE void evaluate(std::span<const T> time, const Fields<T> &fields,
+                                                           std::span<const double> reference, std::span<Out> out) {
     const i64 vertices = fields.vertices, frames = vertices ? static_cast<i64>(out.size()) / (3 * vertices) : 0;
     Sums<T> sums;
     for (i64 tile = 0; tile < frames; tile += frames_at_once) {
@@ -95,32 +93,32 @@ PDEANIM_INLINE void displace(std::span<const double> weights, const Fields<T> &f
 }  // namespace
 
 PDEANIM_MULTIVERSION void evaluate_frames(std::span<const float> time, const Fields<float> &fields,
-                                        std::span<const double> reference, std::span<float> out) {
+                                          std::span<const double> reference, std::span<float> out) {
     evaluate(time, fields, reference, out);
 }
 
 PDEANIM_MULTIVERSION void evaluate_frames(std::span<const float> time, const Fields<float> &fields,
-                                        std::span<const double> reference, std::span<double> out) {
+                                          std::span<const double> reference, std::span<double> out) {
     evaluate(time, fields, reference, out);
 }
 
 PDEANIM_MULTIVERSION void evaluate_frames(std::span<const double> time, const Fields<double> &fields,
-                                        std::span<const double> reference, std::span<float> out) {
+                                          std::span<const double> reference, std::span<float> out) {
     evaluate(time, fields, reference, out);
 }
 
 PDEANIM_MULTIVERSION void evaluate_frames(std::span<const double> time, const Fields<double> &fields,
-                                        std::span<const double> reference, std::span<double> out) {
+                                          std::span<const double> reference, std::span<double> out) {
     evaluate(time, fields, reference, out);
 }
 
 PDEANIM_MULTIVERSION void add_displacement(std::span<const double> weights, const Fields<float> &fields,
-                                         std::span<double> moved) {
+                                           std::span<double> moved) {
     displace(weights, fields, moved);
 }
 
 PDEANIM_MULTIVERSION void add_displacement(std::span<const double> weights, const Fields<double> &fields,
-                                         std::span<double> moved) {
+                                           std::span<double> moved) {
     displace(weights, fields, moved);
 }
 

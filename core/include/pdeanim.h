@@ -37,13 +37,13 @@ extern "C" {
 
 typedef enum pdeanim_status {
     PDEANIM_OK = 0,
-    PDEANIM_CORRUPT = 1,      /* the file is damaged, truncated, of another kind or a later major version */
-    PDEANIM_LIMIT = 2,        /* the file asks for more memory than the options allow */
-    PDEANIM_ARGUMENT = 3,     /* an argument is out of range */
-    PDEANIM_READ_FAILED = 4,  /* the read function failed */
-    PDEANIM_NO_MEMORY = 5,    /* there is no memory left */
-    PDEANIM_CANCELLED = 6,    /* pdeanim_cancel was called */
-    PDEANIM_INTERNAL = 7      /* a fault of this library: please report it */
+    PDEANIM_CORRUPT = 1,     /* the file is damaged, truncated, of another kind or a later major version */
+    PDEANIM_LIMIT = 2,       /* the file asks for more memory than the options allow */
+    PDEANIM_ARGUMENT = 3,    /* an argument is out of range */
+    PDEANIM_READ_FAILED = 4, /* the read function failed */
+    PDEANIM_NO_MEMORY = 5,   /* there is no memory left */
+    PDEANIM_CANCELLED = 6,   /* pdeanim_cancel was called */
+    PDEANIM_INTERNAL = 7     /* a fault of this library: please report it */
 } pdeanim_status;
 
 #define PDEANIM_ERROR_BYTES 256
@@ -90,11 +90,13 @@ PDEANIM_API void pdeanim_cancel(pdeanim_animation *animation);
 PDEANIM_API int64_t pdeanim_frame_count(const pdeanim_animation *animation);
 PDEANIM_API int64_t pdeanim_vertex_count(const pdeanim_animation *animation);
 PDEANIM_API int64_t pdeanim_object_count(const pdeanim_animation *animation);
-PDEANIM_API double pdeanim_frame_rate(const pdeanim_animation *animation); /* frames a second, as the file was made for */
+PDEANIM_API double pdeanim_frame_rate(
+    const pdeanim_animation *animation); /* frames a second, as the file was made for */
 PDEANIM_API const double *pdeanim_times(const pdeanim_animation *animation); /* of the frames [s], increasing */
 
 /* The remarks for people (section META), a Zstandard frame of a JSON object; no bytes where there are none. */
-PDEANIM_API pdeanim_status pdeanim_remarks(pdeanim_animation *animation, const void **data, size_t *size, pdeanim_error *error);
+PDEANIM_API pdeanim_status pdeanim_remarks(pdeanim_animation *animation, const void **data, size_t *size,
+                                           pdeanim_error *error);
 
 typedef struct pdeanim_object {
     const char *name; /* UTF-8 */
@@ -141,17 +143,18 @@ PDEANIM_API pdeanim_status pdeanim_get_attribute(pdeanim_animation *animation, i
                                                  pdeanim_attribute *attribute, pdeanim_error *error);
 
 typedef enum pdeanim_quantity {
-    PDEANIM_POSITIONS = 0,     /* [scene units] */
-    PDEANIM_VELOCITIES = 1,    /* [scene units / s] */
-    PDEANIM_ACCELERATIONS = 2  /* [scene units / s^2] */
+    PDEANIM_POSITIONS = 0,    /* [scene units] */
+    PDEANIM_VELOCITIES = 1,   /* [scene units / s] */
+    PDEANIM_ACCELERATIONS = 2 /* [scene units / s^2] */
 } pdeanim_quantity;
 
 #define PDEANIM_ALL_OBJECTS (-1)
 
 /* A quantity of all vertices of one object, or of all, at `count` times [s] in any order: out[count][vertices][3].
  * Before the first frame and after the last one a mesh stands still. After an error `out` may hold anything. */
-PDEANIM_API pdeanim_status pdeanim_evaluate(pdeanim_animation *animation, pdeanim_quantity quantity, const double *times,
-                                            size_t count, int64_t object, float *out, pdeanim_error *error);
+PDEANIM_API pdeanim_status pdeanim_evaluate(pdeanim_animation *animation, pdeanim_quantity quantity,
+                                            const double *times, size_t count, int64_t object, float *out,
+                                            pdeanim_error *error);
 
 /* Check every byte, and that everything decodes. */
 PDEANIM_API pdeanim_status pdeanim_verify(pdeanim_animation *animation, pdeanim_error *error);

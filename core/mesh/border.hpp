@@ -20,13 +20,13 @@ public:
     enum State : i32 { open, closed, inner };  // may have a face across, has none, has one and is in no ring
 
     struct Side {
-        i32 origin = 0;  // the vertex that it begins at
-        i32 before = 0;  // the corner before in its face
+        i32 origin = 0;                    // the vertex that it begins at
+        i32 before = 0;                    // the corner before in its face
         i32 following = 0, preceding = 0;  // in its ring
         i32 state = open;
-        i32 opposite = 0;  // the side across, or -1
+        i32 opposite = 0;            // the side across, or -1
         i32 later = 0, earlier = 0;  // neighbours in the queue of its priority, or -1
-        i32 priority = 0;  // -1 where it is not queued
+        i32 priority = 0;            // -1 where it is not queued
     };
 
     struct Vertex {

@@ -98,9 +98,10 @@ std::vector<Neighbourhood> neighbourhoods(const CornerTable &corners) {
 }
 
 std::vector<i32> prediction_order(const CornerTable &corners) {
-    constexpr i64 last_rank = 63;      // best rank that is told from others: 12 faces that lack nothing but the vertex
-    constexpr i64 face_lacks_one = 4;  // what a rank gains from a face that lacks nothing but the vertex: it predicts best
-    constexpr i64 beside_known = 1;    // what it gains from each edge of a face to a known vertex
+    constexpr i64 last_rank = 63;  // best rank that is told from others: 12 faces that lack nothing but the vertex
+    constexpr i64 face_lacks_one =
+        4;  // what a rank gains from a face that lacks nothing but the vertex: it predicts best
+    constexpr i64 beside_known = 1;  // what it gains from each edge of a face to a known vertex
     const std::vector<i64> &starts = corners.polygons.starts;
     const i64 vertex_count = corners.vertices();
     std::vector<i32> order;
@@ -133,7 +134,8 @@ std::vector<i32> prediction_order(const CornerTable &corners) {
             if (!is_known[found] && least(rank[found], last_rank) == best) vertex = found;
         }
         if (vertex < 0) {
-            while (seed < vertex_count && (is_known[seed] || corners.fan_starts[seed] == corners.fan_starts[seed + 1])) {
+            while (seed < vertex_count &&
+                   (is_known[seed] || corners.fan_starts[seed] == corners.fan_starts[seed + 1])) {
                 ++seed;
             }
             if (seed == vertex_count) break;

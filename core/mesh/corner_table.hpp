@@ -25,14 +25,15 @@ struct CornerTable {
     i32 vertex(i32 corner) const { return polygons.vertex[corner]; }
 
     Polygons polygons;
-    std::vector<i32> polygon, size;    // of each corner: its polygon, and how many corners that has
-    std::vector<i32> next, previous;   // corner of the same polygon
+    std::vector<i32> polygon, size;   // of each corner: its polygon, and how many corners that has
+    std::vector<i32> next, previous;  // corner of the same polygon
     // The corner whose edge lies on the edge of each corner, -1 for none; a corner's edge goes to the next corner. Corners
     // of faces on one edge form a ring, in the order in which they are met at the edge's smaller vertex: corner by corner,
     // first the edge from it, then the edge to it. In a piece of a line, it is the corner of the other piece at the same
     // vertex, if there are two at it and no more.
     std::vector<i32> opposite;
-    std::vector<i64> fan_starts;  // the corners at vertex v are fan[fan_starts[v]] to fan[fan_starts[v + 1] - 1], ascending
+    std::vector<i64>
+        fan_starts;  // the corners at vertex v are fan[fan_starts[v]] to fan[fan_starts[v + 1] - 1], ascending
     std::vector<i32> fan;
 };
 

@@ -19,7 +19,9 @@ struct Graph {
 
     i64 vertices() const { return static_cast<i64>(starts.size()) - 1; }
     i64 degree(i32 vertex) const { return starts[vertex + 1] - starts[vertex]; }
-    std::span<const i32> of(i32 vertex) const { return {listed.data() + starts[vertex], listed.data() + starts[vertex + 1]}; }
+    std::span<const i32> of(i32 vertex) const {
+        return {listed.data() + starts[vertex], listed.data() + starts[vertex + 1]};
+    }
 
     std::vector<i64> starts;  // neighbours of vertex v are listed[starts[v]] to listed[starts[v + 1] - 1]
     std::vector<i32> listed;

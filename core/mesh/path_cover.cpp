@@ -29,8 +29,8 @@ public:
 
 private:
     struct Vertex {
-        i32 free = 0;          // neighbours that are in no curve
-        i32 beside = 0;        // neighbours on the path of this number:
+        i32 free = 0;    // neighbours that are in no curve
+        i32 beside = 0;  // neighbours on the path of this number:
         i64 path = -1;
         i64 near_end = -1;     // the latest step at which it was a neighbour of the path's other end,
         i64 near_before = -1;  // and of the vertex before the last

@@ -46,7 +46,8 @@ public:
 
 private:
     void change(i64 number, i32 by) {
-        for (i64 place = number + 1; place < static_cast<i64>(tree_.size()); place += place & -place) tree_[place] += by;
+        for (i64 place = number + 1; place < static_cast<i64>(tree_.size()); place += place & -place)
+            tree_[place] += by;
         count_ += by;
     }
 

@@ -13,7 +13,7 @@ constexpr i32 flat_inside = 6, flat_border = 3;   // triangles at a vertex where
 // Lacking pairs of a vertex that need not have as many as in a grid: no number of triangles ever equals it.
 constexpr i32 no_rule = -(1 << 24);
 constexpr std::size_t trial_pairs = 64;  // pairs to judge one of several possibilities by
-constexpr i64 clearer = 2;  // how many times less skew the pairs must be that do not copy their neighbours
+constexpr i64 clearer = 2;               // how many times less skew the pairs must be that do not copy their neighbours
 // Share of a component's vertices that must be those of a grid, else its triangles stay triangles.
 constexpr i64 least_regular = 7, of_all = 8;
 

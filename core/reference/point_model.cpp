@@ -58,9 +58,8 @@ template <Mode mode> void PointModel::code_weights(RangeCoder<mode> &coder, Term
     }
 }
 
-template <Mode mode>
-i64 PointModel::code_residual(RangeCoder<mode> &coder, const Around &around, int axis, int fraction, int size_around,
-                              int spread, i64 residual) {
+template <Mode mode> i64 PointModel::code_residual(RangeCoder<mode> &coder, const Around &around, int axis,
+                                                   int fraction, int size_around, int spread, i64 residual) {
     const i64 size = size_of(residual);
     const int wanted = bit_length(size);
     const i64 expected = around.errors[axis] + half;
@@ -73,10 +72,10 @@ i64 PointModel::code_residual(RangeCoder<mode> &coder, const Around &around, int
     i32 *weights = first_.data();
     while (true) {
         const int row = (length == 1 ? nearness : least(nearnesses + length - 2, rows - 1)) * sizes;
-        const bool is_it = coder.template mixed<3>(
-            {&by_size_[(row * 3 + at_size) * ways + way], &by_kind_[row * kind_count + at_kind],
-             &by_spread_[(row * 4 + at_spread) * ways + way]},
-            weights, wanted >= length);
+        const bool is_it =
+            coder.template mixed<3>({&by_size_[(row * 3 + at_size) * ways + way], &by_kind_[row * kind_count + at_kind],
+                                     &by_spread_[(row * 4 + at_spread) * ways + way]},
+                                    weights, wanted >= length);
         if (way == first) way = is_it ? up : down;
         if (way == up) {
             if (!is_it) {
@@ -107,9 +106,8 @@ i64 PointModel::code_residual(RangeCoder<mode> &coder, const Around &around, int
     return is_negative ? -value : value;
 }
 
-template <Mode mode>
-void PointModel::code(RangeCoder<mode> &coder, const std::vector<i32> &order, const TermWeights &weights,
-                      Predictor &points) {
+template <Mode mode> void PointModel::code(RangeCoder<mode> &coder, const std::vector<i32> &order,
+                                           const TermWeights &weights, Predictor &points) {
     constexpr i64 largest = (i64{1} << grid_bits) - 1;
     for (const i32 vertex : order) {
         const Around around = points.look_around(vertex);

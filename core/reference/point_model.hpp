@@ -28,9 +28,8 @@ public:
 private:
     std::optional<MatchModel> matches_;
 
-    template <Mode mode>
-    i64 code_residual(RangeCoder<mode> &coder, const Around &around, int axis, int fraction, int size_around, int spread,
-                      i64 residual);
+    template <Mode mode> i64 code_residual(RangeCoder<mode> &coder, const Around &around, int axis, int fraction,
+                                           int size_around, int spread, i64 residual);
 
     static constexpr int weight_digits = 7, farthest = 5, sign_kinds = 3;
 

@@ -8,14 +8,13 @@ constexpr int most_corners = 16;  // corners at a vertex that are looked at: few
 constexpr int reciprocal_bits = 15;
 constexpr int normal_bits = 12;  // of the largest component of one parallelogram's normal; the sum of them has 4 more
 constexpr int edge_bits = 20;    // of the largest component of two edges whose cross product is taken
-constexpr i64 largest_miss = i64{1} << 30;    // [1/16]: sums of misses stay far from overflow
-constexpr int weight_bits = 5;                // fraction bits of the weights of terms
-constexpr i64 largest_turned = i64{1} << 32;  // of a term's component that is turned into the normal's direction [1/512]
+constexpr i64 largest_miss = i64{1} << 30;  // [1/16]: sums of misses stay far from overflow
+constexpr int weight_bits = 5;              // fraction bits of the weights of terms
+constexpr i64 largest_turned =
+    i64{1} << 32;  // of a term's component that is turned into the normal's direction [1/512]
 
 // 1 / n in 1/32768, rounded; every sum has at most two terms a corner.
-constexpr i64 reciprocal(i64 count) {
-    return count ? ((i64{1} << (reciprocal_bits + 1)) + count) / (2 * count) : 0;
-}
+constexpr i64 reciprocal(i64 count) { return count ? ((i64{1} << (reciprocal_bits + 1)) + count) / (2 * count) : 0; }
 
 }  // namespace
 
@@ -114,7 +113,8 @@ Around Predictor::look_around(i32 vertex) const {
     constexpr i64 half = i64{1} << (shift - 1);
     const auto mean = [&](i64 sum, i64 count) { return (sum * reciprocal(count) + half) >> shift; };
     for (int k = 0; k < 3; ++k) {
-        const i64 on = mean(found.terms[straight][k], straights), beside = mean(found.terms[neighbours][k], neighbour_count);
+        const i64 on = mean(found.terms[straight][k], straights),
+                  beside = mean(found.terms[neighbours][k], neighbour_count);
         i64 base = mean(found.base[k], found.parallelograms);
         if (!found.parallelograms) base = straights ? on : beside;
         found.terms[crease][k] = mean(found.terms[crease][k], creases);

@@ -7,11 +7,12 @@ namespace pdeanim {
 
 namespace {
 
-constexpr std::size_t least_vertices = 8;   // of a kind under which its weights cost more than they save
+constexpr std::size_t least_vertices = 8;    // of a kind under which its weights cost more than they save
 constexpr std::size_t most_vertices = 2048;  // of a kind that are looked at, evenly spread
-constexpr int rounds = 5;  // of reweighted least squares; later ones change the size by less than 0.1 %
-constexpr double weight_cost = 9.0;         // bits that a weight takes
-constexpr double half_step = 1 << (fraction_bits - 1);  // residuals below this are rounded to zero: size is of no matter
+constexpr int rounds = 5;            // of reweighted least squares; later ones change the size by less than 0.1 %
+constexpr double weight_cost = 9.0;  // bits that a weight takes
+constexpr double half_step =
+    1 << (fraction_bits - 1);  // residuals below this are rounded to zero: size is of no matter
 constexpr double largest_weight = 127.0, weight_unit = 32.0;
 constexpr double ridge = 1e-6;      // added to the diagonal relatively: holds columns apart that say the same
 constexpr double dependent = 1e-9;  // a pivot this small, relatively, is rounding: its column is left out
@@ -91,7 +92,8 @@ double residual_bits(const std::vector<Row> &rows, const Solution &solution, int
 }
 
 // Weights [1/32], by what they save; all zero where nothing does.
-void cheapest(const std::vector<Row> &rows, int width, double cost, std::array<std::array<i32, term_count>, 2> &weights) {
+void cheapest(const std::vector<Row> &rows, int width, double cost,
+              std::array<std::array<i32, term_count>, 2> &weights) {
     double lowest = residual_bits(rows, {}, width);
     // By absolute values, and by their logarithms, which cares for the many that can be predicted to the step.
     for (const bool is_logarithmic : {false, true}) {
@@ -138,7 +140,8 @@ TermWeights choose_term_weights(const std::vector<i32> &order, Predictor &points
         for (std::size_t m = 0; m < members.size(); m += stride, ++looked_at) {
             const auto &[around, vertex] = members[m];
             double square = 0.0;
-            for (int k = 0; k < 3; ++k) square += static_cast<double>(around.normal[k]) * static_cast<double>(around.normal[k]);
+            for (int k = 0; k < 3; ++k)
+                square += static_cast<double>(around.normal[k]) * static_cast<double>(around.normal[k]);
             for (int k = 0; k < 3; ++k) {
                 Row row{};
                 for (int term = 0; term < term_count; ++term) {

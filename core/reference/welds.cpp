@@ -15,14 +15,8 @@ constexpr int histories = 16;  // of the last four vertices, whether each lay on
 template <Mode mode> class WeldCoder {
 public:
     WeldCoder(RangeCoder<mode> &coder, const CornerTable &corners, std::vector<i32> &point_of)
-        : coder_(coder),
-          corners_(corners),
-          point_of_(point_of),
-          is_met_(point_of.size()),
-          latest_(point_of.size(), -1),
-          earlier_(corners.fan.size()),
-          edge_met_(corners.fan.size()),
-          tried_(point_of.size(), -1),
+        : coder_(coder), corners_(corners), point_of_(point_of), is_met_(point_of.size()), latest_(point_of.size(), -1),
+          earlier_(corners.fan.size()), edge_met_(corners.fan.size()), tried_(point_of.size(), -1),
           within_(point_of.size(), -1) {}
 
     i64 code() {
@@ -99,7 +93,9 @@ private:
             }
             int rank = 0;
             for (int turn = 0; turn < (way == recent ? most_recent : most_followed) && other >= 0; ++turn) {
-                const i32 there = way == before ? corners_.previous[other] : way == after ? corners_.next[other] : other;
+                const i32 there = way == before  ? corners_.previous[other]
+                                  : way == after ? corners_.next[other]
+                                                 : other;
                 const bool is_gap = way == recent || !edge_met_[way == before ? there : other];
                 const i32 candidate = point_at(there);
                 if (is_gap && tried_[candidate] != corner && within_[candidate] != polygon) {
@@ -141,9 +137,9 @@ private:
     const CornerTable &corners_;
     std::vector<i32> &point_of_;
     std::vector<bool> is_met_;
-    std::vector<i32> latest_;    // last corner at each point, or -1
-    std::vector<i32> earlier_;   // the corner at the same point before each corner
-    std::vector<bool> edge_met_;  // whether a polygon beside goes along the edge from each corner the other way
+    std::vector<i32> latest_;          // last corner at each point, or -1
+    std::vector<i32> earlier_;         // the corner at the same point before each corner
+    std::vector<bool> edge_met_;       // whether a polygon beside goes along the edge from each corner the other way
     std::vector<i32> tried_, within_;  // the corner that tried each point last, and the polygon that had it last
     i64 points_ = 0;
     int history_ = 0;

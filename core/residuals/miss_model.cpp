@@ -30,9 +30,8 @@ template <Mode mode> i64 MissModel::code(RangeCoder<mode> &coder, const MissCont
     const i64 size = is_negative ? -miss - is_coarse : miss;  // a coarse 0 counts as positive, -1 as the first negative
     const i64 wanted = size >> shift;
     i64 found = known.is_not_zero && !is_coarse;
-    while (found < most_counted &&
-           coder.template mixed<3>({&of_kind[found], &of_near[found], &of_beside[found]},
-                                   count_weights_[found][is_coarse].data(), wanted > found)) {
+    while (found < most_counted && coder.template mixed<3>({&of_kind[found], &of_near[found], &of_beside[found]},
+                                                           count_weights_[found][is_coarse].data(), wanted > found)) {
         ++found;
     }
     const i64 counted = found;

@@ -4,9 +4,8 @@
 
 namespace pdeanim {
 
-template <Mode mode>
-ResidualModel<mode>::ResidualModel(RangeCoder<mode> &coder, std::span<const i64> patches, bool is_predicted,
-                                   Values &residuals, i64 count)
+template <Mode mode> ResidualModel<mode>::ResidualModel(RangeCoder<mode> &coder, std::span<const i64> patches,
+                                                        bool is_predicted, Values &residuals, i64 count)
     : coder_(coder), patches_(patches), is_predicted_(is_predicted), residuals_(residuals), count_(count) {
     const std::size_t vertices = patches.back();
     last_.resize(vertices, -1);
@@ -120,9 +119,9 @@ template <Mode mode> i64 ResidualModel<mode>::code_span(i64 begin, i64 end, int 
             }
             const bool is_after = place + 1 < static_cast<i64>(last_.size()) && in_reference(place + 1) >= 0;
             auto &so_far = vertex_so_far_[least<i64>(at_ - first, 2)][end - 1 - place][own];
-            if (!coder_.template mixed<3>({&vertex_around_[size][before >= 0][second >= 0][is_after], &by_place_[place],
-                                           &so_far[is_known]},
-                                          vertex_weights_[is_known].data(), is_next_before(place + 1))) {
+            if (!coder_.template mixed<3>(
+                    {&vertex_around_[size][before >= 0][second >= 0][is_after], &by_place_[place], &so_far[is_known]},
+                    vertex_weights_[is_known].data(), is_next_before(place + 1))) {
                 continue;
             }
         }

@@ -39,8 +39,10 @@ private:
 
     // Whether the next residual of the frame is at a place before this one; of no matter when decoding.
     bool is_next_before(i64 place) const {
-        if constexpr (mode == Mode::decode) return false;
-        else return at_ < frame_end_ && residuals_.places[at_] < place;
+        if constexpr (mode == Mode::decode)
+            return false;
+        else
+            return at_ < frame_end_ && residuals_.places[at_] < place;
     }
 
     // The residual of a place in the frame's reference; that of a place in the frame itself; -1 for none.
@@ -71,8 +73,8 @@ private:
     std::vector<i64> last_;                // of each place: its latest residual, -1 at first
     std::vector<i64> mean_sizes_;          // of each place: of its misses [1/16 of three axes]
     std::vector<i64> counts_;  // of each patch: vertices with residuals; two zeros before the first, one after the last
-    std::vector<Misses> misses_;           // of each residual
-    std::vector<i64> earlier_;             // of each residual: that of its place in the reference, or -1
+    std::vector<Misses> misses_;  // of each residual
+    std::vector<i64> earlier_;    // of each residual: that of its place in the reference, or -1
 
     MissModel miss_model_;
     StepPredictor predictors_[2][2][2][3];  // far reference, place before and reference have a residual, axis

@@ -54,9 +54,8 @@ private:
     CountedModel frames_, places_;
 };
 
-template <Mode mode>
-void write(RangeCoder<mode> &coder, const Residuals &residuals, std::span<const i64> patches,
-           const ResidualCoding &coding) {
+template <Mode mode> void write(RangeCoder<mode> &coder, const Residuals &residuals, std::span<const i64> patches,
+                                const ResidualCoding &coding) {
     const i64 count = static_cast<i64>(residuals.places.size());
     const i64 raw_count = static_cast<i64>(residuals.raw_places.size());
     code_head(coder, {count, raw_count, coding.is_predicted});
@@ -105,9 +104,8 @@ void check_residuals(const Residuals &residuals, i64 vertices) {
     check_places(starts, places, vertices);
     check_places(raw_starts, raw_places, vertices);
     for (const Steps &steps : quantised) {
-        if (std::any_of(steps.begin(), steps.end(), [](i64 number) {
-                return number < -largest_residual || number > largest_residual;
-            })) {
+        if (std::any_of(steps.begin(), steps.end(),
+                        [](i64 number) { return number < -largest_residual || number > largest_residual; })) {
             throw ArgumentError("a residual must be of 2^40 steps at most");
         }
         if (steps == Steps{}) throw ArgumentError("a residual must have a number that is not zero");
@@ -191,8 +189,8 @@ Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const
                          " residuals in one group, more than the limit allows");
     }
     if (head.residuals) {
-        const auto model = std::make_unique<ResidualModel<Mode::decode>>(coder, patches, head.is_predicted, found,
-                                                                        head.residuals);
+        const auto model =
+            std::make_unique<ResidualModel<Mode::decode>>(coder, patches, head.is_predicted, found, head.residuals);
         try {
             model->code(frames, {});
         } catch (const CorruptError &error) {

@@ -42,8 +42,8 @@ public:
 private:
     static constexpr int fraction_bits = 16;
     static constexpr i64 largest_weight = 4 << fraction_bits;  // the sum for residuals of 2^40 stays within 63 bits
-    static constexpr int input_digits = 12;  // changes are brought to so many before weights learn: squares stay small
-    static constexpr i64 power_floor = 16;   // added to the sum of squares: nothing is learnt from noise
+    static constexpr int input_digits = 12;   // changes are brought to so many before weights learn: squares stay small
+    static constexpr i64 power_floor = 16;    // added to the sum of squares: nothing is learnt from noise
     static constexpr int learning_shift = 8;  // corrects 1/16 of a miss (2^-4 = 2^(20 - 8 - 16)) for the same changes
 
     Changes weights_{};

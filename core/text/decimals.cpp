@@ -167,8 +167,7 @@ ReadNumber read_number(const u8 *at) {
     return {is_negative ? -scaled.value : scaled.value, scaled.is_certain, at};
 }
 
-std::optional<std::vector<u8>> write_rows(std::span<const float> numbers, std::size_t columns,
-                                          std::string_view word) {
+std::optional<std::vector<u8>> write_rows(std::span<const float> numbers, std::size_t columns, std::string_view word) {
     const std::size_t rows = columns > 0 ? numbers.size() / columns : 0;
     std::vector<u8> lines(rows * (word.size() + 1 + columns * number_width));
     u8 *out = lines.data();

@@ -29,7 +29,6 @@ ReadNumber read_number(const u8 *at);
 
 // Lines of `word number number ...`, `columns` numbers each, all of them finite; nothing where nine digits cannot be
 // shown to be enough for one, which is then a subnormal.
-std::optional<std::vector<u8>> write_rows(std::span<const float> numbers, std::size_t columns,
-                                          std::string_view word);
+std::optional<std::vector<u8>> write_rows(std::span<const float> numbers, std::size_t columns, std::string_view word);
 
 }  // namespace pdeanim::text

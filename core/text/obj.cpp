@@ -113,19 +113,17 @@ private:
 
     void read_line(const u8 *start, Line kind) {
         switch (kind) {
-        case Line::vertex: return read_vertex(start);
-        case Line::texture: return read_texture(start);
-        case Line::normal:
-            read_numbers(skip_token(start), 3, most_normal_numbers, scan_.normals, unread_normals_);
-            return;
-        case Line::face:
-        case Line::line:
-        case Line::point: return read_element(start, kind);
-        case Line::library:
-        case Line::other:
-            scan_.others.insert(scan_.others.end(), {start - first_, vertices(), elements()});
-            return;
-        case Line::nothing: return;
+            case Line::vertex: return read_vertex(start);
+            case Line::texture: return read_texture(start);
+            case Line::normal:
+                read_numbers(skip_token(start), 3, most_normal_numbers, scan_.normals, unread_normals_);
+                return;
+            case Line::face:
+            case Line::line:
+            case Line::point: return read_element(start, kind);
+            case Line::library:
+            case Line::other: scan_.others.insert(scan_.others.end(), {start - first_, vertices(), elements()}); return;
+            case Line::nothing: return;
         }
     }
 

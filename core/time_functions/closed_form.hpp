@@ -36,7 +36,8 @@ private:
     std::span<const double> times_;
     double alpha_, centre_, half_length_;
     int functions_;
-    std::array<Weights, most_functions> triangle_{};  // upper triangle R with series = functions R, its diagonal positive
+    std::array<Weights, most_functions>
+        triangle_{};  // upper triangle R with series = functions R, its diagonal positive
 };
 
 // What the functions of one group count at a time.

@@ -137,9 +137,8 @@ private:
 
 }  // namespace
 
-template <Mode mode>
-void code_time_numbers(RangeCoder<mode> &coder, const TimeShape &shape,
-                       std::conditional_t<mode == Mode::decode, i64, const i64> *quantised) {
+template <Mode mode> void code_time_numbers(RangeCoder<mode> &coder, const TimeShape &shape,
+                                            std::conditional_t<mode == Mode::decode, i64, const i64> *quantised) {
     std::make_unique<TimeModel>(shape.frames)->code(coder, shape, quantised);
 }
 

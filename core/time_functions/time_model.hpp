@@ -13,8 +13,7 @@
 namespace pdeanim {
 
 // Code all numbers, read when encoding or measuring, written when decoding: magnitudes are 2^40 - 2 at most.
-template <Mode mode>
-void code_time_numbers(RangeCoder<mode> &coder, const TimeShape &shape,
-                       std::conditional_t<mode == Mode::decode, i64, const i64> *quantised);
+template <Mode mode> void code_time_numbers(RangeCoder<mode> &coder, const TimeShape &shape,
+                                            std::conditional_t<mode == Mode::decode, i64, const i64> *quantised);
 
 }  // namespace pdeanim

@@ -46,8 +46,7 @@ void add_wind(std::span<const Point> positions, std::span<const Point> past, std
             across[axis] = first - (positions[b][v] - positions[a][v]) * (positions[c][u] - positions[a][u]);
             speeds[axis] = (past[a][axis] + past[b][axis] + past[c][axis]) * across[axis];
         }
-        const double double_area =
-            std::sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2]);
+        const double double_area = std::sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2]);
         if (!(double_area > 0.0)) continue;
         const double speed = (speeds[0] + speeds[1] + speeds[2]) / (3.0 * double_area);
         // Area times normal is half of what is across; each corner takes a third.
