@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,7 +31,7 @@ from pdecodec.spacebasis import SPACE_KINDS, SpaceForm, decode_space_basis
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 
-POSITIONS, VELOCITIES, ACCELERATIONS = range(3)
+POSITIONS, VELOCITIES, ACCELERATIONS = 0, 1, 2
 """Quantities by the core's numbers."""
 
 CACHE_BYTES = 64 * 2**20
@@ -129,7 +129,10 @@ class Animation(MeshSequence):
                 MeshObject(
                     item.name,
                     item.connectivity,
-                    tuple(Attribute(name, DOMAINS[domain], *rest) for name, domain, *rest in own),
+                    tuple(
+                        Attribute(name, DOMAINS[domain], values, indices, labels)
+                        for name, domain, values, indices, labels in own
+                    ),
                 )
                 for item, own in zip(self.meshes, attributes, strict=True)
             )
@@ -243,7 +246,7 @@ class Animation(MeshSequence):
         """As :meth:`velocities`, the second derivative [scene units / s^2]; residuals have none."""
         return self._derivatives(ACCELERATIONS, times, outside)
 
-    def _derivatives(self, quantity: Literal[1, 2], times: ArrayLike, outside: Outside) -> Float32Array:
+    def _derivatives(self, quantity: int, times: ArrayLike, outside: Outside) -> Float32Array:
         asked = np.atleast_1d(np.asarray(times, dtype=np.float64))
         inside = self._inside(asked, outside)
         moving = (outside == "loop") | ((asked >= self.times[0]) & (asked <= self.times[-1]))
@@ -278,11 +281,13 @@ class Animation(MeshSequence):
         if not 0 <= group < len(groups):
             raise SettingsError(f"there is no group {group}; the file has {len(groups)}, from 0 on")
         first, frames, functions, _, _, alpha = groups[group]
-        kind, *numbers, _, masks = self._core.model
+        kind, points, most, threshold, rate, is_affine, _, masks = self._core.model
         with self._naming_the_file():
             grid, origin, step = self._core.reference()
             reference = RestShape(grid, np.array(origin), step)
-            space = decode_space_basis(SpaceForm(SPACE_KINDS[kind], *numbers), masks, self.meshes, grid)
+            space = decode_space_basis(
+                SpaceForm(SPACE_KINDS[kind], points, most, threshold, rate, is_affine), masks, self.meshes, grid
+            )
             values = self._core.coefficients(group)
         return paper_form(
             reference, space, values, self.times[first : first + frames], alpha=alpha, functions=functions,

@@ -119,11 +119,11 @@ def paper_form(
     coefficients = np.zeros((pieces, 3, TIME_FUNCTIONS, SPACE_FUNCTIONS))
     condition = np.ones(pieces)
     time_condition = np.linalg.cond(to_paper_time) if time_form.functions else 1.0
-    for p, functions in enumerate(space.functions_of_elements()):
-        rows, count = slice(starts[p], starts[p + 1]), len(functions)
+    for p, own_functions in enumerate(space.functions_of_elements()):
+        rows, count = slice(starts[p], starts[p + 1]), len(own_functions)
         # The orthonormal functions are combinations of the first series functions, as many as the piece has.
         matrix = np.zeros((SPACE_FUNCTIONS, count))
-        matrix[:count] = np.linalg.lstsq(series[rows, :count], functions.T, rcond=None)[0]
+        matrix[:count] = np.linalg.lstsq(series[rows, :count], own_functions.T, rcond=None)[0]
         matrix = to_paper_space @ matrix
         own = found[coefficient_starts[p] : coefficient_starts[p + 1]]
         coefficients[p] = np.einsum("pa,bax,qb->xpq", to_paper_time, own, matrix, optimize=True)
