@@ -33,7 +33,7 @@ NORMAL_GROUP = "normal_group"
 
 def encode_attributes(
     objects: Sequence[MeshObject],
-    levels: Int64Array,
+    grid: Int64Array,
     *,
     uv_tolerance: float | None = None,
     order: Literal["keep", "free"] = "keep",
@@ -44,7 +44,7 @@ def encode_attributes(
     ----------
     objects : sequence of MeshObject
         With faces and vertices in the order in which they are decoded.
-    levels : (vertices, 3) int64
+    grid : (vertices, 3) int64
         Of the reference frame, as it is decoded; vertices of all objects one after the other.
     uv_tolerance : float or None
         How far texture coordinates may be off on each axis; None keeps them to the last bit.
@@ -60,12 +60,12 @@ def encode_attributes(
     if not any(item.attributes for item in objects):
         return b""
     attributes = [[_fields(item, attribute) for attribute in item.attributes] for item in objects]
-    grid = np.ascontiguousarray(levels, np.int64)
+    grid = np.ascontiguousarray(grid, np.int64)
     return _core.encode_attributes(_parts(objects), attributes, grid, uv_tolerance, order == "keep")
 
 
 def decode_attributes(
-    data: bytes, objects: Sequence[MeshObject], levels: Int64Array, most_bytes: int
+    data: bytes, objects: Sequence[MeshObject], grid: Int64Array, most_bytes: int
 ) -> list[MeshObject]:
     """Give `objects` the attributes of section ATTR.
 
@@ -73,7 +73,7 @@ def decode_attributes(
     ----------
     data : bytes
     objects : sequence of MeshObject
-    levels : (vertices, 3) int64
+    grid : (vertices, 3) int64
         Of the reference frame.
     most_bytes : int
         Memory that all attributes together may take.
@@ -87,7 +87,7 @@ def decode_attributes(
     """
     if not data:
         return list(objects)
-    grid = np.ascontiguousarray(levels, np.int64)
+    grid = np.ascontiguousarray(grid, np.int64)
     with core_errors():
         decoded = _core.decode_attributes(data, _parts(objects), grid, min(most_bytes, 2**62))
     return [

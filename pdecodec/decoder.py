@@ -22,7 +22,7 @@ from pdecodec.connectivity import core_errors
 from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
 from pdecodec.groups import TIME_BASES
 from pdecodec.paperform import PaperForm, paper_form
-from pdecodec.reference import RestShape
+from pdecodec.reference import ReferenceFrame
 from pdecodec.resample import Outside, times_inside
 from pdecodec.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
 from pdecodec.shares import thread_count
@@ -284,7 +284,7 @@ class Animation(MeshSequence):
         kind, points, most, threshold, rate, is_affine, _, masks = self._core.model
         with self._naming_the_file():
             grid, origin, step = self._core.reference()
-            reference = RestShape(grid, np.array(origin), step)
+            reference = ReferenceFrame(grid, np.array(origin), step)
             space = decode_space_basis(
                 SpaceForm(SPACE_KINDS[kind], points, most, threshold, rate, is_affine), masks, self.meshes, grid
             )

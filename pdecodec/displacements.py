@@ -14,10 +14,10 @@ from pdecodec.principal import principal_trajectories
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 
-Origin = Literal["rest", "first"]
-ORIGINS: tuple[Origin, ...] = ("rest", "first")
-"""What displacements are measured from: the decoded rest shape, or the first frame as it came. The latter leaves the
-rest shape's own error, which is the same in every frame, alone: what stands still then costs nothing."""
+Origin = Literal["reference", "first"]
+ORIGINS: tuple[Origin, ...] = ("reference", "first")
+"""What displacements are measured from: the decoded reference frame, or the first frame as it came. The latter leaves
+the reference frame's own error, which is the same in every frame, alone: what stands still then costs nothing."""
 
 TimeFunctions = Literal["trajectories", "shapes", "poses", "cosines"]
 TIME_FUNCTIONS: tuple[TimeFunctions, ...] = ("trajectories", "shapes", "poses", "cosines")
@@ -32,7 +32,7 @@ MOST_FUNCTIONS = 768
 """Functions of time at most: decoding costs their number."""
 
 FARTHEST_STEPS = 2.0**26
-"""Displacements beyond so many bounds are no motion to be fitted: they are left to corrections."""
+"""Displacements beyond so many bounds are no motion to be fitted: they are left to residuals."""
 
 MOST_POSES = 0.25
 """Share of the frames that may be poses: with more there is nothing to tell apart."""

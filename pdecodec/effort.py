@@ -19,7 +19,7 @@ class Effort:
     space_bases : tuple of (kind, points)
         Kinds and sizes of patches; the first is taken where nothing moves.
     more_of_small : tuple of (kind, points)
-        For meshes of at most `small_mesh` vertices, whose corrections count too when bases are compared.
+        For meshes of at most `small_mesh` vertices, whose residuals count too when bases are compared.
     larger_must_save : float
         Share of the coefficients' bits that larger patches than the first must save on large meshes: making their
         functions takes every reader the square of their number.

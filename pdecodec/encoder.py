@@ -34,7 +34,7 @@ from pdecodec.groupmodel import GroupModelDescription
 from pdecodec.groups import CHUNK_SECTIONS, GroupEntry, write_group_table
 from pdecodec.metrics import frame_scale
 from pdecodec.modelchoice import ModelSearch
-from pdecodec.reference import RestShape, decode_rest, encode_rest, quantise_rest
+from pdecodec.reference import ReferenceFrame, decode_reference, encode_reference, quantise_reference
 from pdecodec.residuals import LAST_BINADE, residual_step
 from pdecodec.selection import CodedOrderSequence
 from pdecodec.sequence import MeshSequence, Progress
@@ -183,9 +183,9 @@ class Encoder(ABC):
 
     def _set_reference(self, step: float) -> None:
         """Quantise frame 0 with a step [scene units]; what the decoder makes of it is what displacements start from."""
-        shape = quantise_rest(self._first, step)
-        self._reference_bytes = encode_rest(shape, self._sequence.objects)
-        self._reference: RestShape = decode_rest(self._reference_bytes, self._sequence.objects)
+        shape = quantise_reference(self._first, step)
+        self._reference_bytes = encode_reference(shape, self._sequence.objects)
+        self._reference: ReferenceFrame = decode_reference(self._reference_bytes, self._sequence.objects)
 
     def _read(self, begin: int, end: int) -> Float32Array:
         block = self._sequence.frames_per_block
@@ -195,7 +195,7 @@ class Encoder(ABC):
     def _write_group(self, fitter: GroupFitter, fitted: FittedGroup, spools: Sequence[Spool]) -> None:
         encoded = fitter.encode(fitted, self._space)
         self._measure(fitter.points, encoded.decoded)
-        self._residuals += encoded.corrections
+        self._residuals += encoded.residuals
         self._coefficients += encoded.coefficients
         for spool, chunk in zip(spools, encoded.chunks, strict=True):
             spool.append(chunk)
@@ -222,12 +222,12 @@ class Encoder(ABC):
         )
         attributes = encode_attributes(
             sequence.objects,
-            self._reference.levels,
+            self._reference.grid,
             uv_tolerance=self._settings.uv_tolerance,
             order=self._settings.order,
         )
         space = self._space
-        model = GroupModelDescription(form=space.form, correction_step=self._residual_step, masks=space.encode_masks())
+        model = GroupModelDescription(form=space.form, residual_step=self._residual_step, masks=space.encode_masks())
         return [
             Section("META", encode_remarks(remarks), required=False),
             Section("SEQN", encode_sequence_description(sequence)),
@@ -286,7 +286,7 @@ class AutoEncoder(Encoder):
 
     def _groups(self) -> Iterator[tuple[GroupFitter, FittedGroup]]:
         assert self._bound is not None  # checked before
-        steps = {"bound": self._bound, "unit": self._unit, "correction_step": self._residual_step}
+        steps = {"bound": self._bound, "unit": self._unit, "residual_step": self._residual_step}
         usual: GroupChoice | None = None
         for begin, end in self._group_ranges():
             points, times = self._read(begin, end), self._sequence.times
@@ -322,9 +322,9 @@ class AutoEncoder(Encoder):
         """The groups that frames after the first ones are divided into."""
         effort, basis, choices = self._effort, self._model.basis, [usual]
         if effort.time_bases:
-            choices = candidates(self._subsample, fitter, self._reference.levels, usual)
+            choices = candidates(self._subsample, fitter, self._reference.grid, usual)
         group = GroupSearch(fitter, basis).choose(choices)
-        groups = divided(group, basis, self._reference.levels, self._subsample) if effort.division else [group]
+        groups = divided(group, basis, self._reference.grid, self._subsample) if effort.division else [group]
         return [tuned(group, basis, effort.rounding_passes) for group in groups] if effort.fine_steps else groups
 
     def _group_ranges(self) -> list[tuple[int, int]]:

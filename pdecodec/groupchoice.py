@@ -20,7 +20,7 @@ Int64Array = NDArray[np.int64]
 FINEST, COARSEST = 0.7, 64.0
 """Quantisation steps of coefficients to choose from, in units."""
 
-MODE_STEPS = (-2, 2)
+TIME_STEPS = (-2, 2)
 """Indices that functions of time may be coded finer and coarser by than coefficients."""
 
 STRIDE = 2
@@ -79,7 +79,7 @@ class GroupSearch:
         self._found = {known.choice: known.fitted} if known else {}
         first, last = grid_index(FINEST * fitter.unit), grid_index(COARSEST * fitter.unit)
         self._steps, self._closer_steps = _Axis("step", first, last, STRIDE), _Axis("step", first, last, 1)
-        self._mode_steps = _Axis("mode_step", *MODE_STEPS, STRIDE)
+        self._time_steps = _Axis("time_step", *TIME_STEPS, STRIDE)
 
     def choose(self, candidates: Sequence[GroupChoice]) -> ChosenGroup:
         """The candidate that costs least, its step walked downhill; the first one's steps are begun with."""
@@ -96,7 +96,7 @@ class GroupSearch:
     def tune(self, choice: GroupChoice) -> ChosenGroup:
         """A choice with the steps that cost least nearby, those of functions of time included."""
         if choice.time != "cosines":
-            choice = self._walk(choice, self._mode_steps)
+            choice = self._walk(choice, self._time_steps)
             choice = self._walk(choice, self._steps)
         return self._chosen(self._walk(choice, self._closer_steps))
 
@@ -140,14 +140,14 @@ def tuned(group: ChosenGroup, basis: SpaceBasis, passes: int) -> ChosenGroup:
     return replace(found, fitted=found.fitter.refined(basis, found.choice, found.fitted, passes))
 
 
-def divided(group: ChosenGroup, basis: SpaceBasis, rest: Int64Array, subsample: Subsample) -> list[ChosenGroup]:
+def divided(group: ChosenGroup, basis: SpaceBasis, reference: Int64Array, subsample: Subsample) -> list[ChosenGroup]:
     """The group, or parts of it that cost less together: halves, halves of halves, and so on.
 
     Parameters
     ----------
     group : ChosenGroup
     basis : SpaceBasis
-    rest, subsample
+    reference, subsample
         As :func:`candidates` takes them.
     """
     fitter, bits = group.fitter, group.fitted.bits
@@ -162,7 +162,7 @@ def divided(group: ChosenGroup, basis: SpaceBasis, rest: Int64Array, subsample: 
     for length in lengths:
         part = fitter.part(slice(begin, begin + length))
         usual = parts[-1].choice if parts else part.first_choice
-        parts.append(GroupSearch(part, basis).choose(candidates(subsample, part, rest, usual)))
+        parts.append(GroupSearch(part, basis).choose(candidates(subsample, part, reference, usual)))
         begin += length
     together = sum(part.fitted.bits + BITS_OF_A_GROUP for part in parts)
     return parts if together < bits + BITS_OF_A_GROUP else [group]
@@ -181,21 +181,23 @@ def _division(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice) -> tup
     return (together, halves[0][1] + halves[1][1]) if together < WORTH_PARTS * best[0] else best
 
 
-def candidates(subsample: Subsample, fitter: GroupFitter, rest: Int64Array, usual: GroupChoice) -> list[GroupChoice]:
+def candidates(
+    subsample: Subsample, fitter: GroupFitter, reference: Int64Array, usual: GroupChoice
+) -> list[GroupChoice]:
     """Functions of time and origins that are worth a fit of the whole mesh, best first as far as is known.
 
     Parameters
     ----------
     subsample : Subsample
     fitter : GroupFitter
-    rest : (vertices, 3) int64
+    reference : (vertices, 3) int64
         Reference frame in steps.
     usual : GroupChoice
         Whose steps, and on a large mesh functions of time, are tried first.
     """
     if not fitter.moves:
         return [usual]
-    estimates = subsample.estimates(fitter, rest)
+    estimates = subsample.estimates(fitter, reference)
     ordered = sorted(estimates, key=estimates.__getitem__)
     best = ordered[0]
     if not subsample.is_part:

@@ -1,4 +1,4 @@
-"""Fitting one group of frames: functions of time, coefficients and corrections, at what they cost together."""
+"""Fitting one group of frames: functions of time, coefficients and residuals, at what they cost together."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pdecodec.groups import (
     functions_of_time,
     group_functions,
     margins,
-    normalised_modes,
+    normalised,
 )
 from pdecodec.residuals import (
     ResidualPlan,
@@ -38,7 +38,7 @@ FloatArray = NDArray[np.float32] | NDArray[np.float64]
 Int64Array = NDArray[np.int64]
 
 ROUND_UP_AT = 0.6
-"""A coefficient this far (in steps) beyond a level goes to the next: zeros and small levels are cheaper."""
+"""A coefficient this far (in steps) beyond a whole number goes to the next: zeros and small numbers are cheaper."""
 
 ROUND_UP_ALONE_AT = 0.75
 """The same of a coefficient whose neighbours are all zero: a one among zeros costs most."""
@@ -57,7 +57,7 @@ AIM, AIM_FROM, FARTHEST_PUSH = 0.9, 0.98, 2.0
 def grid_step(index: int) -> float:
     """Quantisation step of an index: powers of the fourth root of two, whatever the bound is.
 
-    A bound that is a little looser then finds the very models that a tighter one found, and only corrections change.
+    A bound that is a little looser then finds the very models that a tighter one found, and only residuals change.
     """
     octave, quarter = divmod(index, 4)
     return math.ldexp(2.0 ** (quarter / 4.0), octave)
@@ -75,18 +75,18 @@ class GroupChoice:
     Attributes
     ----------
     time : {"trajectories", "shapes", "poses", "cosines"}
-    origin : {"rest", "first"}
+    origin : {"reference", "first"}
         What displacements are measured from.
     step : int
         Of the coefficients; see :func:`grid_step`.
-    mode_step : int
+    time_step : int
         Of the functions of time: so many indices more.
     """
 
     time: TimeFunctions
     origin: Origin
     step: int
-    mode_step: int = 0
+    time_step: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,29 +97,29 @@ class FittedGroup:
     ----------
     entry : GroupEntry
         Sizes and checksum still zero.
-    modes : QuantisedTimeFunctions or None
+    time_functions : QuantisedTimeFunctions or None
         None where there is none to code.
-    levels : (columns, width) int64
+    quantised : (functions of space, channels) int64
     base : (frames, vertices, 3) float64 [scene units]
-        Positions before corrections, and before they are rounded to float32.
+        Positions before residuals, and before they are rounded to float32.
     residuals : Residuals
     plan : ResidualPlan
-    bits, mode_bits : float
-        Of all three chunks, measured, and of the modes alone.
+    bits, time_bits : float
+        Of all three chunks, measured, and of the functions of time alone.
     """
 
     entry: GroupEntry
-    modes: QuantisedTimeFunctions | None
-    levels: Int64Array
+    time_functions: QuantisedTimeFunctions | None
+    quantised: Int64Array
     base: Float64Array
     residuals: Residuals
     plan: ResidualPlan
     bits: float
-    mode_bits: float
+    time_bits: float
 
     def without_arrays(self) -> FittedGroup:
         """What is needed to compare and to report."""
-        return replace(self, modes=None, levels=np.zeros((0, 0), np.int64), base=np.zeros((0, 0, 3)))
+        return replace(self, time_functions=None, quantised=np.zeros((0, 0), np.int64), base=np.zeros((0, 0, 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,14 +133,14 @@ class EncodedGroup:
         Of TIME, COEF and CORR.
     decoded : (frames, vertices, 3) float32 [scene units]
         What a decoder makes of them.
-    corrections, coefficients : int
-        How many there are; coefficients with the numbers of the modes.
+    residuals, coefficients : int
+        How many there are; coefficients with the numbers of the functions of time.
     """
 
     entry: GroupEntry
     chunks: tuple[bytes, bytes, bytes]
     decoded: Float32Array
-    corrections: int
+    residuals: int
     coefficients: int
 
 
@@ -150,37 +150,37 @@ class GroupFitter:
     Parameters
     ----------
     points : (frames, vertices, 3) float32 [scene units]
-    rest : (vertices, 3) float64 [scene units]
+    reference : (vertices, 3) float64 [scene units]
         Decoded.
     first : (vertices, 3) float32 [scene units]
-        Frame 0 of the clip, which the rest shape was made of.
+        Frame 0 of the clip, which the reference frame was made of.
     times : (frames,) float64 [s]
     bound : float [scene units]
         Largest distance of a vertex; infinite where there is none.
     unit : float [scene units]
         The bound, or more where float32 is coarser than the bound: a finer model would describe its rounding.
-    correction_step : float [scene units]
+    residual_step : float [scene units]
     """
 
     def __init__(
         self,
         points: Float32Array,
-        rest: Float64Array,
+        reference: Float64Array,
         first: Float32Array,
         *,
         times: Float64Array,
         bound: float,
         unit: float,
-        correction_step: float,
+        residual_step: float,
     ) -> None:
-        self.points, self.times, self._rest, self._first = points, times, rest, first
-        self._bound, self.unit, self._correction_step = bound, unit, correction_step
+        self.points, self.times, self._reference, self._first = points, times, reference, first
+        self._bound, self.unit, self._residual_step = bound, unit, residual_step
         self._displacements: dict[Origin, Displacements] = {}
 
     def displacements(self, origin: Origin) -> Displacements:
-        """What is left when the decoded rest shape or the first frame is taken away."""
+        """What is left when the decoded reference frame or the first frame is taken away."""
         if origin not in self._displacements:
-            shape = self._rest if origin == "rest" else self._first.astype(np.float64)
+            shape = self._reference if origin == "reference" else self._first.astype(np.float64)
             self._displacements[origin] = Displacements(self.points, shape, self.unit)
         return self._displacements[origin]
 
@@ -190,33 +190,35 @@ class GroupFitter:
 
     def part(self, frames: slice) -> GroupFitter:
         """Some of its frames, as a group of their own."""
-        return self._with(self.points[frames], self.times[frames], self._rest, self._first)
+        return self._with(self.points[frames], self.times[frames], self._reference, self._first)
 
-    def from_reference(self, rest: Float64Array) -> GroupFitter:
+    def from_reference(self, reference: Float64Array) -> GroupFitter:
         """The same with another decoded reference frame, so alike that functions of time will do as they are."""
-        other = self._with(self.points, self.times, rest, self._first)
-        other._displacements = {"rest": Displacements(self.points, rest, self.unit, self.displacements("rest"))}
+        other = self._with(self.points, self.times, reference, self._first)
+        other._displacements = {
+            "reference": Displacements(self.points, reference, self.unit, self.displacements("reference"))
+        }
         if "first" in self._displacements:
             other._displacements["first"] = self._displacements["first"]
         return other
 
     def with_own_functions(self) -> GroupFitter:
         """The same after :meth:`from_reference`, with functions of time of its own displacements."""
-        other = self._with(self.points, self.times, self._rest, self._first)
+        other = self._with(self.points, self.times, self._reference, self._first)
         if "first" in self._displacements:
             other._displacements["first"] = self._displacements["first"]
         return other
 
-    def at_bound(self, bound: float, correction_step: float) -> GroupFitter:
+    def at_bound(self, bound: float, residual_step: float) -> GroupFitter:
         """The same with another bound: steps stay multiples of the unit that they were."""
         other = GroupFitter(
             self.points,
-            self._rest,
+            self._reference,
             self._first,
             times=self.times,
             bound=bound,
             unit=self.unit,
-            correction_step=correction_step,
+            residual_step=residual_step,
         )
         other._displacements = self._displacements
         return other
@@ -224,22 +226,24 @@ class GroupFitter:
     def of_vertices(self, vertices: Int64Array) -> GroupFitter:
         """Some of its vertices, as a mesh of their own."""
         points = np.ascontiguousarray(self.points[:, vertices])
-        return self._with(points, self.times, self._rest[vertices], self._first[vertices])
+        return self._with(points, self.times, self._reference[vertices], self._first[vertices])
 
-    def _with(self, points: Float32Array, times: Float64Array, rest: Float64Array, first: Float32Array) -> GroupFitter:
+    def _with(
+        self, points: Float32Array, times: Float64Array, reference: Float64Array, first: Float32Array
+    ) -> GroupFitter:
         return GroupFitter(
             points,
-            rest,
+            reference,
             first,
             times=times,
             bound=self._bound,
             unit=self.unit,
-            correction_step=self._correction_step,
+            residual_step=self._residual_step,
         )
 
     @property
     def _single(self) -> bool:
-        return self.unit >= SINGLE_IS_ENOUGH * self.displacements("rest").largest
+        return self.unit >= SINGLE_IS_ENOUGH * self.displacements("reference").largest
 
     @property
     def frames(self) -> int:
@@ -248,41 +252,41 @@ class GroupFitter:
     @property
     def first_choice(self) -> GroupChoice:
         """What is fitted before anything is known."""
-        return GroupChoice("trajectories", "rest", grid_index(USUAL_STEP * self.unit))
+        return GroupChoice("trajectories", "reference", grid_index(USUAL_STEP * self.unit))
 
     @property
     def moves(self) -> bool:
         """Whether there is a trajectory that is worth looking at."""
-        return self.displacements("rest").functions("trajectories")[0].size > 0
+        return self.displacements("reference").functions("trajectories")[0].size > 0
 
-    def level_bits(self, basis: SpaceBasis, choice: GroupChoice) -> float:
+    def coefficient_bits(self, basis: SpaceBasis, choice: GroupChoice) -> float:
         """Bits of the coefficients alone, before functions of time are quantised: to compare space bases by."""
         moved = self.displacements(choice.origin).coefficients(choice.time)
-        levels = quantise_sparsely(basis.project(moved), grid_step(choice.step), _axes(choice.time))
-        return measure_coefficients(levels, basis, axes=_axes(choice.time))
+        quantised = quantise_sparsely(basis.project(moved), grid_step(choice.step), _axes(choice.time))
+        return measure_coefficients(quantised, basis, axes=_axes(choice.time))
 
     def fit(self, basis: SpaceBasis, choice: GroupChoice) -> FittedGroup:
         """Fit, and measure what it costs."""
-        step, mode_step = grid_step(choice.step), grid_step(choice.step + choice.mode_step)
+        step, time_step = grid_step(choice.step), grid_step(choice.step + choice.time_step)
         moved, axes = self.displacements(choice.origin), _axes(choice.time)
-        levels = quantise_sparsely(basis.project(moved.coefficients(choice.time)), step, axes)
-        modes: QuantisedTimeFunctions | None = None
+        quantised = quantise_sparsely(basis.project(moved.coefficients(choice.time)), step, axes)
+        time_functions: QuantisedTimeFunctions | None = None
         if choice.time == "cosines":
-            used = np.flatnonzero(levels.any(axis=0))
+            used = np.flatnonzero(quantised.any(axis=0))
             count = int(used[-1]) // axes + 1 if used.size else 0
-            levels = np.ascontiguousarray(levels[:, : axes * count])
+            quantised = np.ascontiguousarray(quantised[:, : axes * count])
         else:
-            modes, levels = self._fit_modes(moved, basis, choice.time, levels, step, mode_step)
-            count = levels.shape[1] // axes
+            time_functions, quantised = self._fit_time_functions(moved, basis, choice.time, quantised, step, time_step)
+            count = quantised.shape[1] // axes
         entry = GroupEntry(
             frames=self.frames,
             functions=count,
             basis=time_basis_of(choice.time),
             single=self._single and count > 0,
             step=step,
-            mode_step=0.0 if choice.time == "cosines" else mode_step,
+            time_step=0.0 if choice.time == "cosines" else time_step,
         )
-        return self.fitted(basis, entry, levels, modes)
+        return self.fitted(basis, entry, quantised, time_functions)
 
     def refined(self, basis: SpaceBasis, choice: GroupChoice, fitted: FittedGroup, passes: int) -> FittedGroup:
         """A fit with coefficients that leave fewer vertices to be corrected, or the same.
@@ -300,17 +304,17 @@ class GroupFitter:
             Most often that coefficients are rounded again.
         """
         entry, best, push = fitted.entry, fitted, PUSH
-        shape = self._rest if choice.origin == "rest" else self._first.astype(np.float64)
+        shape = self._reference if choice.origin == "reference" else self._first.astype(np.float64)
         wanted = self.points.astype(np.float64)
         functions = np.zeros((0, 0))
-        if fitted.modes:
-            functions = normalised_modes(fitted.modes.decoded).reshape(-1, entry.functions)
+        if fitted.time_functions:
+            functions = normalised(fitted.time_functions.decoded).reshape(-1, entry.functions)
         for _ in range(passes if entry.functions else 0):
             farther = wanted + push * self._beyond(best.base)
             moved = Displacements(farther.astype(np.float32), shape, self.unit)
-            values = moved.along(functions, choice.time) if fitted.modes else moved.coefficients("cosines")
-            levels = quantise_sparsely(basis.project(values), entry.step, entry.axes)[:, : entry.width]
-            found = self.fitted(basis, entry, np.ascontiguousarray(levels), fitted.modes)
+            values = moved.along(functions, choice.time) if fitted.time_functions else moved.coefficients("cosines")
+            quantised = quantise_sparsely(basis.project(values), entry.step, entry.axes)[:, : entry.width]
+            found = self.fitted(basis, entry, np.ascontiguousarray(quantised), fitted.time_functions)
             if found.bits < best.bits:
                 best, wanted = found, farther
             else:
@@ -326,17 +330,21 @@ class GroupFitter:
         return missed * share[:, :, None]
 
     def fitted(
-        self, basis: SpaceBasis, entry: GroupEntry, levels: Int64Array, modes: QuantisedTimeFunctions | None = None
+        self,
+        basis: SpaceBasis,
+        entry: GroupEntry,
+        quantised: Int64Array,
+        time_functions: QuantisedTimeFunctions | None = None,
     ) -> FittedGroup:
         """What coefficients in given functions decode to and cost, residuals included."""
-        mode_bits = modes.bits if modes else 0.0
-        level_bits = measure_coefficients(levels, basis, axes=entry.axes) if entry.width else 0.0
-        functions = self._functions(basis, entry, levels, modes)
+        time_bits = time_functions.bits if time_functions else 0.0
+        coefficient_bits = measure_coefficients(quantised, basis, axes=entry.axes) if entry.width else 0.0
+        functions = self._functions(basis, entry, quantised, time_functions)
         base = self._decoded(functions)
-        residuals = self._residuals(basis, entry, levels, functions.time, base)
+        residuals = self._residuals(basis, entry, quantised, functions.time, base)
         plan = plan_residuals(residuals, basis.starts)
-        bits = mode_bits + level_bits + plan.bits
-        return FittedGroup(entry, modes, levels, base, residuals, plan, bits, mode_bits)
+        bits = time_bits + coefficient_bits + plan.bits
+        return FittedGroup(entry, time_functions, quantised, base, residuals, plan, bits, time_bits)
 
     def encode(self, fitted: FittedGroup, basis: SpaceBasis) -> EncodedGroup:
         """A fit as bytes.
@@ -346,35 +354,40 @@ class GroupFitter:
         """
         if fitted.entry.single:
             entry = replace(fitted.entry, single=False)
-            exact = self._decoded(self._functions(basis, entry, fitted.levels, fitted.modes))
+            exact = self._decoded(self._functions(basis, entry, fitted.quantised, fitted.time_functions))
             off = max(float(np.abs(one - other).max()) for one, other in zip(exact, fitted.base, strict=True))
-            if off > 0.5 * SINGLE_MARGIN * self._correction_step:
-                fitted = self.fitted(basis, entry, fitted.levels, fitted.modes)
-        entry, levels, modes, residuals = fitted.entry, fitted.levels, fitted.modes, fitted.residuals
+            if off > 0.5 * SINGLE_MARGIN * self._residual_step:
+                fitted = self.fitted(basis, entry, fitted.quantised, fitted.time_functions)
+        entry, quantised, time_functions, residuals = (
+            fitted.entry,
+            fitted.quantised,
+            fitted.time_functions,
+            fitted.residuals,
+        )
         chunks = (
-            modes.to_bytes() if modes else b"",
-            encode_coefficients(levels, basis, axes=entry.axes) if entry.width else b"",
+            time_functions.to_bytes() if time_functions else b"",
+            encode_coefficients(quantised, basis, axes=entry.axes) if entry.width else b"",
             encode_residuals(residuals, basis.starts, fitted.plan),
         )
         decoded = fitted.base.astype(np.float32)
-        add_residuals(decoded, residuals, 0, basis.order, step=self._correction_step)
-        coefficients = int(np.count_nonzero(levels)) + (modes.decoded.size if modes else 0)
+        add_residuals(decoded, residuals, 0, basis.order, step=self._residual_step)
+        coefficients = int(np.count_nonzero(quantised)) + (time_functions.decoded.size if time_functions else 0)
         return EncodedGroup(entry.with_chunks(chunks), chunks, decoded, residuals.count, coefficients)
 
     def _functions(
-        self, basis: SpaceBasis, entry: GroupEntry, levels: Int64Array, modes: QuantisedTimeFunctions | None
+        self, basis: SpaceBasis, entry: GroupEntry, quantised: Int64Array, time_functions: QuantisedTimeFunctions | None
     ) -> GroupFunctions:
-        decoded = modes.decoded if modes else np.zeros((self.frames, entry.mode_axes, 0))
-        return group_functions(entry, functions_of_time(entry, decoded, self.times), levels, basis)
+        decoded = time_functions.decoded if time_functions else np.zeros((self.frames, entry.time_axes, 0))
+        return group_functions(entry, functions_of_time(entry, decoded, self.times), quantised, basis)
 
     def _decoded(self, functions: GroupFunctions) -> Float64Array:
-        """Positions at the frames, before corrections, and before they are rounded to float32."""
+        """Positions at the frames, before residuals, and before they are rounded to float32."""
         out = np.empty(self.points.shape)
-        evaluate_group(functions, slice(None), np.ascontiguousarray(self._rest), out)
+        evaluate_group(functions, slice(None), np.ascontiguousarray(self._reference), out)
         return out
 
     def _residuals(
-        self, basis: SpaceBasis, entry: GroupEntry, levels: Int64Array, time: FloatArray, base: Float64Array
+        self, basis: SpaceBasis, entry: GroupEntry, quantised: Int64Array, time: FloatArray, base: Float64Array
     ) -> Residuals:
         """Residuals of positions before rounding, for the vertices that may miss the bound with another decoder."""
         return quantise_residuals(
@@ -382,33 +395,33 @@ class GroupFitter:
             base,
             basis.order,
             bound=self._bound,
-            margins=margins(entry, time, levels, self._correction_step),
-            step=self._correction_step,
+            margins=margins(entry, time, quantised, self._residual_step),
+            step=self._residual_step,
         )
 
-    def _fit_modes(
+    def _fit_time_functions(
         self,
         moved: Displacements,
         basis: SpaceBasis,
         time: TimeFunctions,
-        levels: Int64Array,
+        quantised: Int64Array,
         step: float,
-        mode_step: float,
+        time_step: float,
     ) -> tuple[QuantisedTimeFunctions | None, Int64Array]:
         """Quantised functions of time, and coefficients of what they decode to."""
         energies, functions = moved.functions(time)
         axes = _axes(time)
-        used = _needed(levels, axes)
+        used = _needed(quantised, axes)
         while used.size:
             scaled = (functions[:, used] * np.sqrt(energies[used])).reshape(self.frames, 3 // axes, used.size)
-            modes = quantise_time_functions(scaled, mode_step)
-            unit = normalised_modes(modes.decoded).reshape(len(functions), used.size)
-            levels = quantise_sparsely(basis.project(moved.along(unit, time)), step, axes)
-            needed = _needed(levels, axes)
+            time_functions = quantise_time_functions(scaled, time_step)
+            unit = normalised(time_functions.decoded).reshape(len(functions), used.size)
+            quantised = quantise_sparsely(basis.project(moved.along(unit, time)), step, axes)
+            needed = _needed(quantised, axes)
             if needed.size == used.size:
-                return modes, levels
+                return time_functions, quantised
             used = used[needed]
-        return None, levels[:, :0]
+        return None, quantised[:, :0]
 
 
 def _axes(time: TimeFunctions) -> int:
@@ -416,9 +429,9 @@ def _axes(time: TimeFunctions) -> int:
     return 1 if time == "trajectories" else 3
 
 
-def _needed(levels: Int64Array, axes: int) -> NDArray[np.intp]:
-    """Functions of time, of `axes` columns one, that have a level."""
-    return np.flatnonzero(levels.reshape(len(levels), -1, axes).any(axis=(0, 2)))
+def _needed(quantised: Int64Array, axes: int) -> NDArray[np.intp]:
+    """Functions of time, of `axes` columns one, that have a coefficient."""
+    return np.flatnonzero(quantised.reshape(len(quantised), -1, axes).any(axis=(0, 2)))
 
 
 def quantise(values: Float64Array, step: float) -> Int64Array:
@@ -427,9 +440,9 @@ def quantise(values: Float64Array, step: float) -> Int64Array:
 
 
 def quantise_sparsely(values: Float64Array, step: float, axes: int) -> Int64Array:
-    """:func:`quantise` coefficients (columns, width), with a wider dead zone among zeros."""
-    levels = quantise(values, step)
-    some = np.pad(levels != 0, ((1, 1), (axes, axes)))
+    """:func:`quantise` coefficients (functions of space, channels), with a wider dead zone among zeros."""
+    quantised = quantise(values, step)
+    some = np.pad(quantised != 0, ((1, 1), (axes, axes)))
     beside = some[:-2, axes:-axes] | some[2:, axes:-axes] | some[1:-1, : -2 * axes] | some[1:-1, 2 * axes :]
-    levels[(np.abs(values) < ROUND_UP_ALONE_AT * step) & ~beside] = 0
-    return levels
+    quantised[(np.abs(values) < ROUND_UP_ALONE_AT * step) & ~beside] = 0
+    return quantised

@@ -15,13 +15,13 @@ class GroupModelDescription:
     Attributes
     ----------
     form : SpaceForm
-    correction_step : float [scene units]
+    residual_step : float [scene units]
     masks : bytes
         Of the partition tree's nodes, see :meth:`pdecodec.spacebasis.SpaceBasis.encode_masks`.
     """
 
     form: SpaceForm
-    correction_step: float
+    residual_step: float
     masks: bytes
 
     def to_bytes(self) -> bytes:
@@ -31,5 +31,5 @@ class GroupModelDescription:
         writer.numbers("BB", form.functions, form.threshold)
         if form.kind == "curve":
             writer.numbers("dB", form.rate, form.affine)
-        writer.numbers("d", self.correction_step)
+        writer.numbers("d", self.residual_step)
         return writer.to_bytes() + self.masks

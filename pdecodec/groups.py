@@ -49,7 +49,7 @@ SINGLE_IS_ENOUGH = 2.0**-9
 terms then hardly ever rounds by as much as the margin has room for."""
 
 SINGLE_MARGIN, DOUBLE_MARGIN = 2.0**-11, 2.0**-20
-"""How far decoders may differ in a coordinate before it is rounded to float32, in correction steps, where a group's
+"""How far decoders may differ in a coordinate before it is rounded to float32, in residual steps, where a group's
 positions are added up in float32 and in float64."""
 
 ROUNDING = 2.0**-44
@@ -68,7 +68,7 @@ class GroupEntry:
         Positions are added up in float32, not in float64.
     step : float [scene units]
         Quantisation step of the coefficients.
-    mode_step : float [scene units]
+    time_step : float [scene units]
         The same of the functions of time, where these are stored.
     alpha : float
         Rate of Eq. 12 over half the group, under basis "closed form".
@@ -83,7 +83,7 @@ class GroupEntry:
     basis: TimeBasis
     single: bool
     step: float
-    mode_step: float = 0.0
+    time_step: float = 0.0
     alpha: float = 0.0
     sizes: tuple[int, int, int] = (0, 0, 0)
     checksum: int = 0
@@ -94,7 +94,7 @@ class GroupEntry:
         return 1 if self.basis == "trajectories" else 3
 
     @property
-    def mode_axes(self) -> int:
+    def time_axes(self) -> int:
         """Values that a function of time has at a frame: one an axis, or one for all."""
         return 3 if self.basis == "trajectories" else 1
 
@@ -113,7 +113,7 @@ class GroupEntry:
         writer.count(self.functions)
         writer.numbers("Bd", TIME_BASES.index(self.basis) + (0 if self.single else DOUBLE), self.step)
         if self.basis in SAMPLED_BASES:
-            writer.numbers("d", self.mode_step)
+            writer.numbers("d", self.time_step)
             writer.count(self.sizes[0])
         elif self.basis == "closed form":
             writer.numbers("d", self.alpha)
@@ -142,14 +142,14 @@ def cosines(frames: int, functions: int) -> Float64Array:
     return values
 
 
-def normalised_modes(modes: Float64Array) -> Float64Array:
+def normalised(time_functions: Float64Array) -> Float64Array:
     """Modes of unit length, (frames, axes, functions) float64; those that are all zero stay so.
 
     Squares are added up frame after frame, x y z within each.
     """
-    flat = modes.reshape(modes.shape[0] * modes.shape[1], modes.shape[2])
+    flat = time_functions.reshape(time_functions.shape[0] * time_functions.shape[1], time_functions.shape[2])
     lengths = np.sqrt(np.cumsum(flat * flat, axis=0)[-1])
-    unit: Float64Array = modes / np.where(lengths > 0.0, lengths, 1.0)
+    unit: Float64Array = time_functions / np.where(lengths > 0.0, lengths, 1.0)
     return unit
 
 
@@ -177,7 +177,7 @@ class GroupFunctions:
         return GroupFunctions(self.time.astype(np.float32), self.planes.astype(np.float32))
 
 
-def group_functions(entry: GroupEntry, time: FloatArray, levels: Int64Array, basis: SpaceBasis) -> GroupFunctions:
+def group_functions(entry: GroupEntry, time: FloatArray, quantised: Int64Array, basis: SpaceBasis) -> GroupFunctions:
     """Functions of time and what they are multiplied with.
 
     Parameters
@@ -185,23 +185,23 @@ def group_functions(entry: GroupEntry, time: FloatArray, levels: Int64Array, bas
     entry : GroupEntry
     time : (frames, 3, functions) float32 or float64
         Of :func:`functions_of_time`.
-    levels : (columns, width) int64
+    quantised : (functions of space, channels) int64
         Quantised coefficients.
     basis : SpaceBasis
     """
-    expansion = Expansion(basis, np.multiply(levels, entry.step, dtype=np.float64), single=entry.single)
+    expansion = Expansion(basis, np.multiply(quantised, entry.step, dtype=np.float64), single=entry.single)
     expansion.synthesise()
     in_shares(expansion.expand, basis.element_count)
     return GroupFunctions(time, by_function(entry, expansion.fields))
 
 
-def functions_of_time(entry: GroupEntry, modes: Float64Array, times: Float64Array) -> FloatArray:
+def functions_of_time(entry: GroupEntry, time_functions: Float64Array, times: Float64Array) -> FloatArray:
     """:attr:`GroupFunctions.time`, in the precision of the group's sums.
 
     Parameters
     ----------
     entry : GroupEntry
-    modes : (frames, 3 or 1, functions) float64
+    time_functions : (frames, 3 or 1, functions) float64
         Decoded from section TIME; of use under trajectories and shapes alone.
     times : (frames,) float64 [s]
         Of the group's frames; of use under closed form alone.
@@ -211,7 +211,7 @@ def functions_of_time(entry: GroupEntry, modes: Float64Array, times: Float64Arra
     elif entry.basis == "closed form":
         time = ClosedForm(times, entry.alpha, entry.functions).weights(times)[:, None]
     else:
-        time = normalised_modes(modes)
+        time = normalised(time_functions)
     if entry.axes == 3:
         time = np.repeat(time, 3, axis=1)
     return time.astype(np.float32) if entry.single else time
@@ -222,39 +222,39 @@ def by_function(entry: GroupEntry, planes: FloatArray) -> FloatArray:
     return planes.reshape(entry.functions, entry.axes, planes.shape[1])
 
 
-def margins(entry: GroupEntry, time: FloatArray, levels: Int64Array, correction_step: float) -> Float64Array:
-    """(frames,) float64: how far decoders may differ in a coordinate before corrections, and before it is rounded.
+def margins(entry: GroupEntry, time: FloatArray, quantised: Int64Array, residual_step: float) -> Float64Array:
+    """(frames,) float64: how far decoders may differ in a coordinate before residuals, and before it is rounded.
 
     Parameters
     ----------
     entry : GroupEntry
     time : (frames, 3, functions) float32 or float64
         Functions of time.
-    levels : (functions of space, channels) int64
+    quantised : (functions of space, channels) int64
         Coefficients, in steps.
-    correction_step : float [scene units]
+    residual_step : float [scene units]
     """
-    largest = entry.step * np.abs(levels).max(axis=0, initial=0).reshape(entry.functions, entry.axes).T
+    largest = entry.step * np.abs(quantised).max(axis=0, initial=0).reshape(entry.functions, entry.axes).T
     added = (np.abs(time) * largest).sum(axis=2).max(axis=1, initial=0.0)
-    least = correction_step * (SINGLE_MARGIN if entry.single else DOUBLE_MARGIN)
+    least = residual_step * (SINGLE_MARGIN if entry.single else DOUBLE_MARGIN)
     found: Float64Array = np.maximum(ROUNDING * added, least)
     return found
 
 
-def evaluate_group(group: GroupFunctions, frames: slice, rest: Float64Array, out: FloatArray) -> None:
-    """Positions at some of its frames, before corrections.
+def evaluate_group(group: GroupFunctions, frames: slice, reference: Float64Array, out: FloatArray) -> None:
+    """Positions at some of its frames, before residuals.
 
     Parameters
     ----------
     group : GroupFunctions
     frames : slice
-    rest : (vertices, 3) float64 [scene units], C-contiguous
+    reference : (vertices, 3) float64 [scene units], C-contiguous
     out : (frames, vertices, 3) float32 or float64, C-contiguous, written
     """
     time = group.time[frames].copy()  # C-contiguous
 
     def evaluate(first: int, end: int) -> None:
         some = slice(first * _core.FRAMES_AT_ONCE, end * _core.FRAMES_AT_ONCE)
-        _core.evaluate_frames(time[some], group.planes, rest, out[some])
+        _core.evaluate_frames(time[some], group.planes, reference, out[some])
 
     in_shares(evaluate, -(-len(time) // _core.FRAMES_AT_ONCE))

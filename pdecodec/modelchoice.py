@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pdecodec.effort import SMALL_CLIP, SMALL_MESH, Effort
 from pdecodec.groupchoice import ChosenGroup, GroupSearch, candidates, divided, tuned
 from pdecodec.groupfit import GroupChoice, GroupFitter
-from pdecodec.reference import RestShape, encode_rest, quantise_rest
+from pdecodec.reference import ReferenceFrame, encode_reference, quantise_reference
 from pdecodec.sequence import MeshObject
 from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis
 from pdecodec.subsample import Subsample
@@ -46,14 +46,14 @@ class ChosenModel:
 
     Attributes
     ----------
-    reference : RestShape
+    reference : ReferenceFrame
     reference_data : bytes
         The section of the reference frame.
     basis : SpaceBasis
     groups : list of ChosenGroup
     """
 
-    reference: RestShape
+    reference: ReferenceFrame
     reference_data: bytes
     basis: SpaceBasis
     groups: list[ChosenGroup]
@@ -70,7 +70,7 @@ class ModelSearch:
     times : (frames,) float64 [s]
         Of the whole clip: the reference frame is there for all of them.
     objects : sequence of MeshObject
-    bound, unit, correction_step : float [scene units]
+    bound, unit, residual_step : float [scene units]
         As :class:`pdecodec.groupfit.GroupFitter` takes them.
     functions : int
         Of a patch at most.
@@ -83,7 +83,7 @@ class ModelSearch:
     objects: Sequence[MeshObject]
     bound: float
     unit: float
-    correction_step: float
+    residual_step: float
     functions: int
     effort: Effort
     subsample: Subsample
@@ -98,7 +98,7 @@ class ModelSearch:
         vertices = len(self.points[0])
         if self.effort.searches_all_clips or self.times.size * vertices <= SMALL_CLIP:
             for ratio in self.effort.tighter_bounds if self.unit == self.bound and _moves(found[0]) else ():
-                steps = {name: getattr(self, name) / ratio for name in ("bound", "unit", "correction_step")}
+                steps = {name: getattr(self, name) / ratio for name in ("bound", "unit", "residual_step")}
                 found.append(self._at_this_bound(replace(self, **steps)._for_this_bound()))
         return min(found, key=self._cost)
 
@@ -106,8 +106,8 @@ class ModelSearch:
         """A model of a tighter bound with the residuals that this one leaves."""
         groups = []
         for group in model.groups:
-            fitter = group.fitter.at_bound(self.bound, self.correction_step)
-            fitted = fitter.fitted(model.basis, group.fitted.entry, group.fitted.levels, group.fitted.modes)
+            fitter = group.fitter.at_bound(self.bound, self.residual_step)
+            fitted = fitter.fitted(model.basis, group.fitted.entry, group.fitted.quantised, group.fitted.time_functions)
             groups.append(replace(group, fitter=fitter, fitted=fitted))
         return replace(model, groups=groups)
 
@@ -151,7 +151,7 @@ class ModelSearch:
         return 8.0 * len(model.reference_data) * share + sum(group.fitted.bits for group in model.groups)
 
     def _with_reference(self, step: float) -> ChosenModel:
-        reference = quantise_rest(self.points[0], step)
+        reference = quantise_reference(self.points[0], step)
         fitter = GroupFitter(
             self.points,
             reference.points,
@@ -159,43 +159,43 @@ class ModelSearch:
             times=self.times[: len(self.points)],
             bound=self.bound,
             unit=self.unit,
-            correction_step=self.correction_step,
+            residual_step=self.residual_step,
         )
         choices = [fitter.first_choice]
         if self.effort.time_bases:
-            choices = candidates(self.subsample, fitter, reference.levels, fitter.first_choice)
+            choices = candidates(self.subsample, fitter, reference.grid, fitter.first_choice)
         basis, space = self._choose_space([(fitter, choices[0])], reference)
         group = GroupSearch(fitter, basis).choose(choices)
-        groups = divided(group, basis, reference.levels, self.subsample) if self.effort.division else [group]
+        groups = divided(group, basis, reference.grid, self.subsample) if self.effort.division else [group]
         if len(groups) > 1 or groups[0].choice.time != choices[0].time:
             # What is left to space is another thing now.
             basis, other = self._choose_space([(group.fitter, group.choice) for group in groups], reference)
             if other != space:
                 space = other
                 groups = [GroupSearch(group.fitter, basis).choose([group.choice]) for group in groups]
-        return ChosenModel(reference, encode_rest(reference, self.objects), basis, groups)
+        return ChosenModel(reference, encode_reference(reference, self.objects), basis, groups)
 
     def _with_other_reference(self, model: ChosenModel, step: float) -> ChosenModel:
         """A model with another reference frame and all else as it is, functions of time included."""
-        reference = quantise_rest(self.points[0], step)
+        reference = quantise_reference(self.points[0], step)
         basis = self._basis((model.basis.form.kind, model.basis.form.points), reference)
         groups = []
         for group in model.groups:
             fitter = group.fitter.from_reference(reference.points)
             groups.append(ChosenGroup(fitter, group.choice, fitter.fit(basis, group.choice)))
-        return ChosenModel(reference, encode_rest(reference, self.objects), basis, groups)
+        return ChosenModel(reference, encode_reference(reference, self.objects), basis, groups)
 
-    def _basis(self, space: tuple[SpaceKind, int], reference: RestShape) -> SpaceBasis:
+    def _basis(self, space: tuple[SpaceKind, int], reference: ReferenceFrame) -> SpaceBasis:
         kind, points = space
-        return build_space_basis(kind, self.objects, reference.levels, points=points, functions=self.functions)
+        return build_space_basis(kind, self.objects, reference.grid, points=points, functions=self.functions)
 
     def _choose_space(
-        self, groups: Sequence[tuple[GroupFitter, GroupChoice]], reference: RestShape
+        self, groups: Sequence[tuple[GroupFitter, GroupChoice]], reference: ReferenceFrame
     ) -> tuple[SpaceBasis, tuple[SpaceKind, int]]:
         """The space basis in which the groups' coefficients take fewest bits, and its kind and size."""
         effort = self.effort
         moving = [(fitter, choice) for fitter, choice in groups if fitter.moves]
-        is_small = bool(effort.more_of_small) and len(reference.levels) <= SMALL_MESH
+        is_small = bool(effort.more_of_small) and len(reference.grid) <= SMALL_MESH
         candidates = effort.space_bases + (effort.more_of_small if is_small else ())
         found: list[tuple[float, SpaceBasis, tuple[SpaceKind, int]]] = []
         for space in candidates if moving else candidates[:1]:
@@ -203,7 +203,7 @@ class ModelSearch:
             if is_small:
                 bits = sum(fitter.fit(basis, choice).bits for fitter, choice in moving)
             else:
-                bits = sum(fitter.level_bits(basis, choice) for fitter, choice in moving)
+                bits = sum(fitter.coefficient_bits(basis, choice) for fitter, choice in moving)
                 if space[1] > candidates[0][1]:
                     bits /= 1.0 - effort.larger_must_save
             found.append((bits, basis, space))

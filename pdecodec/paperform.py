@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pdecodec.basis import SPACE_FUNCTIONS, TIME_FUNCTIONS, series_functions, series_to_paper
 from pdecodec.closedform import ClosedForm
 from pdecodec.errors import SettingsError
-from pdecodec.reference import RestShape
+from pdecodec.reference import ReferenceFrame
 from pdecodec.spacebasis import SpaceBasis, arc_length_parameter
 
 Float64Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ class PaperForm:
 
 
 def paper_form(
-    reference: RestShape,
+    reference: ReferenceFrame,
     space: SpaceBasis,
     values: Float64Array,
     times: Float64Array,
@@ -80,7 +80,7 @@ def paper_form(
 
     Parameters
     ----------
-    reference : RestShape
+    reference : ReferenceFrame
     space : SpaceBasis
     values : (functions of space, functions of time x axes) float64 [scene units]
         As the file has them.
@@ -112,7 +112,7 @@ def paper_form(
     to_paper_time = series_to_paper(time_form.alpha, TIME_FUNCTIONS) @ time
     to_paper_space = series_to_paper(form.rate, SPACE_FUNCTIONS)
     order, starts = space.order.astype(np.int64), space.starts
-    u = arc_length_parameter(reference.levels, space.patches)
+    u = arc_length_parameter(reference.grid, space.patches)
     series = series_functions(u, form.rate, SPACE_FUNCTIONS)
     coefficient_starts = space.coefficient_starts
     pieces = space.element_count

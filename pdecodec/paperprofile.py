@@ -24,7 +24,7 @@ from pdecodec.encoder import FINEST_STEP, Encoder
 from pdecodec.groupfit import FittedGroup, GroupFitter, quantise
 from pdecodec.groups import GroupEntry
 from pdecodec.limits import LARGEST
-from pdecodec.reference import quantise_rest
+from pdecodec.reference import quantise_reference
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
 from pdecodec.spacebasis import MOST_POINTS, SpaceBasis, build_space_basis
@@ -65,7 +65,7 @@ class _Projected:
     Attributes
     ----------
     alpha : float
-    coefficients : (columns, 4 * 3) float64 [scene units]
+    coefficients : (functions of space, 4 * 3) float64 [scene units]
     error : float [scene units^2]
         Sum of squares that the functions leave.
     """
@@ -84,17 +84,17 @@ class PaperEncoder(Encoder):
         self._alphas: Sequence[float] = ALPHAS if paper.alpha is None else (paper.alpha,)
         sampled = [(self._read(*part), part) for part in self._sampled_segments()]
         finest = FINEST_STEP * self._scale
-        fine = quantise_rest(self._first, finest)
+        fine = quantise_reference(self._first, finest)
         errors: dict[float, float] = {}
         for rate in RATES if paper.r is None else (paper.r,):
-            basis = self._build(fine.levels, rate)
+            basis = self._build(fine.grid, rate)
             errors[rate] = sum(self._project(points, part, basis, fine.points).error for points, part in sampled)
         self._rate = min(errors, key=lambda rate: errors[rate] * (1.0 + WORTHWHILE_GAIN * rate))
         positions = sum(len(points) for points, _ in sampled) * sequence.vertex_count
         rms = float(np.sqrt(errors[self._rate] / positions))
         step = max(2.0 * ADDED_BY_REFERENCE * rms, finest)  # rounding is off by half a step as root mean square
         self._set_reference(step if self._bound is None else min(step, self._bound / 2.0))
-        self._basis = self._build(self._reference.levels, self._rate)
+        self._basis = self._build(self._reference.grid, self._rate)
 
     @property
     def _space(self) -> SpaceBasis:
@@ -160,7 +160,7 @@ class PaperEncoder(Encoder):
                 times=self._sequence.times[slice(*part)],
                 bound=np.inf if self._bound is None else self._bound,
                 unit=self._unit,
-                correction_step=self._residual_step,
+                residual_step=self._residual_step,
             )
             if self._bound is None:
                 fitted = self._quantised(fitter, projected, self._step(projected))
@@ -184,16 +184,16 @@ class PaperEncoder(Encoder):
         return step
 
     def _quantised(self, fitter: GroupFitter, projected: _Projected, step: float) -> FittedGroup:
-        levels = quantise(projected.coefficients, step)
+        quantised = quantise(projected.coefficients, step)
         entry = GroupEntry(
             frames=fitter.frames,
-            functions=levels.shape[1] // 3 if levels.any() else 0,
+            functions=quantised.shape[1] // 3 if quantised.any() else 0,
             basis="closed form",
             single=False,
             step=step,
             alpha=projected.alpha,
         )
-        return fitter.fitted(self._basis, entry, levels[:, : entry.width])
+        return fitter.fitted(self._basis, entry, quantised[:, : entry.width])
 
     def _summary(self) -> str:
         groups = len(self._entries)

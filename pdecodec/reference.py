@@ -39,28 +39,28 @@ HEADER_BYTES = 33
 
 
 @dataclass(frozen=True, eq=False)
-class RestShape:
+class ReferenceFrame:
     """The reference frame on a grid.
 
     Attributes
     ----------
-    levels : (vertices, 3) int64
+    grid : (vertices, 3) int64
         Coordinates in steps from the origin, in the mesh's vertex order; not negative.
     origin : (3,) float64 [scene units]
     step : float [scene units]
     """
 
-    levels: Int64Array
+    grid: Int64Array
     origin: NDArray[np.float64]
     step: float
 
     @property
     def points(self) -> NDArray[np.float64]:
         """(vertices, 3) float64 [scene units]: what displacements are added to."""
-        return self.origin + self.levels * self.step
+        return self.origin + self.grid * self.step
 
 
-def quantise_rest(points: NDArray[np.float32], step: float) -> RestShape:
+def quantise_reference(points: NDArray[np.float32], step: float) -> ReferenceFrame:
     """Round a frame to a grid of `step`, coarsened where coordinates would pass :data:`LARGEST_BITS`.
 
     Parameters
@@ -73,27 +73,27 @@ def quantise_rest(points: NDArray[np.float32], step: float) -> RestShape:
     extent = float((wide - origin).max())
     if extent > 0:
         step = max(step, math.ldexp(extent, -LARGEST_BITS + 1))
-    return RestShape(np.rint((wide - origin) / step).astype(np.int64), origin, step)
+    return ReferenceFrame(np.rint((wide - origin) / step).astype(np.int64), origin, step)
 
 
-def encode_rest(shape: RestShape, objects: Sequence[MeshObject]) -> bytes:
+def encode_reference(shape: ReferenceFrame, objects: Sequence[MeshObject]) -> bytes:
     """Section REST, with the predictor that makes it smaller.
 
     Parameters
     ----------
-    shape : RestShape
+    shape : ReferenceFrame
     objects : sequence of MeshObject
         Whose vertices `shape` has, one object after the other.
     """
     mesh = polygons_of(objects)
-    predictor, data = _core.encode_reference(mesh.starts, mesh.vertex, mesh.faces, np.ascontiguousarray(shape.levels))
+    predictor, data = _core.encode_reference(mesh.starts, mesh.vertex, mesh.faces, np.ascontiguousarray(shape.grid))
     writer = FieldWriter()
     writer.numbers("ddddB", shape.step, *shape.origin.tolist(), predictor)
     return writer.to_bytes() + data
 
 
-def decode_rest(data: bytes, objects: Sequence[MeshObject]) -> RestShape:
-    """Undo :func:`encode_rest`.
+def decode_reference(data: bytes, objects: Sequence[MeshObject]) -> ReferenceFrame:
+    """Undo :func:`encode_reference`.
 
     Raises
     ------
@@ -112,4 +112,4 @@ def decode_rest(data: bytes, objects: Sequence[MeshObject]) -> RestShape:
         grid = _core.decode_reference(
             mesh.starts, mesh.vertex, mesh.faces, mesh.vertices, predictor, data[HEADER_BYTES:]
         )
-    return RestShape(grid, np.array(origin), step)
+    return ReferenceFrame(grid, np.array(origin), step)

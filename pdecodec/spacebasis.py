@@ -204,7 +204,7 @@ class Expansion:
 def build_space_basis(
     kind: SpaceKind,
     objects: Sequence[MeshObject],
-    rest: Int64Array,
+    reference: Int64Array,
     *,
     points: int,
     functions: int,
@@ -217,7 +217,7 @@ def build_space_basis(
     ----------
     kind : {"patch", "curve"}
     objects : sequence of MeshObject
-    rest : (vertices, 3) int64
+    reference : (vertices, 3) int64
         Grid coordinates of the reference frame.
     points, functions : int
         Of an element at most.
@@ -227,16 +227,16 @@ def build_space_basis(
         False leaves the functions of Eqs. 14 and 16 alone.
     """
     form = SpaceForm(kind, points, functions, rate=rate, affine=affine)
-    patches = _elements(form, objects, rest, None)
+    patches = _elements(form, objects, reference, None)
     for threshold in range(THRESHOLDS):
-        basis = SpaceBasis(replace(form, threshold=threshold), patches, rest)
+        basis = SpaceBasis(replace(form, threshold=threshold), patches, reference)
         if basis.is_clear:
             break
     return basis
 
 
 def decode_space_basis(
-    form: SpaceForm, masks: bytes, objects: Sequence[MeshObject], rest: Int64Array, early: Patches | None = None
+    form: SpaceForm, masks: bytes, objects: Sequence[MeshObject], reference: Int64Array, early: Patches | None = None
 ) -> SpaceBasis:
     """The space basis of a file.
 
@@ -246,7 +246,7 @@ def decode_space_basis(
     masks : bytes
         What :meth:`SpaceBasis.encode_masks` gave.
     objects : sequence of MeshObject
-    rest : (vertices, 3) int64
+    reference : (vertices, 3) int64
         Grid coordinates of the reference frame.
     early : Patches, optional
         What `pdecodec.patches.early_patches` gave; made again where the reference frame changes them.
@@ -256,13 +256,13 @@ def decode_space_basis(
     CorruptFileError
         If the masks do not end where the partition tree does.
     """
-    return SpaceBasis(form, _elements(form, objects, rest, early), rest, masks)
+    return SpaceBasis(form, _elements(form, objects, reference, early), reference, masks)
 
 
-def _elements(form: SpaceForm, objects: Sequence[MeshObject], rest: Int64Array, early: Patches | None) -> Patches:
+def _elements(form: SpaceForm, objects: Sequence[MeshObject], reference: Int64Array, early: Patches | None) -> Patches:
     if form.kind == "patch":
-        return build_patches(objects, rest, form.points, early)
-    curves = extract_curves(objects, rest)
+        return build_patches(objects, reference, form.points, early)
+    curves = extract_curves(objects, reference)
     return _core.cut_curves(curves.order, curves.starts, form.points)
 
 

@@ -44,7 +44,7 @@ class Subsample:
         self._share = self._vertices.size / vertices if vertices else 1.0
         self._basis: SpaceBasis | None = None
 
-    def estimates(self, fitter: GroupFitter, rest: Int64Array) -> dict[GroupChoice, float]:
+    def estimates(self, fitter: GroupFitter, reference: Int64Array) -> dict[GroupChoice, float]:
         """Estimated bits of a whole group by each of the ways worth looking at, with usual steps.
 
         With all functions of time where the whole mesh is looked at, with trajectories only where it is a part.
@@ -53,12 +53,14 @@ class Subsample:
         ----------
         fitter : GroupFitter
             Of the whole mesh.
-        rest : (vertices, 3) int64
+        reference : (vertices, 3) int64
             Reference frame in steps.
         """
         if self._basis is None:
-            some_rest = rest[self._vertices]
-            self._basis = build_space_basis("patch", self._objects, some_rest, points=POINTS, functions=MOST_FUNCTIONS)
+            some_reference = reference[self._vertices]
+            self._basis = build_space_basis(
+                "patch", self._objects, some_reference, points=POINTS, functions=MOST_FUNCTIONS
+            )
         some = fitter.of_vertices(self._vertices)
         ways = [
             replace(some.first_choice, time=time, origin=origin)
@@ -73,7 +75,7 @@ class Subsample:
 
     def _whole_bits(self, fitted: FittedGroup) -> float:
         """Bits of all vertices, from those of some."""
-        return fitted.mode_bits + (fitted.bits - fitted.mode_bits) / self._share
+        return fitted.time_bits + (fitted.bits - fitted.time_bits) / self._share
 
 
 def _sampled(objects: Sequence[MeshObject], vertices: int) -> Int64Array:

@@ -99,12 +99,12 @@ def quantise_time_functions(scaled: Float64Array, step: float) -> QuantisedTimeF
 def quantised_by_each_method(scaled: Float64Array, step: float) -> list[QuantisedTimeFunctions]:
     """Functions of time by every method that can be; see :func:`quantise_time_functions`."""
     if not 0.0 < step < math.inf:
-        raise SettingsError(f"the step of modes must be a positive number, not {step}")
+        raise SettingsError(f"the step of functions of time must be a positive number, not {step}")
     frames = scaled.shape[0]
     with np.errstate(over="ignore"):
         wanted = np.ascontiguousarray(scaled.transpose(2, 0, 1)) / step
     if not np.all(np.abs(wanted) <= MOST_STEPS):
-        raise SettingsError(f"modes go beyond 2^30 steps of {step}; take a larger tolerance")
+        raise SettingsError(f"functions of time go beyond 2^30 steps of {step}; take a larger tolerance")
     found = [QuantisedTimeFunctions(PREDICTED, *_core.quantise_predicted(wanted, ROUNDING, step))]
     others = []
     if 0 < frames <= LONGEST_TRANSFORM:

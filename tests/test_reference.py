@@ -26,10 +26,10 @@ from pdecodec.reference import (
     MATCHED,
     PREDICTORS,
     WELDED,
-    RestShape,
-    decode_rest,
-    encode_rest,
-    quantise_rest,
+    ReferenceFrame,
+    decode_reference,
+    encode_reference,
+    quantise_reference,
 )
 from pdecodec.sequence import Connectivity, MeshObject
 from spec.decoder import reference as independent
@@ -44,16 +44,16 @@ def one(connectivity: Connectivity) -> list[MeshObject]:
     return [MeshObject("mesh", connectivity)]
 
 
-def shape_of(levels: Sequence[Sequence[int]] | Int64Array) -> RestShape:
-    return RestShape(np.array(levels, np.int64), np.array([0.1, -1e30, 3e-30]), 1e-7)
+def shape_of(levels: Sequence[Sequence[int]] | Int64Array) -> ReferenceFrame:
+    return ReferenceFrame(np.array(levels, np.int64), np.array([0.1, -1e30, 3e-30]), 1e-7)
 
 
-def bumpy(rows: int, columns: int) -> RestShape:
+def bumpy(rows: int, columns: int) -> ReferenceFrame:
     """A smooth sheet that is curved both ways and lies askew."""
     x, y = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
     points = np.stack([x, y, 0.3 * np.sin(3 * x) * np.cos(2 * y)], axis=-1).reshape(-1, 3)
     points @= np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
-    return quantise_rest(points.astype(np.float32), 1e-3)
+    return quantise_reference(points.astype(np.float32), 1e-3)
 
 
 def faces_of(rows: int, columns: int, width: int = 3) -> list[list[int]]:
@@ -61,7 +61,7 @@ def faces_of(rows: int, columns: int, width: int = 3) -> list[list[int]]:
     return quads.tolist() if width == 4 else quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).tolist()
 
 
-def soup(faces: Sequence[Sequence[int]], levels: Int64Array) -> tuple[list[MeshObject], RestShape]:
+def soup(faces: Sequence[Sequence[int]], levels: Int64Array) -> tuple[list[MeshObject], ReferenceFrame]:
     """Every face with vertices of its own."""
     corners = np.array([corner for face in faces for corner in face])
     ends = np.cumsum([len(face) for face in faces])
@@ -69,12 +69,12 @@ def soup(faces: Sequence[Sequence[int]], levels: Int64Array) -> tuple[list[MeshO
     return one(connectivity_of(corners.size, own)), shape_of(levels[corners])
 
 
-def coded(shape: RestShape, objects: list[MeshObject]) -> bytes:
+def coded(shape: ReferenceFrame, objects: list[MeshObject]) -> bytes:
     """Section REST, after checking that it comes back to the last bit."""
-    data = encode_rest(shape, objects)
-    assert data == encode_rest(shape, objects)
-    found = decode_rest(data, objects)
-    assert np.array_equal(found.levels, shape.levels)
+    data = encode_reference(shape, objects)
+    assert data == encode_reference(shape, objects)
+    found = decode_reference(data, objects)
+    assert np.array_equal(found.levels, shape.grid)
     assert (found.origin.tolist(), found.step) == (shape.origin.tolist(), shape.step)
     return data
 
@@ -83,7 +83,7 @@ def decoded_alike(data: bytes, objects: list[MeshObject]) -> list[list[int]] | N
     """What both decoders say: levels that a sound file could have, or None for a refusal."""
     ours = theirs = None
     with suppress(CorruptFileError):
-        ours = decode_rest(data, objects).levels.tolist()
+        ours = decode_reference(data, objects).levels.tolist()
     with suppress(IndependentError):
         theirs = independent.read_reference(data, meshes_of(objects)).grid
     assert ours == theirs
@@ -98,9 +98,9 @@ def predictor_of(data: bytes) -> int:
 @settings(max_examples=60, deadline=None)
 @given(arrays.arrays(np.float32, (6, 3), elements=FINITE), st.integers(-45, 38))
 def test_points_are_within_half_a_step_of_the_input_at_any_scale(points: NDArray[np.float32], decade: int) -> None:
-    shape = quantise_rest(points, 10.0**decade)
-    assert shape.levels.min() >= 0
-    assert shape.levels.max() < 2**LARGEST_BITS
+    shape = quantise_reference(points, 10.0**decade)
+    assert shape.grid.min() >= 0
+    assert shape.grid.max() < 2**LARGEST_BITS
     extent = float(np.ptp(points.astype(np.float64), axis=0).max())
     assert shape.step == 10.0**decade or 10.0**decade < shape.step < extent * 2.0**-35
     half = 0.5 * shape.step + 1e-15 * np.abs(points.astype(np.float64)).max()
@@ -110,7 +110,7 @@ def test_points_are_within_half_a_step_of_the_input_at_any_scale(points: NDArray
 @pytest.mark.parametrize("unit", [1e-30, 1.0, 1e30])
 def test_float32_points_keep_every_bit_at_the_finest_step(unit: float) -> None:
     points = (unit * np.random.default_rng(2).uniform(0.5, 1, size=(50, 3))).astype(np.float32)
-    assert np.array_equal(quantise_rest(points, 1e-80).points.astype(np.float32), points)
+    assert np.array_equal(quantise_reference(points, 1e-80).points.astype(np.float32), points)
 
 
 @settings(max_examples=60, deadline=None)
@@ -118,7 +118,7 @@ def test_float32_points_keep_every_bit_at_the_finest_step(unit: float) -> None:
 def test_levels_come_back_to_the_last_bit_from_any_mesh(objects: list[MeshObject], size: int, seed: int) -> None:
     count = sum(item.vertex_count for item in objects)
     shape = shape_of(np.random.default_rng(seed).integers(0, size, size=(count, 3)))
-    assert decoded_alike(coded(shape, objects), objects) == shape.levels.tolist()
+    assert decoded_alike(coded(shape, objects), objects) == shape.grid.tolist()
 
 
 @pytest.mark.parametrize("width", [3, 4])
@@ -126,7 +126,7 @@ def test_levels_come_back_to_the_last_bit_from_any_mesh(objects: list[MeshObject
 def test_levels_of_any_size_come_back_from_surfaces_and_soups(size: int, width: int) -> None:
     faces, levels = faces_of(9, 8, width), np.random.default_rng(5).integers(0, size, size=(72, 3))
     for objects, shape in ((one(connectivity_of(72, faces)), shape_of(levels)), soup(faces, levels)):
-        assert decoded_alike(coded(shape, objects), objects) == shape.levels.tolist()
+        assert decoded_alike(coded(shape, objects), objects) == shape.grid.tolist()
 
 
 @pytest.mark.parametrize("extreme", [0, 2**LARGEST_BITS - 1])
@@ -156,12 +156,12 @@ def test_a_parabola_is_predicted_by_its_crease() -> None:
 @pytest.mark.parametrize("width", [3, 4])
 def test_a_soup_costs_little_more_than_its_surface(width: int) -> None:
     shape, faces = bumpy(25, 25), faces_of(25, 25, width)
-    surface = encode_rest(shape, one(connectivity_of(625, faces)))
-    objects, soup_shape = soup(faces, shape.levels)
+    surface = encode_reference(shape, one(connectivity_of(625, faces)))
+    objects, soup_shape = soup(faces, shape.grid)
     data = coded(soup_shape, objects)
     assert predictor_of(data) & WELDED
     # Less than a bit a corner says which corners meet.
-    assert 8 * (len(data) - len(surface)) < 0.8 * len(soup_shape.levels)
+    assert 8 * (len(data) - len(surface)) < 0.8 * len(soup_shape.grid)
 
 
 def test_rings_that_repeat_cost_what_one_of_them_does() -> None:
@@ -205,16 +205,16 @@ def test_very_many_faces_of_a_vertex_and_very_many_vertices_on_a_point_are_no_ma
 @pytest.mark.parametrize("is_soup", [False, True])
 def test_damage_ends_in_our_own_error_or_in_levels_in_range(is_soup: bool) -> None:
     shape, faces = bumpy(9, 8), faces_of(9, 8)
-    objects, shape = soup(faces, shape.levels) if is_soup else (one(connectivity_of(72, faces)), shape)
-    data = encode_rest(shape, objects)
+    objects, shape = soup(faces, shape.grid) if is_soup else (one(connectivity_of(72, faces)), shape)
+    data = encode_reference(shape, objects)
     assert bool(predictor_of(data) & WELDED) == is_soup
     refused = [decoded_alike(data[:size], objects) is None for size in range(0, len(data), 3)]
     assert all(refused[: HEADER_BYTES // 3])
     assert sum(refused) > 0.5 * len(refused)
     for more in (b"\0", b"\xff" * 7, data):
         with pytest.raises(CorruptFileError, match="does not end"):
-            decode_rest(data + more, objects)
-    assert assert_only_corrupt_file_errors(data, lambda each: decode_rest(each, objects)) > 100
+            decode_reference(data + more, objects)
+    assert assert_only_corrupt_file_errors(data, lambda each: decode_reference(each, objects)) > 100
 
 
 def section(content: bytes, *, predictor: int, step: float = 0.5, origin: tuple[float, ...] = (0, 0, 0)) -> bytes:
@@ -243,4 +243,4 @@ def test_of_any_bytes_both_decoders_say_the_same(objects: list[MeshObject], cont
 )
 def test_what_is_wrong_is_named(data: bytes, message: str) -> None:
     with pytest.raises(CorruptFileError, match=message):
-        decode_rest(data, one(connectivity_of(3, [[0, 1, 2]])))
+        decode_reference(data, one(connectivity_of(3, [[0, 1, 2]])))

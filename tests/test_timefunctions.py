@@ -208,7 +208,7 @@ def test_sums_of_cosines_are_the_inverse_cosine_transform(frames: int) -> None:
 
 @pytest.mark.parametrize("step", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_step_that_is_none_is_refused(step: float) -> None:
-    with pytest.raises(SettingsError, match="step of modes must be a positive number"):
+    with pytest.raises(SettingsError, match="step of functions of time must be a positive number"):
         encoded(wanderings(5, 2), step)
 
 
