@@ -16,13 +16,26 @@ INSTALLED := .venv/installed
 DRAWING := .venv/drawing
 READY := .venv/ready
 
-.PHONY: demo test browser lint types bench bench-rd figures reproduce stability paper docs vectors clean
+.PHONY: demo test browser lint types sanitize bench bench-rd figures reproduce stability paper docs vectors clean
 
 demo: $(DRAWING)
 	$(BIN)/pdecodec demo -o out
 
-test: lint types browser
+test: lint types browser sanitize
 	$(BIN)/python -m pytest
+
+# The decoder under the sanitizers, over all vectors and MUTANTS damaged ones; with the system's compiler alone.
+MUTANTS ?= 4000
+SANITIZE := PATH="$(CURDIR)/$(BIN):$$PATH" cmake
+ifeq ($(COMPILER),)
+sanitize: .venv/tools
+	$(SANITIZE) -S core -B build/sanitize -DPDEANIM_SANITIZE=ON -DPDEANIM_LIBRARY=OFF -DCMAKE_BUILD_TYPE=Debug
+	$(SANITIZE) --build build/sanitize --parallel 2 --target mutants
+	build/sanitize/mutants $(MUTANTS) spec/vectors/*/*.pdeanim
+else
+sanitize:
+	@echo 'no sanitizers: there is no C++ compiler but that of a package'
+endif
 
 # Khronos' glTF validator and three.js, for tests that skip without them: where there is no npm, or no network.
 browser:

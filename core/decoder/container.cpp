@@ -63,7 +63,7 @@ void Container::read_table() {
     const int major = fields.integer<u16>();
     fields.integer<u16>();  // the minor version says only what an older decoder may ignore
     const u32 count = fields.integer<u32>(), table_checksum = fields.integer<u32>();
-    if (crc32(std::span<const u8>(header).first(header_size - checksum_size)) != fields.integer<u32>()) {
+    if (!is_checksum(crc32(std::span<const u8>(header).first(header_size - checksum_size)), fields.integer<u32>())) {
         throw CorruptError("its header is damaged; get it again", 0);
     }
     if (major != major_version) {
@@ -82,7 +82,7 @@ void Container::read_table() {
         offset += rows.back().size();
         checksum = crc32(rows.back(), checksum);
     }
-    if (checksum != table_checksum) throw CorruptError("its table of sections is damaged", header_size);
+    if (!is_checksum(checksum, table_checksum)) throw CorruptError("its table of sections is damaged", header_size);
     for (const std::vector<u8> &row : rows) {
         SectionEntry entry;
         entry.type = readable(std::span<const u8>(row).first(4));
@@ -139,7 +139,7 @@ std::vector<u8> Container::read(std::string_view type) const {
     const SectionEntry &found = entry(type);
     std::vector<u8> data;
     read_range(found.offset, found.length, data);
-    if (crc32(data) != found.checksum) {
+    if (!is_checksum(crc32(data), found.checksum)) {
         throw CorruptError("section " + found.type + " is damaged; get the file again", static_cast<i64>(found.offset));
     }
     return data;
@@ -170,7 +170,7 @@ void Container::verify() const {
             checksum = crc32(std::span<const u8>(piece).first(count), checksum);
             done += count;
         }
-        if (done < entry.length || checksum != entry.checksum) {
+        if (done < entry.length || !is_checksum(checksum, entry.checksum)) {
             throw CorruptError("section " + entry.type + " is damaged", static_cast<i64>(entry.offset));
         }
     }

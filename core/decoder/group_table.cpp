@@ -104,7 +104,7 @@ std::array<std::vector<u8>, 3> GroupTable::chunks(const Container &container, st
         container.read_range(container.entry(chunk_sections[i]).offset + group.offsets[i], group.sizes[i], found[i]);
         checksum = crc32(found[i], checksum);
     }
-    if (checksum != group.checksum) {
+    if (!is_checksum(checksum, group.checksum)) {
         throw CorruptError("group " + std::to_string(index) + " is damaged; get the file again", -1, group.first);
     }
     return found;

@@ -1,0 +1,57 @@
+// A target of libFuzzer: opens bytes as a file, and asks for everything that is in it, within a small memory limit.
+//
+// Built with FUZZING_BUILD_MODE_UNSAFE_FOR_PRODUCTION checksums are not compared, so that damage gets behind them.
+#include <cstdint>
+#include <cstdlib>
+#include <vector>
+
+#include "pdeanim.h"
+
+namespace {
+
+constexpr std::uint64_t max_memory = std::uint64_t{1} << 25;
+constexpr std::int64_t most_evaluated = 1 << 18;  // vertices times frames: what is evaluated is not in the memory limit
+
+void ask_for_objects(pdeanim_animation *animation) {
+    for (std::int64_t object = 0; object < pdeanim_object_count(animation); ++object) {
+        pdeanim_object found;
+        std::int64_t attributes = 0;
+        if (pdeanim_get_object(animation, object, &found, nullptr)) return;
+        if (pdeanim_attribute_count(animation, object, &attributes, nullptr)) return;
+        for (std::int64_t index = 0; index < attributes; ++index) {
+            pdeanim_attribute attribute;
+            if (pdeanim_get_attribute(animation, object, index, &attribute, nullptr)) std::abort();
+        }
+    }
+}
+
+void evaluate(pdeanim_animation *animation) {
+    const std::int64_t vertices = pdeanim_vertex_count(animation), frames = pdeanim_frame_count(animation);
+    const double *times = pdeanim_times(animation);
+    const double first = times[0], last = times[frames - 1];
+    const double asked[] = {first, first + (last - first) / 3, (first + last) / 2, last};
+    if (vertices * 4 > most_evaluated) return;
+    std::vector<float> out(static_cast<std::size_t>(vertices) * 4 * 3);
+    for (const pdeanim_quantity quantity : {PDEANIM_POSITIONS, PDEANIM_VELOCITIES, PDEANIM_ACCELERATIONS}) {
+        pdeanim_error error;
+        const pdeanim_status status =
+            pdeanim_evaluate(animation, quantity, asked, 4, PDEANIM_ALL_OBJECTS, out.data(), &error);
+        if (status == PDEANIM_INTERNAL || status == PDEANIM_ARGUMENT) std::abort();
+    }
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size) {
+    const pdeanim_options options{sizeof(pdeanim_options), max_memory, 2};
+    pdeanim_animation *animation = nullptr;
+    pdeanim_error error;
+    const pdeanim_status opened = pdeanim_open_memory(data, size, &options, &animation, &error);
+    if (opened == PDEANIM_INTERNAL) std::abort();
+    if (opened) return 0;
+    ask_for_objects(animation);
+    if (pdeanim_verify(animation, &error) == PDEANIM_INTERNAL) std::abort();
+    evaluate(animation);
+    pdeanim_close(animation);
+    return 0;
+}
