@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +47,13 @@ def print_table(table: Table) -> None:
     text = io.StringIO()
     Console(file=text, markup=False, width=PIPE_WIDTH).print(table)
     click.echo("\n".join(line.rstrip() for line in text.getvalue().splitlines()))
+
+
+def print_rows(rows: Sequence[Sequence[str]]) -> None:
+    """Rows of texts to standard output, in columns as wide as what they hold."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        click.echo("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip())
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, counted, print_json, print_table, progress_bar, ratio, say, say_notices
+from pdecodec.cli.console import byte_size, counted, print_json, print_rows, progress_bar, ratio, say, say_notices
 from pdecodec.cli.options import input_files, json_option, read_options, stored_bytes
 from pdecodec.errors import InputError
 
@@ -155,40 +155,38 @@ def _object_facts(item: MeshObject, *, has_attributes: bool) -> dict[str, Any]:
 
 
 def _print(facts: Mapping[str, Any]) -> None:
-    from rich.table import Table
-
-    objects = Table("object", "vertices", "faces", "lines", "attributes", box=None)
+    objects = [("object", "vertices", "faces", "lines", "attributes")]
     for item in facts["objects"]:
         faces = ", ".join(counted(count, kind.removesuffix("s")) for kind, count in item["faces"].items()) or "none"
         attributes = "not decoded" if item["attributes"] is None else ", ".join(item["attributes"]) or "none"
-        objects.add_row(item["name"], f"{item['vertices']:,}", faces, f"{item['lines']:,}", attributes)
-    print_table(objects)
-    table = Table(box=None, show_header=False)
-    table.add_row("frames", f"{facts['frames']} at {facts['fps']:g} a second")
-    table.add_row("time", f"{facts['first_time']:g} to {facts['last_time']:g} s")
-    table.add_row("raw positions", byte_size(facts["raw_bytes"]))
+        objects.append((item["name"], f"{item['vertices']:,}", faces, f"{item['lines']:,}", attributes))
+    print_rows(objects)
+    table: list[tuple[str, str]] = []
+    table.append(("frames", f"{facts['frames']} at {facts['fps']:g} a second"))
+    table.append(("time", f"{facts['first_time']:g} to {facts['last_time']:g} s"))
+    table.append(("raw positions", byte_size(facts["raw_bytes"])))
     if facts["finite_at_first_frame"]:
         low, high = facts["bounds_at_first_frame"]
         spans = ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True))
-        table.add_row("first frame", f"{spans}; diagonal {facts['diagonal']:g}")
+        table.append(("first frame", f"{spans}; diagonal {facts['diagonal']:g}"))
     elif facts["finite_at_first_frame"] is False:
-        table.add_row("first frame", "holds positions that are not finite numbers")
+        table.append(("first frame", "holds positions that are not finite numbers"))
     if facts.get("bounds"):
         low, high = facts["bounds"]
         spans = ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True))
-        table.add_row("all frames", spans)
+        table.append(("all frames", spans))
     constant = "constant" if facts["connectivity_constant"] else f"changes at frame {facts['first_changed_frame']}"
-    table.add_row("connectivity", constant)
+    table.append(("connectivity", constant))
     for item in facts["unsupported"]:
-        table.add_row("left out", f"{item['name']}: {item['feature']}")
+        table.append(("left out", f"{item['name']}: {item['feature']}"))
     if "file_bytes" not in facts:
-        table.add_row("file", byte_size(facts["source_bytes"]))
+        table.append(("file", byte_size(facts["source_bytes"])))
     if "file_bytes" in facts:
-        table.add_row("file", f"{byte_size(facts['file_bytes'])} ({ratio(facts['raw_bytes'], facts['file_bytes'])})")
+        table.append(("file", f"{byte_size(facts['file_bytes'])} ({ratio(facts['raw_bytes'], facts['file_bytes'])})"))
     for name in [name for name in facts if name not in _TABLED]:
-        table.add_row(name.replace("_", " "), _in_words(facts[name]))
-    table.add_row("metadata", _in_words(facts["metadata"]))
-    print_table(table)
+        table.append((name.replace("_", " "), _in_words(facts[name])))
+    table.append(("metadata", _in_words(facts["metadata"])))
+    print_rows(table)
 
 
 _TABLED = frozenset(

@@ -245,13 +245,13 @@ def check_apart(source: str, outputs: Iterable[str]) -> None:
 
 def files_there(output: str) -> list[Path]:
     """Files that writing to a file, pattern or folder would replace; after writing, what was written."""
-    from pdecodec.formats.frame_files import frames_there, is_frame_pattern
-
     path = Path(output)
     if path.is_dir():
         return sorted(file for file in path.iterdir() if file.suffix.lower() in _frame_extensions())
     if path.exists():
         return [path]
+    from pdecodec.formats.frame_files import frames_there, is_frame_pattern
+
     return frames_there(path) if is_frame_pattern(path) else []
 
 
@@ -263,11 +263,11 @@ def input_files(source: str) -> tuple[Path, ...]:
     InputError
         If a folder or pattern does not stand for one whole sequence.
     """
-    from pdecodec.formats.frame_files import find_frames
-
     path = Path(source)
     if path.is_file():
         return (path,)
+    from pdecodec.formats.frame_files import find_frames
+
     found = {file.suffix.lower() for file in path.iterdir()} if path.is_dir() else {path.suffix.lower()}
     return tuple(file for extension in found & _frame_extensions() for file in find_frames(path, extension).paths)
 

@@ -10,9 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fileseq.constants import PAD_STYLE_HASH1
-from fileseq.exceptions import FileSeqException
-from fileseq.filesequence import FileSequence
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
@@ -92,6 +89,10 @@ def frames_there(pattern: Path) -> list[Path]:
 
 def parse_pattern(path: Path) -> Any:
     """The pattern as a ``fileseq.FileSequence``: one digit a hash or at sign."""
+    from fileseq.constants import PAD_STYLE_HASH1
+    from fileseq.exceptions import FileSeqException
+    from fileseq.filesequence import FileSequence
+
     try:
         return FileSequence(str(path), pad_style=PAD_STYLE_HASH1)
     except FileSeqException as error:
@@ -99,6 +100,10 @@ def parse_pattern(path: Path) -> Any:
 
 
 def _numbered_and_single(folder: Path, extension: str) -> list[Any]:
+    from fileseq.constants import PAD_STYLE_HASH1
+    from fileseq.exceptions import FileSeqException
+    from fileseq.filesequence import FileSequence
+
     try:
         found = FileSequence.findSequencesOnDisk(str(folder), pad_style=PAD_STYLE_HASH1)
     except (OSError, FileSeqException) as error:
