@@ -177,14 +177,12 @@ def _print(facts: Mapping[str, Any]) -> None:
         table.append(("all frames", spans))
     constant = "constant" if facts["connectivity_constant"] else f"changes at frame {facts['first_changed_frame']}"
     table.append(("connectivity", constant))
-    for item in facts["unsupported"]:
-        table.append(("left out", f"{item['name']}: {item['feature']}"))
+    table.extend(("left out", f"{item['name']}: {item['feature']}") for item in facts["unsupported"])
     if "file_bytes" not in facts:
         table.append(("file", byte_size(facts["source_bytes"])))
     if "file_bytes" in facts:
         table.append(("file", f"{byte_size(facts['file_bytes'])} ({ratio(facts['raw_bytes'], facts['file_bytes'])})"))
-    for name in [name for name in facts if name not in _TABLED]:
-        table.append((name.replace("_", " "), _in_words(facts[name])))
+    table.extend((name.replace("_", " "), _in_words(facts[name])) for name in facts if name not in _TABLED)
     table.append(("metadata", _in_words(facts["metadata"])))
     print_rows(table)
 
