@@ -44,8 +44,8 @@ def one(connectivity: Connectivity) -> list[MeshObject]:
     return [MeshObject("mesh", connectivity)]
 
 
-def shape_of(levels: Sequence[Sequence[int]] | Int64Array) -> ReferenceFrame:
-    return ReferenceFrame(np.array(levels, np.int64), np.array([0.1, -1e30, 3e-30]), 1e-7)
+def shape_of(coordinates: Sequence[Sequence[int]] | Int64Array) -> ReferenceFrame:
+    return ReferenceFrame(np.array(coordinates, np.int64), np.array([0.1, -1e30, 3e-30]), 1e-7)
 
 
 def bumpy(rows: int, columns: int) -> ReferenceFrame:
@@ -61,12 +61,12 @@ def faces_of(rows: int, columns: int, width: int = 3) -> list[list[int]]:
     return quads.tolist() if width == 4 else quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).tolist()
 
 
-def soup(faces: Sequence[Sequence[int]], levels: Int64Array) -> tuple[list[MeshObject], ReferenceFrame]:
+def soup(faces: Sequence[Sequence[int]], coordinates: Int64Array) -> tuple[list[MeshObject], ReferenceFrame]:
     """Every face with vertices of its own."""
     corners = np.array([corner for face in faces for corner in face])
     ends = np.cumsum([len(face) for face in faces])
     own = [list(range(end - len(face), end)) for face, end in zip(faces, ends.tolist(), strict=True)]
-    return one(connectivity_of(corners.size, own)), shape_of(levels[corners])
+    return one(connectivity_of(corners.size, own)), shape_of(coordinates[corners])
 
 
 def coded(shape: ReferenceFrame, objects: list[MeshObject]) -> bytes:
@@ -74,16 +74,16 @@ def coded(shape: ReferenceFrame, objects: list[MeshObject]) -> bytes:
     data = encode_reference(shape, objects)
     assert data == encode_reference(shape, objects)
     found = decode_reference(data, objects)
-    assert np.array_equal(found.levels, shape.grid)
+    assert np.array_equal(found.grid, shape.grid)
     assert (found.origin.tolist(), found.step) == (shape.origin.tolist(), shape.step)
     return data
 
 
 def decoded_alike(data: bytes, objects: list[MeshObject]) -> list[list[int]] | None:
-    """What both decoders say: levels that a sound file could have, or None for a refusal."""
+    """What both decoders say: coordinates that a sound file could have, or None for a refusal."""
     ours = theirs = None
     with suppress(CorruptFileError):
-        ours = decode_reference(data, objects).levels.tolist()
+        ours = decode_reference(data, objects).grid.tolist()
     with suppress(IndependentError):
         theirs = independent.read_reference(data, meshes_of(objects)).grid
     assert ours == theirs
@@ -124,23 +124,25 @@ def test_levels_come_back_to_the_last_bit_from_any_mesh(objects: list[MeshObject
 @pytest.mark.parametrize("width", [3, 4])
 @pytest.mark.parametrize("size", [2, 2**20, 2**LARGEST_BITS])
 def test_levels_of_any_size_come_back_from_surfaces_and_soups(size: int, width: int) -> None:
-    faces, levels = faces_of(9, 8, width), np.random.default_rng(5).integers(0, size, size=(72, 3))
-    for objects, shape in ((one(connectivity_of(72, faces)), shape_of(levels)), soup(faces, levels)):
+    faces, coordinates = faces_of(9, 8, width), np.random.default_rng(5).integers(0, size, size=(72, 3))
+    for objects, shape in ((one(connectivity_of(72, faces)), shape_of(coordinates)), soup(faces, coordinates)):
         assert decoded_alike(coded(shape, objects), objects) == shape.grid.tolist()
 
 
 @pytest.mark.parametrize("extreme", [0, 2**LARGEST_BITS - 1])
 def test_predictions_beyond_the_range_of_levels_are_held_inside_it(extreme: int) -> None:
     # Zigzags between the ends of the range: whatever goes straight on leaves it.
-    levels = np.where(np.arange(40)[:, None] % 2 == 0, extreme, 2**LARGEST_BITS - 1 - extreme) + np.zeros((1, 3), int)
-    coded(shape_of(levels), one(connectivity_of(40, lines=[list(range(40))])))
+    coordinates = np.where(np.arange(40)[:, None] % 2 == 0, extreme, 2**LARGEST_BITS - 1 - extreme) + np.zeros(
+        (1, 3), int
+    )
+    coded(shape_of(coordinates), one(connectivity_of(40, lines=[list(range(40))])))
 
 
 def test_an_even_line_costs_its_first_two_points_and_an_even_plane_its_first_three() -> None:
     line = connectivity_of(1000, lines=[list(range(1000))])
     assert len(coded(shape_of(np.arange(1000)[:, None] * [3, 7, 1] + [5, 0, 900]), one(line))) < HEADER_BYTES + 20
-    levels = np.stack(np.meshgrid(np.arange(30) * 11, np.arange(40) * 7, indexing="ij"), axis=-1).reshape(-1, 2)
-    plane = shape_of(np.column_stack([levels, levels.sum(axis=1)]))
+    coordinates = np.stack(np.meshgrid(np.arange(30) * 11, np.arange(40) * 7, indexing="ij"), axis=-1).reshape(-1, 2)
+    plane = shape_of(np.column_stack([coordinates, coordinates.sum(axis=1)]))
     for width in (3, 4):
         assert len(coded(plane, one(connectivity_of(1200, faces_of(30, 40, width))))) < HEADER_BYTES + 60
 
@@ -148,9 +150,9 @@ def test_an_even_line_costs_its_first_two_points_and_an_even_plane_its_first_thr
 def test_a_parabola_is_predicted_by_its_crease() -> None:
     # Second differences are constant, and so is what parallelograms miss: 21 bits a vertex are left without the hint.
     row, column = np.divmod(np.arange(60 * 60), 60)
-    levels = np.column_stack([40 * row, 40 * column, 3 * (row - 30) ** 2 + 2 * (column - 30) ** 2])
+    coordinates = np.column_stack([40 * row, 40 * column, 3 * (row - 30) ** 2 + 2 * (column - 30) ** 2])
     objects = one(connectivity_of(3600, faces_of(60, 60)))
-    assert 8 * (len(coded(shape_of(levels), objects)) - HEADER_BYTES) < 0.5 * 3600
+    assert 8 * (len(coded(shape_of(coordinates), objects)) - HEADER_BYTES) < 0.5 * 3600
 
 
 @pytest.mark.parametrize("width", [3, 4])
@@ -168,10 +170,10 @@ def test_rings_that_repeat_cost_what_one_of_them_does() -> None:
     angle = 2 * np.pi * np.arange(24) / 24
     wide = np.array([1.0, 0.8, 1.1, 0.9])[np.arange(40) % 4, None]  # corrugated
     rings = np.broadcast_arrays(1271 * wide * np.cos(angle), 1137 * wide * np.sin(angle), 64 * np.arange(40)[:, None])
-    levels = 2000 + np.rint(np.stack(rings, axis=-1)).astype(np.int64).reshape(-1, 3)
+    coordinates = 2000 + np.rint(np.stack(rings, axis=-1)).astype(np.int64).reshape(-1, 3)
     sizes = []
     for count in (12, 40):
-        data = coded(shape_of(levels[: 24 * count]), one(tube(count, 24)))
+        data = coded(shape_of(coordinates[: 24 * count]), one(tube(count, 24)))
         assert predictor_of(data) == MATCHED
         sizes.append(len(data))
     assert sizes[1] < 1.3 * sizes[0]
@@ -186,18 +188,18 @@ def tube(rings: int, columns: int) -> Connectivity:
 
 
 def test_points_that_coincide_by_chance_are_not_welded() -> None:
-    levels = bumpy(40, 40).levels // 40
-    assert len(np.unique(levels, axis=0)) < 1600
-    assert not predictor_of(coded(shape_of(levels), one(grid(40, 40)))) & WELDED
+    coordinates = bumpy(40, 40).grid // 40
+    assert len(np.unique(coordinates, axis=0)) < 1600
+    assert not predictor_of(coded(shape_of(coordinates), one(grid(40, 40)))) & WELDED
 
 
 def test_very_many_faces_of_a_vertex_and_very_many_vertices_on_a_point_are_no_matter() -> None:
     rim = np.arange(1, 30_000)
     corners = np.stack([np.zeros_like(rim), rim, rim + 1], axis=1).ravel().astype(np.int32)
     fan = Connectivity(30_001, face_counts=np.full(rim.size, 3, np.int32), face_indices=corners)
-    levels = np.zeros((30_001, 3), np.int64)
-    levels[1:-1, 0], levels[1:-1, 1] = 10_000 + 9000 * np.cos(rim / 3000), 10_000 + 9000 * np.sin(rim / 3000)
-    coded(shape_of(levels), one(fan))
+    coordinates = np.zeros((30_001, 3), np.int64)
+    coordinates[1:-1, 0], coordinates[1:-1, 1] = 10_000 + 9000 * np.cos(rim / 3000), 10_000 + 9000 * np.sin(rim / 3000)
+    coded(shape_of(coordinates), one(fan))
     faces = np.arange(9000).reshape(3000, 3).tolist()
     assert len(coded(shape_of(np.full((9000, 3), 77)), one(connectivity_of(9000, faces)))) < HEADER_BYTES + 200
 
