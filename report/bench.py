@@ -1,6 +1,6 @@
 """Speed and memory, as a table: `make bench`, or `python -m pdecodec.report.bench [--json] [NAME...]`.
 
-Every figure is a median of several runs after one that compiles; ratios are taken within one run. The clip is the
+Every figure is a median of several runs after one that fills caches; ratios are taken within one run. The clip is the
 cube-rope unless said otherwise. pyPBD, the simulator compared with, is in the extra `baselines`.
 """
 

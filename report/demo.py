@@ -107,8 +107,6 @@ def demonstrate(
     sequence = scene.simulate(frames=frames, fps=FPS).to_array()
     simulate_seconds = time.perf_counter() - started
 
-    _compile(sequence)
-
     def encoded(name: str, settings: EncodeSettings) -> Encoding:
         return _encode(sequence, directory / f"{name}.pdeanim", name, settings, progress)
 
@@ -132,14 +130,6 @@ def demonstrate(
         picture_frames=shown,
         picture_points=points,
     )
-
-
-def _compile(sequence: ArraySequence) -> None:
-    """Run everything once on a few frames, so that the times shown are not those of compiling."""
-    for settings in (EncodeSettings(), EncodeSettings(profile="paper")):
-        report = encode(FrameSelection(sequence, range(8)), settings=settings)
-        with open_animation(report.data or b"") as animation:
-            animation.read_frames(0, animation.frame_count)
 
 
 def _encode(

@@ -40,7 +40,7 @@ JOBS = 2
 """Baselines measured at a time."""
 
 WARM_UP_FRAMES = 8
-"""Encoded and decoded once before anything is timed, so that compiling is not."""
+"""Encoded and decoded once before anything is timed, so that loading libraries is not."""
 
 RUNS = 5
 """The median of these counts."""
@@ -212,7 +212,7 @@ def _errors(found: Distortion, scale: float) -> dict[str, Any]:
 
 
 def warm_up(sequence: ArraySequence, *, profile: Profile, tolerances: Sequence[float], effort: EffortName) -> None:
-    """Encode and decode a few frames: what compiles, compiles now."""
+    """Encode and decode a few frames: what is loaded at first use, is loaded now."""
     start = FrameSelection(sequence, range(min(WARM_UP_FRAMES, sequence.frame_count)))
     for tolerance in {min(tolerances), max(tolerances)}:
         report = encode(start, profile=profile, tolerance=tolerance, effort=effort)
@@ -253,7 +253,7 @@ def _measure_one(
 
 
 def median_seconds(work: Callable[[], object], *, runs: int = RUNS) -> float:
-    """Median time of some runs, after one that does not count: it compiles, and fills caches."""
+    """Median time of some runs, after one that does not count: it fills caches."""
     work()
     return statistics.median(_seconds(work) for _ in range(runs))
 
