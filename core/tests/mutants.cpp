@@ -33,7 +33,8 @@ Bytes read(const char *path) {
         std::exit(EXIT_FAILURE);
     }
     Bytes data;
-    for (int byte = std::fgetc(file); byte != EOF; byte = std::fgetc(file)) data.push_back(static_cast<std::uint8_t>(byte));
+    for (int byte = std::fgetc(file); byte != EOF; byte = std::fgetc(file))
+        data.push_back(static_cast<std::uint8_t>(byte));
     std::fclose(file);
     return data;
 }
@@ -44,20 +45,20 @@ void mutate(Bytes &data, Random &random) {
         const std::size_t at = random.below(data.size()), left = data.size() - at;
         const std::size_t count = 1 + random.below(left < 8 ? left : 8);
         switch (random.below(8)) {
-        case 0:
-        case 1:
-        case 2: data[at] = static_cast<std::uint8_t>(random.below(256)); break;
-        case 3:
-        case 4: data[at] ^= static_cast<std::uint8_t>(1u << random.below(8)); break;
-        case 5:
-            for (std::size_t k = 0; k < count; ++k) data[at + k] = random.below(2) ? 0xFF : 0;
-            break;
-        case 6: {
-            const std::size_t from = random.below(data.size() - count + 1);
-            for (std::size_t k = 0; k < count; ++k) data[at + k] = data[from + k];
-            break;
-        }
-        default: data.resize(at);
+            case 0:
+            case 1:
+            case 2: data[at] = static_cast<std::uint8_t>(random.below(256)); break;
+            case 3:
+            case 4: data[at] ^= static_cast<std::uint8_t>(1u << random.below(8)); break;
+            case 5:
+                for (std::size_t k = 0; k < count; ++k) data[at + k] = random.below(2) ? 0xFF : 0;
+                break;
+            case 6: {
+                const std::size_t from = random.below(data.size() - count + 1);
+                for (std::size_t k = 0; k < count; ++k) data[at + k] = data[from + k];
+                break;
+            }
+            default: data.resize(at);
         }
     }
 }

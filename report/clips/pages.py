@@ -46,10 +46,10 @@ Bits per vertex and frame leave connectivity and attributes out, for all alike; 
 other methods have pdecodec's own bytes of connectivity added. rms: root of the mean square distance. p99: what 99 % of
 all distances do not exceed. KG: Karni and Gotsman 2004.
 
-Encoding is timed once, after a few frames of the clip were encoded so that loading libraries does not count; the search of the
-other methods does not count, either. Decoding is the median of five runs for profiles, opening included, and one run
-for the others. A decode multiple is that time over the time of a plain copy (np.copyto) of the positions. Profiles were
-timed alone, on all cores; the other methods, which use one core each, {{jobs}}.
+Encoding is timed once, after a few frames of the clip were encoded so that loading libraries does not count; the search
+of the other methods does not count, either. Decoding is the median of five runs for profiles, opening included, and one
+run for the others. A decode multiple is that time over the time of a plain copy (np.copyto) of the positions. Profiles
+were timed alone, on all cores; the other methods, which use one core each, {{jobs}}.
 
 Between frames, the clip is encoded at {BETWEEN_TOLERANCE:g} without the frames that are decoded then.
 """
