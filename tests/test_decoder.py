@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import math
 import tracemalloc
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import numpy as np
@@ -116,6 +118,30 @@ def test_several_threads_and_a_small_cache_change_no_bit(
             assert np.array_equal(bits(found), bits(animation.positions(time)))
             assert np.array_equal(bits(speed), bits(animation.velocities(time)))
         assert [other.result() for other in others][2] == animation.info()
+
+
+class _SlowFile(io.BytesIO):
+    """A file whose place another thread may move between finding and reading."""
+
+    def seek(self, *arguments: int) -> int:
+        place = super().seek(*arguments)
+        sleep(1e-4)
+        return place
+
+
+def test_groups_that_are_decoded_beside_each_other_are_read_one_after_the_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("PDECODEC_THREADS", "4")
+    points = np.random.default_rng(4).normal(size=(40, 30, 3)).astype(np.float32)
+    data = encode(ArraySequence(points), profile="paper", paper=PaperSettings(segment_frames=4)).data
+    assert data is not None
+    with open_animation(data) as animation:
+        expected = animation.sample(animation.times)
+        assert animation.info()["groups"] == 10
+    for _ in range(20):
+        animation = Animation(_SlowFile(data), "slow", DecodeLimits())
+        assert np.array_equal(animation.sample(animation.times), expected)
 
 
 def test_outside_the_clip_its_ends_stand_still_or_it_loops_or_that_is_refused(animation: Animation) -> None:

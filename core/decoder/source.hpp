@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <mutex>
 #include <span>
 #include <vector>
 
@@ -42,17 +43,22 @@ private:
     std::span<const u8> data_;
 };
 
-// A file that a function reads from: (offset, into) to the number of bytes, which falls short at the end alone.
+// A file that a function reads from: (offset, into) to the number of bytes, which falls short at the end alone. Groups are
+// decoded beside each other, and a file has one place that is read next: the function is called by one thread at a time.
 class CallbackSource : public Source {
 public:
     using Read = std::function<std::size_t(u64 offset, std::span<u8> into)>;
 
     CallbackSource(u64 size, Read read) : Source(size), read_(std::move(read)) {}
 
-    std::size_t read(u64 offset, std::span<u8> into) override { return read_(offset, into); }
+    std::size_t read(u64 offset, std::span<u8> into) override {
+        const std::lock_guard guard(lock_);
+        return read_(offset, into);
+    }
 
 private:
     Read read_;
+    std::mutex lock_;
 };
 
 }  // namespace pdeanim
