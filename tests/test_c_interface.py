@@ -138,6 +138,8 @@ def test_memory_limits_arguments_and_damage_end_in_codes_and_never_in_a_crash(in
         assert evaluate(quantity, -1) == 0
         with open_animation(data) as animation:
             assert np.array_equal(out, getattr(animation, name)(times))
+    library.pdeanim_cancel(handle)
+    assert evaluate(0, -1) == 0, "cancelling is for calls that are under way"
     assert evaluate(3, -1) == 3
     assert b"unknown quantity" in error.text
     assert evaluate(0, 99) == 3

@@ -94,8 +94,16 @@ void Animation::take(u64 bytes, const std::string &what) {
     left_ -= bytes;
 }
 
-void Animation::check_cancelled() {
-    if (is_cancelled_.exchange(false)) throw CancelledError();
+// Take the lock for a call that can be cancelled, from now on.
+std::unique_lock<std::recursive_mutex> Animation::begin_call() {
+    const u64 before = cancels_;
+    std::unique_lock guard(lock_);
+    cancels_before_ = before;
+    return guard;
+}
+
+void Animation::check_cancelled() const {
+    if (cancels_ != cancels_before_) throw CancelledError();
 }
 
 const std::vector<std::string> &Animation::names() {
@@ -305,36 +313,37 @@ void Animation::decode_ahead(std::span<const double> sorted) {
 
 ResidualScale Animation::residual_scale() { return {space().elements().patches->order, model_.residual_step}; }
 
-std::vector<Position> Animation::model_at_frame(i64 frame) {
-    const DecodedGroup &own = group(table_->group_of(frame));
-    std::vector<Position> found(vertices());
-    std::span<float> out(found[0].data(), 3 * found.size());
+// Positions at frames of one group in a row, by the model alone.
+void Animation::evaluate_model(const DecodedGroup &own, i64 first, i64 count, std::span<float> out) {
     std::visit(
         [&](const auto &functions) {
             const std::size_t row = 3 * own.group.functions;
-            const std::span time(functions.time.data() + (frame - own.group.first) * row, row);
-            evaluate_frames(time, own.fields(functions), reference().points, out);
+            const std::span time(functions.time.data() + (first - own.group.first) * row, count * row);
+            evaluate_frames(time, own.fields(functions), reference_->points, out);
         },
         own.functions);
+}
+
+FrameResiduals Animation::residuals_at(i64 frame) {
+    const DecodedGroup &own = group(table_->group_of(frame));
+    FrameResiduals found{own.residuals, frame - own.group.first, {}};
+    const std::vector<i64> &starts = own.residuals.raw_frame_starts;
+    if (starts[found.inside] < starts[found.inside + 1]) {
+        found.base.resize(vertices());
+        evaluate_model(own, frame, 1, {found.base[0].data(), 3 * found.base.size()});
+    }
     return found;
 }
 
 // Positions at frames of one group in a row.
 void Animation::evaluate_frames_of_group(i64 first, i64 count, std::span<float> out) {
     const DecodedGroup &own = group(table_->group_of(first));
-    const std::vector<double> &points = reference().points;
     const ResidualScale scale = residual_scale();
     const std::size_t size = 3 * vertices();
     in_shares((count + frames_at_once - 1) / frames_at_once, threads_, [&](i64 tile, i64 end) {
         const i64 begin = tile * frames_at_once, frames = least(end * frames_at_once, count) - begin;
         const std::span<float> part = out.subspan(begin * size, frames * size);
-        std::visit(
-            [&](const auto &functions) {
-                const std::size_t row = 3 * own.group.functions;
-                const std::span time(functions.time.data() + (first + begin - own.group.first) * row, frames * row);
-                evaluate_frames(time, own.fields(functions), points, part);
-            },
-            own.functions);
+        evaluate_model(own, first + begin, frames, part);
         for (i64 k = 0; k < frames; ++k) {
             add_residuals(own.residuals, first + begin + k - own.group.first, scale, 1.0, {},
                           as_positions(part.subspan(k * size, size)));
@@ -398,14 +407,9 @@ void Animation::evaluate_between(double time, std::span<float> out) {
     const double share = (time - times()[left]) / (times()[left + 1] - times()[left]);
     const ResidualScale scale = residual_scale();
     for (const i64 frame : {left, left + 1}) {
-        const DecodedGroup *own = &group(table_->group_of(frame));
-        const i64 inside = frame - own->group.first;
+        const FrameResiduals own = residuals_at(frame);
         const double weight = frame == left ? 1.0 - share : share;
-        std::vector<Position> base;
-        if (own->residuals.raw_frame_starts[inside] < own->residuals.raw_frame_starts[inside + 1]) {
-            base = model_at_frame(frame);
-        }
-        add_residuals(own->residuals, inside, scale, weight, base, as_positions(out));
+        add_residuals(own.group, own.inside, scale, weight, own.base, as_positions(out));
     }
 }
 
@@ -423,15 +427,9 @@ void Animation::evaluate_derivative(int derivative, double time, std::span<float
         const ResidualScale scale = residual_scale();
         std::vector<std::array<double, 3>> added[2];
         for (int k = 0; k < 2; ++k) {
-            const i64 frame = after - 1 + k;
-            const DecodedGroup *own = &group(table_->group_of(frame));
-            const i64 inside = frame - own->group.first;
-            std::vector<Position> base;
-            if (own->residuals.raw_frame_starts[inside] < own->residuals.raw_frame_starts[inside + 1]) {
-                base = model_at_frame(frame);
-            }
+            const FrameResiduals own = residuals_at(after - 1 + k);
             added[k].resize(vertices());
-            residual_displacements(own->residuals, inside, scale, base, added[k]);
+            residual_displacements(own.group, own.inside, scale, own.base, added[k]);
         }
         for (i64 v = 0; v < vertices(); ++v) {
             for (int axis = 0; axis < 3; ++axis) found[3 * v + axis] += (added[1][v][axis] - added[0][v][axis]) / step;
@@ -489,7 +487,7 @@ void Animation::evaluate(Quantity quantity, std::span<const double> asked, std::
     for (const double time : asked) {
         if (std::isnan(time)) throw ArgumentError("times must be numbers");
     }
-    const std::lock_guard guard(lock_);
+    const auto guard = begin_call();
     std::vector<std::size_t> order(asked.size());
     std::iota(order.begin(), order.end(), 0);
     std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return asked[a] < asked[b]; });
@@ -515,7 +513,7 @@ void Animation::evaluate(Quantity quantity, std::span<const double> asked, std::
 }
 
 void Animation::verify() {
-    const std::lock_guard guard(lock_);
+    const auto guard = begin_call();
     container_.verify();
     names();
     attributes();

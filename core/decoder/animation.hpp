@@ -41,6 +41,13 @@ struct Reference {
     std::vector<double> points;      // (vertices, 3) [scene units]
 };
 
+// The residuals of one frame, and what raw vertices among them stand in place of.
+struct FrameResiduals {
+    const Residuals &group;
+    i64 inside;                  // the frame's number in its group
+    std::vector<Position> base;  // what the model alone decodes to; empty where there is no raw vertex
+};
+
 class Animation {
 public:
     static constexpr u64 usual_memory = u64{4} << 30;  // some five million vertices
@@ -90,12 +97,13 @@ public:
     // Hold other callers off, for what belongs together.
     std::unique_lock<std::recursive_mutex> locked() { return std::unique_lock(lock_); }
 
-    // Make calls that are under way end with a CancelledError.
-    void cancel() { is_cancelled_ = true; }
+    // Make calls that are under way end with a CancelledError; later ones go on as if nothing had been.
+    void cancel() { ++cancels_; }
 
 private:
     void take(u64 bytes, const std::string &what);
-    void check_cancelled();
+    std::unique_lock<std::recursive_mutex> begin_call();
+    void check_cancelled() const;
     std::vector<ConnectivityView> views();
     void check_motion();
     void decode_ahead(std::span<const double> sorted);
@@ -104,7 +112,8 @@ private:
     DecodedGroup decode(std::size_t index, int threads) const;
     void keep(std::size_t index, DecodedGroup group);
     ResidualScale residual_scale();
-    std::vector<Position> model_at_frame(i64 frame);
+    void evaluate_model(const DecodedGroup &own, i64 first, i64 count, std::span<float> out);
+    FrameResiduals residuals_at(i64 frame);
     std::vector<double> displacement(double time, int derivative);
     void evaluate_frames_of_group(i64 first, i64 count, std::span<float> out);
     void evaluate_between(double time, std::span<float> out);
@@ -123,7 +132,8 @@ private:
     std::optional<GroupTable> table_;
     Model model_;
     std::recursive_mutex lock_;
-    std::atomic<bool> is_cancelled_ = false;
+    std::atomic<u64> cancels_ = 0;  // how often `cancel` was called,
+    u64 cancels_before_ = 0;        // and how often before the call that holds the lock began
 
     std::optional<std::vector<std::string>> names_;
     std::optional<std::vector<Connectivity>> connectivity_;
