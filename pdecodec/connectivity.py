@@ -22,9 +22,6 @@ from pdecodec.sequence import MAX_INDEX, Connectivity
 MOST_CORNERS = 2**31 - 1
 """Face corners of an object, and points of its lines: they are numbered by int32."""
 
-BYTES_PER_CORNER = 128
-"""Peak memory of decoding, per corner: 40 of the border, 24 of records, the result, and what vectors grow by."""
-
 
 @dataclass(frozen=True, eq=False)
 class CodedOrder:
@@ -102,7 +99,7 @@ def decode_connectivity(
         See :func:`decode_vertex_counts`.
     ordr : bytes
     most_corners : int
-        Face corners and line points that the memory limit leaves room for, at BYTES_PER_CORNER each.
+        Face corners and line points that the memory limit leaves room for.
 
     Raises
     ------

@@ -143,7 +143,7 @@ def cosines(frames: int, functions: int) -> Float64Array:
 
 
 def normalised(time_functions: Float64Array) -> Float64Array:
-    """Modes of unit length, (frames, axes, functions) float64; those that are all zero stay so.
+    """Functions of time of unit length, (frames, axes, functions) float64; those that are all zero stay so.
 
     Squares are added up frame after frame, x y z within each.
     """
@@ -161,20 +161,12 @@ class GroupFunctions:
     ----------
     time : (frames, 3, functions) float32 or float64
         Functions of time at the frames, for each axis.
-    planes : (functions, 1 or 3, vertices), as `time` [scene units]
-        What each function is multiplied with at each vertex; one plane an axis, or one for all.
+    fields : (functions, 1 or 3, vertices), as `time` [scene units]
+        What each function is multiplied with at each vertex; one field an axis, or one for all.
     """
 
     time: FloatArray
-    planes: FloatArray
-
-    @property
-    def nbytes(self) -> int:
-        return self.time.nbytes + self.planes.nbytes
-
-    def rounded(self) -> GroupFunctions:
-        """The same in float32."""
-        return GroupFunctions(self.time.astype(np.float32), self.planes.astype(np.float32))
+    fields: FloatArray
 
 
 def group_functions(entry: GroupEntry, time: FloatArray, quantised: Int64Array, basis: SpaceBasis) -> GroupFunctions:
@@ -192,7 +184,7 @@ def group_functions(entry: GroupEntry, time: FloatArray, quantised: Int64Array, 
     expansion = Expansion(basis, np.multiply(quantised, entry.step, dtype=np.float64), single=entry.single)
     expansion.synthesise()
     in_shares(expansion.expand, basis.element_count)
-    return GroupFunctions(time, by_function(entry, expansion.fields))
+    return GroupFunctions(time, expansion.fields.reshape(entry.functions, entry.axes, basis.order.size))
 
 
 def functions_of_time(entry: GroupEntry, time_functions: Float64Array, times: Float64Array) -> FloatArray:
@@ -215,11 +207,6 @@ def functions_of_time(entry: GroupEntry, time_functions: Float64Array, times: Fl
     if entry.axes == 3:
         time = np.repeat(time, 3, axis=1)
     return time.astype(np.float32) if entry.single else time
-
-
-def by_function(entry: GroupEntry, planes: FloatArray) -> FloatArray:
-    """:attr:`GroupFunctions.planes` from those of an expansion."""
-    return planes.reshape(entry.functions, entry.axes, planes.shape[1])
 
 
 def margins(entry: GroupEntry, time: FloatArray, quantised: Int64Array, residual_step: float) -> Float64Array:
@@ -255,6 +242,6 @@ def evaluate_group(group: GroupFunctions, frames: slice, reference: Float64Array
 
     def evaluate(first: int, end: int) -> None:
         some = slice(first * _core.FRAMES_AT_ONCE, end * _core.FRAMES_AT_ONCE)
-        _core.evaluate_frames(time[some], group.planes, reference, out[some])
+        _core.evaluate_frames(time[some], group.fields, reference, out[some])
 
     in_shares(evaluate, -(-len(time) // _core.FRAMES_AT_ONCE))
