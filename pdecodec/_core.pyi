@@ -36,7 +36,12 @@ def encode_coefficients(
     coefficients: Int64Array, starts: Int64Array, kinds: Int64Array, parents: Int64Array, axes: int
 ) -> bytes: ...
 def measure_coefficients(
-    coefficients: Int64Array, starts: Int64Array, kinds: Int64Array, parents: Int64Array, axes: int
+    coefficients: Int64Array,
+    starts: Int64Array,
+    kinds: Int64Array,
+    parents: Int64Array,
+    axes: int,
+    copies: float = 1.0,
 ) -> float: ...
 
 class CoefficientDecoder:
@@ -120,7 +125,7 @@ def quantise_residuals(
 def join_residuals(parts: Sequence[Residuals]) -> Residuals: ...
 def reference_distances(residuals: Residuals) -> Int64Array: ...
 def measure_residuals(
-    residuals: Residuals, patches: Int64Array, is_predicted: bool, distances: Int64Array
+    residuals: Residuals, patches: Int64Array, is_predicted: bool, distances: Int64Array, copies: float = 1.0
 ) -> float: ...
 def encode_residuals(residuals: Residuals, patches: Int64Array, is_predicted: bool, distances: Int64Array) -> bytes: ...
 def decode_residuals(data: bytes, frames: int, patches: Int64Array, most_bytes: int) -> Residuals: ...
@@ -336,6 +341,55 @@ class Expansion:
     def __init__(self, basis: SpaceBasis, coefficients: Float64Array) -> None: ...
     def synthesise(self) -> None: ...
     def expand(self, first: int, end: int, fields: FloatArray) -> None: ...
+    def expand_some(self, elements: Int64Array, fields: FloatArray) -> None: ...
+
+def take_displacements(
+    points: NDArray[np.float32], shape: Float64Array, farthest: float, rows: FloatArray, threads: int
+) -> float:
+    """Write (vertices, 3 frames) of points (frames, vertices, 3) less a shape; the largest magnitude."""
+
+def quantise_sparsely(
+    values: Float64Array, axes: int, step: float, round_up_at: float, round_up_alone_at: float, threads: int
+) -> tuple[Int64Array, Int64Array]:
+    """Coefficients in steps, and the largest magnitude of each channel."""
+
+class Excess:
+    """By how much vertices are off beyond what is aimed at."""
+
+    def __init__(self) -> None: ...
+    def __len__(self) -> int: ...
+    def add_to(self, values: Float64Array, functions: Float64Array, axes: int, push: float) -> None:
+        """Add it, `push` times, in functions of time to values on vertices."""
+
+class _GroupModel:
+    """Functions of time and fields of a group, held against its positions; residuals are those of the bound."""
+
+    def __init__(
+        self,
+        time: FloatArray,
+        fields: FloatArray,
+        reference: Float64Array,
+        points: NDArray[np.float32],
+        order: Int32Array,
+        bound: float,
+        step: float,
+    ) -> None: ...
+    def missing(
+        self,
+        margins: Float64Array,
+        aim: tuple[float, float, float] | None,
+        excess: Excess | None,
+        threads: int,
+    ) -> Residuals:
+        """Residuals of the vertices that may miss the bound; with an aim, `excess` is filled."""
+    def errors(self, residuals: Residuals, threads: int) -> tuple[float, float]:
+        """The largest, and the sum, of the squared distances of what a decoder gives."""
+
+class SingleModel(_GroupModel): ...
+class DoubleModel(_GroupModel): ...
+
+def farthest_apart(single: SingleModel | DoubleModel, exact: SingleModel | DoubleModel, threads: int) -> float:
+    """Largest difference of a coordinate, of a model in float32 and one in float64."""
 
 POLYNOMIAL_EXPONENTS: list[tuple[int, int, int]]
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.groups import TimeBasis
-from pdecodec.principal import principal_trajectories
+from pdecodec import _core
+from pdecodec.groups import TimeBasis, cosines
+from pdecodec.principal import Rows, principal_axes, principal_trajectories, sums_of_squares
+from pdecodec.shares import in_shares, thread_count
+from pdecodec.timefunctions import TimeFunctionCost
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -37,6 +41,19 @@ FARTHEST_STEPS = 2.0**26
 MOST_POSES = 0.25
 """Share of the frames that may be poses: with more there is nothing to tell apart."""
 
+SINGLE_ROWS = 2.0**-10
+"""Displacements are kept in float32 where the bound is at least this share of the largest."""
+
+SINGLE_SQUARES = 2.0**-8
+"""Their squares are added up in float32, block by block, where it is at least this share: the least of the energies
+that count are then clear of rounding."""
+
+LARGEST_SINGLE = 2.0**40
+"""Squares of what is larger, or smaller than one over it, may leave the range of float32 when they are added up."""
+
+ROWS_AT_ONCE = 1024
+"""Vertices whose displacements are multiplied with functions of time at once."""
+
 ALIKE = 1e-2
 """Functions that differ by less than this share (of their squared length) count as one in a fit."""
 
@@ -56,36 +73,88 @@ class Displacements:
     unit : float [scene units]
         What the bound is, or more where float32 is coarser.
     alike : Displacements, optional
-        From nearly the same shape, whose principal functions will do here too.
+        Of the same points from nearly the same shape, whose functions of time will do here too.
+    beside : Displacements, optional
+        Of the same points from another shape, whose sums of squares tell what these are here.
     """
 
     def __init__(
-        self, points: Float32Array, shape: Float64Array, unit: float, alike: Displacements | None = None
+        self,
+        points: Float32Array,
+        shape: Float64Array,
+        unit: float,
+        *,
+        alike: Displacements | None = None,
+        beside: Displacements | None = None,
     ) -> None:
-        self._alike = alike
-        self._frames, vertices, _ = points.shape
-        moved = points.astype(np.float64) - shape
-        moved[np.abs(moved) > FARTHEST_STEPS * unit] = 0.0
-        self.largest = float(np.abs(moved).max(initial=0.0))
-        self._moved = np.ascontiguousarray(moved.transpose(1, 0, 2)).reshape(vertices, 3 * self._frames)
-        self._least = (TAIL * unit) ** 2 * vertices * self._frames
+        self._points, self._shape, self._unit, self._alike, self._beside = points, shape, unit, alike, beside
+        self._frames, self._vertices = len(points), len(shape)
+        self._least = (TAIL * unit) ** 2 * self._vertices * self._frames
         self._coefficients: dict[TimeFunctions, Float64Array] = {}
+        self._time_costs: dict[TimeFunctions, TimeFunctionCost] = {}
+
+    @cached_property
+    def _taken(self) -> tuple[Rows, float]:
+        """Rows (vertices, 3 frames), in float32 where that is fine enough, and their largest magnitude."""
+        farthest, threads = FARTHEST_STEPS * self._unit, thread_count()
+        single = np.empty((self._vertices, 3 * self._frames), np.float32)
+        largest = _core.take_displacements(self._points, self._shape, farthest, single, threads)
+        if self._unit >= SINGLE_ROWS * largest and largest <= LARGEST_SINGLE:
+            return single, largest
+        double = np.empty(single.shape)
+        return double, _core.take_displacements(self._points, self._shape, farthest, double, threads)
+
+    @property
+    def _moved(self) -> Rows:
+        return self._taken[0]
+
+    @property
+    def largest(self) -> float:
+        """The largest magnitude of a coordinate."""
+        return self._alike.largest if self._alike is not None else self._taken[1]
+
+    @property
+    def _precision(self) -> type[np.floating[Any]]:
+        largest = self._taken[1]
+        is_within = 1.0 / LARGEST_SINGLE <= largest <= LARGEST_SINGLE
+        return np.float32 if is_within and self._unit >= SINGLE_SQUARES * largest else np.float64
+
+    @property
+    def _is_wide(self) -> bool:
+        return 3 * self._frames > self._vertices
+
+    @cached_property
+    def _squares(self) -> Float64Array:
+        """(3 frames, 3 frames) float64: sums over all vertices."""
+        if self._beside is not None:
+            off = self._beside._shape - self._shape
+            crossed = np.tile(self._beside._moved.T @ off.astype(self._beside._moved.dtype), self._frames)
+            squares: Float64Array = self._beside._squares + crossed + crossed.T
+            return squares + np.tile(off.T @ off, (self._frames, self._frames))
+        return sums_of_squares(self._moved, self._precision)
+
+    @cached_property
+    def _squares_by_axis(self) -> Float64Array:
+        """(frames, frames) float64: sums over all vertices and axes."""
+        if self._is_wide:
+            split = self._moved.reshape(self._vertices, self._frames, 3)
+            return sums_of_squares(
+                np.ascontiguousarray(split.transpose(0, 2, 1)).reshape(-1, self._frames), self._precision
+            )
+        squares: Float64Array = np.einsum("fxgx->fg", self._squares.reshape(self._frames, 3, self._frames, 3))
+        return squares
 
     @cached_property
     def _trajectories(self) -> tuple[Float64Array, Float64Array]:
         """Principal trajectories that are worth looking at: energies (n,), falling, and functions (3 frames, n)."""
-        return _first(*principal_trajectories(self._moved, self._least))
-
-    @property
-    def _by_axis(self) -> Float64Array:
-        """(3 vertices, frames) float64."""
-        by_axis = np.ascontiguousarray(self._moved.reshape(-1, self._frames, 3).transpose(0, 2, 1))
-        return by_axis.reshape(-1, self._frames)
+        if self._is_wide:
+            return _first(*principal_trajectories(self._moved.astype(np.float64), self._least))
+        return _first(*principal_axes(self._squares, self._least))
 
     @cached_property
     def _shapes(self) -> tuple[Float64Array, Float64Array]:
         """The same of functions of time that all axes share: energies (n,) and functions (frames, n)."""
-        return _first(*principal_trajectories(self._by_axis, self._least))
+        return _first(*principal_axes(self._squares_by_axis, self._least))
 
     @cached_property
     def _poses(self) -> tuple[Float64Array, Float64Array]:
@@ -97,7 +166,7 @@ class Displacements:
         most = min(self._shapes[0].size, int(MOST_POSES * self._frames))
         if not most:
             return np.zeros(0), np.zeros((self._frames, 0))
-        products = self._by_axis.T @ self._by_axis
+        products = self._squares_by_axis
         _, pivots, count, _ = dpstrf(products, tol=self._least / self._frames)
         if count > most:
             return np.zeros(0), np.zeros((self._frames, 0))
@@ -124,31 +193,92 @@ class Displacements:
             return self._trajectories
         return self._poses if kind == "poses" else self._shapes
 
+    def time_cost(self, kind: TimeFunctions, step: float) -> TimeFunctionCost:
+        """What functions of time of a kind that is stored take, measured at a step."""
+        if self._alike is not None:
+            return self._alike.time_cost(kind, step)
+        if kind not in self._time_costs:
+            self._time_costs[kind] = TimeFunctionCost(self.scaled(kind), step)
+        return self._time_costs[kind]
+
+    def scaled(self, kind: TimeFunctions) -> Float64Array:
+        """(frames, 3 or 1, functions) float64: functions of time as they are coded, of the energies' lengths."""
+        energies, functions = self.functions(kind)
+        axes = 3 if kind == "trajectories" else 1
+        return (functions * np.sqrt(energies)).reshape(self._frames, axes, energies.size)
+
     def coefficients(self, kind: TimeFunctions) -> Float64Array:
         """(vertices, functions or 3 functions) float64: of all functions of a kind."""
         if kind not in self._coefficients:
-            found = self._cosines() if kind == "cosines" else self.along(self.functions(kind)[1], kind)
-            self._coefficients[kind] = found
+            self._coefficients[kind] = self._found(kind)
         return self._coefficients[kind]
+
+    def off(self, kind: TimeFunctions) -> tuple[Displacements, Float64Array, Float64Array] | None:
+        """By what coefficients differ from those of displacements that are alike: what is constant in time.
+
+        Returns
+        -------
+        alike : Displacements
+        shape : (vertices, 3) float64 [scene units]
+            One less the other.
+        sums : (3, functions or 3 functions) float64
+            Of the functions of time; coefficients differ by ``shape @ sums``.
+        """
+        if self._alike is None:
+            return None
+        if kind == "trajectories":
+            sums = self.functions(kind)[1].reshape(self._frames, 3, -1).sum(axis=0)
+        elif kind == "cosines":
+            sums = np.kron(math.sqrt(self._frames) * (np.arange(min(self._frames, MOST_FUNCTIONS)) == 0), np.eye(3))
+        else:
+            functions = self.functions(kind)[1]
+            sums = np.kron((dual_functions(functions) if kind == "poses" else functions).sum(axis=0), np.eye(3))
+        return self._alike, self._alike._shape - self._shape, sums
+
+    def _found(self, kind: TimeFunctions) -> Float64Array:
+        off = self.off(kind)
+        if off is not None:
+            alike, shape, sums = off
+            found: Float64Array = alike.coefficients(kind) + shape @ sums
+            return found
+        if kind == "cosines":
+            return self._cosines()
+        functions = self.functions(kind)[1]
+        return self._along(dual_functions(functions) if kind == "poses" else functions, kind)
 
     def _cosines(self) -> Float64Array:
         from scipy.fft import dct
 
-        waves: Float64Array = dct(self._by_axis, axis=1, norm="ortho")[:, :MOST_FUNCTIONS]
-        return waves.reshape(-1, 3, waves.shape[1]).transpose(0, 2, 1).reshape(len(self._moved), -1)
+        split = self._moved.reshape(self._vertices, self._frames, 3)
+        waves: Rows = dct(split, axis=1, norm="ortho")[:, :MOST_FUNCTIONS]
+        return waves.reshape(self._vertices, -1).astype(np.float64)
 
     def along(self, functions: Float64Array, kind: TimeFunctions) -> Float64Array:
         """Coefficients of unit functions of time by least squares: one each, or one for each axis after another.
 
         Decoded functions are not quite orthogonal, poses not at all, and coarse ones may coincide.
         """
-        inverse = np.linalg.pinv(functions.T @ functions, rcond=ALIKE, hermitian=True) if functions.size else 0.0
-        dual = functions @ inverse if functions.size else functions
-        if kind == "trajectories":
-            return self._moved @ dual
-        split = self._moved.reshape(-1, self._frames, 3)
-        found: Float64Array = np.einsum("vfx,fa->vax", split, dual, optimize=True)
-        return found.reshape(len(split), -1)
+        return self._along(dual_functions(functions), kind)
+
+    def _along(self, dual: Float64Array, kind: TimeFunctions) -> Float64Array:
+        """Sums of displacements times functions, rows in blocks that do not depend on the number of threads."""
+        rows = self._moved
+        dual = np.ascontiguousarray(dual, rows.dtype)
+        axes = 1 if kind == "trajectories" else 3
+        found = np.empty((self._vertices, axes * dual.shape[1]))
+
+        def add_up(first: int, end: int) -> None:
+            for block in range(first, end):
+                some = slice(block * ROWS_AT_ONCE, (block + 1) * ROWS_AT_ONCE)
+                if axes == 1:
+                    found[some] = rows[some] @ dual
+                    continue
+                split = rows[some].reshape(-1, self._frames, 3)
+                for axis in range(3):
+                    found[some, axis::3] = np.ascontiguousarray(split[:, :, axis]) @ dual
+
+        in_shares(add_up, -(-self._vertices // ROWS_AT_ONCE))
+        return found
 
     def spread(self, kind: TimeFunctions, step: float) -> float:
         """What coefficients of orthogonal functions would take at a step if vertices had nothing in common [bits].
@@ -156,18 +286,30 @@ class Displacements:
         Half the logarithm of each function's variance over what the step leaves, for each coefficient: tells bases
         apart by how few functions they need, without a fit.
         """
+        if self._alike is not None:
+            return self._alike.spread(kind, step)
         if kind == "cosines":
-            coefficients = self.coefficients("cosines")
-            energies, each = np.einsum("vf,vf->f", coefficients, coefficients), len(coefficients)
+            waves = cosines(self._frames, min(self._frames, MOST_FUNCTIONS))
+            energies = np.einsum("fa,fg,ga->a", waves, self._squares_by_axis, waves, optimize=True)
+            each = 3 * self._vertices
         else:
-            energies, each = self.functions(kind)[0], len(self._moved) * (1 if kind == "trajectories" else 3)
+            energies, each = self.functions(kind)[0], self._vertices * (1 if kind == "trajectories" else 3)
         return float(0.5 * each * np.log2(1.0 + energies / (each * step * step)).sum())
 
     def explained(self, functions: int, kind: TimeFunctions) -> float:
         """Share of the motion's energy that the leading principal trajectories or shapes carry."""
-        total = float(np.vdot(self._moved, self._moved))
+        total = float(np.einsum("vf,vf->", self._moved, self._moved, dtype=np.float64))
         kind = "trajectories" if kind == "trajectories" else "shapes"
         return float(self.functions(kind)[0][:functions].sum()) / total if total > 0 else 1.0
+
+
+def dual_functions(functions: Float64Array) -> Float64Array:
+    """What displacements are multiplied with, so that sums of `functions` come out nearest to them."""
+    if not functions.size:
+        return functions
+    inverse = np.linalg.pinv(functions.T @ functions, rcond=ALIKE, hermitian=True)
+    dual: Float64Array = functions @ inverse
+    return dual
 
 
 def _first(energies: Float64Array, functions: Float64Array) -> tuple[Float64Array, Float64Array]:

@@ -19,7 +19,7 @@ class Effort:
     space_bases : tuple of (kind, points)
         Kinds and sizes of patches; the first is taken where nothing moves.
     more_of_small : tuple of (kind, points)
-        For meshes of at most `small_mesh` vertices, whose residuals count too when bases are compared.
+        For small meshes (`pdecodec.groupfit.SMALL_MESH`).
     larger_must_save : float
         Share of the coefficients' bits that larger patches than the first must save on large meshes: making their
         functions takes every reader the square of their number.
@@ -33,6 +33,11 @@ class Effort:
         Whether shorter groups are tried.
     rounding_passes : int
         How often coefficients are rounded again towards what vertices beyond the bound miss.
+    last_steps : tuple of int
+        Steps of coefficients, as indices from the chosen one, with which whole groups are fitted to compare them: a
+        coarser one gains more when coefficients are rounded again.
+    first_passes : int
+        How often coefficients are rounded again in these fits.
     tighter_bounds : tuple of float
         How many times tighter bounds are whose models are tried too, on clips of at most `SMALL_CLIP` positions.
     searches_all_clips : bool
@@ -47,15 +52,14 @@ class Effort:
     fine_steps: bool = True
     division: bool = True
     rounding_passes: int = 0
+    last_steps: tuple[int, ...] = (0,)
+    first_passes: int = 0
     tighter_bounds: tuple[float, ...] = ()
     searches_all_clips: bool = False
 
 
 SMALL_CLIP = 2**16
 """Positions, frames times vertices, up to which a clip is small."""
-
-SMALL_MESH = 2048
-"""Vertices up to which a mesh is small."""
 
 EFFORTS: dict[EffortName, Effort] = {
     "fast": Effort(
@@ -75,7 +79,9 @@ EFFORTS: dict[EffortName, Effort] = {
     "best": Effort(
         space_bases=(("patch", 64), ("patch", 32), ("patch", 128), ("patch", 16), ("curve", 64), ("curve", 128)),
         more_of_small=(("patch", 256), ("patch", 8)),
-        rounding_passes=12,
+        rounding_passes=24,
+        last_steps=(-1, 0, 1, 2),
+        first_passes=4,
         tighter_bounds=(1.1, 1.21),
         searches_all_clips=True,
     ),

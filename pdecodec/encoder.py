@@ -13,6 +13,7 @@ import os
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -28,19 +29,18 @@ from pdecodec.description import encode_remarks, encode_sequence_description
 from pdecodec.effort import EFFORTS
 from pdecodec.encodereport import EncodeReport, counted, generator
 from pdecodec.errors import InputError, SettingsError
-from pdecodec.groupchoice import ChosenGroup, GroupSearch, candidates, divided, tuned
+from pdecodec.groupchoice import GroupSearch, candidates, divided
 from pdecodec.groupfit import FittedGroup, GroupChoice, GroupFitter
 from pdecodec.groupmodel import GroupModelDescription
 from pdecodec.groups import CHUNK_SECTIONS, GroupEntry, write_group_table
 from pdecodec.metrics import frame_scale
-from pdecodec.modelchoice import ModelSearch
+from pdecodec.modelchoice import FinishedGroup, ModelSearch, finished
 from pdecodec.reference import ReferenceFrame, decode_reference, encode_reference, quantise_reference
 from pdecodec.residuals import LAST_BINADE, residual_step
 from pdecodec.selection import CodedOrderSequence
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
 from pdecodec.spacebasis import MOST_FUNCTIONS, SpaceBasis
-from pdecodec.subsample import Subsample
 from pdecodec.whole_output import check_writable
 
 Float32Array = NDArray[np.float32]
@@ -150,7 +150,11 @@ class Encoder(ABC):
     def run(self, path: Path | None, *, overwrite: bool) -> EncodeReport:
         """Encode group after group and write the file."""
         spools = [Spool(None if path is None else path.parent) for _ in CHUNK_SECTIONS]
+        parts, keep = [item.connectivity for item in self._sequence.objects], self._settings.order == "keep"
+        beside = ThreadPoolExecutor(1)
         try:
+            # Nothing waits for it until the end.
+            self._connectivity = beside.submit(encode_connectivity, parts, keep_order=keep)
             frames = 0
             for fitter, fitted in self._groups():
                 self._write_group(fitter, fitted, spools)
@@ -164,6 +168,7 @@ class Encoder(ABC):
             else:
                 write_container(path, sections, overwrite=overwrite)
         finally:
+            beside.shutdown()
             for spool in spools:
                 spool.close()
         return self._report(path, data, section_sizes(sections))
@@ -194,19 +199,13 @@ class Encoder(ABC):
 
     def _write_group(self, fitter: GroupFitter, fitted: FittedGroup, spools: Sequence[Spool]) -> None:
         encoded = fitter.encode(fitted, self._space)
-        self._measure(fitter.points, encoded.decoded)
+        self._largest_square = max(self._largest_square, encoded.largest_square)
+        self._sum_of_squares += encoded.sum_of_squares
         self._residuals += encoded.residuals
         self._coefficients += encoded.coefficients
         for spool, chunk in zip(spools, encoded.chunks, strict=True):
             spool.append(chunk)
         self._entries.append(encoded.entry)
-
-    def _measure(self, points: Float32Array, decoded: Float32Array) -> None:
-        for wanted, found in zip(points, decoded, strict=True):
-            difference = wanted.astype(np.float64) - found
-            squares = np.einsum("vx,vx->v", difference, difference)
-            self._largest_square = max(self._largest_square, float(squares.max()))
-            self._sum_of_squares += float(squares.sum())
 
     def _sections(self, spools: Sequence[Spool]) -> list[Section]:
         sequence = self._sequence
@@ -217,9 +216,7 @@ class Encoder(ABC):
         }
         if sequence.metadata:
             remarks["metadata"] = dict(sequence.metadata)
-        connectivity, order = encode_connectivity(
-            [item.connectivity for item in sequence.objects], keep_order=self._settings.order == "keep"
-        )
+        connectivity, order = self._connectivity.result()
         attributes = encode_attributes(
             sequence.objects,
             self._reference.grid,
@@ -277,7 +274,6 @@ class AutoEncoder(Encoder):
         if self._bound is None:
             raise SettingsError("without a bound there is nothing to choose the model by; give a tolerance")
         self._effort = EFFORTS[settings.effort]
-        self._subsample = Subsample(sequence.objects)
         self._explained = 1.0
 
     @property
@@ -299,17 +295,18 @@ class AutoEncoder(Encoder):
             for part in parts:
                 yield part.fitter, part.fitted
 
-    def _choose_model(self, points: Float32Array, steps: Mapping[str, float]) -> list[ChosenGroup]:
+    def _choose_model(self, points: Float32Array, steps: Mapping[str, float]) -> list[FinishedGroup]:
         """Reference frame and space basis; the groups that the first frames are divided into."""
         vertices = max(1, self._sequence.vertex_count)
         self._model = ModelSearch(
             points=points,
             times=self._sequence.times,
             objects=self._sequence.objects,
-            **steps,
+            bound=steps["bound"],
+            unit=steps["unit"],
+            residual_step=steps["residual_step"],
             functions=min(MOST_FUNCTIONS, max(FEWEST_FUNCTIONS, BASIS_BYTES // (8 * vertices))),
             effort=self._effort,
-            subsample=self._subsample,
         ).run()
         self._reference, self._reference_bytes = self._model.reference, self._model.reference_data
         first = self._model.groups[0]
@@ -318,14 +315,15 @@ class AutoEncoder(Encoder):
             self._explained = moved.explained(first.fitted.entry.functions, first.choice.time)
         return self._model.groups
 
-    def _divided(self, fitter: GroupFitter, usual: GroupChoice) -> list[ChosenGroup]:
+    def _divided(self, fitter: GroupFitter, usual: GroupChoice) -> list[FinishedGroup]:
         """The groups that frames after the first ones are divided into."""
-        effort, basis, choices = self._effort, self._model.basis, [usual]
-        if effort.time_bases:
-            choices = candidates(self._subsample, fitter, self._reference.grid, usual)
-        group = GroupSearch(fitter, basis).choose(choices)
-        groups = divided(group, basis, self._reference.grid, self._subsample) if effort.division else [group]
-        return [tuned(group, basis, effort.rounding_passes) for group in groups] if effort.fine_steps else groups
+        effort, basis = self._effort, self._model.basis
+        search = GroupSearch(fitter, basis)
+        group = search.choose(candidates(search, usual) if effort.time_bases else [usual])
+        groups = divided(group, basis) if effort.division else [group]
+        if effort.fine_steps:
+            groups = [group.tuned() for group in groups]
+        return [finished(group, basis, effort) for group in groups]
 
     def _group_ranges(self) -> list[tuple[int, int]]:
         frames = self._sequence.frame_count

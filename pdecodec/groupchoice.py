@@ -6,16 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
-from numpy.typing import NDArray
-
-from pdecodec.displacements import TimeFunctions
-from pdecodec.groupfit import FittedGroup, GroupChoice, GroupFitter, grid_index, grid_step
+from pdecodec.displacements import ORIGINS, TIME_FUNCTIONS, TimeFunctions
+from pdecodec.estimate import BitCounter, bit_counter
+from pdecodec.groupfit import GroupChoice, GroupFitter, grid_index, grid_step
 from pdecodec.shares import side_by_side
 from pdecodec.spacebasis import SpaceBasis
-from pdecodec.subsample import Subsample
-
-Int64Array = NDArray[np.int64]
 
 FINEST, COARSEST = 0.7, 64.0
 """Quantisation steps of coefficients to choose from, in units."""
@@ -50,33 +45,45 @@ WORTH_DIVIDING = 1.5
 WORTH_PARTS = 1.005
 """Parts are fitted in full where untuned they cost less than this many times the whole: tuning may well decide."""
 
+WORTH_DIVIDING_ON = 1.02
+"""Halves of a group of a large mesh that cost more than this many times the whole are not looked at further."""
+
 SHORTEST_PART = 8
 """Frames of a part at least."""
 
 
 @dataclass(frozen=True, eq=False)
 class ChosenGroup:
-    """A group, as it is to be encoded."""
+    """A group, how it is to be encoded, and what that takes [bits]."""
 
-    fitter: GroupFitter
+    search: GroupSearch
     choice: GroupChoice
-    fitted: FittedGroup
+    bits: float
+
+    @property
+    def fitter(self) -> GroupFitter:
+        return self.search.fitter
+
+    def tuned(self) -> ChosenGroup:
+        """With the steps that cost least nearby."""
+        return self.search.tune(self.choice) if self.fitter.moves else self
 
 
 class GroupSearch:
-    """Fits of one group in one space basis, of which only the best is kept whole.
+    """Ways to encode one group in one space basis, by what they take.
 
     Parameters
     ----------
     fitter : GroupFitter
     basis : SpaceBasis
-    known : ChosenGroup, optional
-        A fit to begin with.
+    like : GroupSearch, optional
+        Of the same points from another reference frame.
     """
 
-    def __init__(self, fitter: GroupFitter, basis: SpaceBasis, known: ChosenGroup | None = None) -> None:
-        self._fitter, self._basis = fitter, basis
-        self._found = {known.choice: known.fitted} if known else {}
+    def __init__(self, fitter: GroupFitter, basis: SpaceBasis, like: GroupSearch | None = None) -> None:
+        self.fitter = fitter
+        self._counter: BitCounter = bit_counter(fitter, basis, like._counter if like else None)
+        self._found: dict[GroupChoice, float] = {}
         first, last = grid_index(FINEST * fitter.unit), grid_index(COARSEST * fitter.unit)
         self._steps, self._closer_steps = _Axis("step", first, last, STRIDE), _Axis("step", first, last, 1)
         self._time_steps = _Axis("time_step", *TIME_STEPS, STRIDE)
@@ -85,74 +92,56 @@ class GroupSearch:
         """The candidate that costs least, its step walked downhill; the first one's steps are begun with."""
         choice = self._walk(candidates[0], self._steps)
         rivals = [replace(other, step=choice.step) for other in candidates[1:]]
-        self._look(rivals)
+        self.look(rivals)
         for rival in rivals:
-            if self._cost(rival) < WORTH_TUNING * self._cost(choice):
-                choice = min(choice, self._walk(rival, self._steps), key=self._cost)
+            if self.bits(rival) < WORTH_TUNING * self.bits(choice):
+                choice = min(choice, self._walk(rival, self._steps), key=self.bits)
         for origin in dict.fromkeys(candidate.origin for candidate in candidates):
-            choice = min(choice, replace(choice, origin=origin), key=self._cost)
-        return self._chosen(choice)
+            choice = min(choice, replace(choice, origin=origin), key=self.bits)
+        return self.chosen(choice)
 
     def tune(self, choice: GroupChoice) -> ChosenGroup:
         """A choice with the steps that cost least nearby, those of functions of time included."""
         if choice.time != "cosines":
             choice = self._walk(choice, self._time_steps)
             choice = self._walk(choice, self._steps)
-        return self._chosen(self._walk(choice, self._closer_steps))
+        return self.chosen(self._walk(choice, self._closer_steps))
 
-    def _chosen(self, choice: GroupChoice) -> ChosenGroup:
-        return ChosenGroup(self._fitter, choice, self._found[choice])
+    def chosen(self, choice: GroupChoice) -> ChosenGroup:
+        """A choice with what it takes."""
+        return ChosenGroup(self, choice, self.bits(choice))
 
-    def _look(self, choices: Sequence[GroupChoice]) -> None:
-        """Fit those that have not been looked at, at once."""
+    def look(self, choices: Sequence[GroupChoice]) -> None:
+        """Count what those take that have not been looked at, at once."""
         new = [choice for choice in choices if choice not in self._found]
         for choice in new:
-            self._fitter.prepare(choice)
-        fits = side_by_side(*(partial(self._fitter.fit, self._basis, choice) for choice in new))
-        self._found.update(zip(new, fits, strict=True))
-        best = min(self._found, key=self._cost)
-        for choice, fitted in self._found.items():
-            if choice != best:
-                self._found[choice] = fitted.without_arrays()
+            self._counter.prepare(choice)
+        self._found.update(
+            zip(new, side_by_side(*(partial(self._counter.bits, choice) for choice in new)), strict=True)
+        )
 
-    def _cost(self, choice: GroupChoice) -> float:
-        if choice not in self._found:
-            self._look([choice])
-        return self._found[choice].bits
+    def bits(self, choice: GroupChoice) -> float:
+        """What a choice takes."""
+        self.look([choice])
+        return self._found[choice]
 
     def _walk(self, start: GroupChoice, axis: _Axis) -> GroupChoice:
         """Walk both ways along one of a choice's numbers while the next costs less."""
-        self._look([start, *(choice for way in (1, -1) if (choice := axis.beside(start, way)))])
+        self.look([start, *(choice for way in (1, -1) if (choice := axis.beside(start, way)))])
         best = start
         for way in (1, -1):
             here = start
-            while (beyond := axis.beside(here, way)) and self._cost(beyond) < self._cost(here):
+            while (beyond := axis.beside(here, way)) and self.bits(beyond) < self.bits(here):
                 here = beyond
-            best = min(best, here, key=self._cost)
+            best = min(best, here, key=self.bits)
         return best
 
 
-def tuned(group: ChosenGroup, basis: SpaceBasis, passes: int) -> ChosenGroup:
-    """A group with the steps that cost least nearby, its coefficients rounded again so many times."""
-    if not group.fitter.moves:
-        return group
-    found = GroupSearch(group.fitter, basis, group).tune(group.choice)
-    return replace(found, fitted=found.fitter.refined(basis, found.choice, found.fitted, passes))
-
-
-def divided(group: ChosenGroup, basis: SpaceBasis, reference: Int64Array, subsample: Subsample) -> list[ChosenGroup]:
-    """The group, or parts of it that cost less together: halves, halves of halves, and so on.
-
-    Parameters
-    ----------
-    group : ChosenGroup
-    basis : SpaceBasis
-    reference, subsample
-        As :func:`candidates` takes them.
-    """
-    fitter, bits = group.fitter, group.fitted.bits
+def divided(group: ChosenGroup, basis: SpaceBasis) -> list[ChosenGroup]:
+    """The group, or parts of it that cost less together: halves, halves of halves, and so on."""
+    fitter = group.fitter
     frames, vertices = fitter.points.shape[:2]
-    if bits < WORTH_DIVIDING * frames * vertices:
+    if group.bits < WORTH_DIVIDING * frames * vertices:
         return [group]
     _, lengths = _division(fitter, basis, replace(fitter.first_choice, origin=group.choice.origin))
     if len(lengths) == 1:
@@ -160,50 +149,71 @@ def divided(group: ChosenGroup, basis: SpaceBasis, reference: Int64Array, subsam
     parts: list[ChosenGroup] = []
     begin = 0
     for length in lengths:
-        part = fitter.part(slice(begin, begin + length))
-        usual = parts[-1].choice if parts else part.first_choice
-        parts.append(GroupSearch(part, basis).choose(candidates(subsample, part, reference, usual)))
+        search = GroupSearch(fitter.part(slice(begin, begin + length)), basis)
+        usual = parts[-1].choice if parts else search.fitter.first_choice
+        parts.append(search.choose(candidates(search, usual)))
         begin += length
-    together = sum(part.fitted.bits + BITS_OF_A_GROUP for part in parts)
-    return parts if together < bits + BITS_OF_A_GROUP else [group]
+    together = sum(part.bits + BITS_OF_A_GROUP for part in parts)
+    return parts if together < group.bits + BITS_OF_A_GROUP else [group]
 
 
-def _division(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice) -> tuple[float, list[int]]:
-    """The division that costs least with untuned steps: bits, and the lengths of the parts."""
-    kinds: tuple[TimeFunctions, ...] = ("trajectories", "shapes", "cosines")
-    bits = min(fitter.fit(basis, replace(usual, time=time)).bits for time in kinds)
-    best = (bits + BITS_OF_A_GROUP, [fitter.frames])
+def _division(
+    fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, whole: float | None = None
+) -> tuple[float, list[int]]:
+    """The division that costs least with untuned steps: bits, and the lengths of the parts.
+
+    Of a large mesh, halves are divided further only where they cost little more than the whole.
+    """
+    whole = _untuned(fitter, basis, usual) if whole is None else whole
     middle = fitter.frames // 2
     if middle < SHORTEST_PART:
-        return best
-    halves = [_division(fitter.part(part), basis, usual) for part in (slice(0, middle), slice(middle, fitter.frames))]
+        return whole, [fitter.frames]
+    parts = [fitter.part(part) for part in (slice(0, middle), slice(middle, fitter.frames))]
+    if fitter.is_large:
+        costs = [_untuned(part, basis, usual) for part in parts]
+        if sum(costs) > WORTH_DIVIDING_ON * whole:
+            return whole, [fitter.frames]
+        halves = [_division(part, basis, usual, cost) for part, cost in zip(parts, costs, strict=True)]
+    else:
+        halves = [_division(part, basis, usual) for part in parts]
     together = halves[0][0] + halves[1][0]
-    return (together, halves[0][1] + halves[1][1]) if together < WORTH_PARTS * best[0] else best
+    return (together, halves[0][1] + halves[1][1]) if together < WORTH_PARTS * whole else (whole, [fitter.frames])
 
 
-def candidates(
-    subsample: Subsample, fitter: GroupFitter, reference: Int64Array, usual: GroupChoice
-) -> list[GroupChoice]:
-    """Functions of time and origins that are worth a fit of the whole mesh, best first as far as is known.
+def _untuned(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice) -> float:
+    """Bits of a group in the functions of time that suit it best, with usual steps."""
+    search = GroupSearch(fitter, basis)
+    kinds: tuple[TimeFunctions, ...] = ("trajectories", "shapes", "cosines")
+    search.look([replace(usual, time=time) for time in kinds])
+    return min(search.bits(replace(usual, time=time)) for time in kinds) + BITS_OF_A_GROUP
+
+
+def candidates(search: GroupSearch, usual: GroupChoice) -> list[GroupChoice]:
+    """Functions of time and origins that are worth a closer look, best first as far as is known.
 
     Parameters
     ----------
-    subsample : Subsample
-    fitter : GroupFitter
-    reference : (vertices, 3) int64
-        Reference frame in steps.
+    search : GroupSearch
+        In any space basis.
     usual : GroupChoice
         Whose steps, and on a large mesh functions of time, are tried first.
     """
+    fitter = search.fitter
     if not fitter.moves:
         return [usual]
-    estimates = subsample.estimates(fitter, reference)
-    ordered = sorted(estimates, key=estimates.__getitem__)
+    is_small = not fitter.is_large
+    ways = [
+        replace(fitter.first_choice, time=time, origin=origin)
+        for origin in ORIGINS
+        for time in (TIME_FUNCTIONS if is_small else TIME_FUNCTIONS[:1])
+        if time != "poses" or fitter.displacements(origin).has_poses
+    ]
+    search.look(ways)
+    ordered = sorted(ways, key=search.bits)
     best = ordered[0]
-    if not subsample.is_part:
-        worth = [choice for choice in ordered if estimates[choice] <= WORTH_A_LOOK * estimates[best]]
+    if is_small:
+        worth = [choice for choice in ordered if search.bits(choice) <= WORTH_A_LOOK * search.bits(best)]
         return [replace(usual, time=choice.time, origin=choice.origin) for choice in worth]
-    # A part tells origins apart, but not functions of time: what neighbours have in common it lacks.
     moved = fitter.displacements(best.origin)
     step = grid_step(fitter.first_choice.step)
     narrow = moved.spread("trajectories", step)
@@ -211,7 +221,7 @@ def candidates(
     if moved.has_poses:
         times.append("poses")
     found = [replace(usual, time=time, origin=best.origin) for time in dict.fromkeys((usual.time, *times))]
-    if estimates[ordered[1]] <= WORTH_ANOTHER_ORIGIN * estimates[best]:
+    if search.bits(ordered[1]) <= WORTH_ANOTHER_ORIGIN * search.bits(best):
         found.append(replace(usual, origin=ordered[1].origin))
     return found
 

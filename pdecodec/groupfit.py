@@ -3,38 +3,37 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec._core import Residuals
+from pdecodec import _core
+from pdecodec._core import DoubleModel, Excess, Residuals, SingleModel, farthest_apart
 from pdecodec.coefficientcoding import encode_coefficients, measure_coefficients
-from pdecodec.displacements import Displacements, Origin, TimeFunctions, time_basis_of
+from pdecodec.displacements import Displacements, Origin, TimeFunctions, dual_functions, time_basis_of
 from pdecodec.groups import (
     SINGLE_IS_ENOUGH,
     SINGLE_MARGIN,
     GroupEntry,
     GroupFunctions,
-    evaluate_group,
+    cosines,
     functions_of_time,
     group_functions,
     margins,
     normalised,
 )
-from pdecodec.residuals import (
-    ResidualPlan,
-    add_residuals,
-    encode_residuals,
-    plan_residuals,
-    quantise_residuals,
-)
+from pdecodec.residuals import ResidualPlan, encode_residuals, plan_residuals
+from pdecodec.shares import side_by_side, thread_count
 from pdecodec.spacebasis import SpaceBasis
 from pdecodec.timefunctions import QuantisedTimeFunctions, quantise_time_functions
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
+Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 
 ROUND_UP_AT = 0.6
@@ -46,11 +45,14 @@ ROUND_UP_ALONE_AT = 0.75
 USUAL_STEP = 2.8
 """Quantisation step of coefficients that fits begin with, in units."""
 
+SMALL_MESH = 2048
+"""Vertices up to which a mesh is small."""
+
 PUSH = 1.5
 """How many times what a vertex is off too much is added to what coefficients are to describe; half where it is too
 much."""
 
-AIM, AIM_FROM, FARTHEST_PUSH = 0.9, 0.98, 2.0
+AIM, AIM_FROM, FARTHEST_PUSH = 0.8, 0.85, 2.0
 """Vertices that are off by AIM_FROM bounds are brought to AIM, by FARTHEST_PUSH at most."""
 
 
@@ -100,26 +102,21 @@ class FittedGroup:
     time_functions : QuantisedTimeFunctions or None
         None where there is none to code.
     quantised : (functions of space, channels) int64
-    base : (frames, vertices, 3) float64 [scene units]
-        Positions before residuals, and before they are rounded to float32.
+    functions : GroupFunctions
+        What they decode to.
     residuals : Residuals
     plan : ResidualPlan
-    bits, time_bits : float
-        Of all three chunks, measured, and of the functions of time alone.
+    bits : float
+        Of all three chunks, measured.
     """
 
     entry: GroupEntry
     time_functions: QuantisedTimeFunctions | None
     quantised: Int64Array
-    base: Float64Array
+    functions: GroupFunctions
     residuals: Residuals
     plan: ResidualPlan
     bits: float
-    time_bits: float
-
-    def without_arrays(self) -> FittedGroup:
-        """What is needed to compare and to report."""
-        return replace(self, time_functions=None, quantised=np.zeros((0, 0), np.int64), base=np.zeros((0, 0, 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,15 +128,16 @@ class EncodedGroup:
     entry : GroupEntry
     chunks : (bytes, bytes, bytes)
         Of TIME, COEF and CORR.
-    decoded : (frames, vertices, 3) float32 [scene units]
-        What a decoder makes of them.
+    largest_square, sum_of_squares : float [scene units^2]
+        Of the distances of what a decoder makes of them.
     residuals, coefficients : int
         How many there are; coefficients with the numbers of the functions of time.
     """
 
     entry: GroupEntry
     chunks: tuple[bytes, bytes, bytes]
-    decoded: Float32Array
+    largest_square: float
+    sum_of_squares: float
     residuals: int
     coefficients: int
 
@@ -174,15 +172,22 @@ class GroupFitter:
         residual_step: float,
     ) -> None:
         self.points, self.times, self._reference, self._first = points, times, reference, first
-        self._bound, self.unit, self._residual_step = bound, unit, residual_step
+        self.bound, self.unit, self.residual_step = bound, unit, residual_step
         self._displacements: dict[Origin, Displacements] = {}
 
     def displacements(self, origin: Origin) -> Displacements:
         """What is left when the decoded reference frame or the first frame is taken away."""
         if origin not in self._displacements:
-            shape = self._reference if origin == "reference" else self._first.astype(np.float64)
-            self._displacements[origin] = Displacements(self.points, shape, self.unit)
+            shape, beside = self._reference, None
+            if origin == "first":
+                shape, beside = self._first.astype(np.float64), self.displacements("reference")
+            self._displacements[origin] = Displacements(self.points, shape, self.unit, beside=beside)
         return self._displacements[origin]
+
+    @property
+    def is_large(self) -> bool:
+        """Whether its mesh is one that is not fitted more often than need be."""
+        return len(self._reference) > SMALL_MESH
 
     def prepare(self, choice: GroupChoice) -> None:
         """Compute what all fits of a time basis and origin share: fits in several threads would each do it."""
@@ -196,15 +201,8 @@ class GroupFitter:
         """The same with another decoded reference frame, so alike that functions of time will do as they are."""
         other = self._with(self.points, self.times, reference, self._first)
         other._displacements = {
-            "reference": Displacements(self.points, reference, self.unit, self.displacements("reference"))
+            "reference": Displacements(self.points, reference, self.unit, alike=self.displacements("reference"))
         }
-        if "first" in self._displacements:
-            other._displacements["first"] = self._displacements["first"]
-        return other
-
-    def with_own_functions(self) -> GroupFitter:
-        """The same after :meth:`from_reference`, with functions of time of its own displacements."""
-        other = self._with(self.points, self.times, self._reference, self._first)
         if "first" in self._displacements:
             other._displacements["first"] = self._displacements["first"]
         return other
@@ -223,11 +221,6 @@ class GroupFitter:
         other._displacements = self._displacements
         return other
 
-    def of_vertices(self, vertices: Int64Array) -> GroupFitter:
-        """Some of its vertices, as a mesh of their own."""
-        points = np.ascontiguousarray(self.points[:, vertices])
-        return self._with(points, self.times, self._reference[vertices], self._first[vertices])
-
     def _with(
         self, points: Float32Array, times: Float64Array, reference: Float64Array, first: Float32Array
     ) -> GroupFitter:
@@ -236,18 +229,23 @@ class GroupFitter:
             reference,
             first,
             times=times,
-            bound=self._bound,
+            bound=self.bound,
             unit=self.unit,
-            residual_step=self._residual_step,
+            residual_step=self.residual_step,
         )
 
     @property
-    def _single(self) -> bool:
+    def is_single(self) -> bool:
+        """Whether positions are added up in float32."""
         return self.unit >= SINGLE_IS_ENOUGH * self.displacements("reference").largest
 
     @property
     def frames(self) -> int:
         return len(self.points)
+
+    def reference_of(self, vertices: Int32Array) -> Float64Array:
+        """Decoded reference frame of some vertices."""
+        return np.ascontiguousarray(self._reference[vertices])
 
     @property
     def first_choice(self) -> GroupChoice:
@@ -259,75 +257,54 @@ class GroupFitter:
         """Whether there is a trajectory that is worth looking at."""
         return self.displacements("reference").functions("trajectories")[0].size > 0
 
-    def coefficient_bits(self, basis: SpaceBasis, choice: GroupChoice) -> float:
-        """Bits of the coefficients alone, before functions of time are quantised: to compare space bases by."""
-        moved = self.displacements(choice.origin).coefficients(choice.time)
-        quantised = quantise_sparsely(basis.project(moved), grid_step(choice.step), _axes(choice.time))
-        return measure_coefficients(quantised, basis, axes=_axes(choice.time))
+    def fit(self, basis: SpaceBasis, choice: GroupChoice, passes: int = 0) -> FittedGroup:
+        """Fit, and measure what it costs.
 
-    def fit(self, basis: SpaceBasis, choice: GroupChoice) -> FittedGroup:
-        """Fit, and measure what it costs."""
-        step, time_step = grid_step(choice.step), grid_step(choice.step + choice.time_step)
-        moved, axes = self.displacements(choice.origin), _axes(choice.time)
-        quantised = quantise_sparsely(basis.project(moved.coefficients(choice.time)), step, axes)
-        time_functions: QuantisedTimeFunctions | None = None
-        if choice.time == "cosines":
-            used = np.flatnonzero(quantised.any(axis=0))
-            count = int(used[-1]) // axes + 1 if used.size else 0
-            quantised = np.ascontiguousarray(quantised[:, : axes * count])
-        else:
-            time_functions, quantised = self._fit_time_functions(moved, basis, choice.time, quantised, step, time_step)
-            count = quantised.shape[1] // axes
-        entry = GroupEntry(
-            frames=self.frames,
-            functions=count,
-            basis=time_basis_of(choice.time),
-            single=self._single and count > 0,
-            step=step,
-            time_step=0.0 if choice.time == "cosines" else time_step,
-        )
-        return self.fitted(basis, entry, quantised, time_functions)
-
-    def refined(self, basis: SpaceBasis, choice: GroupChoice, fitted: FittedGroup, passes: int) -> FittedGroup:
-        """A fit with coefficients that leave fewer vertices to be corrected, or the same.
-
-        What vertices beyond the bound miss is added to what the coefficients are to describe, which are rounded
+        What vertices beyond the bound miss may be added to what the coefficients are to describe, which are rounded
         again; and again, while it pays.
 
         Parameters
         ----------
         basis : SpaceBasis
         choice : GroupChoice
-        fitted : FittedGroup
-            Of that choice.
         passes : int
             Most often that coefficients are rounded again.
         """
-        entry, best, push = fitted.entry, fitted, PUSH
-        shape = self._reference if choice.origin == "reference" else self._first.astype(np.float64)
-        wanted = self.points.astype(np.float64)
-        functions = np.zeros((0, 0))
-        if fitted.time_functions:
-            functions = normalised(fitted.time_functions.decoded).reshape(-1, entry.functions)
-        for _ in range(passes if entry.functions else 0):
-            farther = wanted + push * self._beyond(best.base)
-            moved = Displacements(farther.astype(np.float32), shape, self.unit)
-            values = moved.along(functions, choice.time) if fitted.time_functions else moved.coefficients("cosines")
-            quantised = quantise_sparsely(basis.project(values), entry.step, entry.axes)[:, : entry.width]
-            found = self.fitted(basis, entry, np.ascontiguousarray(quantised), fitted.time_functions)
+        step, time_step = grid_step(choice.step), grid_step(choice.step + choice.time_step)
+        moved, axes = self.displacements(choice.origin), axes_of(choice.time)
+        values = moved.coefficients(choice.time)
+        quantised, largest = quantise_sparsely(basis.project(values), step, axes)
+        time_functions: QuantisedTimeFunctions | None = None
+        if choice.time == "cosines":
+            count = cosines_needed(largest)
+            quantised, values = np.ascontiguousarray(quantised[:, : axes * count]), values[:, : axes * count]
+            dual = cosines(self.frames, count)
+        else:
+            time_functions, quantised, values = self._fit_time_functions(
+                moved, basis, choice.time, largest, step, time_step
+            )
+            count = quantised.shape[1] // axes
+            dual = dual_functions(unit_functions(time_functions))
+        entry = GroupEntry(
+            frames=self.frames,
+            functions=count,
+            basis=time_basis_of(choice.time),
+            single=self.is_single and count > 0,
+            step=step,
+            time_step=0.0 if choice.time == "cosines" else time_step,
+        )
+        excess, push = Excess(), PUSH
+        best = self.fitted(basis, entry, quantised, time_functions, excess)
+        for _ in range(passes if count else 0):
+            farther, beyond = values.copy(), Excess()
+            excess.add_to(farther, dual, axes, push)
+            quantised, _ = quantise_sparsely(basis.project(farther), step, axes)
+            found = self.fitted(basis, entry, quantised, time_functions, beyond)
             if found.bits < best.bits:
-                best, wanted = found, farther
+                best, values, excess = found, farther, beyond
             else:
                 push *= 0.5
         return best
-
-    def _beyond(self, base: Float64Array) -> Float64Array:
-        """By how much vertices are off beyond what is aimed at, (frames, vertices, 3): zero of those that are not."""
-        missed = self.points - base
-        distance = np.sqrt(np.einsum("fvx,fvx->fv", missed, missed))
-        excess = np.minimum(distance - AIM * self._bound, FARTHEST_PUSH * self._bound)
-        share = np.where(distance > AIM_FROM * self._bound, excess / np.maximum(distance, self._bound), 0.0)
-        return missed * share[:, :, None]
 
     def fitted(
         self,
@@ -335,16 +312,22 @@ class GroupFitter:
         entry: GroupEntry,
         quantised: Int64Array,
         time_functions: QuantisedTimeFunctions | None = None,
+        excess: Excess | None = None,
     ) -> FittedGroup:
-        """What coefficients in given functions decode to and cost, residuals included."""
-        time_bits = time_functions.bits if time_functions else 0.0
-        coefficient_bits = measure_coefficients(quantised, basis, axes=entry.axes) if entry.width else 0.0
+        """What coefficients in given functions decode to and cost, residuals included.
+
+        `excess`, where it is given, is filled with what vertices are off beyond what is aimed at.
+        """
         functions = self._functions(basis, entry, quantised, time_functions)
-        base = self._decoded(functions)
-        residuals = self._residuals(basis, entry, quantised, functions.time, base)
-        plan = plan_residuals(residuals, basis.starts)
-        bits = time_bits + coefficient_bits + plan.bits
-        return FittedGroup(entry, time_functions, quantised, base, residuals, plan, bits, time_bits)
+        limits = margins(entry, functions.time, magnitudes(quantised), self.residual_step)
+        aim = (AIM, AIM_FROM, FARTHEST_PUSH)
+        residuals = self._model(functions, basis).missing(limits, aim, excess, thread_count())
+        with ThreadPoolExecutor(1) as beside:
+            planned = beside.submit(plan_residuals, residuals, basis.starts)
+            bits = measure_coefficients(quantised, basis, axes=entry.axes) if entry.width else 0.0
+            plan = planned.result()
+        bits += (time_functions.bits if time_functions else 0.0) + plan.bits
+        return FittedGroup(entry, time_functions, quantised, functions, residuals, plan, bits)
 
     def encode(self, fitted: FittedGroup, basis: SpaceBasis) -> EncodedGroup:
         """A fit as bytes.
@@ -354,9 +337,9 @@ class GroupFitter:
         """
         if fitted.entry.single:
             entry = replace(fitted.entry, single=False)
-            exact = self._decoded(self._functions(basis, entry, fitted.quantised, fitted.time_functions))
-            off = max(float(np.abs(one - other).max()) for one, other in zip(exact, fitted.base, strict=True))
-            if off > 0.5 * SINGLE_MARGIN * self._residual_step:
+            exact = self._functions(basis, entry, fitted.quantised, fitted.time_functions)
+            off = farthest_apart(self._model(fitted.functions, basis), self._model(exact, basis), thread_count())
+            if off > 0.5 * SINGLE_MARGIN * self.residual_step:
                 fitted = self.fitted(basis, entry, fitted.quantised, fitted.time_functions)
         entry, quantised, time_functions, residuals = (
             fitted.entry,
@@ -364,15 +347,17 @@ class GroupFitter:
             fitted.time_functions,
             fitted.residuals,
         )
-        chunks = (
-            time_functions.to_bytes() if time_functions else b"",
-            encode_coefficients(quantised, basis, axes=entry.axes) if entry.width else b"",
-            encode_residuals(residuals, basis.starts, fitted.plan),
+        time_bytes, coefficient_bytes, residual_bytes = side_by_side(
+            time_functions.to_bytes if time_functions else bytes,
+            partial(encode_coefficients, quantised, basis, axes=entry.axes) if entry.width else bytes,
+            partial(encode_residuals, residuals, basis.starts, fitted.plan),
         )
-        decoded = fitted.base.astype(np.float32)
-        add_residuals(decoded, residuals, 0, basis.order, step=self._residual_step)
+        chunks = time_bytes, coefficient_bytes, residual_bytes
+        largest_square, sum_of_squares = self._model(fitted.functions, basis).errors(residuals, thread_count())
         coefficients = int(np.count_nonzero(quantised)) + (time_functions.decoded.size if time_functions else 0)
-        return EncodedGroup(entry.with_chunks(chunks), chunks, decoded, residuals.count, coefficients)
+        return EncodedGroup(
+            entry.with_chunks(chunks), chunks, largest_square, sum_of_squares, residuals.count, coefficients
+        )
 
     def _functions(
         self, basis: SpaceBasis, entry: GroupEntry, quantised: Int64Array, time_functions: QuantisedTimeFunctions | None
@@ -380,23 +365,12 @@ class GroupFitter:
         decoded = time_functions.decoded if time_functions else np.zeros((self.frames, entry.time_axes, 0))
         return group_functions(entry, functions_of_time(entry, decoded, self.times), quantised, basis)
 
-    def _decoded(self, functions: GroupFunctions) -> Float64Array:
-        """Positions at the frames, before residuals, and before they are rounded to float32."""
-        out = np.empty(self.points.shape)
-        evaluate_group(functions, slice(None), np.ascontiguousarray(self._reference), out)
-        return out
-
-    def _residuals(
-        self, basis: SpaceBasis, entry: GroupEntry, quantised: Int64Array, time: FloatArray, base: Float64Array
-    ) -> Residuals:
-        """Residuals of positions before rounding, for the vertices that may miss the bound with another decoder."""
-        return quantise_residuals(
-            self.points,
-            base,
-            basis.order,
-            bound=self._bound,
-            margins=margins(entry, time, quantised, self._residual_step),
-            step=self._residual_step,
+    def _model(self, functions: GroupFunctions, basis: SpaceBasis) -> SingleModel | DoubleModel:
+        """Functions held against the positions; with the residuals of those that may miss the bound elsewhere."""
+        model = SingleModel if functions.time.dtype == np.float32 else DoubleModel
+        reference = np.ascontiguousarray(self._reference)
+        return model(
+            functions.time, functions.fields, reference, self.points, basis.order, self.bound, self.residual_step
         )
 
     def _fit_time_functions(
@@ -404,34 +378,48 @@ class GroupFitter:
         moved: Displacements,
         basis: SpaceBasis,
         time: TimeFunctions,
-        quantised: Int64Array,
+        largest: Int64Array,
         step: float,
         time_step: float,
-    ) -> tuple[QuantisedTimeFunctions | None, Int64Array]:
-        """Quantised functions of time, and coefficients of what they decode to."""
-        energies, functions = moved.functions(time)
-        axes = _axes(time)
-        used = _needed(quantised, axes)
+    ) -> tuple[QuantisedTimeFunctions | None, Int64Array, Float64Array]:
+        """Quantised functions of time, coefficients of what they decode to, and what these were before the space basis
+        and quantisation.
+        """
+        scaled = moved.scaled(time)
+        axes = axes_of(time)
+        used = needed_functions(largest, axes)
         while used.size:
-            scaled = (functions[:, used] * np.sqrt(energies[used])).reshape(self.frames, 3 // axes, used.size)
-            time_functions = quantise_time_functions(scaled, time_step)
-            unit = normalised(time_functions.decoded).reshape(len(functions), used.size)
-            quantised = quantise_sparsely(basis.project(moved.along(unit, time)), step, axes)
-            needed = _needed(quantised, axes)
+            time_functions = quantise_time_functions(scaled[:, :, used], time_step)
+            values = moved.along(unit_functions(time_functions), time)
+            quantised, largest = quantise_sparsely(basis.project(values), step, axes)
+            needed = needed_functions(largest, axes)
             if needed.size == used.size:
-                return time_functions, quantised
+                return time_functions, quantised, values
             used = used[needed]
-        return None, quantised[:, :0]
+        return None, np.zeros((basis.functions, 0), np.int64), np.zeros((len(self._reference), 0))
 
 
-def _axes(time: TimeFunctions) -> int:
+def axes_of(time: TimeFunctions) -> int:
     """Coefficients that a function of time has for each of space: one, or one an axis."""
     return 1 if time == "trajectories" else 3
 
 
-def _needed(quantised: Int64Array, axes: int) -> NDArray[np.intp]:
-    """Functions of time, of `axes` columns one, that have a coefficient."""
-    return np.flatnonzero(quantised.reshape(len(quantised), -1, axes).any(axis=(0, 2)))
+def unit_functions(time_functions: QuantisedTimeFunctions | None) -> Float64Array:
+    """Decoded functions of time at unit length: (frames or 3 frames, functions)."""
+    if time_functions is None:
+        return np.zeros((0, 0))
+    return normalised(time_functions.decoded).reshape(-1, time_functions.decoded.shape[2])
+
+
+def cosines_needed(largest: Int64Array) -> int:
+    """Cosines up to the last that has a coefficient, by the largest of each channel."""
+    used = np.flatnonzero(largest)
+    return int(used[-1]) // axes_of("cosines") + 1 if used.size else 0
+
+
+def needed_functions(largest: Int64Array, axes: int) -> NDArray[np.intp]:
+    """Functions of time, of `axes` channels one, that have a coefficient, by the largest of each channel."""
+    return np.flatnonzero(largest.reshape(-1, axes).any(axis=1))
 
 
 def quantise(values: Float64Array, step: float) -> Int64Array:
@@ -439,10 +427,19 @@ def quantise(values: Float64Array, step: float) -> Int64Array:
     return np.copysign(np.floor(np.abs(values) / step + (1.0 - ROUND_UP_AT)), values).astype(np.int64)
 
 
-def quantise_sparsely(values: Float64Array, step: float, axes: int) -> Int64Array:
-    """:func:`quantise` coefficients (functions of space, channels), with a wider dead zone among zeros."""
-    quantised = quantise(values, step)
-    some = np.pad(quantised != 0, ((1, 1), (axes, axes)))
-    beside = some[:-2, axes:-axes] | some[2:, axes:-axes] | some[1:-1, : -2 * axes] | some[1:-1, 2 * axes :]
-    quantised[(np.abs(values) < ROUND_UP_ALONE_AT * step) & ~beside] = 0
-    return quantised
+def quantise_sparsely(values: Float64Array, step: float, axes: int) -> tuple[Int64Array, Int64Array]:
+    """:func:`quantise` coefficients (functions of space, channels), with a wider dead zone among zeros.
+
+    Returns
+    -------
+    quantised : (functions of space, channels) int64
+    largest : (channels,) int64
+        Magnitude in each channel.
+    """
+    return _core.quantise_sparsely(values, axes, step, ROUND_UP_AT, ROUND_UP_ALONE_AT, thread_count())
+
+
+def magnitudes(quantised: Int64Array) -> Int64Array:
+    """The largest magnitude in each channel, (channels,) int64."""
+    found: Int64Array = np.maximum(quantised.max(axis=0, initial=0), -quantised.min(axis=0, initial=0))
+    return found

@@ -206,10 +206,10 @@ def functions_of_time(entry: GroupEntry, time_functions: Float64Array, times: Fl
         time = normalised(time_functions)
     if entry.axes == 3:
         time = np.repeat(time, 3, axis=1)
-    return time.astype(np.float32) if entry.single else time
+    return np.ascontiguousarray(time, np.float32) if entry.single else np.ascontiguousarray(time)
 
 
-def margins(entry: GroupEntry, time: FloatArray, quantised: Int64Array, residual_step: float) -> Float64Array:
+def margins(entry: GroupEntry, time: FloatArray, largest: Int64Array, residual_step: float) -> Float64Array:
     """(frames,) float64: how far decoders may differ in a coordinate before residuals, and before it is rounded.
 
     Parameters
@@ -217,12 +217,12 @@ def margins(entry: GroupEntry, time: FloatArray, quantised: Int64Array, residual
     entry : GroupEntry
     time : (frames, 3, functions) float32 or float64
         Functions of time.
-    quantised : (functions of space, channels) int64
-        Coefficients, in steps.
+    largest : (channels,) int64
+        Largest magnitude of a coefficient in each channel, in steps.
     residual_step : float [scene units]
     """
-    largest = entry.step * np.abs(quantised).max(axis=0, initial=0).reshape(entry.functions, entry.axes).T
-    added = (np.abs(time) * largest).sum(axis=2).max(axis=1, initial=0.0)
+    amplitudes = entry.step * largest.reshape(entry.functions, entry.axes).T
+    added = (np.abs(time) * amplitudes).sum(axis=2).max(axis=1, initial=0.0)
     least = residual_step * (SINGLE_MARGIN if entry.single else DOUBLE_MARGIN)
     found: Float64Array = np.maximum(ROUNDING * added, least)
     return found

@@ -8,19 +8,21 @@ over. Where little turns or the clip is short, bits are better spent on the moti
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.effort import SMALL_CLIP, SMALL_MESH, Effort
-from pdecodec.groupchoice import ChosenGroup, GroupSearch, candidates, divided, tuned
-from pdecodec.groupfit import GroupChoice, GroupFitter
+from pdecodec.effort import SMALL_CLIP, Effort
+from pdecodec.groupchoice import ChosenGroup, GroupSearch, candidates, divided
+from pdecodec.groupfit import SMALL_MESH, FittedGroup, GroupChoice, GroupFitter
 from pdecodec.reference import ReferenceFrame, encode_reference, quantise_reference
 from pdecodec.sequence import MeshObject
+from pdecodec.shares import side_by_side
 from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis
-from pdecodec.subsample import Subsample
 
 Float32Array = NDArray[np.float32]
 
@@ -36,12 +38,33 @@ OF_ONE_FRAME = 1.1
 PATIENCE = 2
 """Steps that are tried beyond the best one."""
 
+LOOKS: tuple[SpaceKind, int] = ("patch", 32)
+"""Space basis in which functions of time of a small mesh are compared."""
+
 WORTH_A_NEW_LOOK = 0.9
 """Where another reference frame costs less than this many times the usual one, all else is chosen anew."""
 
 
 @dataclass(frozen=True, eq=False)
-class ChosenModel:
+class FinishedGroup:
+    """A group, as it is to be encoded."""
+
+    fitter: GroupFitter
+    choice: GroupChoice
+    fitted: FittedGroup
+
+
+def finished(group: ChosenGroup, basis: SpaceBasis, effort: Effort) -> FinishedGroup:
+    """A group fitted in full: of the effort's steps about the chosen one, with that which costs least."""
+    fitter, choice = group.fitter, group.choice
+    if len(effort.last_steps) > 1 and fitter.moves:
+        tried = [replace(choice, step=choice.step + more) for more in effort.last_steps]
+        choice = min(tried, key=lambda other: fitter.fit(basis, other, effort.first_passes).bits)
+    return FinishedGroup(fitter, choice, fitter.fit(basis, choice, effort.rounding_passes))
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedModel:
     """What a clip is encoded with, and its first groups.
 
     Attributes
@@ -50,13 +73,35 @@ class ChosenModel:
     reference_data : bytes
         The section of the reference frame.
     basis : SpaceBasis
-    groups : list of ChosenGroup
+    groups : list of FinishedGroup
     """
 
     reference: ReferenceFrame
     reference_data: bytes
     basis: SpaceBasis
+    groups: list[FinishedGroup]
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """A reference frame, a space basis made on it, and choices of the first groups."""
+
+    reference: ReferenceFrame
+    basis: SpaceBasis
+    space: tuple[SpaceKind, int]
     groups: list[ChosenGroup]
+
+    @property
+    def moves(self) -> bool:
+        return any(group.fitter.moves for group in self.groups)
+
+
+class _Spaces:
+    """Space bases on one reference frame and searches in them, each made once."""
+
+    def __init__(self, build: Callable[[tuple[SpaceKind, int]], SpaceBasis]) -> None:
+        self.basis = cache(build)
+        self.search = cache(lambda fitter, space: GroupSearch(fitter, self.basis(space)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,7 +120,8 @@ class ModelSearch:
     functions : int
         Of a patch at most.
     effort : Effort
-    subsample : Subsample
+    references : dict
+        Sections of reference frames by their steps, as far as they have been made.
     """
 
     points: Float32Array
@@ -86,23 +132,23 @@ class ModelSearch:
     residual_step: float
     functions: int
     effort: Effort
-    subsample: Subsample
+    references: dict[float, bytes] = field(default_factory=dict)
 
-    def run(self) -> ChosenModel:
+    def run(self) -> FinishedModel:
         """The reference frame, space basis and first groups that cost least together.
 
         Of a small clip those too that tighter bounds have: a search that stops at the first step that does not pay
         finds something else at every bound, and a looser one should not cost more.
         """
         found = [self._for_this_bound()]
-        vertices = len(self.points[0])
-        if self.effort.searches_all_clips or self.times.size * vertices <= SMALL_CLIP:
-            for ratio in self.effort.tighter_bounds if self.unit == self.bound and _moves(found[0]) else ():
+        if self.effort.searches_all_clips or self.times.size * len(self.points[0]) <= SMALL_CLIP:
+            moves = any(group.fitter.moves for group in found[0].groups)
+            for ratio in self.effort.tighter_bounds if self.unit == self.bound and moves else ():
                 steps = {name: getattr(self, name) / ratio for name in ("bound", "unit", "residual_step")}
                 found.append(self._at_this_bound(replace(self, **steps)._for_this_bound()))
-        return min(found, key=self._cost)
+        return min(found, key=self._finished_cost)
 
-    def _at_this_bound(self, model: ChosenModel) -> ChosenModel:
+    def _at_this_bound(self, model: FinishedModel) -> FinishedModel:
         """A model of a tighter bound with the residuals that this one leaves."""
         groups = []
         for group in model.groups:
@@ -111,25 +157,24 @@ class ModelSearch:
             groups.append(replace(group, fitter=fitter, fitted=fitted))
         return replace(model, groups=groups)
 
-    def _for_this_bound(self) -> ChosenModel:
+    def _for_this_bound(self) -> FinishedModel:
         steps = reference_steps(self.points[0], self.unit) if self.times.size > 1 else [OF_ONE_FRAME * self.unit]
         usual = min(range(len(steps)), key=lambda k: abs(steps[k] - USUAL * self.unit))
         model = self._with_reference(steps[usual])
-        if not _moves(model):
-            return model
+        if not model.moves:
+            return self._finished(model)
         if self.effort.reference_steps:
             better = self._with_best_reference(model, steps, usual)
             if self._cost(better) < WORTH_A_NEW_LOOK * self._cost(model):
                 better = min(better, self._with_reference(better.reference.step), key=self._cost)
             model = better
         if self.effort.fine_steps:
-            passes = self.effort.rounding_passes
-            model = replace(model, groups=[tuned(group, model.basis, passes) for group in model.groups])
-        return model
+            model = replace(model, groups=[group.tuned() for group in model.groups])
+        return self._finished(model)
 
-    def _with_best_reference(self, usual: ChosenModel, steps: Sequence[float], start: int) -> ChosenModel:
+    def _with_best_reference(self, usual: _Model, steps: Sequence[float], start: int) -> _Model:
         """The model with the reference frame, finer or else coarser, that costs least while all else is as it is."""
-        patience = PATIENCE if len(self.points[0]) <= SMALL_MESH else 1
+        patience = 1 if self._is_large else PATIENCE
         best, least = usual, self._cost(usual)
         for direction in (1, -1):
             index, behind = start + direction, 0
@@ -141,16 +186,39 @@ class ModelSearch:
                     best, least, behind = model, bits, 0
                 index += direction
             if best is not usual:
-                groups = [replace(group, fitter=group.fitter.with_own_functions()) for group in best.groups]
-                return replace(best, groups=groups)
+                return best
         return best
 
-    def _cost(self, model: ChosenModel) -> float:
-        """Bits of the first frames, with their share of the reference frame."""
-        share = len(self.points) / self.times.size
-        return 8.0 * len(model.reference_data) * share + sum(group.fitted.bits for group in model.groups)
+    @property
+    def _is_large(self) -> bool:
+        return len(self.points[0]) > SMALL_MESH
 
-    def _with_reference(self, step: float) -> ChosenModel:
+    def _cost(self, model: _Model) -> float:
+        """Bits of the first frames, with their share of the reference frame."""
+        bits = sum(group.bits for group in model.groups)
+        return self._reference_bits(model.reference) + bits
+
+    def _finished_cost(self, model: FinishedModel) -> float:
+        share = len(self.points) / self.times.size
+        return 8.0 * share * len(model.reference_data) + sum(group.fitted.bits for group in model.groups)
+
+    def _reference_bits(self, reference: ReferenceFrame) -> float:
+        """The first frames' share of the bits of a reference frame."""
+        share = len(self.points) / self.times.size
+        return 8.0 * share * len(self._reference_data(reference))
+
+    def _reference_data(self, reference: ReferenceFrame) -> bytes:
+        if reference.step not in self.references:
+            self.references[reference.step] = encode_reference(reference, self.objects)
+        return self.references[reference.step]
+
+    def _finished(self, model: _Model) -> FinishedModel:
+        """All of it fitted and measured."""
+        basis = model.basis
+        groups = [finished(group, basis, self.effort) for group in model.groups]
+        return FinishedModel(model.reference, self._reference_data(model.reference), basis, groups)
+
+    def _with_reference(self, step: float) -> _Model:
         reference = quantise_reference(self.points[0], step)
         fitter = GroupFitter(
             self.points,
@@ -161,58 +229,62 @@ class ModelSearch:
             unit=self.unit,
             residual_step=self.residual_step,
         )
-        choices = [fitter.first_choice]
+        choices, spaces = [fitter.first_choice], _Spaces(partial(self._basis, reference=reference))
         if self.effort.time_bases:
-            choices = candidates(self.subsample, fitter, reference.grid, fitter.first_choice)
-        basis, space = self._choose_space([(fitter, choices[0])], reference)
-        group = GroupSearch(fitter, basis).choose(choices)
-        groups = divided(group, basis, reference.grid, self.subsample) if self.effort.division else [group]
+            first = self.effort.space_bases[0] if self._is_large else LOOKS
+            choices = candidates(spaces.search(fitter, first), fitter.first_choice)
+        space = self._choose_space([(fitter, choices[0])], spaces)
+        group = spaces.search(fitter, space).choose(choices)
+        groups = divided(group, spaces.basis(space)) if self.effort.division else [group]
         if len(groups) > 1 or groups[0].choice.time != choices[0].time:
             # What is left to space is another thing now.
-            basis, other = self._choose_space([(group.fitter, group.choice) for group in groups], reference)
+            other = self._choose_space([(group.fitter, group.choice) for group in groups], spaces)
             if other != space:
                 space = other
-                groups = [GroupSearch(group.fitter, basis).choose([group.choice]) for group in groups]
-        return ChosenModel(reference, encode_reference(reference, self.objects), basis, groups)
+                groups = [spaces.search(group.fitter, space).choose([group.choice]) for group in groups]
+        return _Model(reference, spaces.basis(space), space, groups)
 
-    def _with_other_reference(self, model: ChosenModel, step: float) -> ChosenModel:
+    def _with_other_reference(self, model: _Model, step: float) -> _Model:
         """A model with another reference frame and all else as it is, functions of time included."""
         reference = quantise_reference(self.points[0], step)
-        basis = self._basis((model.basis.form.kind, model.basis.form.points), reference)
-        groups = []
-        for group in model.groups:
-            fitter = group.fitter.from_reference(reference.points)
-            groups.append(ChosenGroup(fitter, group.choice, fitter.fit(basis, group.choice)))
-        return ChosenModel(reference, encode_reference(reference, self.objects), basis, groups)
+
+        def same() -> tuple[SpaceBasis, list[ChosenGroup]]:
+            basis = self._basis(model.space, reference)
+            searches = [
+                GroupSearch(group.fitter.from_reference(reference.points), basis, group.search)
+                for group in model.groups
+            ]
+            return basis, [search.chosen(group.choice) for search, group in zip(searches, model.groups, strict=True)]
+
+        with ThreadPoolExecutor(1) as beside:
+            data = beside.submit(self._reference_data, reference)
+            basis, groups = same()
+            data.result()
+        return _Model(reference, basis, model.space, groups)
 
     def _basis(self, space: tuple[SpaceKind, int], reference: ReferenceFrame) -> SpaceBasis:
         kind, points = space
         return build_space_basis(kind, self.objects, reference.grid, points=points, functions=self.functions)
 
     def _choose_space(
-        self, groups: Sequence[tuple[GroupFitter, GroupChoice]], reference: ReferenceFrame
-    ) -> tuple[SpaceBasis, tuple[SpaceKind, int]]:
-        """The space basis in which the groups' coefficients take fewest bits, and its kind and size."""
+        self, groups: Sequence[tuple[GroupFitter, GroupChoice]], spaces: _Spaces
+    ) -> tuple[SpaceKind, int]:
+        """Kind and size of the space basis in which the groups take fewest bits."""
         effort = self.effort
         moving = [(fitter, choice) for fitter, choice in groups if fitter.moves]
-        is_small = bool(effort.more_of_small) and len(reference.grid) <= SMALL_MESH
-        candidates = effort.space_bases + (effort.more_of_small if is_small else ())
-        found: list[tuple[float, SpaceBasis, tuple[SpaceKind, int]]] = []
-        for space in candidates if moving else candidates[:1]:
-            basis = self._basis(space, reference)
-            if is_small:
-                bits = sum(fitter.fit(basis, choice).bits for fitter, choice in moving)
-            else:
-                bits = sum(fitter.coefficient_bits(basis, choice) for fitter, choice in moving)
-                if space[1] > candidates[0][1]:
-                    bits /= 1.0 - effort.larger_must_save
-            found.append((bits, basis, space))
-        _, basis, space = min(found, key=lambda item: item[0])
-        return basis, space
+        kinds = effort.space_bases + (() if self._is_large else effort.more_of_small)
+        if not moving or len(kinds) == 1:
+            return kinds[0]
 
+        def cost(space: tuple[SpaceKind, int]) -> float:
+            bits = sum(spaces.search(fitter, space).bits(choice) for fitter, choice in moving)
+            is_dear = self._is_large and space[1] > kinds[0][1]
+            return bits / (1.0 - effort.larger_must_save) if is_dear else bits
 
-def _moves(model: ChosenModel) -> bool:
-    return any(group.fitter.moves for group in model.groups)
+        for fitter, choice in moving:
+            fitter.prepare(choice)
+        costs = side_by_side(*(partial(cost, space) for space in kinds))
+        return kinds[costs.index(min(costs))]
 
 
 def reference_steps(points: Float32Array, unit: float) -> list[float]:

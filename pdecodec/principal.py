@@ -7,10 +7,16 @@ algorithm 4.4; here the first block is cosines, so that nothing is random); else
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.shares import in_shares
+
 Float64Array = NDArray[np.float64]
+Rows = NDArray[Any]
+"""Of float32 or float64."""
 
 FIRST_BLOCK = 32
 """Trajectories that are looked for at first; twice as many until what is left is little enough."""
@@ -20,6 +26,9 @@ LARGEST_SHARE = 0.25
 
 PASSES = 2
 """Multiplications by the squares between two looks at what is left."""
+
+SPANS, BLOCK = 4, 512
+"""Sums of squares are added up in so many spans of vertices, each in blocks of so many."""
 
 TINY = 1e-300
 """In the place of a length of zero."""
@@ -43,17 +52,46 @@ def principal_trajectories(moved: Float64Array, least: float) -> tuple[Float64Ar
         Unit vectors, the largest number of each positive.
     """
     is_wide = moved.shape[1] > moved.shape[0]
-    squares = moved @ moved.T if is_wide else moved.T @ moved
+    if not is_wide:
+        return principal_axes(sums_of_squares(moved), least)
+    energies, axes = principal_axes(moved @ moved.T, least)
+    axes = moved.T @ axes
+    axes /= np.maximum(np.sqrt((axes * axes).sum(axis=0)), TINY)
+    return energies, _turned(axes)
+
+
+def principal_axes(squares: Float64Array, least: float) -> tuple[Float64Array, Float64Array]:
+    """The same from the sums of squares, (n, n), of all vertices."""
     energies, axes = _leading(squares, least)
     left = float(np.trace(squares)) - np.append(0.0, np.cumsum(energies))
     enough = np.flatnonzero(left <= least)
     kept = int(enough[0]) if enough.size else energies.size
-    energies, axes = energies[:kept], axes[:, :kept]
-    if is_wide:
-        axes = moved.T @ axes
-        axes /= np.maximum(np.sqrt((axes * axes).sum(axis=0)), TINY)
+    return energies[:kept], _turned(axes[:, :kept])
+
+
+def _turned(axes: Float64Array) -> Float64Array:
+    """With the largest number of each axis positive."""
     largest = axes[np.argmax(np.abs(axes), axis=0), np.arange(axes.shape[1])]
-    return energies, axes * np.where(largest < 0.0, -1.0, 1.0)
+    return axes * np.where(largest < 0.0, -1.0, 1.0)
+
+
+def sums_of_squares(rows: Rows, precision: type[np.floating[Any]] = np.float64) -> Float64Array:
+    """``rows.T @ rows`` in float64, (n, n), of blocks of the rows, (vertices, n), each in a precision.
+
+    The blocks do not depend on the number of threads.
+    """
+    spans = [len(rows) * k // SPANS for k in range(SPANS + 1)]
+    sums = np.zeros((SPANS, rows.shape[1], rows.shape[1]))
+
+    def add_up(first: int, end: int) -> None:
+        for span in range(first, end):
+            for begin in range(spans[span], spans[span + 1], BLOCK):
+                block = rows[begin : min(begin + BLOCK, spans[span + 1])].astype(precision, copy=False)
+                sums[span] += block.T @ block
+
+    in_shares(add_up, SPANS)
+    total: Float64Array = sums.sum(axis=0)
+    return total
 
 
 def _leading(squares: Float64Array, least: float) -> tuple[Float64Array, Float64Array]:

@@ -31,6 +31,9 @@ Int64Array = NDArray[np.int64]
 SAFETY = 0.98
 """Share of the bound that the rounding of a residual may use; the last digits of float32 take the rest."""
 
+FEW = 1 / 16
+"""Share of the vertices below which residuals are never worth predicting: the one before is too far away."""
+
 LAST_BINADE = 2.0**127
 """From here on all float32 lie equally far apart, and the next after the largest is infinite."""
 
@@ -165,12 +168,18 @@ def plan_residuals(residuals: Residuals, starts: Int64Array) -> ResidualPlan:
         If a place is not below the number of vertices.
     """
     near, far = np.ones(residuals.frames, np.int64), _core.reference_distances(residuals)
-    ways = [(predicted, distances) for distances in (near, far) for predicted in (False, True)]
+    predicted = residual_ways(residuals, int(starts[-1]))
+    ways = [(way, distances) for distances in (near, far) for way in predicted]
     if not (far > 1).any():
-        ways = ways[:2]
+        ways = ways[: len(predicted)]
     bits = side_by_side(*(partial(_core.measure_residuals, residuals, starts, *way) for way in ways))
     best = int(np.argmin(bits))
     return ResidualPlan(*ways[best], bits[best])
+
+
+def residual_ways(residuals: Residuals, vertices: int) -> tuple[bool, ...]:
+    """Whether residuals are predicted, or not: what is worth measuring on a mesh of so many vertices."""
+    return (False,) if residuals.count < FEW * residuals.frames * vertices else (False, True)
 
 
 def encode_residuals(residuals: Residuals, starts: Int64Array, plan: ResidualPlan | None = None) -> bytes:

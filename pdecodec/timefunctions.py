@@ -11,8 +11,9 @@ their neighbours: in time (or frequency), among axes, among functions. All but t
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec.connectivity import core_errors
 from pdecodec.errors import SettingsError
+from pdecodec.shares import side_by_side
 
 Float64Array = NDArray[np.float64]
 Int64Array = NDArray[np.int64]
@@ -96,6 +98,37 @@ def quantise_time_functions(scaled: Float64Array, step: float) -> QuantisedTimeF
     return min(quantised_by_each_method(scaled, step), key=cost)
 
 
+class TimeFunctionCost:
+    """What functions of time take at any step, after one measurement.
+
+    The bits of a number follow the logarithm of how far it is off a straight line through the two frames before it;
+    by how many times, the measurement tells.
+
+    Parameters
+    ----------
+    scaled : (frames, axes, functions) float64
+        As :func:`quantise_time_functions` takes them.
+    step : float
+        That of the measurement.
+    """
+
+    def __init__(self, scaled: Float64Array, step: float) -> None:
+        self._scaled = scaled
+        self._off = np.abs(np.diff(scaled, n=2, axis=0, prepend=np.zeros((2, *scaled.shape[1:]))))
+        rough = float(np.log2(1.0 + self._off / step).sum())
+        self._factor = quantise_time_functions(scaled, step).bits / rough if rough else 0.0
+
+    def bits(self, used: NDArray[np.intp], step: float) -> float:
+        """Of some of the functions, about."""
+        return self._factor * float(np.log2(1.0 + self._off[:, :, used] / step).sum())
+
+    def rounded(self, used: NDArray[np.intp], step: float) -> Float64Array:
+        """Some of the functions, as far off as they are after coding."""
+        values = self._scaled[:, :, used]
+        rounded: Float64Array = np.copysign(step * np.floor(np.abs(values) / step + ROUNDING), values)
+        return rounded
+
+
 def quantised_by_each_method(scaled: Float64Array, step: float) -> list[QuantisedTimeFunctions]:
     """Functions of time by every method that can be; see :func:`quantise_time_functions`."""
     if not 0.0 < step < math.inf:
@@ -105,18 +138,24 @@ def quantised_by_each_method(scaled: Float64Array, step: float) -> list[Quantise
         wanted = np.ascontiguousarray(scaled.transpose(2, 0, 1)) / step
     if not np.all(np.abs(wanted) <= MOST_STEPS):
         raise SettingsError(f"functions of time go beyond 2^30 steps of {step}; take a larger tolerance")
-    found = [QuantisedTimeFunctions(PREDICTED, *_core.quantise_predicted(wanted, ROUNDING, step))]
-    others = []
+
+    def transformed(method: int, quantised: Int64Array) -> QuantisedTimeFunctions:
+        return QuantisedTimeFunctions(method, quantised, _core.time_function_values(method, quantised, step))
+
+    ways = [lambda: QuantisedTimeFunctions(PREDICTED, *_core.quantise_predicted(wanted, ROUNDING, step))]
     if 0 < frames <= LONGEST_TRANSFORM:
-        others.append((TRANSFORMED, _transform(wanted)))
+        ways.append(lambda: transformed(TRANSFORMED, _transform(wanted)))
     if frames > 0:
         straight = _core.quantise_straight(wanted, 1.0 - ROUNDING)
         if np.count_nonzero(straight) <= MOST_TURNS * straight.size:
-            others.append((STRAIGHT, straight))
-    for method, quantised in others:
-        decoded = _core.time_function_values(method, quantised, step)
-        found.append(QuantisedTimeFunctions(method, quantised, decoded))
-    return found
+            ways.append(lambda: transformed(STRAIGHT, straight))
+
+    def measured(way: Callable[[], QuantisedTimeFunctions]) -> QuantisedTimeFunctions:
+        found = way()
+        _ = found.bits  # is kept
+        return found
+
+    return side_by_side(*(partial(measured, way) for way in ways))
 
 
 def decode_time_functions(data: bytes, frames: int, functions: int, step: float, *, axes: int = 3) -> Float64Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,11 +12,16 @@ from mesh_cases import connectivity_of, grid
 from numpy.typing import NDArray
 
 from pdecodec.decoder import open_animation
-from pdecodec.displacements import Displacements, TimeFunctions
+from pdecodec.displacements import ORIGINS, TIME_FUNCTIONS, Displacements, Origin, TimeFunctions
 from pdecodec.encoder import encode
 from pdecodec.encodereport import EncodeReport
+from pdecodec.estimate import bit_counter
+from pdecodec.groupfit import GroupFitter
+from pdecodec.groups import cosines
+from pdecodec.reference import quantise_reference
+from pdecodec.residuals import residual_step
 from pdecodec.sequence import ArraySequence, MeshObject
-from pdecodec.subsample import MOST_VERTICES, _part_of, _sampled
+from pdecodec.spacebasis import MOST_FUNCTIONS, SpaceBasis, build_space_basis
 from spec.sealing import take_apart
 
 Float32Array = NDArray[np.float32]
@@ -119,21 +125,64 @@ def test_shapes_and_trajectories_both_carry_all_of_the_motion() -> None:
     assert moved.functions("shapes")[0].size == 3
 
 
-@pytest.mark.parametrize("vertices", [MOST_VERTICES + 1, 5000, 10**6])
-def test_a_sample_of_points_is_as_large_as_it_may_be_and_inside_the_mesh(vertices: int) -> None:
-    chosen = _sampled([MeshObject("points", connectivity_of(vertices))], vertices)
-    assert 0 == chosen[0] < chosen[-1] == vertices - 1
-    assert (np.diff(chosen) > 0).all()
-    assert MOST_VERTICES // 2 < chosen.size <= MOST_VERTICES
+def waving_sheet(rows: int = 60, frames: int = 24) -> ArraySequence:
+    """A sheet of so many vertices that it counts as large, with waves that run over it, higher at one end."""
+    x, y = np.meshgrid(np.arange(rows), np.arange(rows))
+    at = np.arange(frames)[:, None, None]
+    height = 0.002 * x * x * np.sin(0.3 * x + 0.4 * at) + 0.5 * np.cos(0.2 * y - 0.3 * at)
+    flat = np.broadcast_to(np.stack([x, y], axis=-1), (frames, rows, rows, 2))
+    points = np.concatenate([flat, height[..., None]], axis=-1).reshape(frames, -1, 3)
+    return ArraySequence(points.astype(np.float32), objects=[MeshObject("sheet", grid(rows, rows))])
 
 
-def test_part_of_a_mesh_has_the_faces_among_its_vertices_and_no_other() -> None:
-    objects = [
-        MeshObject("one", connectivity_of(4, [[0, 1, 2], [1, 2, 3]])),
-        MeshObject("none", connectivity_of(2)),
-        MeshObject("two", connectivity_of(5, [[0, 1, 2, 3], [2, 3, 4]])),
-    ]
-    part = _part_of(objects, np.array([0, 1, 2, 5, 8, 9, 10])).connectivity
-    assert part.vertex_count == 7
-    assert part.face_counts.tolist() == [3, 3]
-    assert part.face_indices.tolist() == [0, 1, 2, 4, 5, 6]
+def fitter_of(sequence: ArraySequence, bound: float) -> tuple[GroupFitter, SpaceBasis]:
+    points = sequence.read_frames(0, sequence.frame_count)
+    reference = quantise_reference(points[0], 0.4 * bound)
+    steps = {"bound": bound, "unit": bound, "residual_step": residual_step(bound, float(np.abs(points).max()))}
+    fitter = GroupFitter(points, reference.points, points[0], times=sequence.times, **steps)
+    basis = build_space_basis("patch", sequence.objects, reference.grid, points=64, functions=MOST_FUNCTIONS)
+    return fitter, basis
+
+
+@pytest.mark.parametrize("time", TIME_FUNCTIONS)
+@pytest.mark.parametrize("origin", ORIGINS)
+def test_estimates_of_a_large_mesh_are_near_to_what_fits_take(time: TimeFunctions, origin: Origin) -> None:
+    fitter, basis = fitter_of(waving_sheet(), 0.02)
+    assert fitter.is_large
+    if time == "poses" and not fitter.displacements(origin).has_poses:
+        pytest.skip("no few frames span the others")
+    counter = bit_counter(fitter, basis)
+    for more in (-4, 0, 4):
+        choice = replace(fitter.first_choice, time=time, origin=origin, step=fitter.first_choice.step + more)
+        counter.prepare(choice)
+        assert counter.bits(choice) == pytest.approx(fitter.fit(basis, choice).bits, rel=0.15)
+
+
+def test_rounding_again_towards_what_is_missed_takes_fewer_bits_and_keeps_the_bound() -> None:
+    sequence = waving_sheet()
+    fitter, basis = fitter_of(sequence, 0.02)
+    choice = replace(fitter.first_choice, step=fitter.first_choice.step + 2)
+    once, often = fitter.fit(basis, choice), fitter.fit(basis, choice, passes=6)
+    assert often.bits < once.bits
+    assert fitter.encode(often, basis).largest_square <= 0.02**2
+
+
+def test_displacements_from_another_shape_have_the_principal_functions_of_their_own() -> None:
+    points = waving_sheet().read_frames(0, 24)
+    shape = points[0].astype(np.float64)
+    reference = np.round(shape, 1)
+    beside = Displacements(points, shape, 1e-2, beside=Displacements(points, reference, 1e-2))
+    kinds: tuple[TimeFunctions, ...] = ("trajectories", "shapes")
+    for kind in kinds:
+        (own, _), (found, _) = Displacements(points, shape, 1e-2).functions(kind), beside.functions(kind)
+        assert found == pytest.approx(own, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", TIME_FUNCTIONS)
+def test_displacements_from_nearly_the_same_shape_have_coefficients_in_the_same_functions(kind: TimeFunctions) -> None:
+    points = keyed_shapes().read_frames(0, 40)
+    shape = points[0].astype(np.float64)
+    usual = Displacements(points, shape, 1e-3)
+    moved = Displacements(points, np.round(shape, 2), 1e-3, alike=usual)
+    dual = cosines(40, 40) if kind == "cosines" else usual.functions(kind)[1]
+    assert moved.coefficients(kind) == pytest.approx(moved.along(dual, kind), abs=1e-9)

@@ -80,7 +80,21 @@ public:
     // a number a vertex in the order of the mesh. Several threads may, each others.
     template <class Real> void expand(i64 first, i64 end, Real *fields) const;
 
+    // The same of some elements alone, whose vertices follow each other in fields of `width` numbers.
+    template <class Real> void expand_some(std::span<const i64> elements, i64 width, Real *fields) const;
+
 private:
+    // Scratch of one thread.
+    struct Work {
+        explicit Work(const Elements &elements) : functions(elements) {}
+        ElementFunctions functions;
+        std::vector<const double *> coefficients, rows, chosen;
+        std::vector<double> multiples, sums;
+    };
+
+    // Of an element, one channel after another: write(channel, sums at its vertices).
+    template <class Write> void expand_element(i64 element, Work &work, const Write &write) const;
+
     const SpaceBasis &basis_;
     const double *coefficients_;
     i64 channels_;

@@ -144,6 +144,19 @@ struct PyExpansion {
         expansion->expand(first, end, fields.data());
     }
 
+    template <class Real> void expand_some(const Flat<i64> &elements, const Fields<Real> &fields) const {
+        i64 vertices = 0;
+        for (const i64 e : view(elements)) {
+            require(0 <= e && e < basis.elements().count(), "there are no such elements");
+            vertices += basis.elements().patches->size(e);
+        }
+        require(
+            static_cast<i64>(fields.shape(0)) == expansion->channels() && static_cast<i64>(fields.shape(1)) == vertices,
+            "one field a channel");
+        nb::gil_scoped_release release;
+        expansion->expand_some(view(elements), vertices, fields.data());
+    }
+
     Values coefficients;
     const SpaceBasis &basis;
     std::optional<Expansion> expansion;
@@ -220,7 +233,9 @@ void bind_basis(nb::module_ &module) {
              nb::keep_alive<1, 2>())
         .def("synthesise", &PyExpansion::synthesise)
         .def("expand", &PyExpansion::expand<float>, nb::arg("first"), nb::arg("end"), nb::arg("fields").noconvert())
-        .def("expand", &PyExpansion::expand<double>, nb::arg("first"), nb::arg("end"), nb::arg("fields").noconvert());
+        .def("expand", &PyExpansion::expand<double>, nb::arg("first"), nb::arg("end"), nb::arg("fields").noconvert())
+        .def("expand_some", &PyExpansion::expand_some<float>, nb::arg("elements"), nb::arg("fields").noconvert())
+        .def("expand_some", &PyExpansion::expand_some<double>, nb::arg("elements"), nb::arg("fields").noconvert());
     module.def("series_functions", &py_series_functions, nb::arg("points"), nb::arg("rate"), nb::arg("order"));
     module.def("arc_length_parameters", &py_arc_length_parameters, nb::arg("grid"), nb::arg("pieces"));
     module.def("local_coordinates", &py_local_coordinates, nb::arg("grid"));

@@ -68,5 +68,6 @@ void bind_baselines(nb::module_ &module);
 void bind_animation(nb::module_ &module);
 void bind_container(nb::module_ &module);
 void bind_basis(nb::module_ &module);
+void bind_encode(nb::module_ &module);
 
 }  // namespace pdeanim::bindings

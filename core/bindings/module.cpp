@@ -38,4 +38,5 @@ NB_MODULE(_core, module) {
     bind_animation(module);
     bind_container(module);
     bind_basis(module);
+    bind_encode(module);
 }

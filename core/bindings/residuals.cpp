@@ -61,11 +61,12 @@ ResidualCoding coding_of(const Residuals &residuals, bool is_predicted, const Fl
     return {is_predicted, found};
 }
 
-double py_measure(const Residuals &residuals, const Flat<i64> &starts, bool is_predicted, const Flat<i64> &distances) {
+double py_measure(const Residuals &residuals, const Flat<i64> &starts, bool is_predicted, const Flat<i64> &distances,
+                  double copies) {
     nb::gil_scoped_release release;
     const std::span<const i64> patches = patches_of(starts);
     check_residuals(residuals, patches.back());
-    return measure_residuals(residuals, patches, coding_of(residuals, is_predicted, distances));
+    return measure_residuals(residuals, patches, coding_of(residuals, is_predicted, distances), copies);
 }
 
 nb::bytes py_encode(const Residuals &residuals, const Flat<i64> &starts, bool is_predicted,
@@ -201,7 +202,8 @@ void bind_residuals(nb::module_ &module) {
     module.def("join_residuals", &py_join, nb::arg("parts"), "Residuals of consecutive runs of frames as one.");
     module.def("reference_distances", &py_reference_distances, nb::arg("residuals"), "(frames,) int64.");
     module.def("measure_residuals", &py_measure, nb::arg("residuals"), nb::arg("patches"), nb::arg("is_predicted"),
-               nb::arg("distances"), "What encode_residuals takes [bits].");
+               nb::arg("distances"), nb::arg("copies") = 1.0,
+               "What encode_residuals takes for so many times as many residuals that are like these [bits].");
     module.def("encode_residuals", &py_encode, nb::arg("residuals"), nb::arg("patches"), nb::arg("is_predicted"),
                nb::arg("distances"), "The chunk of CORR of a group of frames.");
     module.def("decode_residuals", &py_decode, nb::arg("data"), nb::arg("frames"), nb::arg("patches"),

@@ -27,6 +27,9 @@ public:
         for (; next_ < end; ++next_) code_subband(next_);
     }
 
+    // Go on with a subband that has been coded before, with models that have learned.
+    void go_back(i64 subband) { next_ = subband; }
+
     RangeCoder<mode> coder;
     const CoefficientLayout layout;
 
@@ -141,10 +144,16 @@ std::vector<u8> encode_coefficients(const CoefficientLayout &layout, std::span<c
     return all.coder.finish();
 }
 
-double measure_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients) {
+double measure_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients, double copies) {
     check_size(layout, coefficients.size());
     CoefficientCoder<Mode::measure> all(layout, coefficients);
     all.code(layout.subbands.count());
+    if (copies > 1.0) {
+        const std::span<const i64> kinds = layout.subbands.kinds;
+        const auto first = std::find_if(kinds.begin(), kinds.end(), [](i64 kind) { return kind < 0; });
+        all.go_back(first - kinds.begin());
+        all.coder.count_more(copies - 1.0, [&] { all.code(layout.subbands.count()); });
+    }
     return all.coder.bits();
 }
 

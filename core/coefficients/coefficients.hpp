@@ -36,8 +36,9 @@ struct CoefficientLayout {
 // The coefficients as bytes; none where all are zero. Magnitudes are 2^40 at most.
 std::vector<u8> encode_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients);
 
-// Bits that `encode_coefficients` would take.
-double measure_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients);
+// Bits that `encode_coefficients` would take; with so many times as many elements that are like these: only the first
+// teach the models.
+double measure_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients, double copies = 1.0);
 
 // Undoes `encode_coefficients` some subbands at a time, so that others may go on with those while the next are decoded.
 class CoefficientDecoder {

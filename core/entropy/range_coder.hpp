@@ -204,6 +204,15 @@ public:
         }
     }
 
+    // Count what some work costs so many times.
+    template <class Work> void count_more(double times, const Work &work)
+        requires(mode == Mode::measure)
+    {
+        const i64 before = cost_;
+        work();
+        cost_ = before + static_cast<i64>(times * static_cast<double>(cost_ - before));
+    }
+
     // What encoding would have cost so far [bits].
     double bits() const
         requires(mode == Mode::measure)

@@ -7,15 +7,7 @@ namespace pdeanim {
 template <Mode mode> ResidualModel<mode>::ResidualModel(RangeCoder<mode> &coder, std::span<const i64> patches,
                                                         bool is_predicted, Values &residuals, i64 count)
     : coder_(coder), patches_(patches), is_predicted_(is_predicted), residuals_(residuals), count_(count) {
-    const std::size_t vertices = patches.back();
-    last_.resize(vertices, -1);
-    mean_sizes_.resize(vertices);
-    counts_.resize(patches.size() + 2);
-    misses_.reserve(count);
-    earlier_.reserve(count);
-    by_patch_.resize(patches.size() - 1);
-    by_place_.resize(vertices);
-    by_span_.resize(vertices);
+    begin_again();
     for (Weights<3> *weights : {&patch_weights_, &span_weights_, &vertex_weights_[0], &vertex_weights_[1]}) {
         weights->fill(first_residual_weight);
     }
@@ -23,6 +15,22 @@ template <Mode mode> ResidualModel<mode>::ResidualModel(RangeCoder<mode> &coder,
         residuals.places.reserve(count);
         residuals.quantised.reserve(count);
     }
+}
+
+template <Mode mode> void ResidualModel<mode>::begin_again() {
+    const std::size_t vertices = patches_.back();
+    at_ = frame_begin_ = frame_end_ = near_begin_ = near_end_ = 0;
+    is_far_ = false;
+    last_.assign(vertices, -1);
+    mean_sizes_.assign(vertices, 0);
+    counts_.assign(patches_.size() + 2, 0);
+    misses_.clear();
+    misses_.reserve(count_);
+    earlier_.clear();
+    earlier_.reserve(count_);
+    by_patch_.assign(patches_.size() - 1, {});
+    by_place_.assign(vertices, {});
+    by_span_.assign(vertices, {});
 }
 
 template <Mode mode> int ResidualModel<mode>::count_in_reference(i64 begin, i64 end) const {

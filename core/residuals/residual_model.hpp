@@ -27,6 +27,9 @@ public:
     // where the bytes say what cannot be.
     void code(i64 frames, std::span<const i64> distances);
 
+    // Begin with the first frame again, of other places: models that are not of single places have learned.
+    void begin_again();
+
 private:
     static constexpr int count_classes = 6;  // of how many vertices of a patch have one: 0, 1, 2, from 3, 6, 16 on
     static constexpr i64 span_size = 8;      // places with one bit for all: where residuals are few, most need no other

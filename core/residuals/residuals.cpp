@@ -54,14 +54,21 @@ private:
     CountedModel frames_, places_;
 };
 
+// `copies`: measure so many times as many residuals that are like these.
 template <Mode mode> void write(RangeCoder<mode> &coder, const Residuals &residuals, std::span<const i64> patches,
-                                const ResidualCoding &coding) {
+                                const ResidualCoding &coding, [[maybe_unused]] double copies = 1.0) {
     const i64 count = static_cast<i64>(residuals.places.size());
     const i64 raw_count = static_cast<i64>(residuals.raw_places.size());
     code_head(coder, {count, raw_count, coding.is_predicted});
     if (count) {
         const auto model = std::make_unique<ResidualModel<mode>>(coder, patches, coding.is_predicted, residuals, count);
         model->code(residuals.frames(), coding.distances);
+        if constexpr (mode == Mode::measure) {
+            if (copies > 1.0) {
+                model->begin_again();
+                coder.count_more(copies - 1.0, [&] { model->code(residuals.frames(), coding.distances); });
+            }
+        }
     }
     RawModel model;
     i64 frame = 0, place = -1, wanted = 0;
@@ -163,10 +170,11 @@ std::vector<u8> encode_residuals(const Residuals &residuals, std::span<const i64
     return coder.finish();
 }
 
-double measure_residuals(const Residuals &residuals, std::span<const i64> patches, const ResidualCoding &coding) {
+double measure_residuals(const Residuals &residuals, std::span<const i64> patches, const ResidualCoding &coding,
+                         double copies) {
     if (residuals.count() == 0) return 0.0;
     RangeCoder<Mode::measure> coder;
-    write(coder, residuals, patches, coding);
+    write(coder, residuals, patches, coding, copies);
     return coder.bits();
 }
 

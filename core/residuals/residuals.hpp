@@ -58,8 +58,9 @@ std::vector<i64> reference_distances(const Residuals &residuals);
 std::vector<u8> encode_residuals(const Residuals &residuals, std::span<const i64> patches,
                                  const ResidualCoding &coding);
 
-// What it takes [bits].
-double measure_residuals(const Residuals &residuals, std::span<const i64> patches, const ResidualCoding &coding);
+// What it takes [bits]; or, of part of a mesh, so many times as many residuals that are like these.
+double measure_residuals(const Residuals &residuals, std::span<const i64> patches, const ResidualCoding &coding,
+                         double copies = 1.0);
 
 // Undo `encode_residuals`. CorruptError where the bytes say what cannot be, or do not end with the residuals;
 // LimitError where these take more than `most_bytes`.

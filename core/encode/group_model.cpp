@@ -1,0 +1,158 @@
+#include "encode/group_model.hpp"
+
+#include <cmath>
+#include <mutex>
+
+#include "parallel.hpp"
+#include "residuals/added.hpp"
+#include "residuals/missed.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+using Exact = std::array<double, 3>;
+
+i64 tiles_of(i64 frames) { return (frames + frames_at_once - 1) / frames_at_once; }
+
+// Positions of some frames before residuals, before they are rounded.
+template <class T> void evaluate(const GroupModel<T> &model, i64 frame, i64 count, std::vector<double> &positions) {
+    const i64 width = 3 * model.fields.functions;
+    positions.resize(3 * count * model.fields.vertices);
+    evaluate_frames(model.time.subspan(frame * width, count * width), model.fields, model.reference,
+                    std::span<double>(positions));
+}
+
+void find_excess(std::span<const Position> points, std::span<const Exact> base, i64 frame, double bound, const Aim &aim,
+                 Excess &found) {
+    const double from = aim.from * bound;
+    for (std::size_t vertex = 0; vertex < points.size(); ++vertex) {
+        Exact off;
+        for (int axis = 0; axis < 3; ++axis) off[axis] = static_cast<double>(points[vertex][axis]) - base[vertex][axis];
+        const double square = off[0] * off[0] + off[1] * off[1] + off[2] * off[2];
+        if (!(square > from * from)) continue;
+        const double distance = std::sqrt(square);
+        const double share = least(distance - aim.to * bound, aim.farthest * bound) / most(distance, bound);
+        found.frames.push_back(static_cast<i32>(frame));
+        found.vertices.push_back(static_cast<i32>(vertex));
+        found.excess.push_back({static_cast<float>(off[0] * share), static_cast<float>(off[1] * share),
+                                static_cast<float>(off[2] * share)});
+    }
+}
+
+template <class T> void append(std::vector<T> &all, const std::vector<T> &more) {
+    all.insert(all.end(), more.begin(), more.end());
+}
+
+}  // namespace
+
+void Excess::add_to(std::span<double> values, std::span<const double> functions, i64 count, int axes,
+                    double push) const {
+    for (std::size_t k = 0; k < frames.size(); ++k) {
+        double *to = values.data() + vertices[k] * count * axes;
+        for (int x = 0; x < 3; ++x) {
+            const double off = push * static_cast<double>(excess[k][x]);
+            const double *function = functions.data() + (axes == 1 ? 3 * frames[k] + x : frames[k]) * count;
+            for (i64 a = 0; a < count; ++a) to[axes == 1 ? a : 3 * a + x] += off * function[a];
+        }
+    }
+}
+
+template <class T> Residuals missing(const GroupModel<T> &model, const Wanted &wanted, std::span<const double> margins,
+                                     const Aim &aim, Excess *excess, int threads) {
+    const i64 vertices = model.fields.vertices, tiles = tiles_of(model.frames);
+    std::vector<Residuals> parts(tiles);
+    std::vector<Excess> beyond(tiles);
+    in_shares(tiles, threads, [&](i64 first, i64 end) {
+        std::vector<double> positions;
+        for (i64 tile = first; tile < end; ++tile) {
+            const i64 frame = tile * frames_at_once, count = least(frames_at_once, model.frames - frame);
+            evaluate(model, frame, count, positions);
+            const std::span<const Exact> base{reinterpret_cast<const Exact *>(positions.data()), positions.size() / 3};
+            const std::span<const Position> points = wanted.points.subspan(frame * vertices, count * vertices);
+            parts[tile] = quantise_residuals(points, base, wanted.order, margins.subspan(frame, count), wanted.bound,
+                                             wanted.step);
+            for (i64 k = 0; excess && k < count; ++k) {
+                find_excess(points.subspan(k * vertices, vertices), base.subspan(k * vertices, vertices), frame + k,
+                            wanted.bound, aim, beyond[tile]);
+            }
+        }
+    });
+    std::vector<const Residuals *> joined;
+    for (i64 tile = 0; tile < tiles; ++tile) {
+        joined.push_back(&parts[tile]);
+        if (!excess) continue;
+        append(excess->frames, beyond[tile].frames);
+        append(excess->vertices, beyond[tile].vertices);
+        append(excess->excess, beyond[tile].excess);
+    }
+    return join_residuals(joined);
+}
+
+template <class T>
+Errors errors(const GroupModel<T> &model, const Wanted &wanted, const Residuals &residuals, int threads) {
+    const i64 vertices = model.fields.vertices, tiles = tiles_of(model.frames);
+    std::vector<Errors> parts(tiles);
+    in_shares(tiles, threads, [&](i64 first, i64 end) {
+        std::vector<double> positions;
+        std::vector<Position> decoded(vertices);
+        for (i64 tile = first; tile < end; ++tile) {
+            const i64 frame = tile * frames_at_once, count = least(frames_at_once, model.frames - frame);
+            evaluate(model, frame, count, positions);
+            Errors &part = parts[tile];
+            for (i64 k = 0; k < count; ++k) {
+                const double *base = positions.data() + 3 * k * vertices;
+                const Position *points = &wanted.points[(frame + k) * vertices];
+                for (i64 vertex = 0; vertex < vertices; ++vertex) {
+                    for (i64 axis = 0; axis < 3; ++axis) {
+                        decoded[vertex][axis] = static_cast<float>(base[3 * vertex + axis]);
+                    }
+                }
+                add_residuals(residuals, frame + k, {wanted.order, wanted.step}, 1.0, {}, decoded);
+                for (i64 vertex = 0; vertex < vertices; ++vertex) {
+                    double square = 0.0;
+                    for (i64 axis = 0; axis < 3; ++axis) {
+                        const double off =
+                            static_cast<double>(points[vertex][axis]) - static_cast<double>(decoded[vertex][axis]);
+                        square += off * off;
+                    }
+                    part.largest_square = most(part.largest_square, square);
+                    part.sum_of_squares += square;
+                }
+            }
+        }
+    });
+    Errors all;
+    for (const Errors &part : parts) {
+        all.largest_square = most(all.largest_square, part.largest_square);
+        all.sum_of_squares += part.sum_of_squares;
+    }
+    return all;
+}
+
+double farthest_apart(const GroupModel<float> &single, const GroupModel<double> &exact, int threads) {
+    double farthest = 0.0;
+    std::mutex lock;
+    in_shares(tiles_of(exact.frames), threads, [&](i64 first, i64 end) {
+        std::vector<double> one, other;
+        double found = 0.0;
+        for (i64 tile = first; tile < end; ++tile) {
+            const i64 frame = tile * frames_at_once, count = least(frames_at_once, exact.frames - frame);
+            evaluate(single, frame, count, one);
+            evaluate(exact, frame, count, other);
+            for (std::size_t k = 0; k < one.size(); ++k) found = most(found, std::fabs(one[k] - other[k]));
+        }
+        const std::lock_guard guard(lock);
+        farthest = most(farthest, found);
+    });
+    return farthest;
+}
+
+template Residuals missing(const GroupModel<float> &, const Wanted &, std::span<const double>, const Aim &, Excess *,
+                           int);
+template Residuals missing(const GroupModel<double> &, const Wanted &, std::span<const double>, const Aim &, Excess *,
+                           int);
+template Errors errors(const GroupModel<float> &, const Wanted &, const Residuals &, int);
+template Errors errors(const GroupModel<double> &, const Wanted &, const Residuals &, int);
+
+}  // namespace pdeanim

@@ -1,0 +1,57 @@
+// A group of frames as its functions of time and fields give it, held against the input: residuals, what is beyond the
+// bound, errors. Positions are evaluated a few frames at a time and never kept.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "evaluate/fields.hpp"
+#include "residuals/residuals.hpp"
+
+namespace pdeanim {
+
+template <class T> struct GroupModel {
+    std::span<const T> time;  // (frames, 3, functions)
+    Fields<T> fields;
+    std::span<const double> reference;  // (vertices, 3)
+    i64 frames = 0;
+};
+
+// What positions are held against.
+struct Wanted {
+    std::span<const Position> points;  // (frames, vertices)
+    std::span<const i32> order;        // the vertex at each place
+    double bound, step;                // largest distance; size of a residual's step
+};
+
+// By how much vertices are off beyond what is aimed at.
+struct Excess {
+    std::vector<i32> frames, vertices;
+    std::vector<Position> excess;
+
+    // Add, `push` times, what it comes to in functions of time to values on vertices. functions: (frames, 3, functions)
+    // and values (vertices, functions) on one axis; (frames, functions) and (vertices, functions, 3) on three.
+    void add_to(std::span<double> values, std::span<const double> functions, i64 count, int axes, double push) const;
+};
+
+// Vertices that are off by `from` bounds are to be brought to `to`, by `farthest` bounds at most.
+struct Aim {
+    double to, from, farthest;
+};
+
+// Residuals; margins: of each frame, see `quantise_residuals`. `excess`, where it is given, is added to.
+template <class T> Residuals missing(const GroupModel<T> &model, const Wanted &wanted, std::span<const double> margins,
+                                     const Aim &aim, Excess *excess, int threads);
+
+struct Errors {
+    double largest_square = 0.0, sum_of_squares = 0.0;
+};
+
+// Of the float32 positions that a decoder gives, residuals added.
+template <class T>
+Errors errors(const GroupModel<T> &model, const Wanted &wanted, const Residuals &residuals, int threads);
+
+// How far two ways to add up the same sums are apart at most, in a coordinate.
+double farthest_apart(const GroupModel<float> &single, const GroupModel<double> &exact, int threads);
+
+}  // namespace pdeanim

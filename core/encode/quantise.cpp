@@ -1,0 +1,44 @@
+#include "encode/quantise.hpp"
+
+#include <cmath>
+#include <mutex>
+
+#include "parallel.hpp"
+
+namespace pdeanim {
+
+Quantised quantise_sparsely(std::span<const double> values, i64 channels, int axes, double step, const DeadZone &zone,
+                            int threads) {
+    Quantised all{std::vector<i64>(values.size()), std::vector<i64>(channels)};
+    std::mutex lock;
+    const i64 rows = channels ? static_cast<i64>(values.size()) / channels : 0;
+    const double round_up = 1.0 - zone.round_up_at, alone = zone.round_up_alone_at * step;
+    const auto magnitude = [&](i64 at) { return std::floor(std::fabs(values[at]) / step + round_up); };
+    const auto is_used = [&](i64 row, i64 channel) {
+        return 0 <= row && row < rows && 0 <= channel && channel < channels && magnitude(row * channels + channel) != 0;
+    };
+    in_shares(rows, threads, [&](i64 first, i64 end) {
+        std::vector<i64> largest(channels);
+        for (i64 row = first; row < end; ++row) {
+            for (i64 channel = 0; channel < channels; ++channel) {
+                const i64 at = row * channels + channel;
+                const double size = magnitude(at);
+                if (size == 0.0) continue;
+                if (std::fabs(values[at]) < alone && !is_used(row - 1, channel) && !is_used(row + 1, channel) &&
+                    !is_used(row, channel - axes) && !is_used(row, channel + axes)) {
+                    continue;
+                }
+                const i64 whole = static_cast<i64>(size);
+                all.coefficients[at] = values[at] < 0.0 ? -whole : whole;
+                largest[channel] = most(largest[channel], whole);
+            }
+        }
+        const std::lock_guard guard(lock);
+        for (i64 channel = 0; channel < channels; ++channel) {
+            all.largest[channel] = most(all.largest[channel], largest[channel]);
+        }
+    });
+    return all;
+}
+
+}  // namespace pdeanim

@@ -1,0 +1,26 @@
+// Quantisation of coefficients with a dead zone, which is wider among zeros.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "arithmetic.hpp"
+
+namespace pdeanim {
+
+struct DeadZone {
+    double round_up_at;        // a number this far (in steps) beyond a whole one goes to the next
+    double round_up_alone_at;  // the same of a coefficient whose neighbours are all zero
+};
+
+struct Quantised {
+    std::vector<i64> coefficients;
+    std::vector<i64> largest;  // magnitude in each channel
+};
+
+// Coefficients, rows of `channels` each, in steps. Neighbours are the rows before and after, and the functions of time
+// before and after, which are `axes` channels away.
+Quantised quantise_sparsely(std::span<const double> values, i64 channels, int axes, double step, const DeadZone &zone,
+                            int threads);
+
+}  // namespace pdeanim
