@@ -2,23 +2,26 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+# Lists what pyproject.toml says that the package needs, and each of the extras that follow.
+NEEDS := $(BIN)/python -c 'import sys, tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+	extras = [project["optional-dependencies"][name] for name in sys.argv[1:]]; \
+	print(*[need for list in (project["dependencies"], *extras) for need in list if "pdecodec[" not in need], sep="\n")'
 CORE := $(shell find core -name '*.hpp' -o -name '*.cpp' -o -name '*.h' -o -name CMakeLists.txt)
-# The system's C++ compiler; where there is none, the one in the package ziglang, through two scripts.
+INSTALL := $(PIP) --no-build-isolation --no-deps
+# The system's C++ compiler; where there is none, the one in the package ziglang, through two scripts. Its C++ library is
+# another than that of the package nanobind-backend: nanobind is linked in then.
 ifeq ($(shell command -v c++),)
 COMPILER := .venv/compiler
-INSTALL := CC=$(CURDIR)/$(BIN)/zig-cc CXX=$(CURDIR)/$(BIN)/zig-c++ $(PIP) --no-build-isolation
-else
-INSTALL := $(PIP) --no-build-isolation
+INSTALL := CC=$(CURDIR)/$(BIN)/zig-cc CXX=$(CURDIR)/$(BIN)/zig-c++ $(INSTALL) --config-settings wheel.py-api=
 endif
 BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3' \
 	$(if $(shell command -v cmake),,'cmake>=3.20') $(if $(shell command -v ninja),,ninja)
 INSTALLED := .venv/installed
-DRAWING := .venv/drawing
 READY := .venv/ready
 
 .PHONY: demo test browser lint types sanitize bench bench-rd figures reproduce stability paper docs vectors clean
 
-demo: $(DRAWING)
+demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
 
 test: lint types browser sanitize
@@ -49,7 +52,7 @@ lint: $(READY)
 # mypy sees all four folders only where they lie as they are installed: nested in one package.
 types: $(READY)
 	rm -rf build/types
-	$(INSTALL) --no-deps --target build/types .
+	$(INSTALL) --target build/types .
 	cd build/types && ../../$(BIN)/mypy --config-file ../../pyproject.toml -p pdecodec
 
 bench: $(INSTALLED)
@@ -63,15 +66,15 @@ bench-rd: $(READY)
 
 # make figures DATA=folder: the corpus report, and its tables in docs/results.md.
 figures: $(READY)
-	$(INSTALL) --editable '.[report,baselines]'
+	$(NEEDS) baselines | $(PIP) --requirement /dev/stdin
 	$(BIN)/pdecodec report $(DATA) -o out/corpus
 	$(BIN)/python docs/make_figures.py out/corpus docs/results.md docs/bytes-against-error.png
 
 # The paper reproduced and judged, and the atlas of stability; docs/paper keeps what the README quotes.
-reproduce: $(DRAWING)
+reproduce: $(INSTALLED)
 	$(BIN)/pdecodec reproduce -o out/paper
 
-stability: $(DRAWING)
+stability: $(INSTALLED)
 	$(BIN)/pdecodec stability -o out/stability
 
 paper: reproduce stability
@@ -98,17 +101,13 @@ vectors: $(INSTALLED)
 	chmod +x $(BIN)/zig-cc $(BIN)/zig-c++
 	touch $@
 
+# What the package needs comes while its core is compiled; what draws charts and pictures, too.
 $(INSTALLED): pyproject.toml $(CORE) .venv/tools $(COMPILER)
-	$(INSTALL) --editable .
+	$(NEEDS) report | $(PIP) --requirement /dev/stdin & $(INSTALL) --editable . && wait $$!
 	touch $(INSTALLED)
 
-# What draws charts and pictures.
-$(DRAWING): $(INSTALLED)
-	$(INSTALL) --editable '.[report]'
-	touch $(DRAWING)
-
 $(READY): $(INSTALLED)
-	$(INSTALL) --editable '.[dev]'
+	$(NEEDS) abc usd dev | $(PIP) --requirement /dev/stdin
 	touch $(READY)
 
 clean:
