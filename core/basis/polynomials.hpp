@@ -30,6 +30,35 @@ constexpr int polynomial_count = [] {
     return count;
 }();
 
-extern const std::array<Polynomial, polynomial_count> polynomials;
+inline constexpr std::array<Polynomial, polynomial_count> polynomials = [] {
+    std::array<Polynomial, polynomial_count> found{};
+    for (int axis = 0; axis < 3; ++axis) found[1 + axis].exponents[axis] = 1;
+    int count = affine_count;
+    for (int degree = 2; degree <= largest_degree; ++degree) {
+        for (int a = degree; a >= 0; --a) {
+            for (int b = degree - a; b >= 0; --b) {
+                const int left = degree - a - b;
+                const bool is_affine = a + b == 0 && left == normal_degree;
+                if (left % normal_degree == 0 && !is_affine) found[count++].exponents = {a, b, left / normal_degree};
+            }
+        }
+    }
+    // By their exponents; looking for them would take longer than compilers evaluate at compile time.
+    std::array<std::array<std::array<int, largest_degree + 1>, largest_degree + 1>, largest_degree + 1> numbers{};
+    for (int j = 0; j < polynomial_count; ++j) {
+        const auto &[a, b, c] = found[j].exponents;
+        numbers[a][b][c] = j;
+    }
+    for (Polynomial &own : found) {
+        for (int axis = 2; axis >= 0; --axis) {
+            if (own.exponents[axis] == 0) continue;
+            std::array<int, 3> wanted = own.exponents;
+            --wanted[axis];
+            own.lower[axis] = numbers[wanted[0]][wanted[1]][wanted[2]];
+            own.along = axis;
+        }
+    }
+    return found;
+}();
 
 }  // namespace pdeanim
