@@ -19,12 +19,13 @@ BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3' \
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test browser lint types sanitize bench bench-rd figures reproduce stability paper docs vectors clean
+.PHONY: demo test browser lint types sanitize fuzz exactness bench bench-rd figures reproduce stability paper dist docs vectors clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
 
-test: lint types browser sanitize
+test: BUILDS = gcc-O3-fused
+test: lint types browser sanitize exactness
 	$(BIN)/python -m pytest
 
 # The decoder under the sanitizers, over all vectors and MUTANTS damaged ones; with the system's compiler alone.
@@ -39,6 +40,20 @@ else
 sanitize:
 	@echo 'no sanitizers: there is no C++ compiler but that of a package'
 endif
+
+# libFuzzer for so many MINUTES, from the vectors on; needs clang. What it finds is left in build/.
+MINUTES ?= 5
+CLANG ?= $(shell command -v clang++ || ls /usr/bin/clang++-* | sort -V | tail -1)
+fuzz: .venv/tools
+	$(SANITIZE) -S core -B build/fuzz -DPDEANIM_FUZZ=ON -DPDEANIM_LIBRARY=OFF -DCMAKE_CXX_COMPILER=$(CLANG)
+	$(SANITIZE) --build build/fuzz --parallel 2 --target fuzz_open
+	mkdir -p build/corpus
+	build/fuzz/fuzz_open -max_total_time=$$(($(MINUTES) * 60)) -timeout=20 -rss_limit_mb=2048 -artifact_prefix=build/ \
+		build/corpus spec/vectors/accept spec/vectors/reject
+
+# What compilers, their settings and processors make of the vectors: the same. Those that are not here are skipped.
+exactness: $(INSTALLED)
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python core/tests/exactness.py $(BUILDS)
 
 # Khronos' glTF validator and three.js, for tests that skip without them: where there is no npm, or no network.
 browser:
@@ -79,6 +94,10 @@ stability: $(INSTALLED)
 
 paper: reproduce stability
 	$(BIN)/python docs/make_paper.py out/paper out/stability docs/paper
+
+# The source, and from it the wheel for this kind of machine.
+dist: $(READY)
+	$(BIN)/python -m build --no-isolation --outdir dist
 
 docs: $(INSTALLED)
 	$(BIN)/python docs/make_cli.py docs/cli.md

@@ -1,8 +1,9 @@
 // Writes what a build decodes of files, so that builds can be compared: exactness FOLDER FILE...
 //
-// For each file NAME: in NAME.exact every bit that is read and its probability, whole numbers, attributes and times, which
-// every decoder finds alike; in NAME.points positions (float32) at the frames and between them, after the margin that they
-// may be off by (float64); in NAME.error the class of the error and its byte, where the file is refused.
+// For each file NAME, what every decoder finds alike: in NAME.polygons, NAME.reference and NAME.coefficients the whole
+// numbers whose digests the manifest has; in NAME.rest names, attributes, times, and every bit that is read, with its
+// probability. In NAME.points positions (float32) at the frames and between them, after the margin that they
+// may be off by (float64); in NAME.error the class of the error, its byte, frame and text, where the file is refused.
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -40,13 +41,33 @@ private:
 
 std::vector<i32> bits;  // that were read: each bit and its probability
 
-void write_exact(Animation &animation, Output &out) {
-    for (const std::string &name : animation.names()) out.list(name);
-    for (const Connectivity &part : animation.connectivity()) {
-        for (const auto *numbers : {&part.face_sizes, &part.face_indices, &part.line_sizes, &part.line_indices}) {
-            out.list(*numbers);
-        }
+void write_polygons(const std::vector<Connectivity> &parts, Output &out) {
+    for (const Connectivity &part : parts) {
+        const auto write = [&](const std::vector<i32> &sizes, const std::vector<i32> &indices) {
+            auto corner = indices.begin();
+            for (const i32 size : sizes) {
+                out.write(std::vector<i64>{size});
+                out.write(std::vector<i64>(corner, corner + size));
+                corner += size;
+            }
+        };
+        write(part.face_sizes, part.face_indices);
+        write(part.line_sizes, part.line_indices);
     }
+}
+
+// Row after row: that of a function of space.
+void write_coefficients(Animation &animation, Output &out) {
+    for (std::size_t k = 0; k < animation.table().groups().size(); ++k) {
+        std::vector<i64> steps;
+        const double step = animation.table().groups()[k].step;
+        for (const double value : animation.coefficients(k)) steps.push_back(std::llround(value / step));
+        out.write(steps);
+    }
+}
+
+void write_rest(Animation &animation, Output &out) {
+    for (const std::string &name : animation.names()) out.list(name);
     for (const std::vector<Attribute> &own : animation.attributes()) {
         for (const Attribute &attribute : own) {
             out.list(attribute.name);
@@ -56,14 +77,6 @@ void write_exact(Animation &animation, Output &out) {
         }
     }
     out.list(animation.times());
-    out.list(animation.reference().grid);
-    for (std::size_t k = 0; k < animation.table().groups().size(); ++k) {
-        std::vector<i64> steps;
-        const Group &group = animation.table().groups()[k];
-        for (const double value : animation.coefficients(k)) steps.push_back(std::llround(value / group.step));
-        out.list(steps);
-    }
-    out.list(bits);
 }
 
 void write_points(Animation &animation, Output &out) {
@@ -84,8 +97,8 @@ void decode(const std::filesystem::path &folder, const std::filesystem::path &pa
     const std::vector<char> read(std::istreambuf_iterator<char>(file), {});
     const std::vector<u8> data(read.begin(), read.end());
     const auto beside = [&](const char *ending) { return folder / (path.stem().string() + ending); };
-    const auto refuse = [&](const char *error, i64 byte, i64 frame) {
-        std::ofstream(beside(".error")) << error << ' ' << byte << ' ' << frame << '\n';
+    const auto refuse = [&](const char *kind, const std::exception &error, i64 byte, i64 frame) {
+        std::ofstream(beside(".error")) << kind << ' ' << byte << ' ' << frame << ' ' << error.what() << '\n';
     };
     bits.clear();
     try {
@@ -93,13 +106,18 @@ void decode(const std::filesystem::path &folder, const std::filesystem::path &pa
         options.threads = 1;  // bits are noted in the order in which they are read
         Animation animation(std::make_unique<MemorySource>(data), options);
         animation.verify();
-        Output exact(beside(".exact")), points(beside(".points"));
-        write_exact(animation, exact);
+        Output polygons(beside(".polygons")), reference(beside(".reference")), coefficients(beside(".coefficients")),
+            rest(beside(".rest")), points(beside(".points"));
+        write_polygons(animation.connectivity(), polygons);
+        reference.write(animation.reference().grid);
+        write_coefficients(animation, coefficients);
+        write_rest(animation, rest);
+        rest.list(bits);
         write_points(animation, points);
     } catch (const CorruptError &error) {
-        refuse("corrupt", error.offset, error.frame);
-    } catch (const LimitError &) {
-        refuse("limit", -1, -1);
+        refuse("corrupt", error, error.offset, error.frame);
+    } catch (const LimitError &error) {
+        refuse("limit", error, -1, -1);
     }
 }
 
