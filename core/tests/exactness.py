@@ -43,7 +43,9 @@ class Build:
         return [program for program in (self.compiler, *self.runner[:1], "cmake") if shutil.which(program) is None]
 
 
-CLANG = next((name for name in ("clang++", *(f"clang++-{n}" for n in range(25, 13, -1))) if shutil.which(name)), "clang++")
+CLANG_NAMES = ("clang++", *(f"clang++-{version}" for version in range(25, 13, -1)))
+
+CLANG = next(filter(shutil.which, CLANG_NAMES), CLANG_NAMES[0])
 
 AARCH64 = {"compiler": "aarch64-linux-gnu-g++", "runner": ("qemu-aarch64",), "static": True}
 
