@@ -102,6 +102,14 @@ def faults(out: Path) -> Iterator[str]:
             path = out / f"{name}.{part}"
             if path.exists() and hashlib.sha256(path.read_bytes()).hexdigest() != digest:
                 yield f"{name}: other {part}"
+        margin, points = read_points(out / f"{name}.points")
+        points = points.reshape(-1, vector["vertices"], 3)
+        first, last = vector["positions"][0][0], vector["positions"][-1][0]
+        ends = {last: vector["frames"] - 1, first: 0}
+        pinned = [(points[ends[time], vertex], place) for time, vertex, *place in vector["positions"] if time in ends]
+        found, wanted = np.array(pinned, np.float64).swapaxes(0, 1)
+        if np.abs(found - wanted).max() > allowed(margin, wanted):
+            yield f"{name}: positions are {np.abs(found - wanted).max():g} off, margin {margin:g}"
     for name, vector in manifest["reject"].items():
         path = out / f"{name}.error"
         if vector["reason"].endswith(REMARKS):
@@ -122,11 +130,15 @@ def differences(one: Path, other: Path) -> Iterator[str]:
                 yield f"{name} differs"
             continue
         margins, points = zip(*(read_points(folder / name) for folder in (one, other)), strict=True)
-        # Either is within the margin, and rounded to float32 twice; between frames the spline's weights add up to 1.25.
-        spacing = np.spacing(np.abs(points[0]).max(initial=0.0))
         off = np.abs(points[0].astype(np.float64) - points[1]).max(initial=0.0)
-        if margins[0] != margins[1] or off > 2 * 1.25 * margins[0] + 2 * spacing:
+        if margins[0] != margins[1] or off > allowed(margins[0], points[0]):
             yield f"{name}: positions are {off:g} apart, margin {margins[0]:g}"
+
+
+def allowed(margin: float, points: np.ndarray) -> float:
+    """How far two decoders may be apart: each is within the margin, and rounds to float32 twice."""
+    between_frames = 1.25  # what the spline's weights add up to at most
+    return 2 * (between_frames * margin + float(np.spacing(np.float32(np.abs(points).max(initial=0.0)))))
 
 
 def read_points(path: Path) -> tuple[float, np.ndarray]:
