@@ -2,26 +2,30 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+# Lists what pyproject.toml says that the package needs, and each of the extras that follow.
+NEEDS := $(BIN)/python -c 'import sys, tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+	extras = [project["optional-dependencies"][name] for name in sys.argv[1:]]; \
+	print(*[need for list in (project["dependencies"], *extras) for need in list if "pdecodec[" not in need], sep="\n")'
 CORE := $(shell find core -name '*.hpp' -o -name '*.cpp' -o -name '*.h' -o -name CMakeLists.txt)
-# The system's C++ compiler; where there is none, the one in the package ziglang, through two scripts.
+INSTALL := $(PIP) --no-build-isolation --no-deps
+# The system's C++ compiler; where there is none, the one in the package ziglang, through two scripts. Its C++ library is
+# another than that of the package nanobind-backend: nanobind is linked in then.
 ifeq ($(shell command -v c++),)
 COMPILER := .venv/compiler
-INSTALL := CC=$(CURDIR)/$(BIN)/zig-cc CXX=$(CURDIR)/$(BIN)/zig-c++ $(PIP) --no-build-isolation
-else
-INSTALL := $(PIP) --no-build-isolation
+INSTALL := CC=$(CURDIR)/$(BIN)/zig-cc CXX=$(CURDIR)/$(BIN)/zig-c++ $(INSTALL) --config-settings wheel.py-api=
 endif
 BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3' \
 	$(if $(shell command -v cmake),,'cmake>=3.20') $(if $(shell command -v ninja),,ninja)
 INSTALLED := .venv/installed
-DRAWING := .venv/drawing
 READY := .venv/ready
 
-.PHONY: demo test browser lint types sanitize bench bench-rd figures reproduce stability paper docs vectors clean
+.PHONY: demo test browser lint types sanitize fuzz exactness bench bench-rd figures reproduce stability paper dist docs vectors clean
 
-demo: $(DRAWING)
+demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
 
-test: lint types browser sanitize
+test: BUILDS = gcc-O3-fused
+test: lint types browser sanitize exactness
 	$(BIN)/python -m pytest
 
 # The decoder under the sanitizers, over all vectors and MUTANTS damaged ones; with the system's compiler alone.
@@ -37,6 +41,20 @@ sanitize:
 	@echo 'no sanitizers: there is no C++ compiler but that of a package'
 endif
 
+# libFuzzer for so many MINUTES, from the vectors on; needs clang. What it finds is left in build/.
+MINUTES ?= 5
+CLANG ?= $(shell command -v clang++ || ls /usr/bin/clang++-* | sort -V | tail -1)
+fuzz: .venv/tools
+	$(SANITIZE) -S core -B build/fuzz -DPDEANIM_FUZZ=ON -DPDEANIM_LIBRARY=OFF -DCMAKE_CXX_COMPILER=$(CLANG)
+	$(SANITIZE) --build build/fuzz --parallel 2 --target fuzz_open
+	mkdir -p build/corpus
+	build/fuzz/fuzz_open -max_total_time=$$(($(MINUTES) * 60)) -timeout=20 -rss_limit_mb=2048 -artifact_prefix=build/ \
+		build/corpus spec/vectors/accept spec/vectors/reject
+
+# What compilers, their settings and processors make of the vectors: the same. Those that are not here are skipped.
+exactness: $(INSTALLED)
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python core/tests/exactness.py $(BUILDS)
+
 # Khronos' glTF validator and three.js, for tests that skip without them: where there is no npm, or no network.
 browser:
 	-command -v npm >/dev/null && npm install --silent --no-audit --no-fund --no-package-lock --prefix tests/browser
@@ -49,7 +67,7 @@ lint: $(READY)
 # mypy sees all four folders only where they lie as they are installed: nested in one package.
 types: $(READY)
 	rm -rf build/types
-	$(INSTALL) --no-deps --target build/types .
+	$(INSTALL) --target build/types .
 	cd build/types && ../../$(BIN)/mypy --config-file ../../pyproject.toml -p pdecodec
 
 bench: $(INSTALLED)
@@ -63,19 +81,23 @@ bench-rd: $(READY)
 
 # make figures DATA=folder: the corpus report, and its tables in docs/results.md.
 figures: $(READY)
-	$(INSTALL) --editable '.[report,baselines]'
+	$(NEEDS) baselines | $(PIP) --requirement /dev/stdin
 	$(BIN)/pdecodec report $(DATA) -o out/corpus
 	$(BIN)/python docs/make_figures.py out/corpus docs/results.md docs/bytes-against-error.png
 
 # The paper reproduced and judged, and the atlas of stability; docs/paper keeps what the README quotes.
-reproduce: $(DRAWING)
+reproduce: $(INSTALLED)
 	$(BIN)/pdecodec reproduce -o out/paper
 
-stability: $(DRAWING)
+stability: $(INSTALLED)
 	$(BIN)/pdecodec stability -o out/stability
 
 paper: reproduce stability
 	$(BIN)/python docs/make_paper.py out/paper out/stability docs/paper
+
+# The source, and from it the wheel for this kind of machine.
+dist: $(READY)
+	$(BIN)/python -m build --no-isolation --outdir dist
 
 docs: $(INSTALLED)
 	$(BIN)/python docs/make_cli.py docs/cli.md
@@ -98,17 +120,13 @@ vectors: $(INSTALLED)
 	chmod +x $(BIN)/zig-cc $(BIN)/zig-c++
 	touch $@
 
+# What the package needs comes while its core is compiled; what draws charts and pictures, too.
 $(INSTALLED): pyproject.toml $(CORE) .venv/tools $(COMPILER)
-	$(INSTALL) --editable .
+	$(NEEDS) report | $(PIP) --requirement /dev/stdin & $(INSTALL) --editable . && wait $$!
 	touch $(INSTALLED)
 
-# What draws charts and pictures.
-$(DRAWING): $(INSTALLED)
-	$(INSTALL) --editable '.[report]'
-	touch $(DRAWING)
-
 $(READY): $(INSTALLED)
-	$(INSTALL) --editable '.[dev]'
+	$(NEEDS) abc usd dev | $(PIP) --requirement /dev/stdin
 	touch $(READY)
 
 clean:

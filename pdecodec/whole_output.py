@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -63,7 +62,7 @@ def partial_folder(beside: Path) -> Iterator[Path]:
 
 def partial_path(path: Path) -> Path:
     """A hidden name beside `path` that no other writer takes."""
-    return path.with_name(f".{path.name}.{secrets.token_hex(6)}.partial")
+    return path.with_name(f".{path.name}.{os.urandom(6).hex()}.partial")
 
 
 @contextmanager

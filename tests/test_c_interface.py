@@ -21,14 +21,23 @@ ROOT = Path(__file__).resolve().parent.parent
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where `cmake --install` has put the library."""
-    builds = [path.parent for path in ROOT.glob("build/*/libpdeanim.so")]
+    builds = [path.parent for path in ROOT.glob("build/cp*/build.ninja")]
     if not builds or shutil.which("cmake") is None:
-        pytest.skip("the library is not built here, or cmake is not in the path")
+        pytest.skip("the core is not built here, or cmake is not in the path")
     prefix: Path = tmp_path_factory.mktemp("installed")
-    newest = max(builds, key=lambda build: (build / "libpdeanim.so").stat().st_mtime)
-    command = ["cmake", "--install", os.fspath(newest), "--component", "library", "--prefix", os.fspath(prefix)]
-    subprocess.run(command, check=True, capture_output=True)
+    newest = max(builds, key=lambda build: (build / "build.ninja").stat().st_mtime)
+    # The objects are there from the installation of the package.
+    run("cmake", "--build", newest, "--target", "pdeanim")
+    run("cmake", "--install", newest, "--component", "library", "--prefix", prefix)
     return prefix
+
+
+def run(*command: str | Path, **environment: str | Path) -> str:
+    """What a command writes to standard output; `environment` is added to that of this process."""
+    added = {name: os.fspath(value) for name, value in environment.items()}
+    done = subprocess.run(command, env=os.environ | added, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
 
 
 def library_of(installed: Path) -> Path:
@@ -49,6 +58,36 @@ def player(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     command = [compiler, *flags, os.fspath(source), f"-L{folder}", "-lpdeanim", f"-Wl,-rpath,{folder}"]
     subprocess.run([*command, "-o", os.fspath(program)], check=True)
     return program
+
+
+def test_pkg_config_says_how_to_compile_with_the_library(installed: Path, tmp_path: Path) -> None:
+    if shutil.which("pkg-config") is None or shutil.which("cc") is None:
+        pytest.skip("pkg-config or a C compiler is not in the path")
+    folder = library_of(installed).parent
+    flags = run("pkg-config", "--cflags", "--libs", "pdeanim", PKG_CONFIG_PATH=folder / "pkgconfig").split()
+    run("cc", ROOT / "examples" / "c" / "play.c", *flags, "-o", tmp_path / "play")
+    assert "-lstdc++" not in flags
+    assert "-lstdc++" in run("pkg-config", "--static", "--libs", "pdeanim", PKG_CONFIG_PATH=folder / "pkgconfig")
+    assert run("pkg-config", "--modversion", "pdeanim", PKG_CONFIG_PATH=folder / "pkgconfig").strip() == "1.0.0"
+
+
+def test_a_program_that_is_built_with_cmake_finds_the_library(installed: Path, tmp_path: Path) -> None:
+    if shutil.which("cc") is None:
+        pytest.skip("there is no C compiler in the path")
+    (tmp_path / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.20)\nproject(player LANGUAGES C)\n"
+        "find_package(pdeanim 1.0 REQUIRED)\n"
+        f'add_executable(play "{ROOT / "examples" / "c" / "play.c"}")\n'
+        "target_link_libraries(play PRIVATE pdeanim::pdeanim)\n"
+    )
+    run("cmake", "-S", tmp_path, "-B", tmp_path / "build", f"-DCMAKE_PREFIX_PATH={installed}")
+    run("cmake", "--build", tmp_path / "build")
+    source = encoded(several_objects(), tmp_path / "clip.pdeanim")
+    out = tmp_path / "out"
+    out.mkdir()
+    run(tmp_path / "build" / "play", source, out)
+    with open_animation(source) as animation:
+        assert len(list(out.iterdir())) == animation.frame_count
 
 
 def points_of(path: Path) -> np.ndarray:

@@ -43,14 +43,18 @@ inline constexpr std::array<Polynomial, polynomial_count> polynomials = [] {
             }
         }
     }
+    // By their exponents; looking for them would take longer than compilers evaluate at compile time.
+    std::array<std::array<std::array<int, largest_degree + 1>, largest_degree + 1>, largest_degree + 1> numbers{};
+    for (int j = 0; j < polynomial_count; ++j) {
+        const auto &[a, b, c] = found[j].exponents;
+        numbers[a][b][c] = j;
+    }
     for (Polynomial &own : found) {
         for (int axis = 2; axis >= 0; --axis) {
             if (own.exponents[axis] == 0) continue;
             std::array<int, 3> wanted = own.exponents;
             --wanted[axis];
-            for (int j = 0; j < polynomial_count; ++j) {
-                if (found[j].exponents == wanted) own.lower[axis] = j;
-            }
+            own.lower[axis] = numbers[wanted[0]][wanted[1]][wanted[2]];
             own.along = axis;
         }
     }

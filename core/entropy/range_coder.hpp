@@ -18,6 +18,11 @@ namespace pdeanim {
 
 enum class Mode { encode, decode, measure };
 
+#if defined(PDEANIM_NOTE_BITS)
+// Sees each bit that is decoded: what tests/exactness.cpp compares builds by.
+void note_bit(i32 probability, bool bit);
+#endif
+
 // An adaptive bit model: 22 bits of the probability of a 1 above 10 bits that count how often it was adapted, so that it
 // learns fast at first and settles later.
 class BitModel {
@@ -104,6 +109,9 @@ public:
             } else {
                 bit = code_ < split;
                 if (!bit) code_ -= split;
+#if defined(PDEANIM_NOTE_BITS)
+                note_bit(probability, bit);
+#endif
             }
             range_ = bit ? split : range_ - split;
             while (range_ < bottom) {

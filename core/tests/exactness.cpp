@@ -1,0 +1,135 @@
+// Writes what a build decodes of files, so that builds can be compared: exactness FOLDER FILE...
+//
+// For each file NAME, what every decoder finds alike: in NAME.polygons, NAME.reference and NAME.coefficients the whole
+// numbers whose digests the manifest has; in NAME.rest names, attributes, times, and every bit that is read, with its
+// probability. In NAME.points positions (float32) at the frames and between them, after the margin that they
+// may be off by (float64); in NAME.error the class of the error, its byte, frame and text, where the file is refused.
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <string>
+#include <vector>
+
+#include "decoder/animation.hpp"
+
+namespace {
+
+using namespace pdeanim;
+
+class Output {
+public:
+    explicit Output(const std::filesystem::path &path) : file_(path, std::ios::binary) {}
+
+    template <class T> void write(const std::vector<T> &values) {
+        file_.write(reinterpret_cast<const char *>(values.data()), values.size() * sizeof(T));
+    }
+
+    // Apart from what comes next.
+    template <class T> void list(const std::vector<T> &values) {
+        write(std::vector<i64>{static_cast<i64>(values.size())});
+        write(values);
+    }
+
+    void list(const std::string &text) { list(std::vector<char>(text.begin(), text.end())); }
+
+private:
+    std::ofstream file_;
+};
+
+std::vector<i32> bits;  // that were read: each bit and its probability
+
+void write_polygons(const std::vector<Connectivity> &parts, Output &out) {
+    for (const Connectivity &part : parts) {
+        const auto write = [&](const std::vector<i32> &sizes, const std::vector<i32> &indices) {
+            auto corner = indices.begin();
+            for (const i32 size : sizes) {
+                out.write(std::vector<i64>{size});
+                out.write(std::vector<i64>(corner, corner + size));
+                corner += size;
+            }
+        };
+        write(part.face_sizes, part.face_indices);
+        write(part.line_sizes, part.line_indices);
+    }
+}
+
+// Row after row: that of a function of space.
+void write_coefficients(Animation &animation, Output &out) {
+    for (std::size_t k = 0; k < animation.table().groups().size(); ++k) {
+        std::vector<i64> steps;
+        const double step = animation.table().groups()[k].step;
+        for (const double value : animation.coefficients(k)) steps.push_back(std::llround(value / step));
+        out.write(steps);
+    }
+}
+
+void write_rest(Animation &animation, Output &out) {
+    for (const std::string &name : animation.names()) out.list(name);
+    for (const std::vector<Attribute> &own : animation.attributes()) {
+        for (const Attribute &attribute : own) {
+            out.list(attribute.name);
+            out.list(attribute.values);
+            out.list(attribute.indices.value_or(std::vector<i32>()));
+            for (const std::string &label : attribute.labels) out.list(label);
+        }
+    }
+    out.list(animation.times());
+}
+
+void write_points(Animation &animation, Output &out) {
+    double margin = 0.0;  // see 19 of the specification
+    for (const Group &group : animation.table().groups()) {
+        margin = std::max(margin, animation.model().residual_step * (group.is_single ? 0x1p-11 : 0x1p-20));
+    }
+    std::vector<double> times = animation.times();
+    for (i64 frame = 1; frame < animation.frames(); ++frame) times.push_back((times[frame - 1] + times[frame]) / 2);
+    std::vector<float> points(times.size() * 3 * animation.vertices());
+    animation.evaluate(Quantity::positions, times, std::nullopt, points);
+    out.write(std::vector<double>{margin});
+    out.write(points);
+}
+
+void decode(const std::filesystem::path &folder, const std::filesystem::path &path) {
+    std::ifstream file(path, std::ios::binary);
+    const std::vector<char> read(std::istreambuf_iterator<char>(file), {});
+    const std::vector<u8> data(read.begin(), read.end());
+    const auto beside = [&](const char *ending) { return folder / (path.stem().string() + ending); };
+    const auto refuse = [&](const char *kind, const std::exception &error, i64 byte, i64 frame) {
+        std::ofstream(beside(".error")) << kind << ' ' << byte << ' ' << frame << ' ' << error.what() << '\n';
+    };
+    bits.clear();
+    try {
+        Animation::Options options;
+        options.threads = 1;  // bits are noted in the order in which they are read
+        Animation animation(std::make_unique<MemorySource>(data), options);
+        animation.verify();
+        Output polygons(beside(".polygons")), reference(beside(".reference")), coefficients(beside(".coefficients")),
+            rest(beside(".rest")), points(beside(".points"));
+        write_polygons(animation.connectivity(), polygons);
+        reference.write(animation.reference().grid);
+        write_coefficients(animation, coefficients);
+        write_rest(animation, rest);
+        rest.list(bits);
+        write_points(animation, points);
+    } catch (const CorruptError &error) {
+        refuse("corrupt", error, error.offset, error.frame);
+    } catch (const LimitError &error) {
+        refuse("limit", error, -1, -1);
+    }
+}
+
+}  // namespace
+
+void pdeanim::note_bit(i32 probability, bool bit) { bits.insert(bits.end(), {probability, bit}); }
+
+int main(int count, char **arguments) {
+    if (count < 3) {
+        std::fprintf(stderr, "usage: %s FOLDER FILE...\n", arguments[0]);
+        return EXIT_FAILURE;
+    }
+    for (int k = 2; k < count; ++k) decode(arguments[1], arguments[k]);
+    return EXIT_SUCCESS;
+}

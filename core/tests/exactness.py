@@ -1,0 +1,167 @@
+"""Compares what builds of the core by different compilers decode: `make exactness`.
+
+    python core/tests/exactness.py [BUILD ...]
+
+Each build decodes every vector of the specification. What is exact (bits and their probabilities, connectivity, whole
+numbers, attributes, times, errors) is the same in all of them and in the manifest; positions are within the margin.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+VECTORS = ROOT / "spec" / "vectors"
+
+REMARKS = ("(3.2)", "(18)")
+"""Sections of the specification on remarks, which the core hands over as they are."""
+
+
+@dataclass(frozen=True)
+class Build:
+    """A way to compile the core, and how its programs are started; `needs` are programs in the path."""
+
+    name: str
+    compiler: str
+    flags: str
+    contract: str = "off"
+    runner: tuple[str, ...] = ()
+    static: bool = False
+
+    @property
+    def missing(self) -> list[str]:
+        return [program for program in (self.compiler, *self.runner[:1], "cmake") if shutil.which(program) is None]
+
+
+CLANG_NAMES = ("clang++", *(f"clang++-{version}" for version in range(25, 13, -1)))
+
+CLANG = next(filter(shutil.which, CLANG_NAMES), CLANG_NAMES[0])
+
+AARCH64 = {"compiler": "aarch64-linux-gnu-g++", "runner": ("qemu-aarch64",), "static": True}
+
+BUILDS = (
+    Build("gcc-O3-fused", "g++", "-O3 -mfma", "fast"),
+    Build("gcc-O3", "g++", "-O3"),
+    Build("gcc-O0", "g++", "-O0"),
+    Build("clang-O3", CLANG, "-O3"),
+    Build("clang-O0", CLANG, "-O0"),
+    Build("clang-O3-fused", CLANG, "-O3 -mfma", "fast"),
+    Build("arm64-O3", **AARCH64, flags="-O3"),
+    Build("arm64-O0", **AARCH64, flags="-O0"),
+    Build("arm64-O3-fused", **AARCH64, flags="-O3", contract="fast"),
+)
+"""The first one alone is a part of `make test`: most differs in it from what is installed."""
+
+
+def decoded(build: Build) -> Path:
+    """The folder that a build has written what it decodes to."""
+    folder = ROOT / "build" / "exactness" / build.name
+    options = {
+        "CMAKE_CXX_COMPILER": build.compiler,
+        "CMAKE_CXX_FLAGS": build.flags,
+        "CMAKE_BUILD_TYPE": "None",
+        "CMAKE_EXE_LINKER_FLAGS": "-static" if build.static else "",
+        "PDEANIM_CONTRACT": build.contract,
+        "PDEANIM_EXACTNESS": "ON",
+        "PDEANIM_LIBRARY": "OFF",
+    }
+    settings = [f"-D{name}={value}" for name, value in options.items()]
+    run("cmake", "-S", ROOT / "core", "-B", folder, *settings)
+    run("cmake", "--build", folder, "--parallel", str(os.cpu_count()), "--target", "exactness")
+    out = folder / "out"
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir()
+    run(*build.runner, folder / "exactness", out, *sorted(VECTORS.glob("*/*.pdeanim")))
+    return out
+
+
+def run(*command: str | Path) -> None:
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    if result.returncode:
+        sys.exit(f"{' '.join(map(str, command[:4]))} ...\n{result.stdout[-4000:]}{result.stderr[-4000:]}")
+
+
+def faults(out: Path) -> Iterator[str]:
+    """Where what a build decodes is not what the manifest of the vectors says."""
+    manifest = json.loads((VECTORS / "manifest.json").read_text("utf-8"))
+    for name, vector in manifest["accept"].items():
+        if not (out / f"{name}.points").exists():
+            yield f"{name} is refused"
+            continue
+        for part, digest in vector["integers"].items():
+            path = out / f"{name}.{part}"
+            if path.exists() and hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+                yield f"{name}: other {part}"
+        margin, points = read_points(out / f"{name}.points")
+        points = points.reshape(-1, vector["vertices"], 3)
+        first, last = vector["positions"][0][0], vector["positions"][-1][0]
+        ends = {last: vector["frames"] - 1, first: 0}
+        pinned = [(points[ends[time], vertex], place) for time, vertex, *place in vector["positions"] if time in ends]
+        found, wanted = np.array(pinned, np.float64).swapaxes(0, 1)
+        if np.abs(found - wanted).max() > allowed(margin, wanted):
+            yield f"{name}: positions are {np.abs(found - wanted).max():g} off, margin {margin:g}"
+    for name, vector in manifest["reject"].items():
+        path = out / f"{name}.error"
+        if vector["reason"].endswith(REMARKS):
+            continue
+        if not path.exists() or path.read_text("utf-8").split()[0] != vector["error"]:
+            yield f"{name} is not refused as {vector['error']}"
+
+
+def differences(one: Path, other: Path) -> Iterator[str]:
+    """Where two builds decode what they may not."""
+    names = {path.name for path in one.iterdir()}
+    if names != {path.name for path in other.iterdir()}:
+        yield "other files are refused"
+        return
+    for name in sorted(names):
+        if not name.endswith(".points"):
+            if (one / name).read_bytes() != (other / name).read_bytes():
+                yield f"{name} differs"
+            continue
+        margins, points = zip(*(read_points(folder / name) for folder in (one, other)), strict=True)
+        off = np.abs(points[0].astype(np.float64) - points[1]).max(initial=0.0)
+        if margins[0] != margins[1] or off > allowed(margins[0], points[0]):
+            yield f"{name}: positions are {off:g} apart, margin {margins[0]:g}"
+
+
+def allowed(margin: float, points: np.ndarray) -> float:
+    """How far two decoders may be apart: each is within the margin, and rounds to float32 twice."""
+    between_frames = 1.25  # what the spline's weights add up to at most
+    return 2 * (between_frames * margin + float(np.spacing(np.float32(np.abs(points).max(initial=0.0)))))
+
+
+def read_points(path: Path) -> tuple[float, np.ndarray]:
+    data = path.read_bytes()
+    return float(np.frombuffer(data, np.float64, 1)[0]), np.frombuffer(data, np.float32, offset=8)
+
+
+def main(names: list[str]) -> None:
+    first: tuple[str, Path] | None = None
+    failed = False
+    for build in BUILDS:
+        if names and build.name not in names:
+            continue
+        if build.missing:
+            print(f"{build.name}: skipped, there is no {', '.join(build.missing)}")
+            continue
+        out = decoded(build)
+        found = list(faults(out)) + (list(differences(first[1], out)) if first else [])
+        print(f"{build.name}: {'; '.join(found) if found else 'as it should be'}")
+        first = first or (build.name, out)
+        failed = failed or bool(found)
+    sys.exit(failed)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
