@@ -113,47 +113,4 @@ void SpaceBasis::project(i64 first, i64 end, const double *values, i64 channels,
     }
 }
 
-template <class Real> void Expansion::expand(i64 first, i64 end, Real *fields) const {
-    const Elements &elements = basis_.elements();
-    const Patches &patches = *elements.patches;
-    ElementFunctions functions(elements);
-    std::vector<const double *> coefficients, rows, chosen;
-    std::vector<double> multiples, sums;
-    for (i64 e = first; e < end; ++e) {
-        const i64 affine = elements.affine[e], size = patches.size(e);
-        coefficients.clear();
-        for (i64 k = 0; k < elements.rank(e); ++k) {
-            coefficients.push_back(k < affine ? affine_.data() + (affine_count * patches.node_of[e] + k) * channels_
-                                              : coefficients_ + (elements.first_function(e) + k) * channels_);
-        }
-        const auto is_zero = [&](const double *row) {
-            return std::all_of(row, row + channels_, [](double value) { return value == 0.0; });
-        };
-        while (static_cast<i64>(coefficients.size()) > affine && is_zero(coefficients.back())) coefficients.pop_back();
-        const i64 rank = static_cast<i64>(coefficients.size());
-        const std::span<const double> made = basis_.functions_of(e);
-        // An element's functions are made as far as there are coefficients for them: mostly a fraction.
-        if (made.empty()) functions.make(e, rank);
-        rows.clear();
-        for (i64 k = 0; k < rank; ++k) rows.push_back(made.empty() ? functions.function(k) : made.data() + k * size);
-        for (i64 a = 0; a < channels_; ++a) {
-            chosen.clear();
-            multiples.clear();
-            for (i64 k = 0; k < rank; ++k) {
-                if (coefficients[k][a] == 0.0) continue;
-                chosen.push_back(rows[k]);
-                multiples.push_back(coefficients[k][a]);
-            }
-            sums.assign(size, 0.0);
-            add_multiples(sums.data(), size, chosen.data(), multiples.data(), static_cast<i64>(chosen.size()));
-            Real *field = fields + a * basis_.vertices();
-            const i32 *vertex = patches.vertices(e).data();
-            for (i64 i = 0; i < size; ++i) field[vertex[i]] = static_cast<Real>(sums[i]);
-        }
-    }
-}
-
-template void Expansion::expand(i64, i64, float *) const;
-template void Expansion::expand(i64, i64, double *) const;
-
 }  // namespace pdeanim

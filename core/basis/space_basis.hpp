@@ -63,28 +63,4 @@ private:
     double nearest_;
 };
 
-// Undoes `SpaceBasis::project`, element by element, while coefficients become known.
-class Expansion {
-public:
-    // `coefficients`: a row of `channels` a function, read when they are needed; basis and coefficients are the caller's.
-    Expansion(const SpaceBasis &basis, const double *coefficients, i64 channels)
-        : basis_(basis), coefficients_(coefficients), channels_(channels),
-          affine_(affine_count * basis.tree().nodes() * channels) {}
-
-    i64 channels() const { return channels_; }
-
-    // The elements' affine coefficients: those of the whole and of all wavelets are there.
-    void synthesise() { basis_.tree().synthesise(coefficients_, affine_, channels_); }
-
-    // Fill in the vertices of the elements `first` to `end` - 1, whose coefficients are there, of `fields`: one a channel,
-    // a number a vertex in the order of the mesh. Several threads may, each others.
-    template <class Real> void expand(i64 first, i64 end, Real *fields) const;
-
-private:
-    const SpaceBasis &basis_;
-    const double *coefficients_;
-    i64 channels_;
-    std::vector<double> affine_;  // four rows of `channels` a node of the partition tree
-};
-
 }  // namespace pdeanim

@@ -7,7 +7,7 @@
 
 #include "decoder/fields.hpp"
 #include "decoder/limits.hpp"
-#include "evaluate/fields.hpp"
+#include "evaluate/motion.hpp"
 #include "mesh/curves.hpp"
 #include "parallel.hpp"
 #include "reference/reference.hpp"
@@ -313,15 +313,29 @@ void Animation::decode_ahead(std::span<const double> sorted) {
 
 ResidualScale Animation::residual_scale() { return {space().elements().patches->order, model_.residual_step}; }
 
-// Positions at frames of one group in a row, by the model alone.
-void Animation::evaluate_model(const DecodedGroup &own, i64 first, i64 count, std::span<float> out) {
-    std::visit(
-        [&](const auto &functions) {
-            const std::size_t row = 3 * own.group.functions;
-            const std::span time(functions.time.data() + (first - own.group.first) * row, count * row);
-            evaluate_frames(time, own.fields(functions), reference_->points, out);
-        },
-        own.functions);
+template <class Real> const AnchoredReference<Real> &Animation::anchored() {
+    auto &found = [&]() -> std::optional<AnchoredReference<Real>> & {
+        if constexpr (std::is_same_v<Real, float>) {
+            return anchored_single_;
+        } else {
+            return anchored_double_;
+        }
+    }();
+    if (!found) found.emplace(*space().elements().patches, reference().points);
+    return *found;
+}
+
+// Work with a group's motion and the reference frame in its precision.
+template <class Work> void Animation::with_motion(const DecodedGroup &own, const Work &work) {
+    std::visit([&]<class Real>(const Motion<Real> &motion) { work(motion, anchored<Real>()); }, own.motion);
+}
+
+// Positions at one frame, by the model alone.
+void Animation::evaluate_model(const DecodedGroup &own, i64 frame, std::span<float> out) {
+    with_motion(own, [&](const auto &motion, const auto &anchored) {
+        const i64 row = motion.time_axes() * motion.functions;
+        pdeanim::evaluate(motion, std::span(own.time).subspan((frame - own.group.first) * row, row), &anchored, out);
+    });
 }
 
 FrameResiduals Animation::residuals_at(i64 frame) {
@@ -330,7 +344,7 @@ FrameResiduals Animation::residuals_at(i64 frame) {
     const std::vector<i64> &starts = own.residuals.raw_frame_starts;
     if (starts[found.inside] < starts[found.inside + 1]) {
         found.base.resize(vertices());
-        evaluate_model(own, frame, 1, {found.base[0].data(), 3 * found.base.size()});
+        evaluate_model(own, frame, {found.base[0].data(), 3 * found.base.size()});
     }
     return found;
 }
@@ -340,36 +354,41 @@ void Animation::evaluate_frames_of_group(i64 first, i64 count, std::span<float> 
     const DecodedGroup &own = group(table_->group_of(first));
     const ResidualScale scale = residual_scale();
     const std::size_t size = 3 * vertices();
-    in_shares((count + frames_at_once - 1) / frames_at_once, threads_, [&](i64 tile, i64 end) {
-        const i64 begin = tile * frames_at_once, frames = least(end * frames_at_once, count) - begin;
-        const std::span<float> part = out.subspan(begin * size, frames * size);
-        evaluate_model(own, first + begin, frames, part);
-        for (i64 k = 0; k < frames; ++k) {
-            add_residuals(own.residuals, first + begin + k - own.group.first, scale, 1.0, {},
-                          as_positions(part.subspan(k * size, size)));
-        }
+    with_motion(own, [&](const auto &motion, const auto &anchored) {
+        const i64 row = motion.time_axes() * motion.functions;
+        in_shares((count + frames_at_once - 1) / frames_at_once, threads_, [&](i64 tile, i64 end) {
+            const i64 begin = tile * frames_at_once, frames = least(end * frames_at_once, count) - begin;
+            const i64 inside = first + begin - own.group.first;
+            const std::span<float> part = out.subspan(begin * size, frames * size);
+            pdeanim::evaluate(motion, std::span(own.time).subspan(inside * row, frames * row), &anchored, part);
+            for (i64 k = 0; k < frames; ++k) {
+                add_residuals(own.residuals, inside + k, scale, 1.0, {}, as_positions(part.subspan(k * size, size)));
+            }
+        });
     });
 }
 
 // Displacement of all vertices at a time by the model alone, or a derivative of it: (vertices, 3).
 std::vector<double> Animation::displacement(double time, int derivative) {
-    std::vector<double> moved(3 * vertices());
+    std::vector<double> moved, part(3 * vertices());
     const auto add = [&](std::size_t index, std::span<const double> weights) {
-        const DecodedGroup &own = group(index);
-        std::visit([&](const auto &functions) { add_displacement(weights, own.fields(functions), moved); },
-                   own.functions);
+        const auto evaluate_part = [&]<class Real>(const Motion<Real> &motion) {
+            pdeanim::evaluate(motion, weights, static_cast<const AnchoredReference<Real> *>(nullptr), part);
+        };
+        std::visit(evaluate_part, group(index).motion);
+        if (moved.empty()) {
+            moved.swap(part);
+            part.resize(moved.size());
+        } else {
+            for (std::size_t i = 0; i < moved.size(); ++i) moved[i] += part[i];
+        }
     };
     if (table_->groups()[0].basis == TimeBasis::closed_form) {
         if (closed_forms_.empty()) {
             for (std::size_t k = 0; k < table_->groups().size(); ++k) closed_forms_.push_back(closed_form(k));
         }
         for (const GroupWeights &own : closed_form_weights(closed_forms_, time, derivative)) {
-            const i64 functions = table_->groups()[own.group].functions;
-            std::vector<double> weights;
-            for (int axis = 0; axis < 3; ++axis) {
-                weights.insert(weights.end(), own.weights.begin(), own.weights.begin() + functions);
-            }
-            add(own.group, weights);
+            add(own.group, std::span(own.weights).first(table_->groups()[own.group].functions));
         }
         return moved;
     }
@@ -380,21 +399,18 @@ std::vector<double> Animation::displacement(double time, int derivative) {
     for (std::size_t index = table_->group_of(first); index <= table_->group_of(end - 1); ++index) {
         const Group &own = table_->groups()[index];
         const i64 low = most(own.first, first), high = least(own.first + own.frames, end);
-        std::vector<double> weights(3 * own.functions);
+        std::vector<double> weights(own.time_axes() * own.functions);
         bool counts = false;
         for (i64 frame = low; frame < high; ++frame) {
             const double share = of_frames[frame - first];
             if (share == 0.0) continue;
             counts = true;
-            std::visit(
-                [&](const auto &functions) {
-                    const auto *row = functions.time.data() + (frame - own.first) * 3 * own.functions;
-                    for (std::size_t k = 0; k < weights.size(); ++k) weights[k] += share * static_cast<double>(row[k]);
-                },
-                group(index).functions);
+            const double *row = group(index).time.data() + (frame - own.first) * weights.size();
+            for (std::size_t k = 0; k < weights.size(); ++k) weights[k] += share * row[k];
         }
         if (counts) add(index, weights);
     }
+    moved.resize(3 * vertices());
     return moved;
 }
 

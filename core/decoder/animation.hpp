@@ -112,7 +112,9 @@ private:
     DecodedGroup decode(std::size_t index, int threads) const;
     void keep(std::size_t index, DecodedGroup group);
     ResidualScale residual_scale();
-    void evaluate_model(const DecodedGroup &own, i64 first, i64 count, std::span<float> out);
+    template <class Real> const AnchoredReference<Real> &anchored();
+    template <class Work> void with_motion(const DecodedGroup &own, const Work &work);
+    void evaluate_model(const DecodedGroup &own, i64 frame, std::span<float> out);
     FrameResiduals residuals_at(i64 frame);
     std::vector<double> displacement(double time, int derivative);
     void evaluate_frames_of_group(i64 first, i64 count, std::span<float> out);
@@ -140,6 +142,8 @@ private:
     std::optional<Reference> reference_;
     std::optional<std::vector<std::vector<Attribute>>> attributes_;
     std::unique_ptr<SpaceBasis> space_;
+    std::optional<AnchoredReference<float>> anchored_single_;  // of the reference frame, for groups of either precision
+    std::optional<AnchoredReference<double>> anchored_double_;
     std::optional<std::vector<u8>> remarks_;
     std::optional<FrameSpline> spline_;
     std::vector<ClosedForm> closed_forms_;

@@ -1,4 +1,4 @@
-// A group of frames as its chunks decode: functions of time, the fields that they are multiplied with, residuals.
+// A group of frames as its chunks decode: functions of time, what they move, residuals.
 #pragma once
 
 #include <array>
@@ -8,27 +8,17 @@
 
 #include "basis/space_basis.hpp"
 #include "decoder/group_table.hpp"
-#include "evaluate/fields.hpp"
+#include "evaluate/motion.hpp"
 #include "residuals/residuals.hpp"
 
 namespace pdeanim {
 
-// Functions of time at the frames, (frames, 3, functions), and the field of each, (functions, 1 or 3, vertices).
-template <class Real> struct GroupFunctions {
-    std::vector<Real> time, fields;
-};
-
 struct DecodedGroup {
-    // What the fields look like to those who add them up.
-    template <class Real> Fields<Real> fields(const GroupFunctions<Real> &own) const {
-        return {own.fields, group.functions, group.axes(), vertices};
-    }
-
     i64 bytes() const;
 
     Group group;
-    i64 vertices = 0;
-    std::variant<GroupFunctions<float>, GroupFunctions<double>> functions;  // in the precision of the group's sums
+    std::vector<double> time;  // functions of time at the frames, (frames, time axes, functions)
+    std::variant<Motion<float>, Motion<double>> motion;  // in the precision of the group's sums
     Residuals residuals;
 };
 
