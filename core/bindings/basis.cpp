@@ -174,9 +174,10 @@ private:
                 "one row of coefficients a function of space");
         nb::gil_scoped_release release;
         Motion<Real> found(basis, static_cast<i64>(quantised.shape(1)) / axes, axes, step);
-        found.take_tree(quantised.data());
+        const QuantisedRows rows{quantised.data(), found.channels(), {}};
+        found.take_tree(rows);
         in_shares(basis.elements().count(), threads,
-                  [&](i64 first, i64 end) { found.take_elements(first, end, quantised.data()); });
+                  [&](i64 first, i64 end) { found.take_elements(first, end, rows); });
         return found;
     }
 };

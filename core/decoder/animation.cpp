@@ -183,6 +183,7 @@ const std::vector<std::vector<Attribute>> &Animation::attributes() {
 const SpaceBasis &Animation::space() {
     const std::lock_guard guard(lock_);
     if (!space_) {
+        take_motion();
         const SpaceForm &form = model_.form;
         const std::vector<ConnectivityView> parts = views();
         std::shared_ptr<const Patches> patches;
@@ -210,26 +211,45 @@ const SpaceBasis &Animation::space() {
         }
         space_ =
             std::make_unique<SpaceBasis>(form, patches, reference().grid, std::span<const u8>(model_.masks), threads_);
-        check_motion();
     }
     return *space_;
 }
 
 // The memory that the largest group needs must be there before any is decoded.
-void Animation::check_motion() {
+void Animation::take_motion() {
+    if (has_motion_memory_) return;
     u64 widest = 0, longest = 0;
     for (const Group &group : table_->groups()) {
         widest = most(widest, static_cast<u64>(group.channels()));
         longest = most(longest, static_cast<u64>(group.frames * group.functions));
     }
     // Both are bounded: 4,096 frames a group, 3 functions a frame, 3 axes.
-    try {
-        take(bytes_per_coefficient * vertices() * widest + bytes_per_time_value * longest,
-             std::to_string(widest) + " functions of time on " + std::to_string(vertices()) + " vertices");
-    } catch (...) {
-        space_.reset();
-        throw;
+    take(bytes_per_coefficient * vertices() * widest + bytes_per_time_value * longest,
+         std::to_string(widest) + " functions of time on " + std::to_string(vertices()) + " vertices");
+    has_motion_memory_ = true;
+}
+
+// Make the space basis, if there is none yet, while another thread decodes what some groups have in TIME, which
+// needs no other section.
+Animation::TimesAhead Animation::make_space(std::span<const std::size_t> groups) {
+    TimesAhead found(groups.size());
+    if (space_ || threads_ < 2) {
+        space();
+        return found;
     }
+    take_motion();
+    const std::jthread other([&] {
+        try {
+            for (std::size_t k = 0; k < groups.size(); ++k) {
+                const Group &own = table_->groups()[groups[k]];
+                found[k] = decode_group_times(own, table_->chunks(container_, groups[k])[0]);
+            }
+        } catch (...) {
+            // Who decodes the group comes upon it again, and says where it is.
+        }
+    });
+    space();
+    return found;
 }
 
 const std::vector<u8> &Animation::remarks() {
@@ -250,12 +270,12 @@ ClosedForm Animation::closed_form(std::size_t index) const {
     return ClosedForm(own, group.alpha, group.functions);
 }
 
-DecodedGroup Animation::decode(std::size_t index, int threads) const {
+DecodedGroup Animation::decode(std::size_t index, int threads, std::optional<std::vector<double>> values) const {
     const Group &group = table_->groups()[index];
     try {
         const std::span<const double> own(times().data() + group.first, static_cast<std::size_t>(group.frames));
         return decode_group(group, table_->chunks(container_, index), *space_, own,
-                            static_cast<i64>(least<u64>(left_, INT64_MAX)), threads);
+                            static_cast<i64>(least<u64>(left_, INT64_MAX)), threads, std::move(values));
     } catch (const CorruptError &error) {
         if (error.frame >= 0) throw;
         throw CorruptError(error.what(), error.offset, group.first);
@@ -278,8 +298,8 @@ const DecodedGroup &Animation::group(std::size_t index) {
         return kept_.front().second;
     }
     check_cancelled();
-    space();
-    keep(index, decode(index, threads_));
+    TimesAhead values = make_space({&index, 1});
+    keep(index, decode(index, threads_, std::move(values[0])));
     return kept_.front().second;
 }
 
@@ -303,10 +323,10 @@ void Animation::decode_ahead(std::span<const double> sorted) {
         wanted.push_back(index);
     }
     if (wanted.size() < 2) return;
-    space();
+    TimesAhead values = make_space(wanted);
     std::vector<std::optional<DecodedGroup>> found(wanted.size());
     in_shares(static_cast<i64>(wanted.size()), threads_, [&](i64 first, i64 end) {
-        for (i64 k = first; k < end; ++k) found[k] = decode(wanted[k], 1);
+        for (i64 k = first; k < end; ++k) found[k] = decode(wanted[k], 1, std::move(values[k]));
     });
     for (std::size_t k = wanted.size(); k-- > 0;) keep(wanted[k], std::move(*found[k]));
 }

@@ -105,11 +105,14 @@ private:
     std::unique_lock<std::recursive_mutex> begin_call();
     void check_cancelled() const;
     std::vector<ConnectivityView> views();
-    void check_motion();
+    void take_motion();
     void decode_ahead(std::span<const double> sorted);
     bool is_kept(std::size_t index) const;
     const DecodedGroup &group(std::size_t index);
-    DecodedGroup decode(std::size_t index, int threads) const;
+    // Functions of time of some groups as their chunks have them, where they were decoded ahead.
+    using TimesAhead = std::vector<std::optional<std::vector<double>>>;
+    TimesAhead make_space(std::span<const std::size_t> groups);
+    DecodedGroup decode(std::size_t index, int threads, std::optional<std::vector<double>> values) const;
     void keep(std::size_t index, DecodedGroup group);
     ResidualScale residual_scale();
     template <class Real> const AnchoredReference<Real> &anchored();
@@ -142,6 +145,7 @@ private:
     std::optional<Reference> reference_;
     std::optional<std::vector<std::vector<Attribute>>> attributes_;
     std::unique_ptr<SpaceBasis> space_;
+    bool has_motion_memory_ = false;
     std::optional<AnchoredReference<float>> anchored_single_;  // of the reference frame, for groups of either precision
     std::optional<AnchoredReference<double>> anchored_double_;
     std::optional<std::vector<u8>> remarks_;

@@ -3,8 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <condition_variable>
+#include <cstdlib>
 #include <exception>
+#include <memory>
 #include <mutex>
+#include <new>
 #include <thread>
 
 #include "coefficients/coefficients.hpp"
@@ -43,6 +46,25 @@ std::vector<double> cosines(i64 frames, i64 functions) {
     return values;
 }
 
+// Numbers that are zero at first. Memory that is never written to is never there: most rows of coefficients are all zero.
+class Zeros {
+public:
+    explicit Zeros(i64 count) : count_(count), values_(static_cast<i64 *>(std::calloc(most<i64>(count, 1), sizeof(i64)))) {
+        if (!values_) throw std::bad_alloc();
+    }
+
+    const i64 *data() const { return values_.get(); }
+    std::span<i64> all() const { return {values_.get(), static_cast<std::size_t>(count_)}; }
+
+private:
+    struct Free {
+        void operator()(i64 *values) const { std::free(values); }
+    };
+
+    i64 count_;
+    std::unique_ptr<i64, Free> values_;
+};
+
 Subbands view_of(const SubbandTable &table) { return {table.starts, table.kinds, table.parents}; }
 
 // Decodes the coefficients part by part, and makes motion of what is there: this thread decodes, others take over, and this
@@ -51,8 +73,10 @@ template <class Real> class CoefficientPipeline {
 public:
     CoefficientPipeline(const Group &group, std::span<const u8> chunk, const SpaceBasis &space)
         : motion(space, group.functions, group.axes(), group.step), space_(space), subbands_(space.subbands()),
-          quantised_(space.functions() * group.channels()),
-          decoder_({view_of(subbands_), space.functions(), group.channels(), group.axes()}, chunk, quantised_) {}
+          quantised_(space.functions() * group.channels()), used_(space.functions()),
+          rows_{quantised_.data(), group.channels(), used_},
+          decoder_({view_of(subbands_), space.functions(), group.channels(), group.axes()}, chunk, quantised_.all(),
+                   used_) {}
 
     // Decode everything.
     void decode() {
@@ -63,7 +87,7 @@ public:
             for (i64 part = 0; part < cuts; ++part) {
                 const i64 first = elements * part / cuts, end = elements * (part + 1) / cuts;
                 decoder_.decode(nodes + end);
-                if (part == 0) motion.take_tree(quantised_.data());
+                if (part == 0) motion.take_tree(rows_);
                 const std::lock_guard guard(lock_);
                 ready_.push_back({first, end});
                 changed_.notify_one();
@@ -87,7 +111,7 @@ public:
                 part = ready_.back();
                 ready_.pop_back();
             }
-            motion.take_elements(part.first, part.second, quantised_.data());
+            motion.take_elements(part.first, part.second, rows_);
         }
     }
 
@@ -102,7 +126,9 @@ private:
 
     const SpaceBasis &space_;
     SubbandTable subbands_;
-    std::vector<i64> quantised_;
+    Zeros quantised_;
+    std::vector<i32> used_;
+    QuantisedRows rows_;
     CoefficientDecoder decoder_;
     std::mutex lock_;
     std::condition_variable changed_;
@@ -112,17 +138,14 @@ private:
 
 template <class Real>
 DecodedGroup decode_in(const Group &group, const std::array<std::vector<u8>, 3> &chunks, const SpaceBasis &space,
-                       std::span<const double> times, i64 most_bytes, int threads) {
+                       std::span<const double> times, i64 most_bytes, int threads,
+                       std::optional<std::vector<double>> values) {
     CoefficientPipeline<Real> pipeline(group, chunks[1], space);
     std::vector<double> time;
     Residuals residuals;
     const auto decode_rest = [&] {
-        std::vector<double> values;
-        if (group.is_sampled()) {
-            const TimeShape shape{group.functions, group.frames, group.time_axes()};
-            values = decode_time_functions(chunks[0], shape, group.time_step);
-        }
-        time = functions_of_time(group, times, std::move(values));
+        if (!values) values = decode_group_times(group, chunks[0]);
+        time = functions_of_time(group, times, std::move(*values));
         residuals = decode_residuals(chunks[2], group.frames, space.elements().patches->starts, most_bytes);
     };
     std::exception_ptr failure;
@@ -168,10 +191,16 @@ std::vector<double> functions_of_time(const Group &group, std::span<const double
     return found;
 }
 
+std::vector<double> decode_group_times(const Group &group, std::span<const u8> chunk) {
+    if (!group.is_sampled()) return {};
+    return decode_time_functions(chunk, {group.functions, group.frames, group.time_axes()}, group.time_step);
+}
+
 DecodedGroup decode_group(const Group &group, const std::array<std::vector<u8>, 3> &chunks, const SpaceBasis &space,
-                          std::span<const double> times, i64 most_bytes, int threads) {
-    return group.is_single ? decode_in<float>(group, chunks, space, times, most_bytes, threads)
-                           : decode_in<double>(group, chunks, space, times, most_bytes, threads);
+                          std::span<const double> times, i64 most_bytes, int threads,
+                          std::optional<std::vector<double>> values) {
+    const auto decode = group.is_single ? &decode_in<float> : &decode_in<double>;
+    return decode(group, chunks, space, times, most_bytes, threads, std::move(values));
 }
 
 std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space) {

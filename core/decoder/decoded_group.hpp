@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <span>
 #include <variant>
 #include <vector>
@@ -26,10 +27,15 @@ struct DecodedGroup {
 // times: of the group's frames [s]; values: as `decode_time_functions` gives them, for sampled bases.
 std::vector<double> functions_of_time(const Group &group, std::span<const double> times, std::vector<double> values);
 
-// Decode the chunks of a group in TIME, COEF and CORR. CorruptError where they are damaged, LimitError where residuals take
-// more than `most_bytes`. Coefficients are decoded while another thread is busy with the rest.
+// What functions of time a group's chunk in TIME holds, for sampled bases; CorruptError where it is damaged.
+std::vector<double> decode_group_times(const Group &group, std::span<const u8> chunk);
+
+// Decode the chunks of a group in TIME, COEF and CORR; values: of `decode_group_times` where they are known already.
+// CorruptError where a chunk is damaged, LimitError where residuals take more than `most_bytes`. Coefficients are decoded
+// while another thread is busy with the rest.
 DecodedGroup decode_group(const Group &group, const std::array<std::vector<u8>, 3> &chunks, const SpaceBasis &space,
-                          std::span<const double> times, i64 most_bytes, int threads);
+                          std::span<const double> times, i64 most_bytes, int threads,
+                          std::optional<std::vector<double>> values);
 
 // The coefficients of a group [scene units]: (functions of space, functions of time, axes).
 std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space);

@@ -144,26 +144,29 @@ PDEANIM_INLINE void add_columns(const Target<Real> &to, i64 first, i64 vertices,
     }
 }
 
+template <int frames, bool is_shared, int packs, int together, class Real, class Out>
+PDEANIM_INLINE void write_vertices(Target<Real> &to, i64 vertices, Out *out) {
+    for (i64 t = 0; t < to.frames; t += together) {
+        add_columns<frames, packs, together, is_shared>(to, t, vertices, out);
+    }
+    constexpr i64 points = packs * lanes<Real>;
+    to.values += points;
+    if (to.away) to.away += points;
+    to.vertices += points;
+    to.size -= points;
+}
+
+// Twelve sums are kept in registers, or fewer.
 template <int frames, bool is_shared, class Real, class Out>
 PDEANIM_INLINE void write_element(Target<Real> to, i64 vertices, Out *out) {
-    constexpr int wide = frames == 1 ? 4 : 2, usual = frames == 1 ? 1 : 2, narrow = frames == 1 ? 1 : 4;
-    const auto advance = [&](i64 points) {
-        to.values += points;
-        if (to.away) to.away += points;
-        to.vertices += points;
-        to.size -= points;
-    };
-    while (to.size > (wide - 1) * lanes<Real>) {
-        for (i64 t = 0; t < to.frames; t += usual) {
-            add_columns<frames, wide, usual, is_shared>(to, t, vertices, out);
-        }
-        advance(wide * lanes<Real>);
-    }
-    while (to.size > 0) {
-        for (i64 t = 0; t < to.frames; t += narrow) {
-            add_columns<frames, 1, narrow, is_shared>(to, t, vertices, out);
-        }
-        advance(lanes<Real>);
+    if constexpr (frames == 1) {
+        while (to.size > 3 * lanes<Real>) write_vertices<frames, is_shared, 4, 1>(to, vertices, out);
+        if (to.size > 2 * lanes<Real>) write_vertices<frames, is_shared, 3, 1>(to, vertices, out);
+        if (to.size > lanes<Real>) write_vertices<frames, is_shared, 2, 1>(to, vertices, out);
+        if (to.size > 0) write_vertices<frames, is_shared, 1, 1>(to, vertices, out);
+    } else {
+        while (to.size > lanes<Real>) write_vertices<frames, is_shared, 2, 2>(to, vertices, out);
+        if (to.size > 0) write_vertices<frames, is_shared, 1, 4>(to, vertices, out);
     }
 }
 
@@ -197,23 +200,30 @@ PDEANIM_INLINE void evaluate_some(const Motion<Real> &motion, const double *time
         waiting.pop_back();
         const i64 own = tree.affine_of(node.number), half = patches.children[node.number];
         if (half >= 0) {
-            double affine[most_functions][columns] = {};
             const i64 total = tree.affine_of(half) + tree.affine_of(half + 1), split = tree.affine_of(half);
             const PartitionTree::Matrix &matrix = tree.matrix(node.number);
-            const auto add_row = [&](i64 k, const double *row) {
-                const double *const multiples = matrix[k].data();
-                for (int p = 0; p < columns; p += size) {
-                    const Pack own = lanes_at<size>(row + p);
-                    for (int i = 0; i < most_functions; ++i) lanes_at<size>(affine[i] + p) += multiples[i] * own;
-                }
-            };
-            for (i64 k = 0; k < own; ++k) add_row(k, node.affine + k * columns);
+            // What the node's functions count, as far as they do, and the rows of the matrix for them.
+            double wavelets[most_functions][columns], affine[most_functions][columns];
+            const double *rows[most_functions], *multiples[most_functions];
+            i64 used = own;
+            for (i64 k = 0; k < own; ++k) {
+                rows[k] = node.affine + k * columns;
+                multiples[k] = matrix[k].data();
+            }
             for (i64 k = own; k < total; ++k) {
                 const i64 function = tree.first_wavelet(node.number) + k - own;
                 if (motion.tree.starts[function] == motion.tree.starts[function + 1]) continue;
-                double row[columns];
-                tree_row(function, row);
-                add_row(k, row);
+                tree_row(function, wavelets[k]);
+                rows[used] = wavelets[k];
+                multiples[used++] = matrix[k].data();
+            }
+            for (int p = 0; p < columns; p += size) {
+                Pack sums[most_functions] = {};
+                for (i64 k = 0; k < used; ++k) {
+                    const Pack row = lanes_at<size>(rows[k] + p);
+                    for (int i = 0; i < most_functions; ++i) sums[i] += multiples[k][i] * row;
+                }
+                for (int i = 0; i < most_functions; ++i) lanes_at<size>(affine[i] + p) = sums[i];
             }
             waiting.resize(waiting.size() + 2);
             Node *const second = &waiting[waiting.size() - 2], *const first = second + 1;
@@ -320,31 +330,30 @@ template <class Real> i64 Motion<Real>::bytes() const {
 namespace {
 
 template <class Value, class Rows>
-void append_row(Rows &rows, const i64 *quantised, i64 channels, int axes, double step) {
-    for (i64 channel = 0; channel < channels; ++channel) {
-        if (quantised[channel] == 0) continue;
+void append_row(Rows &rows, const QuantisedRows &quantised, i64 function, int axes, double step) {
+    const i64 *row = quantised.row(function);
+    for (i64 channel = 0; channel < quantised.used_of(function); ++channel) {
+        if (row[channel] == 0) continue;
         rows.coefficients.push_back({static_cast<u16>(channel / axes), static_cast<u16>(channel % axes),
-                                     static_cast<Value>(static_cast<double>(quantised[channel]) * step)});
+                                     static_cast<Value>(static_cast<double>(row[channel]) * step)});
     }
     rows.starts.push_back(static_cast<i64>(rows.coefficients.size()));
 }
 
 }  // namespace
 
-template <class Real> void Motion<Real>::take_tree(const i64 *quantised) {
+template <class Real> void Motion<Real>::take_tree(const QuantisedRows &rows) {
     const PartitionTree &own = basis->tree();
-    for (i64 row = 0; row < own.functions(); ++row) {
-        append_row<double>(tree, quantised + row * channels(), channels(), axes, step);
-    }
+    for (i64 row = 0; row < own.functions(); ++row) append_row<double>(tree, rows, row, axes, step);
     if (functions > most_fields) return;
     std::vector<double> values(own.functions() * channels());
-    for (std::size_t i = 0; i < values.size(); ++i) values[i] = static_cast<double>(quantised[i]) * step;
+    for (std::size_t i = 0; i < values.size(); ++i) values[i] = static_cast<double>(rows.numbers[i]) * step;
     affine_.resize(affine_count * own.nodes() * channels());
     own.synthesise(values.data(), affine_, channels());
 }
 
 // Fields of an element's functions but the constant one; values: of these functions.
-template <class Real> void Motion<Real>::make_fields(i64 element, i64 rank, const i64 *quantised,
+template <class Real> void Motion<Real>::make_fields(i64 element, i64 rank, const QuantisedRows &rows,
                                                      std::span<const double *const> values) {
     Element &own = elements[element];
     const Elements &all = basis->elements();
@@ -357,7 +366,7 @@ template <class Real> void Motion<Real>::make_fields(i64 element, i64 rank, cons
             const i64 node = all.patches->node_of[element];
             multiples[k - skipped] =
                 k < affine ? affine_[(affine_count * node + k) * width + channel]
-                           : static_cast<double>(quantised[(all.first_function(element) + k) * width + channel]) * step;
+                           : static_cast<double>(rows.row(all.first_function(element) + k)[channel]) * step;
         }
         sums.assign(size, 0.0);
         add_multiples(sums.data(), size, values.data() + skipped, multiples.data(), rank - skipped);
@@ -367,27 +376,24 @@ template <class Real> void Motion<Real>::make_fields(i64 element, i64 rank, cons
     own.columns = functions;
 }
 
-template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, const i64 *quantised) {
+template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, const QuantisedRows &rows) {
     const Elements &all = basis->elements();
     ElementFunctions made(all);
     std::vector<const double *> values;
     for (i64 e = first; e < end; ++e) {
         Element &own = elements[e];
         const i64 affine = all.affine[e], size = all.patches->size(e), skipped = affine > 0;
-        const auto row = [&](i64 k) { return quantised + (all.first_function(e) + k) * channels(); };
-        const auto is_zero = [&](i64 k) {
-            return std::all_of(row(k), row(k) + channels(), [](i64 number) { return number == 0; });
-        };
+        const i64 first_function = all.first_function(e);
         // An element's functions are made as far as there are coefficients for them: mostly a fraction.
         i64 rank = all.rank(e);
-        while (rank > affine && is_zero(rank - 1)) --rank;
+        while (rank > affine && rows.is_zero(first_function + rank - 1)) --rank;
         const std::span<const double> given = basis->functions_of(e);
         if (given.empty()) made.make(e, rank);
         values.clear();
         for (i64 k = 0; k < rank; ++k) values.push_back(given.empty() ? made.function(k) : given.data() + k * size);
         own.constant = affine > 0 ? values[0][0] : 0.0;
         if (rank - skipped > functions && functions <= most_fields) {
-            make_fields(e, rank, quantised, values);
+            make_fields(e, rank, rows, values);
             continue;
         }
         own.columns = rank - skipped;
@@ -395,7 +401,7 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, const
         for (i64 k = skipped; k < rank; ++k) {
             std::copy_n(values[k], size, own.values.begin() + (k - skipped) * padded<Real>(size));
         }
-        for (i64 k = affine; k < rank; ++k) append_row<Real>(own.rows, row(k), channels(), axes, step);
+        for (i64 k = affine; k < rank; ++k) append_row<Real>(own.rows, rows, first_function + k, axes, step);
     }
 }
 

@@ -12,6 +12,7 @@
 // of threads, nor on the processor.
 #pragma once
 
+#include <algorithm>
 #include <span>
 #include <vector>
 
@@ -32,6 +33,20 @@ template <class Real> struct AnchoredReference {
     std::vector<i64> starts;      // where an element's begin there
 };
 
+// Quantised coefficients: a row of channels for each function of space.
+struct QuantisedRows {
+    const i64 *numbers;
+    i64 channels;
+    std::span<const i32> used;  // of each row, how many channels may not be zero; empty where all may
+
+    const i64 *row(i64 function) const { return numbers + function * channels; }
+    i64 used_of(i64 function) const { return used.empty() ? channels : used[function]; }
+    bool is_zero(i64 function) const {
+        const i64 *own = row(function);
+        return std::all_of(own, own + used_of(function), [](i64 number) { return number == 0; });
+    }
+};
+
 template <class Real> struct Motion {
     static constexpr i64 most_functions = 1 << 14;  // 3 for each of 4096 frames, at most
 
@@ -39,11 +54,11 @@ template <class Real> struct Motion {
     // caller's.
     Motion(const SpaceBasis &basis, i64 functions, int axes, double step);
 
-    // Take over quantised coefficients, a row of channels for each function of space: those of the tree first.
-    void take_tree(const i64 *quantised);
+    // Take over coefficients: those of the tree first.
+    void take_tree(const QuantisedRows &rows);
 
     // Then those of the elements `first` to `end` - 1; several threads may, each others.
-    void take_elements(i64 first, i64 end, const i64 *quantised);
+    void take_elements(i64 first, i64 end, const QuantisedRows &rows);
 
     i64 channels() const { return functions * axes; }
     int time_axes() const { return axes == 1 ? 3 : 1; }
@@ -76,8 +91,7 @@ template <class Real> struct Motion {
     std::vector<Element> elements;
 
 private:
-    void add_row(Rows<Real> &rows, const i64 *quantised) const;
-    void make_fields(i64 element, i64 rank, const i64 *quantised, std::span<const double *const> values);
+    void make_fields(i64 element, i64 rank, const QuantisedRows &rows, std::span<const double *const> values);
 
     std::vector<double> affine_;  // of all nodes, four rows of channels each, where elements may have fields
 };
