@@ -45,9 +45,9 @@ DOUBLE = 4
 """The bit of a group's kind, beside its time basis: its positions are added up in float64, not in float32."""
 
 SINGLE_IS_ENOUGH = 2.0**-13
-"""Displacements are added up in float32 where the bound is at least this share of the largest. What an element moves as
-a whole is added up in float64 all the same (core/evaluate/motion.hpp), and what is left hardly ever rounds by as much as
-the margin has room for; where it does the encoder notices."""
+"""Displacements are added up in float32 where the bound is at least this share of the largest. What an element moves
+as a whole is added up in float64 all the same (core/evaluate/motion.hpp), and what is left hardly ever rounds by as much
+as the margin has room for; where it does, the encoder finds it."""
 
 SINGLE_MARGIN, DOUBLE_MARGIN = 2.0**-11, 2.0**-20
 """How far decoders may differ in a coordinate before it is rounded to float32, in residual steps, where a group's

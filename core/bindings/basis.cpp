@@ -129,8 +129,7 @@ template <class T> using Cube = nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::de
 
 // What moves the vertices in a group of frames, in the precision of its sums.
 struct PyMotion {
-    PyMotion(const PySpaceBasis &of_basis, const Quantised &quantised,
-             int axes, double step, bool single, int threads)
+    PyMotion(const PySpaceBasis &of_basis, const Quantised &quantised, int axes, double step, bool single, int threads)
         : motion(single ? Variant(take<float>(*of_basis.basis, quantised, axes, step, threads))
                         : Variant(take<double>(*of_basis.basis, quantised, axes, step, threads))) {}
 
@@ -167,10 +166,11 @@ struct PyMotion {
     Variant motion;
 
 private:
-    template <class Real> static Motion<Real> take(const SpaceBasis &basis, const auto &quantised, int axes,
-                                                   double step, int threads) {
+    template <class Real>
+    static Motion<Real> take(const SpaceBasis &basis, const auto &quantised, int axes, double step, int threads) {
         require((axes == 1 || axes == 3) && static_cast<i64>(quantised.shape(0)) == basis.functions() &&
-                    quantised.shape(1) % axes == 0 && static_cast<i64>(quantised.shape(1)) / axes <= Motion<Real>::most_functions,
+                    quantised.shape(1) % axes == 0 &&
+                    static_cast<i64>(quantised.shape(1)) / axes <= Motion<Real>::most_functions,
                 "one row of coefficients a function of space");
         nb::gil_scoped_release release;
         Motion<Real> found(basis, static_cast<i64>(quantised.shape(1)) / axes, axes, step);
@@ -249,10 +249,9 @@ void bind_basis(nb::module_ &module) {
         .def("functions_of", &py_functions_of, nb::arg("element"))
         .def("project", &PySpaceBasis::project, nb::arg("values"), nb::arg("threads"));
     nb::class_<PyMotion>(module, "Motion")
-        .def(nb::init<const PySpaceBasis &, const Quantised &,
-                      int, double, bool, int>(),
-             nb::arg("basis"), nb::arg("quantised").noconvert(), nb::arg("axes"), nb::arg("step"), nb::arg("single"),
-             nb::arg("threads"), nb::keep_alive<1, 2>())
+        .def(nb::init<const PySpaceBasis &, const Quantised &, int, double, bool, int>(), nb::arg("basis"),
+             nb::arg("quantised").noconvert(), nb::arg("axes"), nb::arg("step"), nb::arg("single"), nb::arg("threads"),
+             nb::keep_alive<1, 2>())
         .def("evaluate", &PyMotion::evaluate<float>, nb::arg("time"), nb::arg("reference").none(),
              nb::arg("out").noconvert(), nb::arg("threads"))
         .def("evaluate", &PyMotion::evaluate<double>, nb::arg("time"), nb::arg("reference").none(),

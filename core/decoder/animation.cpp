@@ -26,6 +26,9 @@ constexpr u64 bytes_per_coefficient = 40, bytes_per_time_value = 120;
 constexpr i64 most_vertices = (i64{1} << 31) - 1;
 constexpr i64 frames_between_looks = 64;  // frames that are evaluated before a cancel is noticed
 constexpr u8 predictors = 4;              // of the reference frame
+// From so many vertices on it pays to begin a thread for a part of one frame, and so many parts are made, as a power of two.
+constexpr i64 vertices_worth_a_thread = 16384;
+constexpr int part_levels = 3;
 
 // Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered through.
 Polygons polygons_of(std::span<const Connectivity> parts) {
@@ -114,7 +117,7 @@ const std::vector<std::string> &Animation::names() {
     return *names_;
 }
 
-const std::vector<Connectivity> &Animation::connectivity() {
+std::shared_ptr<const std::vector<Connectivity>> Animation::shared_connectivity() {
     const std::lock_guard guard(lock_);
     if (!connectivity_) {
         std::vector<i64> counts;
@@ -125,9 +128,9 @@ const std::vector<Connectivity> &Animation::connectivity() {
         std::vector<Connectivity> found = decode_connectivity(polygons_, orders, counts, most);
         for (const Connectivity &part : found)
             left_ -= bytes_per_corner * (part.face_indices.size() + part.line_indices.size());
-        connectivity_ = std::move(found);
+        connectivity_ = std::make_shared<const std::vector<Connectivity>>(std::move(found));
     }
-    return *connectivity_;
+    return connectivity_;
 }
 
 std::vector<ConnectivityView> Animation::views() {
@@ -166,7 +169,7 @@ const Reference &Animation::reference() {
     return *reference_;
 }
 
-const std::vector<std::vector<Attribute>> &Animation::attributes() {
+std::shared_ptr<const std::vector<std::vector<Attribute>>> Animation::shared_attributes() {
     const std::lock_guard guard(lock_);
     if (!attributes_) {
         const std::vector<u8> data = container_.read_optional("ATTR");
@@ -175,9 +178,9 @@ const std::vector<std::vector<Attribute>> &Animation::attributes() {
             const std::vector<GridPoint> &grid = reference().grid;
             found = decode_attributes(data, views(), grid, static_cast<i64>(least<u64>(left_, INT64_MAX)));
         }
-        attributes_ = std::move(found);
+        attributes_ = std::make_shared<const std::vector<std::vector<Attribute>>>(std::move(found));
     }
-    return *attributes_;
+    return attributes_;
 }
 
 const SpaceBasis &Animation::space() {
@@ -350,11 +353,23 @@ template <class Work> void Animation::with_motion(const DecodedGroup &own, const
     std::visit([&]<class Real>(const Motion<Real> &motion) { work(motion, anchored<Real>()); }, own.motion);
 }
 
+// Positions, or displacements without a reference frame, at one time; `weights`: what functions of time count there.
+template <class Real, class Out>
+void Animation::evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
+                              const AnchoredReference<Real> *reference, Out out) const {
+    const int levels = vertices() < vertices_worth_a_thread || threads_ < 2 ? 0 : part_levels;
+    in_shares(i64{1} << levels, threads_, [&](i64 first, i64 end) {
+        for (i64 part = first; part < end; ++part) {
+            pdeanim::evaluate(motion, weights, reference, out, VertexShare{levels, part});
+        }
+    });
+}
+
 // Positions at one frame, by the model alone.
 void Animation::evaluate_model(const DecodedGroup &own, i64 frame, std::span<float> out) {
     with_motion(own, [&](const auto &motion, const auto &anchored) {
         const i64 row = motion.time_axes() * motion.functions;
-        pdeanim::evaluate(motion, std::span(own.time).subspan((frame - own.group.first) * row, row), &anchored, out);
+        evaluate_once(motion, std::span(own.time).subspan((frame - own.group.first) * row, row), &anchored, out);
     });
 }
 
@@ -374,6 +389,11 @@ void Animation::evaluate_frames_of_group(i64 first, i64 count, std::span<float> 
     const DecodedGroup &own = group(table_->group_of(first));
     const ResidualScale scale = residual_scale();
     const std::size_t size = 3 * vertices();
+    if (count == 1) {
+        evaluate_model(own, first, out);
+        add_residuals(own.residuals, first - own.group.first, scale, 1.0, {}, as_positions(out));
+        return;
+    }
     with_motion(own, [&](const auto &motion, const auto &anchored) {
         const i64 row = motion.time_axes() * motion.functions;
         in_shares((count + frames_at_once - 1) / frames_at_once, threads_, [&](i64 tile, i64 end) {
@@ -393,7 +413,7 @@ std::vector<double> Animation::displacement(double time, int derivative) {
     std::vector<double> moved, part(3 * vertices());
     const auto add = [&](std::size_t index, std::span<const double> weights) {
         const auto evaluate_part = [&]<class Real>(const Motion<Real> &motion) {
-            pdeanim::evaluate(motion, weights, static_cast<const AnchoredReference<Real> *>(nullptr), part);
+            evaluate_once<Real>(motion, weights, nullptr, std::span<double>(part));
         };
         std::visit(evaluate_part, group(index).motion);
         if (moved.empty()) {

@@ -75,11 +75,15 @@ public:
 
     // What is decoded when it is first asked for.
     const std::vector<std::string> &names();
-    const std::vector<Connectivity> &connectivity();
+    const std::vector<Connectivity> &connectivity() { return *shared_connectivity(); }
     const Reference &reference();
-    const std::vector<std::vector<Attribute>> &attributes();
+    const std::vector<std::vector<Attribute>> &attributes() { return *shared_attributes(); }
     const SpaceBasis &space();
     const std::vector<u8> &remarks();  // section META as it is
+
+    // For those who look at them longer than the animation is open.
+    std::shared_ptr<const std::vector<Connectivity>> shared_connectivity();
+    std::shared_ptr<const std::vector<std::vector<Attribute>>> shared_attributes();
 
     // Coefficients of one group [scene units]: (functions of space, functions of time, axes).
     std::vector<double> coefficients(std::size_t group);
@@ -117,6 +121,8 @@ private:
     ResidualScale residual_scale();
     template <class Real> const AnchoredReference<Real> &anchored();
     template <class Work> void with_motion(const DecodedGroup &own, const Work &work);
+    template <class Real, class Out> void evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
+                                                        const AnchoredReference<Real> *reference, Out out) const;
     void evaluate_model(const DecodedGroup &own, i64 frame, std::span<float> out);
     FrameResiduals residuals_at(i64 frame);
     std::vector<double> displacement(double time, int derivative);
@@ -141,9 +147,9 @@ private:
     u64 cancels_before_ = 0;        // and how often before the call that holds the lock began
 
     std::optional<std::vector<std::string>> names_;
-    std::optional<std::vector<Connectivity>> connectivity_;
+    std::shared_ptr<const std::vector<Connectivity>> connectivity_;
     std::optional<Reference> reference_;
-    std::optional<std::vector<std::vector<Attribute>>> attributes_;
+    std::shared_ptr<const std::vector<std::vector<Attribute>>> attributes_;
     std::unique_ptr<SpaceBasis> space_;
     bool has_motion_memory_ = false;
     std::optional<AnchoredReference<float>> anchored_single_;  // of the reference frame, for groups of either precision

@@ -49,7 +49,8 @@ std::vector<double> cosines(i64 frames, i64 functions) {
 // Numbers that are zero at first. Memory that is never written to is never there: most rows of coefficients are all zero.
 class Zeros {
 public:
-    explicit Zeros(i64 count) : count_(count), values_(static_cast<i64 *>(std::calloc(most<i64>(count, 1), sizeof(i64)))) {
+    explicit Zeros(i64 count)
+        : count_(count), values_(static_cast<i64 *>(std::calloc(most<i64>(count, 1), sizeof(i64)))) {
         if (!values_) throw std::bad_alloc();
     }
 
@@ -136,10 +137,9 @@ private:
     bool is_done_ = false;
 };
 
-template <class Real>
-DecodedGroup decode_in(const Group &group, const std::array<std::vector<u8>, 3> &chunks, const SpaceBasis &space,
-                       std::span<const double> times, i64 most_bytes, int threads,
-                       std::optional<std::vector<double>> values) {
+template <class Real> DecodedGroup decode_in(const Group &group, const std::array<std::vector<u8>, 3> &chunks,
+                                             const SpaceBasis &space, std::span<const double> times, i64 most_bytes,
+                                             int threads, std::optional<std::vector<double>> values) {
     CoefficientPipeline<Real> pipeline(group, chunks[1], space);
     std::vector<double> time;
     Residuals residuals;

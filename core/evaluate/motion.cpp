@@ -23,8 +23,7 @@ template <int frames> constexpr int width = frames == 1 ? 4 : 3 * frames;
 
 // Of every function of time its values at some frames: `width` numbers, or one a frame where all axes share them.
 template <int frames, class Real> struct TimeRows {
-    template <class Own>
-    PDEANIM_INLINE TimeRows(const Motion<Own> &motion, const double *time, i64 given)
+    template <class Own> PDEANIM_INLINE TimeRows(const Motion<Own> &motion, const double *time, i64 given)
         : is_shared(motion.axes == 3), stride(is_shared ? frames : width<frames>),
           values(static_cast<std::size_t>(motion.functions * stride)) {
         const i64 functions = motion.functions, time_axes = is_shared ? 1 : 3;
@@ -43,9 +42,9 @@ template <int frames, class Real> struct TimeRows {
 };
 
 // What one function of space counts at some frames: the sum over its coefficients of functions of time.
-template <int frames, class Real, class Coefficient>
-PDEANIM_INLINE void add_up(const TimeRows<frames, Real> &time, const Coefficient *begin, const Coefficient *end,
-                           Real *row) {
+template <int frames, class Real, class Coefficient> PDEANIM_INLINE void add_up(const TimeRows<frames, Real> &time,
+                                                                                const Coefficient *begin,
+                                                                                const Coefficient *end, Real *row) {
     constexpr int size = least(lanes<Real>, width<frames>), packs = width<frames> / size;
     using Pack = Lanes<Real, size>;
     if (time.is_shared) {
@@ -128,7 +127,8 @@ PDEANIM_INLINE void add_columns(const Target<Real> &to, i64 first, i64 vertices,
         for (int axis = 0; axis < 3; ++axis) {
             for (int p = 0; p < packs; ++p) lanes_at<size>(added[axis] + p * size) = sums[p][axis][t];
             const double mean = to.means[axis * frames + first + t];
-            for (int i = 0; i < points; ++i) found[axis][i] = static_cast<Out>(mean + static_cast<double>(added[axis][i]));
+            for (int i = 0; i < points; ++i)
+                found[axis][i] = static_cast<Out>(mean + static_cast<double>(added[axis][i]));
         }
         for (int i = 0; i < points; ++i) {
             pairs[i][0] = found[0][i];
@@ -172,7 +172,7 @@ PDEANIM_INLINE void write_element(Target<Real> to, i64 vertices, Out *out) {
 
 template <int frames, class Real, class Out>
 PDEANIM_INLINE void evaluate_some(const Motion<Real> &motion, const double *time, i64 given,
-                                  const AnchoredReference<Real> *reference, Out *out) {
+                                  const AnchoredReference<Real> *reference, VertexShare share, Out *out) {
     constexpr int columns = width<frames>, most_functions = PartitionTree::most_functions;
     constexpr int size = least(lanes<double>, columns);
     using Pack = Lanes<double, size>;
@@ -185,6 +185,7 @@ PDEANIM_INLINE void evaluate_some(const Motion<Real> &motion, const double *time
     // Nodes whose affine functions are summed up, and that are still to come, the next one last.
     struct Node {
         i64 number;
+        int level;
         double affine[affine_count * columns];
     };
     const auto tree_row = [&](i64 function, double *row) {
@@ -193,8 +194,9 @@ PDEANIM_INLINE void evaluate_some(const Motion<Real> &motion, const double *time
     };
     std::vector<Node> waiting(1);
     waiting[0].number = 0;
+    waiting[0].level = 0;
     for (i64 k = 0; k < tree.affine(); ++k) tree_row(k, waiting[0].affine + k * columns);
-    i64 element = 0;
+    i64 element = -1;
     while (!waiting.empty()) {
         const Node node = waiting.back();
         waiting.pop_back();
@@ -225,15 +227,22 @@ PDEANIM_INLINE void evaluate_some(const Motion<Real> &motion, const double *time
                 }
                 for (int i = 0; i < most_functions; ++i) lanes_at<size>(affine[i] + p) = sums[i];
             }
-            waiting.resize(waiting.size() + 2);
-            Node *const second = &waiting[waiting.size() - 2], *const first = second + 1;
-            first->number = half;
-            second->number = half + 1;
-            std::copy_n(affine[0], split * columns, first->affine);
-            std::copy_n(affine[split], (total - split) * columns, second->affine);
+            // The first half comes first.
+            for (const int side : {1, 0}) {
+                if (node.level < share.levels && (share.number >> node.level & 1) != side) continue;
+                waiting.emplace_back();
+                waiting.back().number = half + side;
+                waiting.back().level = node.level + 1;
+                std::copy_n(affine[side * split], (side == 0 ? split : total - split) * columns, waiting.back().affine);
+            }
             continue;
         }
+        if (node.level < share.levels && share.number >> node.level != 0) continue;
         // Elements come in their order, as the halves of a node do.
+        if (element < 0) {
+            const i64 place = patches.begins[node.number];
+            element = std::lower_bound(patches.starts.begin(), patches.starts.end(), place) - patches.starts.begin();
+        }
         const typename Motion<Real>::Element &item = motion.elements[element];
         double means[columns] = {};
         for (int axis = 0; axis < 3; ++axis) {
@@ -281,16 +290,16 @@ PDEANIM_INLINE void evaluate_some(const Motion<Real> &motion, const double *time
 
 template <class Real, class Out>
 PDEANIM_INLINE void evaluate_all(const Motion<Real> &motion, std::span<const double> time,
-                                 const AnchoredReference<Real> *reference, std::span<Out> out) {
+                                 const AnchoredReference<Real> *reference, std::span<Out> out, VertexShare share) {
     const i64 size = 3 * motion.vertices(), row = motion.time_axes() * motion.functions;
     const i64 frames = size ? static_cast<i64>(out.size()) / size : 0;
     for (i64 frame = 0; frame < frames;) {
         const i64 given = least(frames_at_once, frames - frame);
         const double *own = time.data() + frame * row;
         if (given == 1) {
-            evaluate_some<1>(motion, own, given, reference, out.data() + frame * size);
+            evaluate_some<1>(motion, own, given, reference, share, out.data() + frame * size);
         } else {
-            evaluate_some<frames_at_once>(motion, own, given, reference, out.data() + frame * size);
+            evaluate_some<frames_at_once>(motion, own, given, reference, share, out.data() + frame * size);
         }
         frame += given;
     }
@@ -298,8 +307,7 @@ PDEANIM_INLINE void evaluate_all(const Motion<Real> &motion, std::span<const dou
 
 }  // namespace
 
-template <class Real>
-AnchoredReference<Real>::AnchoredReference(const Patches &patches, std::span<const double> points)
+template <class Real> AnchoredReference<Real>::AnchoredReference(const Patches &patches, std::span<const double> points)
     : anchors(3 * patches.count()), starts(patches.count() + 1) {
     for (i64 e = 0; e < patches.count(); ++e) starts[e + 1] = starts[e] + 3 * padded<Real>(patches.size(e));
     away.resize(starts.back());
@@ -318,11 +326,12 @@ template <class Real> Motion<Real>::Motion(const SpaceBasis &basis, i64 function
     : basis(&basis), functions(functions), axes(axes), step(step), elements(basis.elements().count()) {}
 
 template <class Real> i64 Motion<Real>::bytes() const {
-    i64 total = static_cast<i64>(sizeof(tree.coefficients[0]) * tree.coefficients.size() + sizeof(i64) * tree.starts.size());
+    i64 total =
+        static_cast<i64>(sizeof(tree.coefficients[0]) * tree.coefficients.size() + sizeof(i64) * tree.starts.size());
     for (const Element &own : elements) {
-        total += static_cast<i64>(sizeof(Element) + sizeof(Real) * own.values.size() +
-                                  sizeof(i64) * own.rows.starts.size() +
-                                  sizeof(own.rows.coefficients[0]) * own.rows.coefficients.size());
+        total +=
+            static_cast<i64>(sizeof(Element) + sizeof(Real) * own.values.size() + sizeof(i64) * own.rows.starts.size() +
+                             sizeof(own.rows.coefficients[0]) * own.rows.coefficients.size());
     }
     return total;
 }
@@ -411,23 +420,26 @@ template struct Motion<float>;
 template struct Motion<double>;
 
 PDEANIM_MULTIVERSION void evaluate(const Motion<float> &motion, std::span<const double> time,
-                                   const AnchoredReference<float> *reference, std::span<float> out) {
-    evaluate_all(motion, time, reference, out);
+                                   const AnchoredReference<float> *reference, std::span<float> out, VertexShare share) {
+    evaluate_all(motion, time, reference, out, share);
 }
 
 PDEANIM_MULTIVERSION void evaluate(const Motion<float> &motion, std::span<const double> time,
-                                   const AnchoredReference<float> *reference, std::span<double> out) {
-    evaluate_all(motion, time, reference, out);
+                                   const AnchoredReference<float> *reference, std::span<double> out,
+                                   VertexShare share) {
+    evaluate_all(motion, time, reference, out, share);
 }
 
 PDEANIM_MULTIVERSION void evaluate(const Motion<double> &motion, std::span<const double> time,
-                                   const AnchoredReference<double> *reference, std::span<float> out) {
-    evaluate_all(motion, time, reference, out);
+                                   const AnchoredReference<double> *reference, std::span<float> out,
+                                   VertexShare share) {
+    evaluate_all(motion, time, reference, out, share);
 }
 
 PDEANIM_MULTIVERSION void evaluate(const Motion<double> &motion, std::span<const double> time,
-                                   const AnchoredReference<double> *reference, std::span<double> out) {
-    evaluate_all(motion, time, reference, out);
+                                   const AnchoredReference<double> *reference, std::span<double> out,
+                                   VertexShare share) {
+    evaluate_all(motion, time, reference, out, share);
 }
 
 }  // namespace pdeanim

@@ -76,9 +76,9 @@ template <class Real> struct Motion {
     };
 
     struct Element {
-        i64 columns = 0;         // functions but the constant one, or fields
+        i64 columns = 0;  // functions but the constant one, or fields
         bool has_fields = false;
-        double constant = 0.0;   // value of its constant function; 0 without
+        double constant = 0.0;     // value of its constant function; 0 without
         std::vector<Real> values;  // (columns, vertices), padded; fields of each axis where they differ
         Rows<Real> rows;           // of its functions that are not affine
     };
@@ -96,15 +96,22 @@ private:
     std::vector<double> affine_;  // of all nodes, four rows of channels each, where elements may have fields
 };
 
+// Vertices that several threads may evaluate beside each other: those of one of the subtrees of the partition tree so many
+// levels below its root.
+struct VertexShare {
+    int levels = 0;
+    i64 number = 0;  // below 2^levels
+};
+
 // Positions at frames, before residuals, or displacements alone where there is no reference. time: (frames, time axes,
 // functions); out: (frames, vertices, 3), written. Overloads, not a template: compilers make no variants of those.
 void evaluate(const Motion<float> &motion, std::span<const double> time, const AnchoredReference<float> *reference,
-              std::span<float> out);
+              std::span<float> out, VertexShare share = {});
 void evaluate(const Motion<float> &motion, std::span<const double> time, const AnchoredReference<float> *reference,
-              std::span<double> out);
+              std::span<double> out, VertexShare share = {});
 void evaluate(const Motion<double> &motion, std::span<const double> time, const AnchoredReference<double> *reference,
-              std::span<float> out);
+              std::span<float> out, VertexShare share = {});
 void evaluate(const Motion<double> &motion, std::span<const double> time, const AnchoredReference<double> *reference,
-              std::span<double> out);
+              std::span<double> out, VertexShare share = {});
 
 }  // namespace pdeanim
