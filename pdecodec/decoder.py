@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,7 @@ from pdecodec.spacebasis import SPACE_KINDS, SpaceForm, decode_space_basis
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
+Array = TypeVar("Array")
 
 POSITIONS, VELOCITIES, ACCELERATIONS = 0, 1, 2
 """Quantities by the core's numbers."""
@@ -208,6 +209,10 @@ class Animation(MeshSequence):
             return single
         return self.sample(times, outside=outside)
 
+    @overload
+    def sample(self, times: ArrayLike, *, out: None = None, outside: Outside = "clamp") -> Float32Array: ...
+    @overload
+    def sample(self, times: ArrayLike, *, out: Array, outside: Outside = "clamp") -> Array: ...
     def sample(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
         """Positions at several times, into an array of the caller's if there is one.
 

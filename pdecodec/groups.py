@@ -46,8 +46,8 @@ DOUBLE = 4
 
 SINGLE_IS_ENOUGH = 2.0**-13
 """Displacements are added up in float32 where the bound is at least this share of the largest. What an element moves
-as a whole is added up in float64 all the same (core/evaluate/motion.hpp), and what is left hardly ever rounds by as much
-as the margin has room for; where it does, the encoder finds it."""
+as a whole is added up in float64 all the same (core/evaluate/motion.hpp), and what is left hardly ever rounds by as
+much as the margin has room for; where it does, the encoder finds it."""
 
 SINGLE_MARGIN, DOUBLE_MARGIN = 2.0**-11, 2.0**-20
 """How far decoders may differ in a coordinate before it is rounded to float32, in residual steps, where a group's
@@ -205,7 +205,7 @@ def functions_of_time(entry: GroupEntry, time_functions: Float64Array, times: Fl
     return normalised(time_functions)
 
 
-def margins(entry: GroupEntry, time: Float64Array, quantised: Int64Array, residual_step: float) -> Float64Array:
+def margins(entry: GroupEntry, time: FloatArray, quantised: Int64Array, residual_step: float) -> Float64Array:
     """(frames,) float64: how far decoders may differ in a coordinate before residuals, and before it is rounded.
 
     Parameters

@@ -25,6 +25,7 @@ from pdecodec import (
     Animation,
     ArraySequence,
     Attribute,
+    Connectivity,
     CorruptFileError,
     DecodeLimits,
     InputError,
@@ -216,6 +217,29 @@ def test_the_mesh_is_not_copied_and_cannot_be_written_to(animation: Animation) -
     for item in animation.objects:
         assert not item.connectivity.face_indices.flags.writeable
         assert not any(attribute.values.flags.writeable for attribute in item.attributes)
+
+
+def test_a_large_frame_that_threads_share_is_that_of_the_whole_clip() -> None:
+    """Beside a part that is much smaller, so that one branch of the partition tree ends early."""
+    u, v = np.meshgrid(np.arange(140), np.arange(130), indexing="ij")
+    sheet_of_points = np.stack([u, v, np.zeros_like(u)], axis=-1).reshape(-1, 3)
+    rest = np.concatenate([sheet_of_points, [[500, 0, k] for k in range(5)]]).astype(np.float64)
+    points = np.stack([rest + 3 * np.sin(rest[:, ::-1] / 9 + t) for t in range(10)]).astype(np.float32)
+    index = np.arange(u.size, dtype=np.int32).reshape(u.shape)
+    quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(-1, 4)
+    mesh = Connectivity(
+        vertex_count=len(rest),
+        face_counts=np.full(len(quads), 4, np.int32),
+        face_indices=quads.ravel(),
+        line_counts=np.array([5], np.int32),
+        line_indices=np.arange(u.size, u.size + 5, dtype=np.int32),
+    )
+    sequence = ArraySequence(points, objects=(MeshObject("mesh", mesh),))
+    with open_animation(encoded(sequence, effort="fast", tolerance=1e-3)) as decoded:
+        together = decoded.sample(decoded.times)
+        assert np.abs(together - points).max() < 1e-3 * 600
+        for frame in (0, 4, 9):
+            assert np.array_equal(bits(decoded.positions(decoded.times[frame])), bits(together[frame]))
 
 
 def test_the_mesh_outlives_the_animation() -> None:
