@@ -143,11 +143,6 @@ def residual_displacements(
 ) -> NDArray[np.float64]: ...
 def extract_curves(parts: Sequence[Part], reference: Int64Array) -> tuple[Int32Array, Int64Array]: ...
 
-FRAMES_AT_ONCE: int
-
-def evaluate_frames(time: FloatArray, fields: FloatArray, reference: Float64Array, out: FloatArray) -> None: ...
-def add_displacement(weights: Float64Array, fields: FloatArray, moved: Float64Array) -> None: ...
-
 class FrameSpline:
     """The C2 cubic spline through all frames of a clip, not-a-knot, as weights of frames.
 
@@ -337,11 +332,20 @@ class SpaceBasis:
     def functions_of(self, element: int) -> Float64Array: ...
     def project(self, values: Float64Array, threads: int) -> Float64Array: ...
 
-class Expansion:
-    def __init__(self, basis: SpaceBasis, coefficients: Float64Array) -> None: ...
-    def synthesise(self) -> None: ...
-    def expand(self, first: int, end: int, fields: FloatArray) -> None: ...
-    def expand_some(self, elements: Int64Array, fields: FloatArray) -> None: ...
+class Motion:
+    """What moves the vertices in a group of frames (core/evaluate/motion.hpp), or those of some elements alone."""
+
+    def __init__(
+        self,
+        basis: SpaceBasis,
+        quantised: Int64Array,
+        axes: int,
+        step: float,
+        single: bool,
+        elements: Int64Array | None,
+        threads: int,
+    ) -> None: ...
+    def evaluate(self, time: Float64Array, reference: Float64Array | None, out: FloatArray, threads: int) -> None: ...
 
 def take_displacements(
     points: NDArray[np.float32], shape: Float64Array, farthest: float, rows: FloatArray, threads: int
@@ -361,13 +365,13 @@ class Excess:
     def add_to(self, values: Float64Array, functions: Float64Array, axes: int, push: float) -> None:
         """Add it, `push` times, in functions of time to values on vertices."""
 
-class _GroupModel:
-    """Functions of time and fields of a group, held against its positions; residuals are those of the bound."""
+class GroupModel:
+    """A motion held against the positions that it is to give; residuals are those of the bound."""
 
     def __init__(
         self,
-        time: FloatArray,
-        fields: FloatArray,
+        motion: Motion,
+        time: Float64Array,
         reference: Float64Array,
         points: NDArray[np.float32],
         order: Int32Array,
@@ -384,12 +388,8 @@ class _GroupModel:
         """Residuals of the vertices that may miss the bound; with an aim, `excess` is filled."""
     def errors(self, residuals: Residuals, threads: int) -> tuple[float, float]:
         """The largest, and the sum, of the squared distances of what a decoder gives."""
-
-class SingleModel(_GroupModel): ...
-class DoubleModel(_GroupModel): ...
-
-def farthest_apart(single: SingleModel | DoubleModel, exact: SingleModel | DoubleModel, threads: int) -> float:
-    """Largest difference of a coordinate, of a model in float32 and one in float64."""
+    def farthest_from(self, other: GroupModel, threads: int) -> float:
+        """Largest difference of a coordinate before residuals."""
 
 POLYNOMIAL_EXPONENTS: list[tuple[int, int, int]]
 
@@ -397,6 +397,7 @@ def series_functions(points: Float64Array, rate: float, order: int) -> Float64Ar
 def arc_length_parameters(grid: Int64Array, pieces: Patches) -> Float64Array: ...
 def local_coordinates(grid: Int64Array) -> tuple[int, Int64Array]: ...
 def integer_root(square: int) -> int: ...
+def writable_view(array: object) -> Float32Array: ...
 
 class Animation:
     """An open file (core/decoder/animation.hpp); `file` is its bytes, or a binary file that is read when needed."""

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,7 @@ from pdecodec.spacebasis import SPACE_KINDS, SpaceForm, decode_space_basis
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
+Array = TypeVar("Array")
 
 POSITIONS, VELOCITIES, ACCELERATIONS = 0, 1, 2
 """Quantities by the core's numbers."""
@@ -88,6 +89,18 @@ def open_animation(source: str | os.PathLike[str] | bytes, *, limits: DecodeLimi
     except BaseException:
         file.close()
         raise
+
+
+def _writable(out: Any) -> NDArray[Any]:
+    """The array itself, or numpy's view of another library's; SettingsError where it cannot be written to."""
+    if isinstance(out, np.ndarray):
+        return out
+    try:
+        return _core.writable_view(out)
+    except TypeError as error:
+        raise SettingsError(
+            "the array to write to must be of numpy, or export float32 of main memory through DLPack"
+        ) from error
 
 
 class Animation(MeshSequence):
@@ -196,7 +209,11 @@ class Animation(MeshSequence):
             return single
         return self.sample(times, outside=outside)
 
-    def sample(self, times: ArrayLike, *, out: Float32Array | None = None, outside: Outside = "clamp") -> Float32Array:
+    @overload
+    def sample(self, times: ArrayLike, *, out: None = None, outside: Outside = "clamp") -> Float32Array: ...
+    @overload
+    def sample(self, times: ArrayLike, *, out: Array, outside: Outside = "clamp") -> Array: ...
+    def sample(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
         """Positions at several times, into an array of the caller's if there is one.
 
         Parameters
@@ -204,7 +221,8 @@ class Animation(MeshSequence):
         times : (n,) array [s]
             In any order.
         out : (n, vertices, 3) float32, optional
-            Written and returned; after an error it may hold anything.
+            Written and returned; after an error it may hold anything. A numpy array, or any other of main memory that
+            can be exported through DLPack: a tensor of torch, say, that needs no copy then.
         outside : {"clamp", "loop", "refuse"}
             As in :meth:`positions`.
 
@@ -214,15 +232,18 @@ class Animation(MeshSequence):
         """
         inside = self._inside(times, outside)
         shape = (inside.size, self.vertex_count, 3)
-        if out is not None and (out.shape != shape or out.dtype != np.float32):
-            raise SettingsError(f"the array to write to must be float32 {shape}, not {out.dtype} {out.shape}")
-        found = out if out is not None and out.flags.c_contiguous else np.empty(shape, np.float32)
+        target = np.empty(shape, np.float32) if out is None else _writable(out)
+        if target.shape != shape or target.dtype != np.float32 or not target.flags.writeable:
+            kind = "" if target.flags.writeable else "read-only "
+            raise SettingsError(
+                f"the array to write to must be float32 {shape}, not {kind}{target.dtype} {target.shape}"
+            )
+        found = target if target.flags.c_contiguous else np.empty(shape, np.float32)
         with self._naming_the_file():
             self._core.evaluate(POSITIONS, inside, None, found)
-        if out is None or found is out:
-            return found
-        out[:] = found
-        return out
+        if found is not target:
+            target[:] = found
+        return target if out is None else out
 
     def velocities(self, times: ArrayLike, *, outside: Outside = "clamp") -> Float32Array:
         """Velocity of every vertex at one time or at several: the exact derivative of the positions.

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
-from pdecodec._core import DoubleModel, SingleModel
 from pdecodec.displacements import Displacements, TimeFunctions, time_basis_of
 from pdecodec.groupfit import (
     GroupChoice,
@@ -24,7 +23,7 @@ from pdecodec.groupfit import (
     needed_functions,
     quantise_sparsely,
 )
-from pdecodec.groups import GroupEntry, functions_of_time, margins
+from pdecodec.groups import GroupEntry, functions_of_time, group_functions, margins
 from pdecodec.residuals import residual_ways
 from pdecodec.shares import thread_count
 from pdecodec.spacebasis import SpaceBasis
@@ -155,7 +154,6 @@ class Estimate:
         self._sample: _Sample = _Sample(fitter.points, basis, values, self._usual_step, elements)
         rows: Float64Array = values[self._sample.rows]
         self._coefficients: dict[tuple[Displacements, TimeFunctions], Float64Array] = {(moved, usual.time): rows}
-        self._reference = fitter.reference_of(self._sample.vertices)
 
     def prepare(self, choice: GroupChoice) -> None:
         moved = self._fitter.displacements(choice.origin)
@@ -203,23 +201,12 @@ class Estimate:
     def _residual_bits(
         self, entry: GroupEntry, functions: Float64Array, quantised: Int64Array, largest: Int64Array
     ) -> float:
-        fitter, sample, real = self._fitter, self._sample, np.float32 if entry.single else np.float64
+        fitter, sample = self._fitter, self._sample
         time = functions_of_time(entry, functions, fitter.times)
-        fields = np.empty((entry.width, sample.vertices.size), real)
-        coefficients = np.zeros((self._basis.functions, entry.width))
-        coefficients[sample.rows] = entry.step * quantised
-        expansion = _core.Expansion(self._basis.core, coefficients)
-        expansion.synthesise()
-        expansion.expand_some(sample.elements, fields)
-        model = (SingleModel if entry.single else DoubleModel)(
-            time,
-            fields.reshape(entry.functions, entry.axes, -1),
-            self._reference,
-            sample.points,
-            sample.order,
-            fitter.bound,
-            fitter.residual_step,
-        )
+        everywhere = np.zeros((self._basis.functions, entry.width), np.int64)
+        everywhere[sample.rows] = quantised
+        moved = group_functions(entry, time, everywhere, self._basis, sample.elements)
+        model = fitter.held(moved, sample.points, sample.order)
         limits = margins(entry, time, largest, fitter.residual_step)
         residuals = model.missing(limits, None, None, thread_count())
         near = np.ones(entry.frames, np.int64)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
-from pdecodec._core import DoubleModel, Excess, Residuals, SingleModel, farthest_apart
+from pdecodec._core import Excess, GroupModel, Residuals
 from pdecodec.coefficientcoding import encode_coefficients, measure_coefficients
 from pdecodec.displacements import Displacements, Origin, TimeFunctions, dual_functions, time_basis_of
 from pdecodec.groups import (
@@ -243,10 +243,6 @@ class GroupFitter:
     def frames(self) -> int:
         return len(self.points)
 
-    def reference_of(self, vertices: Int32Array) -> Float64Array:
-        """Decoded reference frame of some vertices."""
-        return np.ascontiguousarray(self._reference[vertices])
-
     @property
     def first_choice(self) -> GroupChoice:
         """What is fitted before anything is known."""
@@ -338,7 +334,7 @@ class GroupFitter:
         if fitted.entry.single:
             entry = replace(fitted.entry, single=False)
             exact = self._functions(basis, entry, fitted.quantised, fitted.time_functions)
-            off = farthest_apart(self._model(fitted.functions, basis), self._model(exact, basis), thread_count())
+            off = self._model(fitted.functions, basis).farthest_from(self._model(exact, basis), thread_count())
             if off > 0.5 * SINGLE_MARGIN * self.residual_step:
                 fitted = self.fitted(basis, entry, fitted.quantised, fitted.time_functions)
         entry, quantised, time_functions, residuals = (
@@ -365,13 +361,15 @@ class GroupFitter:
         decoded = time_functions.decoded if time_functions else np.zeros((self.frames, entry.time_axes, 0))
         return group_functions(entry, functions_of_time(entry, decoded, self.times), quantised, basis)
 
-    def _model(self, functions: GroupFunctions, basis: SpaceBasis) -> SingleModel | DoubleModel:
+    def _model(self, functions: GroupFunctions, basis: SpaceBasis) -> GroupModel:
         """Functions held against the positions; with the residuals of those that may miss the bound elsewhere."""
-        model = SingleModel if functions.time.dtype == np.float32 else DoubleModel
+        return self.held(functions, self.points, basis.order)
+
+    def held(self, functions: GroupFunctions, points: Float32Array, order: Int32Array) -> GroupModel:
+        """Functions held against positions of the vertices that they move, those in places of an order."""
         reference = np.ascontiguousarray(self._reference)
-        return model(
-            functions.time, functions.fields, reference, self.points, basis.order, self.bound, self.residual_step
-        )
+        time = np.ascontiguousarray(functions.time)
+        return GroupModel(functions.motion, time, reference, points, order, self.bound, self.residual_step)
 
     def _fit_time_functions(
         self,

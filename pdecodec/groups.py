@@ -26,8 +26,8 @@ from pdecodec import _core
 from pdecodec._core import cosine_wave
 from pdecodec.bytestream import FieldWriter
 from pdecodec.closedform import ClosedForm
-from pdecodec.shares import in_shares
-from pdecodec.spacebasis import Expansion, SpaceBasis
+from pdecodec.shares import thread_count
+from pdecodec.spacebasis import SpaceBasis
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -44,9 +44,10 @@ SAMPLED_BASES: tuple[TimeBasis, ...] = ("trajectories", "shapes")
 DOUBLE = 4
 """The bit of a group's kind, beside its time basis: its positions are added up in float64, not in float32."""
 
-SINGLE_IS_ENOUGH = 2.0**-9
-"""Displacements are added up in float32 where the bound is at least this share of the largest: the sum of some hundred
-terms then hardly ever rounds by as much as the margin has room for."""
+SINGLE_IS_ENOUGH = 2.0**-13
+"""Displacements are added up in float32 where the bound is at least this share of the largest. What an element moves
+as a whole is added up in float64 all the same (core/evaluate/motion.hpp), and what is left hardly ever rounds by as
+much as the margin has room for; where it does, the encoder finds it."""
 
 SINGLE_MARGIN, DOUBLE_MARGIN = 2.0**-11, 2.0**-20
 """How far decoders may differ in a coordinate before it is rounded to float32, in residual steps, where a group's
@@ -159,36 +160,43 @@ class GroupFunctions:
 
     Attributes
     ----------
-    time : (frames, 3, functions) float32 or float64
-        Functions of time at the frames, for each axis.
-    fields : (functions, 1 or 3, vertices), as `time` [scene units]
-        What each function is multiplied with at each vertex; one field an axis, or one for all.
+    time : (frames, 3 or 1, functions) float64
+        Functions of time at the frames, for each axis or for all.
+    motion : pdecodec._core.Motion
+        What they move.
     """
 
-    time: FloatArray
-    fields: FloatArray
+    time: Float64Array
+    motion: _core.Motion
 
 
-def group_functions(entry: GroupEntry, time: FloatArray, quantised: Int64Array, basis: SpaceBasis) -> GroupFunctions:
-    """Functions of time and what they are multiplied with.
+def group_functions(
+    entry: GroupEntry,
+    time: Float64Array,
+    quantised: Int64Array,
+    basis: SpaceBasis,
+    elements: Int64Array | None = None,
+) -> GroupFunctions:
+    """Functions of time and what they move.
 
     Parameters
     ----------
     entry : GroupEntry
-    time : (frames, 3, functions) float32 or float64
+    time : (frames, 3 or 1, functions) float64
         Of :func:`functions_of_time`.
     quantised : (functions of space, channels) int64
         Quantised coefficients.
     basis : SpaceBasis
+    elements : (n,) int64, optional
+        Ascending: positions are those of their vertices alone, element after element.
     """
-    expansion = Expansion(basis, np.multiply(quantised, entry.step, dtype=np.float64), single=entry.single)
-    expansion.synthesise()
-    in_shares(expansion.expand, basis.element_count)
-    return GroupFunctions(time, expansion.fields.reshape(entry.functions, entry.axes, basis.order.size))
+    coefficients = np.ascontiguousarray(quantised)
+    motion = _core.Motion(basis.core, coefficients, entry.axes, entry.step, entry.single, elements, thread_count())
+    return GroupFunctions(time, motion)
 
 
-def functions_of_time(entry: GroupEntry, time_functions: Float64Array, times: Float64Array) -> FloatArray:
-    """:attr:`GroupFunctions.time`, in the precision of the group's sums.
+def functions_of_time(entry: GroupEntry, time_functions: Float64Array, times: Float64Array) -> Float64Array:
+    """:attr:`GroupFunctions.time`.
 
     Parameters
     ----------
@@ -199,14 +207,10 @@ def functions_of_time(entry: GroupEntry, time_functions: Float64Array, times: Fl
         Of the group's frames; of use under closed form alone.
     """
     if entry.basis == "cosines":
-        time = cosines(entry.frames, entry.functions)[:, None]
-    elif entry.basis == "closed form":
-        time = ClosedForm(times, entry.alpha, entry.functions).weights(times)[:, None]
-    else:
-        time = normalised(time_functions)
-    if entry.axes == 3:
-        time = np.repeat(time, 3, axis=1)
-    return np.ascontiguousarray(time, np.float32) if entry.single else np.ascontiguousarray(time)
+        return cosines(entry.frames, entry.functions)[:, None]
+    if entry.basis == "closed form":
+        return ClosedForm(times, entry.alpha, entry.functions).weights(times)[:, None]
+    return normalised(time_functions)
 
 
 def margins(entry: GroupEntry, time: FloatArray, largest: Int64Array, residual_step: float) -> Float64Array:
@@ -215,7 +219,7 @@ def margins(entry: GroupEntry, time: FloatArray, largest: Int64Array, residual_s
     Parameters
     ----------
     entry : GroupEntry
-    time : (frames, 3, functions) float32 or float64
+    time : (frames, 3 or 1, functions) float64
         Functions of time.
     largest : (channels,) int64
         Largest magnitude of a coefficient in each channel, in steps.
@@ -228,8 +232,8 @@ def margins(entry: GroupEntry, time: FloatArray, largest: Int64Array, residual_s
     return found
 
 
-def evaluate_group(group: GroupFunctions, frames: slice, reference: Float64Array, out: FloatArray) -> None:
-    """Positions at some of its frames, before residuals.
+def evaluate_group(group: GroupFunctions, frames: slice, reference: Float64Array | None, out: FloatArray) -> None:
+    """Positions at some of its frames, before residuals; displacements without a reference frame.
 
     Parameters
     ----------
@@ -238,10 +242,5 @@ def evaluate_group(group: GroupFunctions, frames: slice, reference: Float64Array
     reference : (vertices, 3) float64 [scene units], C-contiguous
     out : (frames, vertices, 3) float32 or float64, C-contiguous, written
     """
-    time = group.time[frames].copy()  # C-contiguous
-
-    def evaluate(first: int, end: int) -> None:
-        some = slice(first * _core.FRAMES_AT_ONCE, end * _core.FRAMES_AT_ONCE)
-        _core.evaluate_frames(time[some], group.fields, reference, out[some])
-
-    in_shares(evaluate, -(-len(time) // _core.FRAMES_AT_ONCE))
+    time = np.ascontiguousarray(group.time[frames])
+    group.motion.evaluate(time, reference, out, thread_count())

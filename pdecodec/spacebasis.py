@@ -170,37 +170,6 @@ class SpaceBasis:
         return self.core.encode_masks()
 
 
-class Expansion:
-    """Undoes :meth:`SpaceBasis.project`, element by element.
-
-    Parameters
-    ----------
-    basis : SpaceBasis
-    coefficients : (functions, channels) float64
-        Read when they are needed.
-    single : bool
-        Rounded to float32 at the end.
-
-    Attributes
-    ----------
-    fields : (channels, vertices) float32 or float64
-        In the order of the mesh.
-    """
-
-    def __init__(self, basis: SpaceBasis, coefficients: Float64Array, *, single: bool) -> None:
-        self._core = _core.Expansion(basis.core, coefficients)
-        shape = coefficients.shape[1], basis.order.size
-        self.fields: FloatArray = np.empty(shape, np.float32) if single else np.empty(shape, np.float64)
-
-    def synthesise(self) -> None:
-        """Compute the elements' affine coefficients: those of the whole and of all wavelets are there."""
-        self._core.synthesise()
-
-    def expand(self, first: int, end: int) -> None:
-        """Fill in the vertices of the elements `first` to `end` - 1; several threads may, each others."""
-        self._core.expand(first, end, self.fields)
-
-
 def build_space_basis(
     kind: SpaceKind,
     objects: Sequence[MeshObject],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import math
 import tracemalloc
@@ -17,12 +18,14 @@ import pytest
 import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from test_round_trip import CLIPS, PROFILES, noise, sheet, wave
 
 from pdecodec import (
     Animation,
     ArraySequence,
     Attribute,
+    Connectivity,
     CorruptFileError,
     DecodeLimits,
     InputError,
@@ -176,6 +179,76 @@ def test_positions_are_written_into_the_callers_array(animation: Animation) -> N
     for wrong in (np.empty((1, 35, 3), np.float32), np.empty((2, 35, 3))):
         with pytest.raises(SettingsError, match="the array to write to"):
             animation.sample([5.2, 5.1], out=wrong)
+
+
+class Exported:
+    """Another library's array, which numpy has never seen: it can be exported through DLPack, and no more."""
+
+    def __init__(self, array: NDArray[np.float32]) -> None:
+        self._array = array
+
+    def __dlpack__(self, **keywords: object) -> object:
+        return self._array.__dlpack__(**keywords)  # type: ignore[arg-type]
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        return self._array.__dlpack_device__()
+
+
+def test_positions_are_written_into_arrays_of_other_libraries(animation: Animation) -> None:
+    wanted = animation.sample([5.2, 5.1])
+    for array in (np.empty((2, 35, 3), np.float32), np.empty((35, 2, 3), np.float32).transpose(1, 0, 2)):
+        out = Exported(array)
+        assert animation.sample([5.2, 5.1], out=out) is out
+        assert np.array_equal(array, wanted)
+    for wrong in (Exported(np.empty((1, 35, 3), np.float32)), Exported(np.empty((2, 35, 3))), [[0.0]], "text"):
+        with pytest.raises(SettingsError, match="the array to write to"):
+            animation.sample([5.2, 5.1], out=wrong)
+    frozen = np.zeros((2, 35, 3), np.float32)
+    frozen.flags.writeable = False
+    with pytest.raises(SettingsError, match="not read-only"):
+        animation.sample([5.2, 5.1], out=frozen)
+    assert not frozen.any()
+
+
+def test_the_mesh_is_not_copied_and_cannot_be_written_to(animation: Animation) -> None:
+    for first, second in zip(animation._core.connectivity(), animation._core.connectivity(), strict=True):
+        for one, other in zip(first, second, strict=True):
+            assert one.size == 0 or (np.shares_memory(one, other) and not one.flags.writeable)
+    for item in animation.objects:
+        assert not item.connectivity.face_indices.flags.writeable
+        assert not any(attribute.values.flags.writeable for attribute in item.attributes)
+
+
+def test_a_large_frame_that_threads_share_is_that_of_the_whole_clip() -> None:
+    """Beside a part that is much smaller, so that one branch of the partition tree ends early."""
+    u, v = np.meshgrid(np.arange(140), np.arange(130), indexing="ij")
+    sheet_of_points = np.stack([u, v, np.zeros_like(u)], axis=-1).reshape(-1, 3)
+    rest = np.concatenate([sheet_of_points, [[500, 0, k] for k in range(5)]]).astype(np.float64)
+    points = np.stack([rest + 3 * np.sin(rest[:, ::-1] / 9 + t) for t in range(10)]).astype(np.float32)
+    index = np.arange(u.size, dtype=np.int32).reshape(u.shape)
+    quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(-1, 4)
+    mesh = Connectivity(
+        vertex_count=len(rest),
+        face_counts=np.full(len(quads), 4, np.int32),
+        face_indices=quads.ravel(),
+        line_counts=np.array([5], np.int32),
+        line_indices=np.arange(u.size, u.size + 5, dtype=np.int32),
+    )
+    sequence = ArraySequence(points, objects=(MeshObject("mesh", mesh),))
+    with open_animation(encoded(sequence, effort="fast", tolerance=1e-3)) as decoded:
+        together = decoded.sample(decoded.times)
+        assert np.abs(together - points).max() < 1e-3 * 600
+        for frame in (0, 4, 9):
+            assert np.array_equal(bits(decoded.positions(decoded.times[frame])), bits(together[frame]))
+
+
+def test_the_mesh_outlives_the_animation() -> None:
+    with open_animation(encoded(sheet(wave(3)), effort="fast")) as decoded:
+        faces = decoded.objects[0].connectivity.face_indices
+    expected = faces.copy()
+    del decoded
+    gc.collect()
+    assert np.array_equal(faces, expected)
 
 
 @pytest.mark.parametrize("profile", PROFILE)

@@ -10,12 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pdecodec._core import add_displacement
-from pdecodec.groups import GroupFunctions, evaluate_group
+from pdecodec.groups import GroupEntry, TimeBasis, evaluate_group, group_functions
 from pdecodec.patches import build_patches, early_patches
 from pdecodec.sequence import Connectivity, MeshObject
-from pdecodec.shares import in_shares
-from pdecodec.spacebasis import Expansion, SpaceBasis, SpaceKind, build_space_basis
+from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis
 
 RNG_SEED = 20
 
@@ -39,16 +37,28 @@ def points_only(rest: NDArray[np.int64]) -> MeshObject:
     return MeshObject("points", Connectivity(vertex_count=len(rest), face_counts=none, face_indices=none))
 
 
-def fields_of(basis: SpaceBasis, coefficients: NDArray[np.float64], *, single: bool) -> NDArray[np.floating]:
-    expansion = Expansion(basis, coefficients, single=single)
-    expansion.synthesise()
-    in_shares(expansion.expand, basis.element_count)
-    return expansion.fields
+STEP = 2.0**-40
+
+
+def entry_of(frames: int, functions: int, basis: TimeBasis, *, single: bool) -> GroupEntry:
+    return GroupEntry(frames=frames, functions=functions, basis=basis, single=single, step=STEP)
+
+
+def displaced(
+    basis: SpaceBasis, coefficients: NDArray[np.float64], time: NDArray[np.float64], *, single: bool = False
+) -> NDArray[np.float64]:
+    """What coefficients (functions of space, channels) and functions of time (frames, 3 or 1, functions) move."""
+    entry = entry_of(len(time), time.shape[2], "trajectories" if time.shape[1] == 3 else "shapes", single=single)
+    functions = group_functions(entry, time, np.rint(coefficients / STEP).astype(np.int64), basis)
+    out = np.empty((len(time), basis.order.size, 3))
+    evaluate_group(functions, slice(None), None, out)
+    return out
 
 
 def expanded(basis: SpaceBasis, coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(vertices, width) in mesh order."""
-    return fields_of(basis, coefficients, single=False).T.astype(np.float64)
+    """(vertices, channels) in mesh order: each channel alone at a frame of its own."""
+    channels = coefficients.shape[1]
+    return displaced(basis, coefficients, np.repeat(np.eye(channels)[:, None], 3, axis=1))[:, :, 0].T
 
 
 @pytest.mark.parametrize("kind", ["patch", "curve"])
@@ -129,15 +139,41 @@ def test_patches_before_the_rest_shape_are_those_after_it_unless_vertices_coinci
     assert early_patches([points_only(rest)], 16) is None
 
 
+def bits(points: NDArray[np.floating]) -> NDArray[np.unsignedinteger]:
+    return points.view(np.uint32 if points.dtype == np.float32 else np.uint64)
+
+
+@pytest.mark.parametrize("single", [False, True])
 @pytest.mark.parametrize("axes", [1, 3])
-@pytest.mark.parametrize("functions", [0, 1, 4, 7])
-def test_the_compiled_sum_over_functions_of_time_is_the_plain_one(axes: int, functions: int) -> None:
+@pytest.mark.parametrize("functions", [0, 1, 5, 40, 70])
+@pytest.mark.parametrize("kind", ["patch", "curve"])
+def test_positions_are_the_sum_over_functions_of_time_and_space(
+    kind: SpaceKind, functions: int, axes: int, single: bool
+) -> None:
+    """With fewer functions of time than of space and with more, with one frame and with many, to the bit alike."""
+    item, rest = grid(23, 17)
+    basis = build_space_basis(kind, [item], rest, points=64, functions=24)
     rng = np.random.default_rng(RNG_SEED)
-    weights, fields = rng.normal(size=(3, functions)), rng.normal(size=(functions, axes, 700))
-    moved = np.ones((700, 3))
-    add_displacement(weights, fields, moved)
-    expected = 1.0 + np.einsum("xa,axv->vx", weights, np.broadcast_to(fields, (functions, 3, 700)))
-    np.testing.assert_allclose(moved, expected, atol=1e-12)
+    time = rng.normal(size=(11, 4 - axes, functions))
+    coefficients = rng.normal(size=(basis.functions, functions * axes)) * (rng.random((basis.functions, 1)) < 0.6)
+    coefficients[basis.functions // 2 :, 1:] = 0.0
+    reference = rng.normal(size=(len(rest), 3)) + 1000.0
+    entry = entry_of(len(time), functions, "trajectories" if axes == 1 else "shapes", single=single)
+    motion = group_functions(entry, time, np.rint(coefficients / STEP).astype(np.int64), basis)
+    found, rounded = np.empty((11, len(rest), 3)), np.empty((11, len(rest), 3), np.float32)
+    evaluate_group(motion, slice(None), reference, found)
+    evaluate_group(motion, slice(None), reference, rounded)
+    fields = expanded(basis, coefficients).reshape(len(rest), functions, axes)
+    shape = len(time), 3, functions
+    on_all_axes = np.broadcast_to(time, shape), np.broadcast_to(fields, (len(rest), functions, 3))
+    expected = reference + np.einsum("fxa,vax->fvx", *on_all_axes)
+    size = np.abs(expected - reference).max(initial=1.0)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=(2e-6 if single else 1e-12) * size + 1e-12 * 1000)
+    assert np.array_equal(rounded, found.astype(np.float32))
+    for frame in (0, 7, 10):
+        alone = np.empty((1, len(rest), 3), np.float32)
+        evaluate_group(motion, slice(frame, frame + 1), reference, alone)
+        assert np.array_equal(bits(alone[0]), bits(rounded[frame]))
 
 
 @pytest.mark.parametrize("kind", ["patch", "curve"])
@@ -150,25 +186,7 @@ def test_functions_made_as_far_as_needed_are_those_of_the_whole_basis(kind: Spac
     coefficients = np.random.default_rng(RNG_SEED).normal(size=(whole.functions, 2))
     for begin, end in itertools.pairwise(whole.coefficient_starts):  # only the first third of each patch's
         coefficients[begin + (end - begin) // 3 : end] = 0.0
+    time = np.random.default_rng(RNG_SEED).normal(size=(9, 3, 2))
     for single in (False, True):
-        made, given = (fields_of(basis, coefficients, single=single) for basis in (needed, whole))
+        made, given = (displaced(basis, coefficients, time, single=single) for basis in (needed, whole))
         assert np.array_equal(made, given)
-        assert made.dtype == (np.float32 if single else np.float64)
-
-
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("axes", [1, 3])
-@pytest.mark.parametrize("functions", [0, 1, 8, 19])
-def test_positions_of_many_frames_are_those_of_each_summed_up_in_order(dtype: type, axes: int, functions: int) -> None:
-    rng = np.random.default_rng(RNG_SEED)
-    frames, vertices = 11, 700
-    weights = rng.normal(size=(frames, 3, functions)).astype(dtype)
-    planes = rng.normal(size=(functions, axes, vertices)).astype(dtype)
-    rest = rng.normal(size=(vertices, 3))
-    out = np.empty((frames, vertices, 3), np.float32)
-    evaluate_group(GroupFunctions(weights, planes), slice(0, frames), rest, out)
-    for t in range(frames):
-        moved = np.zeros((3, vertices), dtype)
-        for a in range(functions):
-            moved += weights[t, :, a, None] * planes[a]
-        assert np.array_equal(out[t], (rest + moved.T.astype(np.float64)).astype(np.float32))

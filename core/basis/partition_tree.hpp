@@ -19,6 +19,12 @@ namespace pdeanim {
 
 class PartitionTree {
 public:
+    static constexpr int most_functions = 2 * affine_count;  // of two halves
+
+    // Orthogonal: rows are a node's affine functions and then its wavelets, columns the first half's affine functions and
+    // then the second's.
+    using Matrix = std::array<std::array<double, most_functions>, most_functions>;
+
     // Over elements whose affine functions are counted, with their sums. `masks`: which of 1, x, y and z the nodes keep,
     // coded; without it they are chosen. CorruptError where the bytes do not end where the tree does.
     PartitionTree(const Elements &elements, const std::vector<AffineSums> &sums,
@@ -30,8 +36,14 @@ public:
     i64 functions() const { return functions_; }
     i64 affine() const { return affine_[0]; }
 
+    // Affine functions of a node.
+    i64 affine_of(i64 node) const { return affine_[node]; }
+
     // Where a node's wavelets begin among the functions.
     i64 first_wavelet(i64 node) const { return wavelet_starts_[node]; }
+
+    // Of a node that is no element. Two children follow for each such node, in order.
+    const Matrix &matrix(i64 node) const { return matrices_[(patches_->children[node] - 1) / 2]; }
 
     std::vector<u8> encode_masks() const;
 
@@ -46,12 +58,6 @@ public:
     double nearest = std::numeric_limits<double>::infinity();
 
 private:
-    static constexpr int most_functions = 2 * affine_count;  // of two halves
-
-    // Orthogonal: rows are a node's affine functions and then its wavelets, columns the first half's affine functions and
-    // then the second's.
-    using Matrix = std::array<std::array<double, most_functions>, most_functions>;
-
     void build_matrices(const Elements &elements, const std::vector<AffineSums> &of_elements, bool chooses);
 
     std::shared_ptr<const Patches> patches_;

@@ -63,42 +63,4 @@ private:
     double nearest_;
 };
 
-// Undoes `SpaceBasis::project`, element by element, while coefficients become known.
-class Expansion {
-public:
-    // `coefficients`: a row of `channels` a function, read when they are needed; basis and coefficients are the caller's.
-    Expansion(const SpaceBasis &basis, const double *coefficients, i64 channels)
-        : basis_(basis), coefficients_(coefficients), channels_(channels),
-          affine_(affine_count * basis.tree().nodes() * channels) {}
-
-    i64 channels() const { return channels_; }
-
-    // The elements' affine coefficients: those of the whole and of all wavelets are there.
-    void synthesise() { basis_.tree().synthesise(coefficients_, affine_, channels_); }
-
-    // Fill in the vertices of the elements `first` to `end` - 1, whose coefficients are there, of `fields`: one a channel,
-    // a number a vertex in the order of the mesh. Several threads may, each others.
-    template <class Real> void expand(i64 first, i64 end, Real *fields) const;
-
-    // The same of some elements alone, whose vertices follow each other in fields of `width` numbers.
-    template <class Real> void expand_some(std::span<const i64> elements, i64 width, Real *fields) const;
-
-private:
-    // Scratch of one thread.
-    struct Work {
-        explicit Work(const Elements &elements) : functions(elements) {}
-        ElementFunctions functions;
-        std::vector<const double *> coefficients, rows, chosen;
-        std::vector<double> multiples, sums;
-    };
-
-    // Of an element, one channel after another: write(channel, sums at its vertices).
-    template <class Write> void expand_element(i64 element, Work &work, const Write &write) const;
-
-    const SpaceBasis &basis_;
-    const double *coefficients_;
-    i64 channels_;
-    std::vector<double> affine_;  // four rows of `channels` a node of the partition tree
-};
-
 }  // namespace pdeanim

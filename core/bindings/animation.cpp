@@ -59,17 +59,18 @@ nb::list vertex_counts(const PyAnimation &self) {
 }
 
 nb::list connectivity(const PyAnimation &self) {
-    std::vector<Connectivity> parts = self.with([](Animation &animation) { return animation.connectivity(); });
+    const auto parts = self.with([](Animation &animation) { return animation.shared_connectivity(); });
+    const nb::capsule owner = owner_of(parts);
     nb::list found;
-    for (Connectivity &part : parts) {
-        found.append(nb::make_tuple(to_array(std::move(part.face_sizes)), to_array(std::move(part.face_indices)),
-                                    to_array(std::move(part.line_sizes)), to_array(std::move(part.line_indices))));
+    for (const Connectivity &part : *parts) {
+        found.append(nb::make_tuple(shared_array(part.face_sizes, owner), shared_array(part.face_indices, owner),
+                                    shared_array(part.line_sizes, owner), shared_array(part.line_indices, owner)));
     }
     return found;
 }
 
 nb::list attributes(const PyAnimation &self) {
-    return to_list(self.with([](Animation &animation) { return animation.attributes(); }));
+    return to_list(self.with([](Animation &animation) { return animation.shared_attributes(); }));
 }
 
 nb::tuple reference(const PyAnimation &self) {
@@ -111,6 +112,19 @@ nb::object coefficients(const PyAnimation &self, std::size_t index) {
     return to_rows(std::move(found), static_cast<std::size_t>(most<i64>(groups[index].channels(), 1)));
 }
 
+// Any library's array that can be written to, as numpy's.
+nb::object writable_view(const nb::ndarray<float, nb::device::cpu> &array) {
+    using Kept = nb::ndarray<float, nb::device::cpu>;
+    std::vector<std::size_t> shape;
+    std::vector<i64> strides;
+    for (std::size_t axis = 0; axis < array.ndim(); ++axis) {
+        shape.push_back(array.shape(axis));
+        strides.push_back(array.stride(axis));
+    }
+    const nb::capsule owner(new Kept(array), [](void *pointer) noexcept { delete static_cast<Kept *>(pointer); });
+    return nb::cast(nb::ndarray<nb::numpy, float>(array.data(), array.ndim(), shape.data(), owner, strides.data()));
+}
+
 using Positions3 = nb::ndarray<float, nb::shape<-1, -1, 3>, nb::c_contig, nb::device::cpu>;
 
 void evaluate(const PyAnimation &self, int quantity, const Flat<double> &times, std::optional<i64> object,
@@ -127,6 +141,7 @@ void evaluate(const PyAnimation &self, int quantity, const Flat<double> &times, 
 }  // namespace
 
 void bind_animation(nb::module_ &module) {
+    module.def("writable_view", &writable_view, nb::arg("array").noconvert());
     nb::class_<PyAnimation>(module, "Animation")
         .def(nb::init<nb::object, u64, int, i64>(), nb::arg("file"), nb::arg("max_memory"), nb::arg("threads"),
              nb::arg("kept_bytes"))

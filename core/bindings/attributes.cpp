@@ -90,25 +90,25 @@ nb::dlpack::dtype dtype_of(ValueType type) {
     }
 }
 
-nb::object to_values(Attribute &attribute) {
-    auto *kept = new std::vector<u8>(std::move(attribute.values));
-    nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<std::vector<u8> *>(pointer); });
+nb::object to_values(const Attribute &attribute, const nb::capsule &owner) {
     const std::size_t shape[] = {static_cast<std::size_t>(attribute.rows),
                                  static_cast<std::size_t>(attribute.numbers())};
-    return nb::cast(nb::ndarray<nb::numpy>(kept->data(), attribute.columns ? 2 : 1, shape, owner, nullptr,
-                                           dtype_of(attribute.type)));
+    return nb::cast(nb::ndarray<nb::numpy, nb::ro>(attribute.values.data(), attribute.columns ? 2 : 1, shape, owner,
+                                                   nullptr, dtype_of(attribute.type)));
 }
 
 }  // namespace
 
-nb::list to_list(std::vector<std::vector<Attribute>> decoded) {
+nb::list to_list(const std::shared_ptr<const std::vector<std::vector<Attribute>>> &decoded) {
+    const nb::capsule owner = owner_of(decoded);
     nb::list found;
-    for (std::vector<Attribute> &of_part : decoded) {
+    for (const std::vector<Attribute> &of_part : *decoded) {
         nb::list attributes;
-        for (Attribute &attribute : of_part) {
-            nb::object values = to_values(attribute), indices = nb::none();
-            if (attribute.indices) indices = to_array(std::move(*attribute.indices));
-            attributes.append(nb::make_tuple(attribute.name, static_cast<i64>(attribute.domain), values, indices,
+        for (const Attribute &attribute : of_part) {
+            nb::object indices = nb::none();
+            if (attribute.indices) indices = shared_array(*attribute.indices, owner);
+            attributes.append(nb::make_tuple(attribute.name, static_cast<i64>(attribute.domain),
+                                             to_values(attribute, owner), indices,
                                              nb::tuple(nb::cast(attribute.labels))));
         }
         found.append(attributes);
@@ -126,7 +126,7 @@ nb::list py_decode_attributes(const nb::bytes &data, const nb::list &parts, cons
         nb::gil_scoped_release release;
         decoded = decode_attributes(view(data), views, points_of(grid), most_bytes);
     }
-    return to_list(std::move(decoded));
+    return to_list(std::make_shared<const std::vector<std::vector<Attribute>>>(std::move(decoded)));
 }
 
 nb::object py_fan_numbers(const Flat<i32> &vertices, const Flat<i32> &keys) {

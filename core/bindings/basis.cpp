@@ -5,10 +5,14 @@
 #include <algorithm>
 #include <memory>
 #include <optional>
+#include <variant>
 
 #include "basis/series.hpp"
 #include "basis/space_basis.hpp"
 #include "bindings/bindings.hpp"
+#include "bindings/motion.hpp"
+#include "evaluate/motion.hpp"
+#include "parallel.hpp"
 
 namespace pdeanim::bindings {
 
@@ -16,7 +20,7 @@ namespace {
 
 using Grid = Rows<i64, 3>;
 using Values = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-template <class Real> using Fields = nb::ndarray<Real, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Quantised = nb::ndarray<const i64, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
 std::span<const GridPoint> points_of(const Grid &grid) {
     return {reinterpret_cast<const GridPoint *>(grid.data()), grid.shape(0)};
@@ -122,45 +126,69 @@ nb::object py_functions_of(nb::handle self, i64 element) {
                                                                 {found.size() / points, points}, self));
 }
 
-// An expansion, and the array that it looks at.
-struct PyExpansion {
-    PyExpansion(const PySpaceBasis &of_basis, Values of_coefficients)
-        : coefficients(std::move(of_coefficients)), basis(*of_basis.basis) {
-        require(static_cast<i64>(coefficients.shape(0)) == basis.functions(), "one row of coefficients a function");
-        expansion.emplace(basis, coefficients.data(), static_cast<i64>(coefficients.shape(1)));
-    }
+template <class T> using Cube = nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
 
-    void synthesise() {
-        nb::gil_scoped_release release;
-        expansion->synthesise();
-    }
+template <class Out> void py_evaluate(const PyMotion &self, const Cube<const double> &time,
+                                      const std::optional<Rows<double, 3>> &reference, const Cube<Out> &out,
+                                      int threads) {
+    std::visit(
+        [&]<class Real>(const Motion<Real> &own) {
+            const i64 frames = static_cast<i64>(time.shape(0)), row = own.time_axes() * own.functions;
+            require(
+                static_cast<i64>(time.shape(1)) == own.time_axes() && static_cast<i64>(time.shape(2)) == own.functions,
+                "functions of time are those of the motion");
+            require(static_cast<i64>(out.shape(0)) == frames && static_cast<i64>(out.shape(1)) == own.vertices() &&
+                        out.shape(2) == 3 &&
+                        (!reference || static_cast<i64>(reference->shape(0)) == own.basis->vertices()),
+                    "positions have another shape than the frames and the reference frame give");
+            nb::gil_scoped_release release;
+            std::optional<AnchoredReference<Real>> anchored;
+            if (reference) {
+                anchored.emplace(*own.basis->elements().patches,
+                                 std::span<const double>(reference->data(), reference->size()));
+            }
+            in_shares((frames + frames_at_once - 1) / frames_at_once, threads, [&](i64 first, i64 end) {
+                const i64 begin = first * frames_at_once, count = least(end * frames_at_once, frames) - begin;
+                const i64 size = 3 * own.vertices();
+                pdeanim::evaluate(own, std::span(time.data() + begin * row, count * row),
+                                  anchored ? &*anchored : nullptr,
+                                  std::span<Out>(out.data() + begin * size, count * size));
+            });
+        },
+        self.motion);
+}
 
-    template <class Real> void expand(i64 first, i64 end, const Fields<Real> &fields) const {
-        require(0 <= first && first <= end && end <= basis.elements().count(), "there are no such elements");
-        require(static_cast<i64>(fields.shape(0)) == expansion->channels() &&
-                    static_cast<i64>(fields.shape(1)) == basis.vertices(),
-                "one field a channel");
-        nb::gil_scoped_release release;
-        expansion->expand(first, end, fields.data());
-    }
+template <class Real> Motion<Real> take(const SpaceBasis &basis, const Quantised &quantised, int axes, double step,
+                                        const std::optional<Flat<i64>> &elements, int threads) {
+    nb::gil_scoped_release release;
+    Motion<Real> found(basis, static_cast<i64>(quantised.shape(1)) / axes, axes, step);
+    if (elements) found.choose(view(*elements));
+    const QuantisedRows rows{quantised.data(), found.channels(), {}};
+    found.take_tree(rows);
+    in_shares(basis.elements().count(), threads, [&](i64 first, i64 end) { found.take_elements(first, end, rows); });
+    return found;
+}
 
-    template <class Real> void expand_some(const Flat<i64> &elements, const Fields<Real> &fields) const {
-        i64 vertices = 0;
-        for (const i64 e : view(elements)) {
-            require(0 <= e && e < basis.elements().count(), "there are no such elements");
-            vertices += basis.elements().patches->size(e);
+void make_motion(PyMotion *made, const PySpaceBasis &of_basis, const Quantised &quantised, int axes, double step,
+                 bool single, const std::optional<Flat<i64>> &elements, int threads) {
+    const SpaceBasis &basis = *of_basis.basis;
+    require((axes == 1 || axes == 3) && static_cast<i64>(quantised.shape(0)) == basis.functions() &&
+                quantised.shape(1) % axes == 0 &&
+                static_cast<i64>(quantised.shape(1)) / axes <= Motion<float>::most_functions,
+            "one row of coefficients a function of space");
+    if (elements) {
+        i64 before = -1;
+        for (const i64 element : view(*elements)) {
+            require(element > before && element < basis.elements().count(), "elements ascend, and are there");
+            before = element;
         }
-        require(
-            static_cast<i64>(fields.shape(0)) == expansion->channels() && static_cast<i64>(fields.shape(1)) == vertices,
-            "one field a channel");
-        nb::gil_scoped_release release;
-        expansion->expand_some(view(elements), vertices, fields.data());
     }
-
-    Values coefficients;
-    const SpaceBasis &basis;
-    std::optional<Expansion> expansion;
-};
+    if (single) {
+        new (made) PyMotion{take<float>(basis, quantised, axes, step, elements, threads)};
+    } else {
+        new (made) PyMotion{take<double>(basis, quantised, axes, step, elements, threads)};
+    }
+}
 
 nb::object py_series_functions(const Flat<double> &points, double rate, int order) {
     require(order == 4 || order == 8, "the series is of order 4 or 8");
@@ -228,14 +256,13 @@ void bind_basis(nb::module_ &module) {
             nb::arg("threads"))
         .def("functions_of", &py_functions_of, nb::arg("element"))
         .def("project", &PySpaceBasis::project, nb::arg("values"), nb::arg("threads"));
-    nb::class_<PyExpansion>(module, "Expansion")
-        .def(nb::init<const PySpaceBasis &, Values>(), nb::arg("basis"), nb::arg("coefficients").noconvert(),
-             nb::keep_alive<1, 2>())
-        .def("synthesise", &PyExpansion::synthesise)
-        .def("expand", &PyExpansion::expand<float>, nb::arg("first"), nb::arg("end"), nb::arg("fields").noconvert())
-        .def("expand", &PyExpansion::expand<double>, nb::arg("first"), nb::arg("end"), nb::arg("fields").noconvert())
-        .def("expand_some", &PyExpansion::expand_some<float>, nb::arg("elements"), nb::arg("fields").noconvert())
-        .def("expand_some", &PyExpansion::expand_some<double>, nb::arg("elements"), nb::arg("fields").noconvert());
+    nb::class_<PyMotion>(module, "Motion")
+        .def("__init__", &make_motion, nb::arg("basis"), nb::arg("quantised").noconvert(), nb::arg("axes"),
+             nb::arg("step"), nb::arg("single"), nb::arg("elements").none(), nb::arg("threads"), nb::keep_alive<1, 2>())
+        .def("evaluate", &py_evaluate<float>, nb::arg("time"), nb::arg("reference").none(), nb::arg("out").noconvert(),
+             nb::arg("threads"))
+        .def("evaluate", &py_evaluate<double>, nb::arg("time"), nb::arg("reference").none(), nb::arg("out").noconvert(),
+             nb::arg("threads"));
     module.def("series_functions", &py_series_functions, nb::arg("points"), nb::arg("rate"), nb::arg("order"));
     module.def("arc_length_parameters", &py_arc_length_parameters, nb::arg("grid"), nb::arg("pieces"));
     module.def("local_coordinates", &py_local_coordinates, nb::arg("grid"));

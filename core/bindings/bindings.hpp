@@ -4,6 +4,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include <memory>
 #include <span>
 #include <utility>
 #include <vector>
@@ -37,6 +38,17 @@ template <class T> nb::object to_array(std::vector<T> &&values) {
     return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<1>>(kept->data(), {kept->size()}, owner));
 }
 
+// What keeps something alive that an array lies in.
+template <class T> nb::capsule owner_of(std::shared_ptr<T> shared) {
+    auto *kept = new std::shared_ptr<T>(std::move(shared));
+    return nb::capsule(kept, [](void *pointer) noexcept { delete static_cast<std::shared_ptr<T> *>(pointer); });
+}
+
+// A one-dimensional array that cannot be written to and lies in what its owner keeps alive.
+template <class T> nb::object shared_array(const std::vector<T> &values, const nb::capsule &owner) {
+    return nb::cast(nb::ndarray<nb::numpy, const T, nb::ndim<1>>(values.data(), {values.size()}, owner));
+}
+
 // Rows of `columns` numbers each, as an array that owns them.
 template <class T> nb::object to_rows(std::vector<T> &&values, std::size_t columns) {
     auto *kept = new std::vector<T>(std::move(values));
@@ -49,8 +61,8 @@ template <class T> nb::object to_rows(std::vector<T> &&values, std::size_t colum
 // keeps; ValueError where they do not fit together.
 std::vector<ConnectivityView> views_of(const nb::list &parts);
 
-// Attributes of each object: (name, domain, values, indices or None, labels).
-nb::list to_list(std::vector<std::vector<Attribute>> decoded);
+// Attributes of each object: (name, domain, values, indices or None, labels), in arrays that cannot be written to.
+nb::list to_list(const std::shared_ptr<const std::vector<std::vector<Attribute>>> &decoded);
 
 // One function a part of the core; each adds its classes and functions to the module.
 void bind_connectivity(nb::module_ &module);

@@ -2,8 +2,10 @@
 #include <nanobind/stl/optional.h>
 
 #include <optional>
+#include <variant>
 
 #include "bindings/bindings.hpp"
+#include "bindings/motion.hpp"
 #include "encode/displacements.hpp"
 #include "encode/group_model.hpp"
 #include "encode/quantise.hpp"
@@ -47,68 +49,87 @@ nb::tuple py_quantise_sparsely(const Matrix<const double> &values, int axes, dou
                           to_array(std::move(found.largest)));
 }
 
-// A group's model with the input that it is held against, and the arrays that both look at.
-template <class T> class PyGroupModel {
+// A motion with the input that it is held against, and the arrays that both look at.
+class PyGroupModel {
 public:
-    PyGroupModel(Cube<const T> time, Cube<const T> fields, Rows<double, 3> reference, Cube<const float> points,
-                 Flat<i32> order, double bound, double step)
-        : time_(std::move(time)), fields_(std::move(fields)), reference_(std::move(reference)),
-          points_(std::move(points)), order_(std::move(order)) {
-        const std::size_t frames = points_.shape(0), vertices = reference_.shape(0);
-        require(time_.shape(0) == frames && time_.shape(1) == 3 && fields_.shape(0) == time_.shape(2) &&
-                    (fields_.shape(1) == 1 || fields_.shape(1) == 3) && fields_.shape(2) == vertices &&
-                    points_.shape(1) == vertices && points_.shape(2) == 3 && order_.size() == vertices,
-                "functions of time, fields, reference frame, points and order do not fit together");
-        for (const i32 vertex : view(order_)) {
-            require(vertex >= 0 && static_cast<std::size_t>(vertex) < vertices,
-                    "an order must be of the vertices that there are");
-        }
-        model = {.time = all_of(time_),
-                 .fields = {all_of(fields_), static_cast<i64>(fields_.shape(0)), static_cast<i64>(fields_.shape(1)),
-                            static_cast<i64>(vertices)},
-                 .reference = {reference_.data(), reference_.size()},
-                 .frames = static_cast<i64>(frames)};
-        wanted = {.points = {reinterpret_cast<const Position *>(points_.data()), points_.size() / 3},
-                  .order = view(order_),
-                  .bound = bound,
-                  .step = step};
+    PyGroupModel(const PyMotion &motion, Cube<const double> time, const Rows<double, 3> &reference,
+                 Cube<const float> points, Flat<i32> order, double bound, double step)
+        : motion_(motion), time_(std::move(time)), points_(std::move(points)), order_(std::move(order)) {
+        const std::size_t frames = points_.shape(0);
+        std::visit(
+            [&]<class Real>(const Motion<Real> &own) {
+                require(time_.shape(0) == frames && static_cast<i64>(time_.shape(1)) == own.time_axes() &&
+                            static_cast<i64>(time_.shape(2)) == own.functions &&
+                            static_cast<i64>(reference.shape(0)) == own.basis->vertices() &&
+                            static_cast<i64>(points_.shape(1)) == own.vertices() && points_.shape(2) == 3 &&
+                            static_cast<i64>(order_.size()) == own.vertices(),
+                        "motion, functions of time, reference frame, points and order do not fit together");
+                for (const i32 vertex : view(order_)) {
+                    require(vertex >= 0 && vertex < own.vertices(), "an order must be of the vertices that there are");
+                }
+                reference_.emplace<AnchoredReference<Real>>(
+                    *own.basis->elements().patches, std::span<const double>(reference.data(), reference.size()));
+            },
+            motion.motion);
+        wanted_ = {.points = {reinterpret_cast<const Position *>(points_.data()), points_.size() / 3},
+                   .order = view(order_),
+                   .bound = bound,
+                   .step = step};
     }
 
-    Residuals missing(const Flat<double> &margins, const std::optional<nb::tuple> &aim, Excess *excess, int threads) {
-        require(static_cast<i64>(margins.size()) == model.frames, "one margin a frame");
+private:
+    // What some work on the model returns, in the precision of its sums.
+    template <class Work> auto with_model(const Work &work) const {
+        return std::visit(
+            [&]<class Real>(const Motion<Real> &own) {
+                return work(GroupModel<Real>{.motion = own,
+                                             .time = all_of(time_),
+                                             .reference = std::get<AnchoredReference<Real>>(reference_),
+                                             .frames = static_cast<i64>(points_.shape(0))});
+            },
+            motion_.motion);
+    }
+
+public:
+    Residuals missing(const Flat<double> &margins, const std::optional<nb::tuple> &aim, Excess *excess,
+                      int threads) const {
+        require(margins.size() == points_.shape(0), "one margin a frame");
         Aim beyond{};
         if (aim) beyond = {nb::cast<double>((*aim)[0]), nb::cast<double>((*aim)[1]), nb::cast<double>((*aim)[2])};
         nb::gil_scoped_release release;
-        return pdeanim::missing(model, wanted, view(margins), beyond, excess, threads);
+        return with_model([&](const auto &model) {
+            return pdeanim::missing(model, wanted_, view(margins), beyond, excess, threads);
+        });
     }
 
     nb::tuple errors(const Residuals &residuals, int threads) const {
-        require(residuals.frames() == model.frames, "residuals are of other frames");
-        check_residuals(residuals, model.fields.vertices);
+        require(residuals.frames() == static_cast<i64>(points_.shape(0)), "residuals are of other frames");
+        check_residuals(residuals, static_cast<i64>(points_.shape(1)));
         Errors found;
         {
             nb::gil_scoped_release release;
-            found = pdeanim::errors(model, wanted, residuals, threads);
+            found = with_model([&](const auto &model) { return pdeanim::errors(model, wanted_, residuals, threads); });
         }
         return nb::make_tuple(found.largest_square, found.sum_of_squares);
     }
 
-    GroupModel<T> model;
-    Wanted wanted;
+    double farthest_from(const PyGroupModel &other, int threads) const {
+        require(points_.shape(0) == other.points_.shape(0) && points_.shape(1) == other.points_.shape(1),
+                "two models of the same frames and vertices");
+        nb::gil_scoped_release release;
+        return with_model([&](const auto &one) {
+            return other.with_model([&](const auto &second) { return farthest_apart(one, second, threads); });
+        });
+    }
 
 private:
-    Cube<const T> time_, fields_;
-    Rows<double, 3> reference_;
+    const PyMotion &motion_;
+    Cube<const double> time_;
     Cube<const float> points_;
     Flat<i32> order_;
+    std::variant<std::monostate, AnchoredReference<float>, AnchoredReference<double>> reference_;
+    Wanted wanted_;
 };
-
-double py_farthest_apart(const PyGroupModel<float> &single, const PyGroupModel<double> &exact, int threads) {
-    require(single.model.frames == exact.model.frames && single.model.fields.vertices == exact.model.fields.vertices,
-            "two models of the same frames and vertices");
-    nb::gil_scoped_release release;
-    return farthest_apart(single.model, exact.model, threads);
-}
 
 void py_add_to(const Excess &excess, const Matrix<double> &values, const Matrix<const double> &functions, int axes,
                double push) {
@@ -123,17 +144,6 @@ void py_add_to(const Excess &excess, const Matrix<double> &values, const Matrix<
     nb::gil_scoped_release release;
     excess.add_to({values.data(), values.size()}, {functions.data(), functions.size()}, static_cast<i64>(count), axes,
                   push);
-}
-
-template <class T> void bind_model(nb::module_ &module, const char *name) {
-    using Model = PyGroupModel<T>;
-    nb::class_<Model>(module, name, "Functions of time and fields of a group, held against its positions.")
-        .def(nb::init<Cube<const T>, Cube<const T>, Rows<double, 3>, Cube<const float>, Flat<i32>, double, double>(),
-             nb::arg("time").noconvert(), nb::arg("fields").noconvert(), nb::arg("reference").noconvert(),
-             nb::arg("points").noconvert(), nb::arg("order").noconvert(), nb::arg("bound"), nb::arg("step"))
-        .def("missing", &Model::missing, nb::arg("margins"), nb::arg("aim").none(), nb::arg("excess").none(),
-             nb::arg("threads"))
-        .def("errors", &Model::errors, nb::arg("residuals"), nb::arg("threads"));
 }
 
 template <class Real> void bind_take(nb::module_ &module) {
@@ -154,9 +164,15 @@ void bind_encode(nb::module_ &module) {
         .def("__len__", [](const Excess &self) { return self.frames.size(); })
         .def("add_to", &py_add_to, nb::arg("values").noconvert(), nb::arg("functions"), nb::arg("axes"),
              nb::arg("push"));
-    bind_model<float>(module, "SingleModel");
-    bind_model<double>(module, "DoubleModel");
-    module.def("farthest_apart", &py_farthest_apart, nb::arg("single"), nb::arg("exact"), nb::arg("threads"));
+    nb::class_<PyGroupModel>(module, "GroupModel", "A motion held against the positions that it is to give.")
+        .def(nb::init<const PyMotion &, Cube<const double>, const Rows<double, 3> &, Cube<const float>, Flat<i32>,
+                      double, double>(),
+             nb::arg("motion"), nb::arg("time"), nb::arg("reference"), nb::arg("points").noconvert(),
+             nb::arg("order").noconvert(), nb::arg("bound"), nb::arg("step"), nb::keep_alive<1, 2>())
+        .def("missing", &PyGroupModel::missing, nb::arg("margins"), nb::arg("aim").none(), nb::arg("excess").none(),
+             nb::arg("threads"))
+        .def("errors", &PyGroupModel::errors, nb::arg("residuals"), nb::arg("threads"))
+        .def("farthest_from", &PyGroupModel::farthest_from, nb::arg("other"), nb::arg("threads"));
 }
 
 }  // namespace pdeanim::bindings

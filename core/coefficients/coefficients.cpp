@@ -19,8 +19,9 @@ template <Mode mode> class CoefficientCoder {
 public:
     using Number = std::conditional_t<mode == Mode::decode, i64, const i64>;
 
-    CoefficientCoder(const CoefficientLayout &layout, std::span<Number> coefficients, RangeCoder<mode> coder = {})
-        : coder(std::move(coder)), layout(layout), coefficients_(coefficients.data()) {}
+    CoefficientCoder(const CoefficientLayout &layout, std::span<Number> coefficients, RangeCoder<mode> coder = {},
+                     std::span<i32> used = {})
+        : coder(std::move(coder)), layout(layout), coefficients_(coefficients.data()), used_(used) {}
 
     // Those up to `end` - 1 that have not been coded yet.
     void code(i64 end) {
@@ -61,6 +62,7 @@ private:
             }
             const i64 needed = channels_needed(begin + place, begin + stop);
             count = model_->code_count(coder, band, count, layout.channels, needed);
+            if (!used_.empty()) std::fill_n(used_.begin() + begin + place, stop - place, static_cast<i32>(count));
             for (; place < stop; ++place) {
                 code_row(band, place + affine, count, row_at(begin + place), place, row_of(beside, place),
                          row_of(above, place));
@@ -109,6 +111,7 @@ private:
     }
 
     Number *coefficients_;
+    std::span<i32> used_;
     std::unique_ptr<CoefficientModel> model_ = std::make_unique<CoefficientModel>();
     std::array<i64, 2> latest_ = {-1, -1};  // latest subband of a node, and that of an element
     i64 next_ = 0;
@@ -162,9 +165,9 @@ class CoefficientDecoder::State : public CoefficientCoder<Mode::decode> {
 };
 
 CoefficientDecoder::CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data,
-                                       std::span<i64> coefficients) {
+                                       std::span<i64> coefficients, std::span<i32> used) {
     check_size(layout, coefficients.size());
-    if (!data.empty()) state_ = std::make_unique<State>(layout, coefficients, RangeCoder<Mode::decode>(data));
+    if (!data.empty()) state_ = std::make_unique<State>(layout, coefficients, RangeCoder<Mode::decode>(data), used);
 }
 
 CoefficientDecoder::~CoefficientDecoder() = default;

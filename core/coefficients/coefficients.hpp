@@ -43,8 +43,10 @@ double measure_coefficients(const CoefficientLayout &layout, std::span<const i64
 // Undoes `encode_coefficients` some subbands at a time, so that others may go on with those while the next are decoded.
 class CoefficientDecoder {
 public:
-    // The layout's arrays, the data and the coefficients, all zero, must outlive it.
-    CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data, std::span<i64> coefficients);
+    // The layout's arrays, the data and the coefficients, all zero, must outlive it; so must `used`, where it is given: of
+    // each row, how many channels from the first on may not be zero, all zero and written with the row.
+    CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data, std::span<i64> coefficients,
+                       std::span<i32> used = {});
     ~CoefficientDecoder();
 
     // Write the coefficients of the subbands up to `end` - 1 that are not there yet; CorruptError where the bytes hold

@@ -7,7 +7,7 @@
 
 #include "decoder/fields.hpp"
 #include "decoder/limits.hpp"
-#include "evaluate/fields.hpp"
+#include "evaluate/motion.hpp"
 #include "mesh/curves.hpp"
 #include "parallel.hpp"
 #include "reference/reference.hpp"
@@ -26,6 +26,9 @@ constexpr u64 bytes_per_coefficient = 40, bytes_per_time_value = 120;
 constexpr i64 most_vertices = (i64{1} << 31) - 1;
 constexpr i64 frames_between_looks = 64;  // frames that are evaluated before a cancel is noticed
 constexpr u8 predictors = 4;              // of the reference frame
+// From so many vertices on it pays to begin a thread for a part of one frame, and so many parts are made, as a power of two.
+constexpr i64 vertices_worth_a_thread = 16384;
+constexpr int part_levels = 3;
 
 // Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered through.
 Polygons polygons_of(std::span<const Connectivity> parts) {
@@ -114,7 +117,7 @@ const std::vector<std::string> &Animation::names() {
     return *names_;
 }
 
-const std::vector<Connectivity> &Animation::connectivity() {
+std::shared_ptr<const std::vector<Connectivity>> Animation::shared_connectivity() {
     const std::lock_guard guard(lock_);
     if (!connectivity_) {
         std::vector<i64> counts;
@@ -125,9 +128,9 @@ const std::vector<Connectivity> &Animation::connectivity() {
         std::vector<Connectivity> found = decode_connectivity(polygons_, orders, counts, most);
         for (const Connectivity &part : found)
             left_ -= bytes_per_corner * (part.face_indices.size() + part.line_indices.size());
-        connectivity_ = std::move(found);
+        connectivity_ = std::make_shared<const std::vector<Connectivity>>(std::move(found));
     }
-    return *connectivity_;
+    return connectivity_;
 }
 
 std::vector<ConnectivityView> Animation::views() {
@@ -166,7 +169,7 @@ const Reference &Animation::reference() {
     return *reference_;
 }
 
-const std::vector<std::vector<Attribute>> &Animation::attributes() {
+std::shared_ptr<const std::vector<std::vector<Attribute>>> Animation::shared_attributes() {
     const std::lock_guard guard(lock_);
     if (!attributes_) {
         const std::vector<u8> data = container_.read_optional("ATTR");
@@ -175,14 +178,15 @@ const std::vector<std::vector<Attribute>> &Animation::attributes() {
             const std::vector<GridPoint> &grid = reference().grid;
             found = decode_attributes(data, views(), grid, static_cast<i64>(least<u64>(left_, INT64_MAX)));
         }
-        attributes_ = std::move(found);
+        attributes_ = std::make_shared<const std::vector<std::vector<Attribute>>>(std::move(found));
     }
-    return *attributes_;
+    return attributes_;
 }
 
 const SpaceBasis &Animation::space() {
     const std::lock_guard guard(lock_);
     if (!space_) {
+        take_motion();
         const SpaceForm &form = model_.form;
         const std::vector<ConnectivityView> parts = views();
         std::shared_ptr<const Patches> patches;
@@ -210,26 +214,45 @@ const SpaceBasis &Animation::space() {
         }
         space_ =
             std::make_unique<SpaceBasis>(form, patches, reference().grid, std::span<const u8>(model_.masks), threads_);
-        check_motion();
     }
     return *space_;
 }
 
 // The memory that the largest group needs must be there before any is decoded.
-void Animation::check_motion() {
+void Animation::take_motion() {
+    if (has_motion_memory_) return;
     u64 widest = 0, longest = 0;
     for (const Group &group : table_->groups()) {
         widest = most(widest, static_cast<u64>(group.channels()));
         longest = most(longest, static_cast<u64>(group.frames * group.functions));
     }
     // Both are bounded: 4,096 frames a group, 3 functions a frame, 3 axes.
-    try {
-        take(bytes_per_coefficient * vertices() * widest + bytes_per_time_value * longest,
-             std::to_string(widest) + " functions of time on " + std::to_string(vertices()) + " vertices");
-    } catch (...) {
-        space_.reset();
-        throw;
+    take(bytes_per_coefficient * vertices() * widest + bytes_per_time_value * longest,
+         std::to_string(widest) + " functions of time on " + std::to_string(vertices()) + " vertices");
+    has_motion_memory_ = true;
+}
+
+// Make the space basis, if there is none yet, while another thread decodes what some groups have in TIME, which
+// needs no other section.
+Animation::TimesAhead Animation::make_space(std::span<const std::size_t> groups) {
+    TimesAhead found(groups.size());
+    if (space_ || threads_ < 2) {
+        space();
+        return found;
     }
+    take_motion();
+    const std::jthread other([&] {
+        try {
+            for (std::size_t k = 0; k < groups.size(); ++k) {
+                const Group &own = table_->groups()[groups[k]];
+                found[k] = decode_group_times(own, table_->chunks(container_, groups[k])[0]);
+            }
+        } catch (...) {
+            // Who decodes the group comes upon it again, and says where it is.
+        }
+    });
+    space();
+    return found;
 }
 
 const std::vector<u8> &Animation::remarks() {
@@ -250,12 +273,12 @@ ClosedForm Animation::closed_form(std::size_t index) const {
     return ClosedForm(own, group.alpha, group.functions);
 }
 
-DecodedGroup Animation::decode(std::size_t index, int threads) const {
+DecodedGroup Animation::decode(std::size_t index, int threads, std::optional<std::vector<double>> values) const {
     const Group &group = table_->groups()[index];
     try {
         const std::span<const double> own(times().data() + group.first, static_cast<std::size_t>(group.frames));
         return decode_group(group, table_->chunks(container_, index), *space_, own,
-                            static_cast<i64>(least<u64>(left_, INT64_MAX)), threads);
+                            static_cast<i64>(least<u64>(left_, INT64_MAX)), threads, std::move(values));
     } catch (const CorruptError &error) {
         if (error.frame >= 0) throw;
         throw CorruptError(error.what(), error.offset, group.first);
@@ -278,8 +301,8 @@ const DecodedGroup &Animation::group(std::size_t index) {
         return kept_.front().second;
     }
     check_cancelled();
-    space();
-    keep(index, decode(index, threads_));
+    TimesAhead values = make_space({&index, 1});
+    keep(index, decode(index, threads_, std::move(values[0])));
     return kept_.front().second;
 }
 
@@ -303,25 +326,51 @@ void Animation::decode_ahead(std::span<const double> sorted) {
         wanted.push_back(index);
     }
     if (wanted.size() < 2) return;
-    space();
+    TimesAhead values = make_space(wanted);
     std::vector<std::optional<DecodedGroup>> found(wanted.size());
     in_shares(static_cast<i64>(wanted.size()), threads_, [&](i64 first, i64 end) {
-        for (i64 k = first; k < end; ++k) found[k] = decode(wanted[k], 1);
+        for (i64 k = first; k < end; ++k) found[k] = decode(wanted[k], 1, std::move(values[k]));
     });
     for (std::size_t k = wanted.size(); k-- > 0;) keep(wanted[k], std::move(*found[k]));
 }
 
 ResidualScale Animation::residual_scale() { return {space().elements().patches->order, model_.residual_step}; }
 
-// Positions at frames of one group in a row, by the model alone.
-void Animation::evaluate_model(const DecodedGroup &own, i64 first, i64 count, std::span<float> out) {
-    std::visit(
-        [&](const auto &functions) {
-            const std::size_t row = 3 * own.group.functions;
-            const std::span time(functions.time.data() + (first - own.group.first) * row, count * row);
-            evaluate_frames(time, own.fields(functions), reference_->points, out);
-        },
-        own.functions);
+template <class Real> const AnchoredReference<Real> &Animation::anchored() {
+    auto &found = [&]() -> std::optional<AnchoredReference<Real>> & {
+        if constexpr (std::is_same_v<Real, float>) {
+            return anchored_single_;
+        } else {
+            return anchored_double_;
+        }
+    }();
+    if (!found) found.emplace(*space().elements().patches, reference().points);
+    return *found;
+}
+
+// Work with a group's motion and the reference frame in its precision.
+template <class Work> void Animation::with_motion(const DecodedGroup &own, const Work &work) {
+    std::visit([&]<class Real>(const Motion<Real> &motion) { work(motion, anchored<Real>()); }, own.motion);
+}
+
+// Positions, or displacements without a reference frame, at one time; `weights`: what functions of time count there.
+template <class Real, class Out>
+void Animation::evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
+                              const AnchoredReference<Real> *reference, Out out) const {
+    const int levels = vertices() < vertices_worth_a_thread || threads_ < 2 ? 0 : part_levels;
+    in_shares(i64{1} << levels, threads_, [&](i64 first, i64 end) {
+        for (i64 part = first; part < end; ++part) {
+            pdeanim::evaluate(motion, weights, reference, out, VertexShare{levels, part});
+        }
+    });
+}
+
+// Positions at one frame, by the model alone.
+void Animation::evaluate_model(const DecodedGroup &own, i64 frame, std::span<float> out) {
+    with_motion(own, [&](const auto &motion, const auto &anchored) {
+        const i64 row = motion.time_axes() * motion.functions;
+        evaluate_once(motion, std::span(own.time).subspan((frame - own.group.first) * row, row), &anchored, out);
+    });
 }
 
 FrameResiduals Animation::residuals_at(i64 frame) {
@@ -330,7 +379,7 @@ FrameResiduals Animation::residuals_at(i64 frame) {
     const std::vector<i64> &starts = own.residuals.raw_frame_starts;
     if (starts[found.inside] < starts[found.inside + 1]) {
         found.base.resize(vertices());
-        evaluate_model(own, frame, 1, {found.base[0].data(), 3 * found.base.size()});
+        evaluate_model(own, frame, {found.base[0].data(), 3 * found.base.size()});
     }
     return found;
 }
@@ -340,36 +389,46 @@ void Animation::evaluate_frames_of_group(i64 first, i64 count, std::span<float> 
     const DecodedGroup &own = group(table_->group_of(first));
     const ResidualScale scale = residual_scale();
     const std::size_t size = 3 * vertices();
-    in_shares((count + frames_at_once - 1) / frames_at_once, threads_, [&](i64 tile, i64 end) {
-        const i64 begin = tile * frames_at_once, frames = least(end * frames_at_once, count) - begin;
-        const std::span<float> part = out.subspan(begin * size, frames * size);
-        evaluate_model(own, first + begin, frames, part);
-        for (i64 k = 0; k < frames; ++k) {
-            add_residuals(own.residuals, first + begin + k - own.group.first, scale, 1.0, {},
-                          as_positions(part.subspan(k * size, size)));
-        }
+    if (count == 1) {
+        evaluate_model(own, first, out);
+        add_residuals(own.residuals, first - own.group.first, scale, 1.0, {}, as_positions(out));
+        return;
+    }
+    with_motion(own, [&](const auto &motion, const auto &anchored) {
+        const i64 row = motion.time_axes() * motion.functions;
+        in_shares((count + frames_at_once - 1) / frames_at_once, threads_, [&](i64 tile, i64 end) {
+            const i64 begin = tile * frames_at_once, frames = least(end * frames_at_once, count) - begin;
+            const i64 inside = first + begin - own.group.first;
+            const std::span<float> part = out.subspan(begin * size, frames * size);
+            pdeanim::evaluate(motion, std::span(own.time).subspan(inside * row, frames * row), &anchored, part);
+            for (i64 k = 0; k < frames; ++k) {
+                add_residuals(own.residuals, inside + k, scale, 1.0, {}, as_positions(part.subspan(k * size, size)));
+            }
+        });
     });
 }
 
 // Displacement of all vertices at a time by the model alone, or a derivative of it: (vertices, 3).
 std::vector<double> Animation::displacement(double time, int derivative) {
-    std::vector<double> moved(3 * vertices());
+    std::vector<double> moved, part(3 * vertices());
     const auto add = [&](std::size_t index, std::span<const double> weights) {
-        const DecodedGroup &own = group(index);
-        std::visit([&](const auto &functions) { add_displacement(weights, own.fields(functions), moved); },
-                   own.functions);
+        const auto evaluate_part = [&]<class Real>(const Motion<Real> &motion) {
+            evaluate_once<Real>(motion, weights, nullptr, std::span<double>(part));
+        };
+        std::visit(evaluate_part, group(index).motion);
+        if (moved.empty()) {
+            moved.swap(part);
+            part.resize(moved.size());
+        } else {
+            for (std::size_t i = 0; i < moved.size(); ++i) moved[i] += part[i];
+        }
     };
     if (table_->groups()[0].basis == TimeBasis::closed_form) {
         if (closed_forms_.empty()) {
             for (std::size_t k = 0; k < table_->groups().size(); ++k) closed_forms_.push_back(closed_form(k));
         }
         for (const GroupWeights &own : closed_form_weights(closed_forms_, time, derivative)) {
-            const i64 functions = table_->groups()[own.group].functions;
-            std::vector<double> weights;
-            for (int axis = 0; axis < 3; ++axis) {
-                weights.insert(weights.end(), own.weights.begin(), own.weights.begin() + functions);
-            }
-            add(own.group, weights);
+            add(own.group, std::span(own.weights).first(table_->groups()[own.group].functions));
         }
         return moved;
     }
@@ -380,21 +439,18 @@ std::vector<double> Animation::displacement(double time, int derivative) {
     for (std::size_t index = table_->group_of(first); index <= table_->group_of(end - 1); ++index) {
         const Group &own = table_->groups()[index];
         const i64 low = most(own.first, first), high = least(own.first + own.frames, end);
-        std::vector<double> weights(3 * own.functions);
+        std::vector<double> weights(own.time_axes() * own.functions);
         bool counts = false;
         for (i64 frame = low; frame < high; ++frame) {
             const double share = of_frames[frame - first];
             if (share == 0.0) continue;
             counts = true;
-            std::visit(
-                [&](const auto &functions) {
-                    const auto *row = functions.time.data() + (frame - own.first) * 3 * own.functions;
-                    for (std::size_t k = 0; k < weights.size(); ++k) weights[k] += share * static_cast<double>(row[k]);
-                },
-                group(index).functions);
+            const double *row = group(index).time.data() + (frame - own.first) * weights.size();
+            for (std::size_t k = 0; k < weights.size(); ++k) weights[k] += share * row[k];
         }
         if (counts) add(index, weights);
     }
+    moved.resize(3 * vertices());
     return moved;
 }
 

@@ -75,11 +75,15 @@ public:
 
     // What is decoded when it is first asked for.
     const std::vector<std::string> &names();
-    const std::vector<Connectivity> &connectivity();
+    const std::vector<Connectivity> &connectivity() { return *shared_connectivity(); }
     const Reference &reference();
-    const std::vector<std::vector<Attribute>> &attributes();
+    const std::vector<std::vector<Attribute>> &attributes() { return *shared_attributes(); }
     const SpaceBasis &space();
     const std::vector<u8> &remarks();  // section META as it is
+
+    // For those who look at them longer than the animation is open.
+    std::shared_ptr<const std::vector<Connectivity>> shared_connectivity();
+    std::shared_ptr<const std::vector<std::vector<Attribute>>> shared_attributes();
 
     // Coefficients of one group [scene units]: (functions of space, functions of time, axes).
     std::vector<double> coefficients(std::size_t group);
@@ -105,14 +109,21 @@ private:
     std::unique_lock<std::recursive_mutex> begin_call();
     void check_cancelled() const;
     std::vector<ConnectivityView> views();
-    void check_motion();
+    void take_motion();
     void decode_ahead(std::span<const double> sorted);
     bool is_kept(std::size_t index) const;
     const DecodedGroup &group(std::size_t index);
-    DecodedGroup decode(std::size_t index, int threads) const;
+    // Functions of time of some groups as their chunks have them, where they were decoded ahead.
+    using TimesAhead = std::vector<std::optional<std::vector<double>>>;
+    TimesAhead make_space(std::span<const std::size_t> groups);
+    DecodedGroup decode(std::size_t index, int threads, std::optional<std::vector<double>> values) const;
     void keep(std::size_t index, DecodedGroup group);
     ResidualScale residual_scale();
-    void evaluate_model(const DecodedGroup &own, i64 first, i64 count, std::span<float> out);
+    template <class Real> const AnchoredReference<Real> &anchored();
+    template <class Work> void with_motion(const DecodedGroup &own, const Work &work);
+    template <class Real, class Out> void evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
+                                                        const AnchoredReference<Real> *reference, Out out) const;
+    void evaluate_model(const DecodedGroup &own, i64 frame, std::span<float> out);
     FrameResiduals residuals_at(i64 frame);
     std::vector<double> displacement(double time, int derivative);
     void evaluate_frames_of_group(i64 first, i64 count, std::span<float> out);
@@ -136,10 +147,13 @@ private:
     u64 cancels_before_ = 0;        // and how often before the call that holds the lock began
 
     std::optional<std::vector<std::string>> names_;
-    std::optional<std::vector<Connectivity>> connectivity_;
+    std::shared_ptr<const std::vector<Connectivity>> connectivity_;
     std::optional<Reference> reference_;
-    std::optional<std::vector<std::vector<Attribute>>> attributes_;
+    std::shared_ptr<const std::vector<std::vector<Attribute>>> attributes_;
     std::unique_ptr<SpaceBasis> space_;
+    bool has_motion_memory_ = false;
+    std::optional<AnchoredReference<float>> anchored_single_;  // of the reference frame, for groups of either precision
+    std::optional<AnchoredReference<double>> anchored_double_;
     std::optional<std::vector<u8>> remarks_;
     std::optional<FrameSpline> spline_;
     std::vector<ClosedForm> closed_forms_;

@@ -3,8 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <condition_variable>
+#include <cstdlib>
 #include <exception>
+#include <memory>
 #include <mutex>
+#include <new>
 #include <thread>
 
 #include "coefficients/coefficients.hpp"
@@ -43,32 +46,40 @@ std::vector<double> cosines(i64 frames, i64 functions) {
     return values;
 }
 
-// For each axis, in the precision of the group's sums.
-template <class Real> std::vector<Real> on_three_axes(const std::vector<double> &values, const Group &group) {
-    const i64 own = group.time_axes(), functions = group.functions;
-    std::vector<Real> found;
-    found.reserve(group.frames * 3 * functions);
-    for (i64 frame = 0; frame < group.frames; ++frame) {
-        for (i64 axis = 0; axis < 3; ++axis) {
-            const double *row = values.data() + (frame * own + (own == 3 ? axis : 0)) * functions;
-            for (i64 j = 0; j < functions; ++j) found.push_back(static_cast<Real>(row[j]));
-        }
+// Numbers that are zero at first. Memory that is never written to is never there: most rows of coefficients are all zero.
+class Zeros {
+public:
+    explicit Zeros(i64 count)
+        : count_(count), values_(static_cast<i64 *>(std::calloc(most<i64>(count, 1), sizeof(i64)))) {
+        if (!values_) throw std::bad_alloc();
     }
-    return found;
-}
+
+    const i64 *data() const { return values_.get(); }
+    std::span<i64> all() const { return {values_.get(), static_cast<std::size_t>(count_)}; }
+
+private:
+    struct Free {
+        void operator()(i64 *values) const { std::free(values); }
+    };
+
+    i64 count_;
+    std::unique_ptr<i64, Free> values_;
+};
 
 Subbands view_of(const SubbandTable &table) { return {table.starts, table.kinds, table.parents}; }
 
-// Decodes the coefficients part by part, and expands what is there: this thread decodes, others expand, and this one, too,
-// when it is done.
-class CoefficientPipeline {
+// Decodes the coefficients part by part, and makes motion of what is there: this thread decodes, others take over, and this
+// one, too, when it is done.
+template <class Real> class CoefficientPipeline {
 public:
     CoefficientPipeline(const Group &group, std::span<const u8> chunk, const SpaceBasis &space)
-        : group_(group), space_(space), subbands_(space.subbands()), quantised_(space.functions() * group.channels()),
-          values_(quantised_.size()), expansion_(space, values_.data(), group.channels()),
-          decoder_({view_of(subbands_), space.functions(), group.channels(), group.axes()}, chunk, quantised_) {}
+        : motion(space, group.functions, group.axes(), group.step), space_(space), subbands_(space.subbands()),
+          quantised_(space.functions() * group.channels()), used_(space.functions()),
+          rows_{quantised_.data(), group.channels(), used_},
+          decoder_({view_of(subbands_), space.functions(), group.channels(), group.axes()}, chunk, quantised_.all(),
+                   used_) {}
 
-    // Decode everything; `expand(first, end)` is called by whoever runs `work`.
+    // Decode everything.
     void decode() {
         const i64 elements = space_.elements().count();
         const i64 nodes = static_cast<i64>(subbands_.kinds.size()) - elements;
@@ -77,10 +88,7 @@ public:
             for (i64 part = 0; part < cuts; ++part) {
                 const i64 first = elements * part / cuts, end = elements * (part + 1) / cuts;
                 decoder_.decode(nodes + end);
-                if (part == 0) {
-                    scale(0, subbands_.starts[nodes]);
-                    expansion_.synthesise();
-                }
+                if (part == 0) motion.take_tree(rows_);
                 const std::lock_guard guard(lock_);
                 ready_.push_back({first, end});
                 changed_.notify_one();
@@ -93,8 +101,8 @@ public:
         finish();
     }
 
-    // Expand parts until there are no more to come.
-    template <class Real> void expand(Real *fields) {
+    // Take over parts until there are no more to come.
+    void take() {
         while (true) {
             std::pair<i64, i64> part;
             {
@@ -104,11 +112,11 @@ public:
                 part = ready_.back();
                 ready_.pop_back();
             }
-            const std::vector<i64> &starts = space_.elements().coefficient_starts;
-            scale(starts[part.first], starts[part.second]);
-            expansion_.expand(part.first, part.second, fields);
+            motion.take_elements(part.first, part.second, rows_);
         }
     }
+
+    Motion<Real> motion;
 
 private:
     void finish() {
@@ -117,19 +125,11 @@ private:
         changed_.notify_all();
     }
 
-    // From steps to scene units, for the functions of space `first` to `end` - 1.
-    void scale(i64 first, i64 end) {
-        for (i64 i = first * group_.channels(); i < end * group_.channels(); ++i) {
-            values_[i] = static_cast<double>(quantised_[i]) * group_.step;
-        }
-    }
-
-    const Group &group_;
     const SpaceBasis &space_;
     SubbandTable subbands_;
-    std::vector<i64> quantised_;
-    std::vector<double> values_;
-    Expansion expansion_;
+    Zeros quantised_;
+    std::vector<i32> used_;
+    QuantisedRows rows_;
     CoefficientDecoder decoder_;
     std::mutex lock_;
     std::condition_variable changed_;
@@ -137,52 +137,43 @@ private:
     bool is_done_ = false;
 };
 
-template <class Real> GroupFunctions<Real> decode_functions(const Group &group,
-                                                            const std::array<std::vector<u8>, 3> &chunks,
-                                                            const SpaceBasis &space, std::span<const double> times,
-                                                            i64 most_bytes, int threads, Residuals &residuals) {
-    GroupFunctions<Real> found;
-    found.fields.resize(group.channels() * space.vertices());
-    CoefficientPipeline pipeline(group, chunks[1], space);
+template <class Real> DecodedGroup decode_in(const Group &group, const std::array<std::vector<u8>, 3> &chunks,
+                                             const SpaceBasis &space, std::span<const double> times, i64 most_bytes,
+                                             int threads, std::optional<std::vector<double>> values) {
+    CoefficientPipeline<Real> pipeline(group, chunks[1], space);
+    std::vector<double> time;
+    Residuals residuals;
     const auto decode_rest = [&] {
-        std::vector<double> values;
-        if (group.is_sampled()) {
-            const TimeShape shape{group.functions, group.frames, group.time_axes()};
-            values = decode_time_functions(chunks[0], shape, group.time_step);
-        }
-        found.time = on_three_axes<Real>(functions_of_time(group, times, std::move(values)), group);
+        if (!values) values = decode_group_times(group, chunks[0]);
+        time = functions_of_time(group, times, std::move(*values));
         residuals = decode_residuals(chunks[2], group.frames, space.elements().patches->starts, most_bytes);
     };
+    std::exception_ptr failure;
     if (threads < 2) {
         decode_rest();
         pipeline.decode();
-        pipeline.expand(found.fields.data());
-        return found;
-    }
-    std::exception_ptr failure;
-    {
+        pipeline.take();
+    } else {
         std::jthread other([&] {
             try {
                 decode_rest();
-                pipeline.expand(found.fields.data());
+                pipeline.take();
             } catch (...) {
                 failure = std::current_exception();
             }
         });
         pipeline.decode();
-        pipeline.expand(found.fields.data());
+        pipeline.take();
     }
     if (failure) std::rethrow_exception(failure);
-    return found;
+    return {group, std::move(time), std::move(pipeline.motion), std::move(residuals)};
 }
 
 }  // namespace
 
 i64 DecodedGroup::bytes() const {
-    const auto size = [](const auto &own) {
-        return static_cast<i64>(own.time.size() * sizeof(own.time[0]) + own.fields.size() * sizeof(own.fields[0]));
-    };
-    return std::visit(size, functions) + residuals.bytes();
+    return static_cast<i64>(sizeof(double) * time.size()) + residuals.bytes() +
+           std::visit([](const auto &own) { return own.bytes(); }, motion);
 }
 
 std::vector<double> functions_of_time(const Group &group, std::span<const double> times, std::vector<double> values) {
@@ -200,17 +191,16 @@ std::vector<double> functions_of_time(const Group &group, std::span<const double
     return found;
 }
 
+std::vector<double> decode_group_times(const Group &group, std::span<const u8> chunk) {
+    if (!group.is_sampled()) return {};
+    return decode_time_functions(chunk, {group.functions, group.frames, group.time_axes()}, group.time_step);
+}
+
 DecodedGroup decode_group(const Group &group, const std::array<std::vector<u8>, 3> &chunks, const SpaceBasis &space,
-                          std::span<const double> times, i64 most_bytes, int threads) {
-    DecodedGroup found;
-    found.group = group;
-    found.vertices = space.vertices();
-    if (group.is_single) {
-        found.functions = decode_functions<float>(group, chunks, space, times, most_bytes, threads, found.residuals);
-    } else {
-        found.functions = decode_functions<double>(group, chunks, space, times, most_bytes, threads, found.residuals);
-    }
-    return found;
+                          std::span<const double> times, i64 most_bytes, int threads,
+                          std::optional<std::vector<double>> values) {
+    const auto decode = group.is_single ? &decode_in<float> : &decode_in<double>;
+    return decode(group, chunks, space, times, most_bytes, threads, std::move(values));
 }
 
 std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space) {

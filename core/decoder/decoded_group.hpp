@@ -1,34 +1,25 @@
-// A group of frames as its chunks decode: functions of time, the fields that they are multiplied with, residuals.
+// A group of frames as its chunks decode: functions of time, what they move, residuals.
 #pragma once
 
 #include <array>
+#include <optional>
 #include <span>
 #include <variant>
 #include <vector>
 
 #include "basis/space_basis.hpp"
 #include "decoder/group_table.hpp"
-#include "evaluate/fields.hpp"
+#include "evaluate/motion.hpp"
 #include "residuals/residuals.hpp"
 
 namespace pdeanim {
 
-// Functions of time at the frames, (frames, 3, functions), and the field of each, (functions, 1 or 3, vertices).
-template <class Real> struct GroupFunctions {
-    std::vector<Real> time, fields;
-};
-
 struct DecodedGroup {
-    // What the fields look like to those who add them up.
-    template <class Real> Fields<Real> fields(const GroupFunctions<Real> &own) const {
-        return {own.fields, group.functions, group.axes(), vertices};
-    }
-
     i64 bytes() const;
 
     Group group;
-    i64 vertices = 0;
-    std::variant<GroupFunctions<float>, GroupFunctions<double>> functions;  // in the precision of the group's sums
+    std::vector<double> time;  // functions of time at the frames, (frames, time axes, functions)
+    std::variant<Motion<float>, Motion<double>> motion;  // in the precision of the group's sums
     Residuals residuals;
 };
 
@@ -36,10 +27,15 @@ struct DecodedGroup {
 // times: of the group's frames [s]; values: as `decode_time_functions` gives them, for sampled bases.
 std::vector<double> functions_of_time(const Group &group, std::span<const double> times, std::vector<double> values);
 
-// Decode the chunks of a group in TIME, COEF and CORR. CorruptError where they are damaged, LimitError where residuals take
-// more than `most_bytes`. Coefficients are decoded while another thread is busy with the rest.
+// What functions of time a group's chunk in TIME holds, for sampled bases; CorruptError where it is damaged.
+std::vector<double> decode_group_times(const Group &group, std::span<const u8> chunk);
+
+// Decode the chunks of a group in TIME, COEF and CORR; values: of `decode_group_times` where they are known already.
+// CorruptError where a chunk is damaged, LimitError where residuals take more than `most_bytes`. Coefficients are decoded
+// while another thread is busy with the rest.
 DecodedGroup decode_group(const Group &group, const std::array<std::vector<u8>, 3> &chunks, const SpaceBasis &space,
-                          std::span<const double> times, i64 most_bytes, int threads);
+                          std::span<const double> times, i64 most_bytes, int threads,
+                          std::optional<std::vector<double>> values);
 
 // The coefficients of a group [scene units]: (functions of space, functions of time, axes).
 std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space);

@@ -16,11 +16,12 @@ using Exact = std::array<double, 3>;
 i64 tiles_of(i64 frames) { return (frames + frames_at_once - 1) / frames_at_once; }
 
 // Positions of some frames before residuals, before they are rounded.
-template <class T> void evaluate(const GroupModel<T> &model, i64 frame, i64 count, std::vector<double> &positions) {
-    const i64 width = 3 * model.fields.functions;
-    positions.resize(3 * count * model.fields.vertices);
-    evaluate_frames(model.time.subspan(frame * width, count * width), model.fields, model.reference,
-                    std::span<double>(positions));
+template <class Real>
+void evaluate_frames(const GroupModel<Real> &model, i64 frame, i64 count, std::vector<double> &positions) {
+    const i64 row = model.motion.time_axes() * model.motion.functions;
+    positions.resize(3 * count * model.motion.vertices());
+    evaluate(model.motion, model.time.subspan(frame * row, count * row), &model.reference,
+             std::span<double>(positions));
 }
 
 void find_excess(std::span<const Position> points, std::span<const Exact> base, i64 frame, double bound, const Aim &aim,
@@ -58,16 +59,16 @@ void Excess::add_to(std::span<double> values, std::span<const double> functions,
     }
 }
 
-template <class T> Residuals missing(const GroupModel<T> &model, const Wanted &wanted, std::span<const double> margins,
-                                     const Aim &aim, Excess *excess, int threads) {
-    const i64 vertices = model.fields.vertices, tiles = tiles_of(model.frames);
+template <class Real> Residuals missing(const GroupModel<Real> &model, const Wanted &wanted,
+                                        std::span<const double> margins, const Aim &aim, Excess *excess, int threads) {
+    const i64 vertices = model.motion.vertices(), tiles = tiles_of(model.frames);
     std::vector<Residuals> parts(tiles);
     std::vector<Excess> beyond(tiles);
     in_shares(tiles, threads, [&](i64 first, i64 end) {
         std::vector<double> positions;
         for (i64 tile = first; tile < end; ++tile) {
             const i64 frame = tile * frames_at_once, count = least(frames_at_once, model.frames - frame);
-            evaluate(model, frame, count, positions);
+            evaluate_frames(model, frame, count, positions);
             const std::span<const Exact> base{reinterpret_cast<const Exact *>(positions.data()), positions.size() / 3};
             const std::span<const Position> points = wanted.points.subspan(frame * vertices, count * vertices);
             parts[tile] = quantise_residuals(points, base, wanted.order, margins.subspan(frame, count), wanted.bound,
@@ -89,16 +90,16 @@ template <class T> Residuals missing(const GroupModel<T> &model, const Wanted &w
     return join_residuals(joined);
 }
 
-template <class T>
-Errors errors(const GroupModel<T> &model, const Wanted &wanted, const Residuals &residuals, int threads) {
-    const i64 vertices = model.fields.vertices, tiles = tiles_of(model.frames);
+template <class Real>
+Errors errors(const GroupModel<Real> &model, const Wanted &wanted, const Residuals &residuals, int threads) {
+    const i64 vertices = model.motion.vertices(), tiles = tiles_of(model.frames);
     std::vector<Errors> parts(tiles);
     in_shares(tiles, threads, [&](i64 first, i64 end) {
         std::vector<double> positions;
         std::vector<Position> decoded(vertices);
         for (i64 tile = first; tile < end; ++tile) {
             const i64 frame = tile * frames_at_once, count = least(frames_at_once, model.frames - frame);
-            evaluate(model, frame, count, positions);
+            evaluate_frames(model, frame, count, positions);
             Errors &part = parts[tile];
             for (i64 k = 0; k < count; ++k) {
                 const double *base = positions.data() + 3 * k * vertices;
@@ -130,7 +131,8 @@ Errors errors(const GroupModel<T> &model, const Wanted &wanted, const Residuals 
     return all;
 }
 
-double farthest_apart(const GroupModel<float> &single, const GroupModel<double> &exact, int threads) {
+template <class One, class Other>
+double farthest_apart(const GroupModel<One> &single, const GroupModel<Other> &exact, int threads) {
     double farthest = 0.0;
     std::mutex lock;
     in_shares(tiles_of(exact.frames), threads, [&](i64 first, i64 end) {
@@ -138,8 +140,8 @@ double farthest_apart(const GroupModel<float> &single, const GroupModel<double> 
         double found = 0.0;
         for (i64 tile = first; tile < end; ++tile) {
             const i64 frame = tile * frames_at_once, count = least(frames_at_once, exact.frames - frame);
-            evaluate(single, frame, count, one);
-            evaluate(exact, frame, count, other);
+            evaluate_frames(single, frame, count, one);
+            evaluate_frames(exact, frame, count, other);
             for (std::size_t k = 0; k < one.size(); ++k) found = most(found, std::fabs(one[k] - other[k]));
         }
         const std::lock_guard guard(lock);
@@ -152,6 +154,10 @@ template Residuals missing(const GroupModel<float> &, const Wanted &, std::span<
                            int);
 template Residuals missing(const GroupModel<double> &, const Wanted &, std::span<const double>, const Aim &, Excess *,
                            int);
+template double farthest_apart(const GroupModel<float> &, const GroupModel<float> &, int);
+template double farthest_apart(const GroupModel<float> &, const GroupModel<double> &, int);
+template double farthest_apart(const GroupModel<double> &, const GroupModel<float> &, int);
+template double farthest_apart(const GroupModel<double> &, const GroupModel<double> &, int);
 template Errors errors(const GroupModel<float> &, const Wanted &, const Residuals &, int);
 template Errors errors(const GroupModel<double> &, const Wanted &, const Residuals &, int);
 

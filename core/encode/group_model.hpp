@@ -1,20 +1,20 @@
-// A group of frames as its functions of time and fields give it, held against the input: residuals, what is beyond the
+// A group of frames as its motion gives it, held against the input: residuals, what is beyond the
 // bound, errors. Positions are evaluated a few frames at a time and never kept.
 #pragma once
 
 #include <span>
 #include <vector>
 
-#include "evaluate/fields.hpp"
+#include "evaluate/motion.hpp"
 #include "residuals/residuals.hpp"
 
 namespace pdeanim {
 
-template <class T> struct GroupModel {
-    std::span<const T> time;  // (frames, 3, functions)
-    Fields<T> fields;
-    std::span<const double> reference;  // (vertices, 3)
-    i64 frames = 0;
+template <class Real> struct GroupModel {
+    const Motion<Real> &motion;
+    std::span<const double> time;  // (frames, time axes, functions)
+    const AnchoredReference<Real> &reference;
+    i64 frames;
 };
 
 // What positions are held against.
@@ -40,18 +40,19 @@ struct Aim {
 };
 
 // Residuals; margins: of each frame, see `quantise_residuals`. `excess`, where it is given, is added to.
-template <class T> Residuals missing(const GroupModel<T> &model, const Wanted &wanted, std::span<const double> margins,
-                                     const Aim &aim, Excess *excess, int threads);
+template <class Real> Residuals missing(const GroupModel<Real> &model, const Wanted &wanted,
+                                        std::span<const double> margins, const Aim &aim, Excess *excess, int threads);
 
 struct Errors {
     double largest_square = 0.0, sum_of_squares = 0.0;
 };
 
 // Of the float32 positions that a decoder gives, residuals added.
-template <class T>
-Errors errors(const GroupModel<T> &model, const Wanted &wanted, const Residuals &residuals, int threads);
+template <class Real>
+Errors errors(const GroupModel<Real> &model, const Wanted &wanted, const Residuals &residuals, int threads);
 
 // How far two ways to add up the same sums are apart at most, in a coordinate.
-double farthest_apart(const GroupModel<float> &single, const GroupModel<double> &exact, int threads);
+template <class One, class Other>
+double farthest_apart(const GroupModel<One> &one, const GroupModel<Other> &other, int threads);
 
 }  // namespace pdeanim

@@ -41,8 +41,9 @@ public:
         const u32 count = state_ & ((1u << count_bits) - 1);
         const i64 before = state_ >> count_bits;
         const i64 target = bit ? (1 << probability_bits) - 1 : 0;
-        const i64 after = before + (((target - before) * rates[count]) >> 16);
-        state_ = static_cast<u32>(after) << count_bits | (count < slowest ? count + 1 : count);
+        // The change of the probability, where it stands above the count.
+        const i64 change = (((target - before) * rates[count]) >> (16 - count_bits)) & -(i64{1} << count_bits);
+        state_ += static_cast<u32>(change) + (count < slowest);
     }
 
     // Count no more adaptations than these, so that it learns faster again.
@@ -53,9 +54,9 @@ public:
 
 private:
     // After n adaptations, 1 / (n + 1.5) in 1/65536; divisions would take as long as all the rest.
-    static constexpr std::array<i32, slowest + 1> rates = [] {
-        std::array<i32, slowest + 1> found{};
-        for (u32 count = 0; count <= slowest; ++count) found[count] = static_cast<i32>(131072 / (2 * count + 3));
+    static constexpr std::array<i64, slowest + 1> rates = [] {
+        std::array<i64, slowest + 1> found{};
+        for (u32 count = 0; count <= slowest; ++count) found[count] = 131072 / (2 * count + 3);
         return found;
     }();
 

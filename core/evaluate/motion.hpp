@@ -1,0 +1,130 @@
+// Evaluation of X(v, t) = R(v) + sum over k, b of psi_k(t) C[k, b] phi_b(v): R is the reference frame, psi the functions of
+// time of a group of frames, phi the functions of space, C the coefficients.
+//
+// The sum over functions of time comes first, for some frames at once: it takes as many products as there are coefficients
+// that are not zero. Then what halves of the mesh share goes down the partition tree, and at last each element's functions
+// are added up at its vertices. An element with more functions than there are functions of time keeps the field of each of
+// these instead.
+//
+// The mean motion of an element is added up in double, and so is all that comes down the tree; what is left is small, and
+// may be added up in float. The reference frame is taken from the first vertex of an element for the same reason. Every
+// coordinate is one sum in one order, so that its bits depend neither on which other times are asked for nor on the number
+// of threads, nor on the processor.
+#pragma once
+
+#include <algorithm>
+#include <span>
+#include <vector>
+
+#include "basis/space_basis.hpp"
+
+namespace pdeanim {
+
+// Frames that are evaluated together.
+constexpr i64 frames_at_once = 8;
+
+// The reference frame in the order of the elements.
+template <class Real> struct AnchoredReference {
+    // points: (vertices, 3) [scene units].
+    AnchoredReference(const Patches &patches, std::span<const double> points);
+
+    std::vector<double> anchors;  // (elements, 3): of the first vertex of each
+    std::vector<Real> away;       // of each element: three axes of its vertices less the first, padded
+    std::vector<i64> starts;      // where an element's begin there
+};
+
+// Quantised coefficients: a row of channels for each function of space.
+struct QuantisedRows {
+    const i64 *numbers;
+    i64 channels;
+    std::span<const i32> used;  // of each row, how many channels may not be zero; empty where all may
+
+    const i64 *row(i64 function) const { return numbers + function * channels; }
+    i64 used_of(i64 function) const { return used.empty() ? channels : used[function]; }
+    bool is_zero(i64 function) const {
+        const i64 *own = row(function);
+        return std::all_of(own, own + used_of(function), [](i64 number) { return number == 0; });
+    }
+};
+
+template <class Real> struct Motion {
+    static constexpr i64 most_functions = 1 << 14;  // 3 for each of 4096 frames, at most
+
+    // axes: coefficients that a function of time has for each of space, 1 or 3; step: of the coefficients. The basis is the
+    // caller's.
+    Motion(const SpaceBasis &basis, i64 functions, int axes, double step);
+
+    // Positions shall be those of some elements alone, ascending; their vertices follow each other.
+    void choose(std::span<const i64> chosen);
+
+    // Take over coefficients: those of the tree first.
+    void take_tree(const QuantisedRows &rows);
+
+    // Then those of the elements `first` to `end` - 1; several threads may, each others.
+    void take_elements(i64 first, i64 end, const QuantisedRows &rows);
+
+    i64 channels() const { return functions * axes; }
+    int time_axes() const { return axes == 1 ? 3 : 1; }
+    i64 vertices() const { return is_chosen.empty() ? basis->vertices() : chosen_vertices; }
+    bool is_left_out(i64 element) const { return !is_chosen.empty() && !is_chosen[element]; }
+
+    // Where an element's vertices are among the positions.
+    const i32 *places(i64 element) const {
+        const Patches &patches = *basis->elements().patches;
+        return is_chosen.empty() ? patches.vertices(element).data() : chosen_places.data() + patches.starts[element];
+    }
+    i64 bytes() const;
+
+    template <class Value> struct Coefficient {
+        u16 function, axis;
+        Value value;
+    };
+
+    template <class Value> struct Rows {
+        std::vector<i64> starts{0};
+        std::vector<Coefficient<Value>> coefficients;  // that are not zero
+    };
+
+    struct Element {
+        i64 columns = 0;  // functions but the constant one, or fields
+        bool has_fields = false;
+        double constant = 0.0;     // value of its constant function; 0 without
+        std::vector<Real> values;  // (columns, vertices), padded; fields of each axis where they differ
+        Rows<Real> rows;           // of its functions that are not affine
+    };
+
+    const SpaceBasis *basis;
+    i64 functions;
+    int axes;
+    double step;
+    Rows<double> tree;
+    std::vector<Element> elements;
+    std::vector<u8> is_chosen;  // of each element; empty where all are
+    std::vector<i32> chosen_places;
+    i64 chosen_vertices = 0;
+
+private:
+    void make_fields(i64 element, i64 rank, const QuantisedRows &rows, std::span<const double *const> values);
+
+    std::vector<double> affine_;  // of all nodes, four rows of channels each, where elements may have fields
+};
+
+// Vertices that several threads may evaluate beside each other: those of one of the subtrees of the partition tree so many
+// levels below its root.
+struct VertexShare {
+    int levels = 0;
+    i64 number = 0;  // below 2^levels
+};
+
+// Positions at frames, before residuals, or displacements alone where there is no reference. time: (frames, time axes,
+// functions); out: (frames, vertices, 3), written. Overloads, not a template: compilers make no variants of those.
+void evaluate(const Motion<float> &motion, std::span<const double> time, const AnchoredReference<float> *reference,
+              std::span<float> out, VertexShare share = {});
+void evaluate(const Motion<float> &motion, std::span<const double> time, const AnchoredReference<float> *reference,
+              std::span<double> out, VertexShare share = {});
+void evaluate(const Motion<double> &motion, std::span<const double> time, const AnchoredReference<double> *reference,
+              std::span<float> out, VertexShare share = {});
+void evaluate(const Motion<double> &motion, std::span<const double> time, const AnchoredReference<double> *reference,
+              std::span<double> out, VertexShare share = {});
+
+}  // namespace pdeanim
