@@ -15,8 +15,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-_MODULES = ("numpy.linalg._umath_linalg", "scipy.linalg._flapack")
-"""What is linked with the BLAS of numpy, and with that of scipy: often two."""
+_MODULES = ("numpy.linalg._umath_linalg",)
+"""What is linked with the BLAS that encoding uses."""
 
 _CALLS = (
     *(
@@ -51,7 +51,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def blas_threads() -> list[int]:
-    """How many threads numpy's BLAS takes, and scipy's; without those that are none of :data:`_CALLS`."""
+    """How many threads numpy's BLAS takes; nothing where it is none of :data:`_CALLS`."""
     return [int(library.count()) for library in _libraries()]
 
 

@@ -158,19 +158,17 @@ class Displacements:
 
     @cached_property
     def _poses(self) -> tuple[Float64Array, Float64Array]:
-        """As :attr:`_shapes`, of frames each as far as can be from what those before it span (a Cholesky
-        decomposition with pivots); none where principal shapes need fewer functions.
+        """As :attr:`_shapes`, of frames each as far as can be from what those before it span; none where principal
+        shapes need fewer functions.
         """
-        from scipy.linalg.lapack import dpstrf
-
         most = min(self._shapes[0].size, int(MOST_POSES * self._frames))
         if not most:
             return np.zeros(0), np.zeros((self._frames, 0))
         products = self._squares_by_axis
-        _, pivots, count, _ = dpstrf(products, tol=self._least / self._frames)
-        if count > most:
+        found = spanning(products, self._least / self._frames, most)
+        if found is None:
             return np.zeros(0), np.zeros((self._frames, 0))
-        poses = np.sort(pivots[:count] - 1)
+        poses = np.sort(found)
         weights = np.linalg.solve(products[np.ix_(poses, poses)], products[poses]).T
         lengths = np.sqrt((weights * weights).sum(axis=0))
         energies = lengths * lengths * products[poses, poses]
@@ -247,11 +245,7 @@ class Displacements:
         return self._along(dual_functions(functions) if kind == "poses" else functions, kind)
 
     def _cosines(self) -> Float64Array:
-        from scipy.fft import dct
-
-        split = self._moved.reshape(self._vertices, self._frames, 3)
-        waves: Rows = dct(split, axis=1, norm="ortho")[:, :MOST_FUNCTIONS]
-        return waves.reshape(self._vertices, -1).astype(np.float64)
+        return self._along(cosines(self._frames, min(self._frames, MOST_FUNCTIONS)), "cosines")
 
     def along(self, functions: Float64Array, kind: TimeFunctions) -> Float64Array:
         """Coefficients of unit functions of time by least squares: one each, or one for each axis after another.
@@ -301,6 +295,25 @@ class Displacements:
         total = float(np.einsum("vf,vf->", self._moved, self._moved, dtype=np.float64))
         kind = "trajectories" if kind == "trajectories" else "shapes"
         return float(self.functions(kind)[0][:functions].sum()) / total if total > 0 else 1.0
+
+
+def spanning(products: Float64Array, least: float, most: int) -> NDArray[np.int64] | None:
+    """Of vectors whose inner products are given, (n, n), those that span all others up to squares of `least`.
+
+    Each is the farthest from what those before it span: a Cholesky decomposition with pivots. None where it takes more
+    than `most`.
+    """
+    left, rows, pivots = products.diagonal().copy(), np.zeros((most, len(products))), []
+    while (farthest := int(np.argmax(left))) not in pivots and left[farthest] > least:
+        count = len(pivots)
+        if count == most:
+            return None
+        row = products[farthest] - rows[:count, farthest] @ rows[:count]
+        rows[count] = row / math.sqrt(left[farthest])
+        left -= rows[count] * rows[count]
+        left[farthest] = 0.0
+        pivots.append(farthest)
+    return np.array(pivots, np.int64)
 
 
 def dual_functions(functions: Float64Array) -> Float64Array:

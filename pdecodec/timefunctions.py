@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec.connectivity import core_errors
 from pdecodec.errors import SettingsError
+from pdecodec.groups import cosines
 from pdecodec.shares import side_by_side
 
 Float64Array = NDArray[np.float64]
@@ -187,8 +188,7 @@ def decode_time_functions(data: bytes, frames: int, functions: int, step: float,
 
 def _transform(wanted: Float64Array) -> Int64Array:
     """Quantised cosine transform of what is wanted, (functions, frames, axes), in steps."""
-    from scipy.fft import dct
-
-    waves = dct(wanted, axis=1, norm="ortho")
+    frames = wanted.shape[1]
+    waves = np.einsum("kfx,fa->kax", wanted, cosines(frames, frames), optimize=True)
     quantised: Int64Array = np.copysign(np.floor(np.abs(waves) + ROUNDING), waves).astype(np.int64)
     return quantised
