@@ -44,6 +44,9 @@ MOST_POSES = 0.25
 SINGLE_ROWS = 2.0**-10
 """Displacements are kept in float32 where the bound is at least this share of the largest."""
 
+FRAMES_LOOKED_AT = 8
+"""Of so many frames, about, the largest tells what precision will do before all are taken."""
+
 SINGLE_SQUARES = 2.0**-8
 """Their squares are added up in float32, block by block, where it is at least this share: the least of the energies
 that count are then clear of rounding."""
@@ -96,13 +99,21 @@ class Displacements:
     @cached_property
     def _taken(self) -> tuple[Rows, float]:
         """Rows (vertices, 3 frames), in float32 where that is fine enough, and their largest magnitude."""
-        farthest, threads = FARTHEST_STEPS * self._unit, thread_count()
-        single = np.empty((self._vertices, 3 * self._frames), np.float32)
-        largest = _core.take_displacements(self._points, self._shape, farthest, single, threads)
-        if self._unit >= SINGLE_ROWS * largest and largest <= LARGEST_SINGLE:
-            return single, largest
-        double = np.empty(single.shape)
-        return double, _core.take_displacements(self._points, self._shape, farthest, double, threads)
+        farthest, size = FARTHEST_STEPS * self._unit, (self._vertices, 3 * self._frames)
+
+        def take(precision: type[np.floating[Any]]) -> tuple[Rows, float]:
+            rows: Rows = np.empty(size, precision)
+            return rows, _core.take_displacements(self._points, self._shape, farthest, rows, thread_count())
+
+        def is_single_enough(largest: float) -> bool:
+            return self._unit >= SINGLE_ROWS * largest and largest <= LARGEST_SINGLE
+
+        some = self._points[:: max(1, self._frames // FRAMES_LOOKED_AT)] - self._shape
+        if is_single_enough(float(np.abs(some).max(initial=0.0))):
+            rows, largest = take(np.float32)
+            if is_single_enough(largest):
+                return rows, largest
+        return take(np.float64)
 
     @property
     def _moved(self) -> Rows:
