@@ -94,6 +94,7 @@ class Displacements:
         self._frames, self._vertices = len(points), len(shape)
         self._least = (TAIL * unit) ** 2 * self._vertices * self._frames
         self._coefficients: dict[TimeFunctions, Float64Array] = {}
+        self._settled: dict[TimeFunctions, tuple[Float64Array, Float64Array]] = {}
         self._time_costs: dict[TimeFunctions, TimeFunctionCost] = {}
 
     @cached_property
@@ -186,6 +187,15 @@ class Displacements:
         order = np.argsort(-energies, kind="stable")
         return energies[order], (weights / lengths)[:, order]
 
+    def settle(self, kind: TimeFunctions) -> None:
+        """Keep functions of one kind and their coefficients, and forget what they were found with."""
+        if kind != "cosines":
+            self._settled[kind] = self.functions(kind)
+        self._coefficients = {kind: self.coefficients(kind)}
+        self._alike = self._beside = None
+        for name in ("_squares", "_squares_by_axis", "_trajectories", "_shapes", "_poses"):
+            self.__dict__.pop(name, None)
+
     @property
     def has_poses(self) -> bool:
         """Whether few frames span all others."""
@@ -196,6 +206,8 @@ class Displacements:
 
         Functions have as many numbers as frames, those of trajectories three times as many.
         """
+        if kind in self._settled:
+            return self._settled[kind]
         if self._alike is not None:
             return self._alike.functions(kind)
         if kind == "trajectories":
