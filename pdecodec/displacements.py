@@ -330,7 +330,8 @@ def spanning(products: Float64Array, least: float, most: int) -> NDArray[np.int6
     Each is the farthest from what those before it span: a Cholesky decomposition with pivots. None where it takes more
     than `most`.
     """
-    left, rows, pivots = products.diagonal().copy(), np.zeros((most, len(products))), []
+    left, rows = products.diagonal().copy(), np.zeros((most, len(products)))
+    pivots: list[int] = []
     while (farthest := int(np.argmax(left))) not in pivots and left[farthest] > least:
         count = len(pivots)
         if count == most:
