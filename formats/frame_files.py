@@ -21,6 +21,12 @@ from pdecodec.whole_output import partial_folder, write_errors
 FRAME_FIELD = re.compile(r"#+|@+|%0?\d*d|\$F\d*")
 """Where a name carries its frame number: hashes, at signs, printf's and Houdini's notation."""
 
+_NUMBERED = re.compile(r"(?P<name>.*?)(?P<sign>-?)(?P<digits>\d+)(?P<end>\.[^.]*)", re.DOTALL)
+"""A file's name up to its number, the number, and the extension."""
+
+_NO_SIGN = "\0"
+"""Keeps a hyphen from the number behind it; no file name holds it."""
+
 FOLDER_PADDING = "####"
 """Digits of frame numbers in names we choose ourselves: what render farms and players expect."""
 
@@ -64,11 +70,16 @@ def find_frames(path: Path, extension: str) -> FrameFiles:
     pattern = parse_pattern(path)
     if not path.parent.is_dir():
         raise InputError("this folder does not exist; check the name", path=path.parent)
-    same_name = [
+    numbered = [
         found
         for found in _numbered_and_single(path.parent, extension)
-        if found.basename() == pattern.basename() and found.extension() == pattern.extension() and found.frameSet()
+        if found.extension() == pattern.extension() and found.frameSet()
     ]
+    same_name = [found for found in numbered if found.basename() == pattern.basename()]
+    if not same_name and pattern.frameRange().startswith("-"):
+        # In ``name-1-9####.obj`` the first hyphen is of the name, where the files there say so.
+        pattern.setFrameRange(pattern.frameRange()[1:])
+        same_name = [found for found in numbered if found.basename() == f"{pattern.basename()}-"]
     # Where several paddings stand side by side the pattern's own decides; alone, any padding will do.
     same_padding = [found for found in same_name if found.zfill() == pattern.zfill()]
     sequence = _only_sequence(same_padding or same_name, path)
@@ -105,10 +116,31 @@ def _numbered_and_single(folder: Path, extension: str) -> list[Any]:
     from fileseq.filesequence import FileSequence
 
     try:
-        found = FileSequence.findSequencesOnDisk(str(folder), pad_style=PAD_STYLE_HASH1)
+        with os.scandir(folder) as entries:
+            names = [item.name for item in entries if not item.name.startswith(".") and item.is_file()]
+        marked = [str(folder / name) for name in _hyphens_marked(names)]
+        found = list(FileSequence.findSequencesInList(marked, pad_style=PAD_STYLE_HASH1))
     except (OSError, FileSeqException) as error:
         raise InputError(f"its frames cannot be listed ({error}); check the folder", path=folder) from error
+    for item in found:
+        item.setBasename(item.basename().replace(_NO_SIGN, ""))
     return sorted((item for item in found if item.extension().lower() == extension), key=str)
+
+
+def _hyphens_marked(names: Sequence[str]) -> list[str]:
+    """File names, with a mark between hyphen and number where the hyphen is of the name, not a minus sign.
+
+    ``wolf-1.obj`` is frame 1 of ``wolf-``, unless ``wolf0.obj`` or another number without a hyphen stands beside it.
+    After a dot or an underscore, which part the number from the name already, a hyphen is a minus sign.
+    """
+    numbered = [_NUMBERED.fullmatch(name) for name in names]
+    unsigned = {(found["name"], found["end"]) for found in numbered if found and not found["sign"]}
+    return [
+        f"{found['name']}-{_NO_SIGN}{found['digits']}{found['end']}"
+        if found and found["sign"] and found["name"][-1:].isalnum() and (found["name"], found["end"]) not in unsigned
+        else name
+        for name, found in zip(names, numbered, strict=True)
+    ]
 
 
 def _only_sequence(found: list[Any], path: Path) -> Any:
