@@ -114,8 +114,10 @@ BUILT_IN = (
         options=("clip", "transforms"),
         keeps="the tree and its names, faces and vertex order (noted beside the triangles), UV sets with seams, "
         "vertex colours, hard edges, material names, lines, points, frame rate, times (float32); skins, morph targets "
-        "and moving nodes are applied at --fps",
-        loses="face groups, tangents, other attributes; the scene is turned Y-up",
+        "and moving nodes are applied at --fps; Draco and meshopt compression are read (pip install 'pdecodec[gltf]'), "
+        "quantised numbers too; GPU instances become objects",
+        loses="face groups, tangents, other attributes, animation of anything but nodes and weights; the scene is "
+        "turned Y-up",
     ),
     Format(
         name="xdmf",

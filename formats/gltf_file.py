@@ -7,7 +7,7 @@ import binascii
 import json
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError
+from pdecodec.formats.gltf_compression import DRACO, MESHOPT, decode_view
 from pdecodec.formats.registry import read_errors
 from pdecodec.sequence import Float32Array
 
@@ -30,9 +31,14 @@ COMPONENTS: Mapping[int, str] = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<
 WIDTHS: Mapping[str, int] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 """Numbers in a row, by type."""
 
-READABLE_EXTENSIONS = frozenset({"KHR_mesh_quantization", "KHR_materials_unlit", "KHR_texture_transform"})
-"""Extensions that may be required: those that change nothing about positions, but for their types."""
+INSTANCING, POINTER, VISIBILITY = "EXT_mesh_gpu_instancing", "KHR_animation_pointer", "KHR_node_visibility"
+"""Extensions of nodes and animations that are read."""
 
+READABLE_EXTENSIONS = frozenset({"KHR_mesh_quantization", DRACO, *MESHOPT, INSTANCING, POINTER, VISIBILITY})
+"""Extensions that may be required because they are read."""
+
+LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "EXT_lights_", "KHR_xmp")
+"""Beginnings of the names of extensions that may be required because they change nothing about positions."""
 
 POINTS, LINES, LINE_LOOP, LINE_STRIP, TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = range(7)
 """Modes of primitives."""
@@ -53,6 +59,7 @@ class GltfFile:
 
     root: Mapping[str, Any]
     buffers: tuple[bytes, ...]
+    _decoded: dict[int, bytes] = field(default_factory=dict)
 
     def listed(self, kind: str) -> list[Any]:
         """A list of the root, empty where it has none."""
@@ -90,17 +97,14 @@ class GltfFile:
             rows = self._rows(where["bufferView"], int(where.get("byteOffset", 0)), kind, 1, changed)[:, 0]
             values = values.copy()
             values[rows] = self._rows(what["bufferView"], int(what.get("byteOffset", 0)), dtype, width, changed)
-        if entry.get("normalized") and dtype.kind in "iu":
-            values = np.maximum(values.astype(np.float32) / np.float32(np.iinfo(dtype).max), np.float32(-1))
+        values = as_declared(values, entry)
         return values[:, 0] if width == 1 else values
 
     def _rows(self, view_index: int, offset: int, dtype: np.dtype[Any], width: int, count: int) -> NDArray[Any]:
-        view = self.root["bufferViews"][view_index]
-        data = self.buffers[view["buffer"]]
-        start = int(view.get("byteOffset", 0)) + offset
+        view, data, first, end = self._view(view_index)
+        start = first + offset
         size = width * dtype.itemsize
         stride = int(view.get("byteStride", 0)) or size
-        end = int(view.get("byteOffset", 0)) + int(view["byteLength"])
         if offset < 0 or count < 0 or stride < size or (count and start + (count - 1) * stride + size > end):
             raise ValueError("it ends after its buffer view")
         if end > len(data) or start > len(data):
@@ -109,6 +113,40 @@ class GltfFile:
         raw = np.concatenate([raw, np.zeros(count * stride - raw.size, np.uint8)]) if raw.size < count * stride else raw
         rows = np.ascontiguousarray(raw.reshape(count, stride)[:, :size]).view(dtype)
         return rows.reshape(count, width)
+
+    def _view(self, index: int) -> tuple[Mapping[str, Any], bytes, int, int]:
+        """A buffer view, the bytes it lies in, and where it begins and ends there."""
+        view = self.root["bufferViews"][index]
+        packed = next((view["extensions"][name] for name in MESHOPT if name in view.get("extensions", {})), None)
+        if packed is None:
+            first = int(view.get("byteOffset", 0))
+            return view, self.buffers[view["buffer"]], first, first + int(view["byteLength"])
+        if index not in self._decoded:
+            self._decoded[index] = decode_view(_part(self.buffers[packed["buffer"]], packed), packed)
+        return view, self._decoded[index], 0, len(self._decoded[index])
+
+    def view_bytes(self, index: int) -> bytes:
+        """The bytes of a buffer view; errors as of :meth:`accessor`."""
+        try:
+            _, data, first, end = self._view(index)
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            raise InputError(f"buffer view {index} is damaged or missing ({error}); export it again") from error
+        return data[first:end]
+
+
+def as_declared(values: NDArray[Any], entry: Mapping[str, Any]) -> NDArray[Any]:
+    """Rows of an accessor, integers that its entry calls normalised as float32."""
+    if not entry.get("normalized") or values.dtype.kind not in "iu":
+        return values
+    return np.maximum(values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max), np.float32(-1))
+
+
+def _part(data: bytes, entry: Mapping[str, Any]) -> bytes:
+    """The bytes of a buffer that an entry with an offset and a length stands for."""
+    first, length = int(entry.get("byteOffset", 0)), int(entry["byteLength"])
+    if first < 0 or length < 0 or first + length > len(data):
+        raise ValueError("its bytes end after their buffer")
+    return data[first : first + length]
 
 
 def read_gltf(path: Path) -> GltfFile:
@@ -129,9 +167,10 @@ def read_gltf(path: Path) -> GltfFile:
     version = root.get("asset", {}).get("version") if isinstance(root, dict) else None
     if not (isinstance(version, str) and version.startswith("2.")):
         raise InputError(f"is no glTF 2.0 file (its version is {version}); export it again", path=path)
-    missing = [name for name in root.get("extensionsRequired", []) if name not in READABLE_EXTENSIONS]
+    required = map(str, root.get("extensionsRequired", []))
+    missing = [name for name in required if name not in READABLE_EXTENSIONS and not name.startswith(LOOKS)]
     if missing:
-        raise InputError(f"needs {', '.join(map(str, missing))}, which is not read; export it without", path=path)
+        raise InputError(f"needs {', '.join(missing)}, which is not read; export it without", path=path)
     buffers = tuple(_buffer(entry, index, chunk, path) for index, entry in enumerate(root.get("buffers", [])))
     return GltfFile(root, buffers)
 
@@ -161,6 +200,10 @@ def _split_glb(data: bytes, path: Path) -> tuple[bytes, bytes | None]:
 def _buffer(entry: Any, index: int, chunk: bytes | None, path: Path) -> bytes:
     uri = entry.get("uri") if isinstance(entry, dict) else None
     if uri is None:
+        extensions = entry.get("extensions", {}) if isinstance(entry, dict) else {}
+        if any(name in extensions for name in MESHOPT):
+            # Only the size of what compressed views become.
+            return b""
         if chunk is None:
             raise InputError(f"buffer {index} has no data; export the file again", path=path)
         return chunk

@@ -7,16 +7,18 @@ count from the bottom, as everywhere else here.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError, SettingsError
-from pdecodec.formats.gltf_animation import Clip, Nodes, Pose, read_clip
-from pdecodec.formats.gltf_file import GltfFile, read_gltf
+from pdecodec.formats.gltf_animation import Clip, Nodes, Pose, placed_at, read_clip
+from pdecodec.formats.gltf_file import INSTANCING, GltfFile, read_gltf
 from pdecodec.formats.gltf_mesh_reader import Block, GltfMesh, read_mesh
 from pdecodec.formats.registry import Transforms
 from pdecodec.formats.scene_reading import SceneSequence, Shape
@@ -24,6 +26,12 @@ from pdecodec.formats.scene_space import UNIT, UP_AXIS
 from pdecodec.formats.times import FLOAT32_ROUNDING, Timing, merged_times, rate_or_default, snapped_times
 from pdecodec.resample import times_at_rate
 from pdecodec.sequence import Float32Array, Float64Array
+
+MOST_INSTANCED = 2**25
+"""Vertices that instances may become: 400 MB a frame."""
+
+TINY = 1e-30
+"""Lengths below are none: they are not divided by."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +49,8 @@ class _Part(Shape):
     node: int
     mesh: GltfMesh
     skin: _Skin | None
+    instance: Float64Array | None = None
+    """(4, 4): where this one of several instances is in the node's space."""
 
 
 class GltfSequence(SceneSequence):
@@ -80,6 +90,7 @@ class GltfSequence(SceneSequence):
         # Our writer notes an empty unit where nobody knew it.
         self.metadata = {key: text for key, text in found.items() if text}
         left_out = dict.fromkeys(name for part in parts for name in part.left_out)
+        left_out |= dict.fromkeys(() if chosen is None else chosen.left_out)
         kept = (f"not kept: {', '.join(left_out)}",) if left_out else ()
         self.notices = (*clip_notices, *time_notices, *kept)
 
@@ -88,7 +99,10 @@ class GltfSequence(SceneSequence):
         return super().read_frames(start, stop)
 
     def _matrices(self, shape: _Part, start: int, stop: int) -> Float64Array | None:
-        return None if shape.skin is not None else self._pose.world(shape.node)
+        if shape.skin is not None:
+            return None
+        world = self._pose.world(shape.node)
+        return world if shape.instance is None else shape.instance @ world
 
     def _read(self, shape: _Part, start: int, stop: int, out: Float32Array) -> None:
         weights = self._nodes.weights(shape.node, self.times[start:stop], shape.mesh.weights)
@@ -173,19 +187,48 @@ def _parts_of(file: GltfFile, nodes: Nodes) -> list[_Part]:
             meshes[node["mesh"]] = read_mesh(file, node["mesh"])
         mesh = meshes[node["mesh"]]
         if mesh.connectivity.vertex_count:
-            parts.append(
-                _Part(
-                    name="/".join(_node_name(file, nodes, one) for one in reversed(above)),
-                    connectivity=mesh.connectivity,
-                    attributes=mesh.attributes,
-                    gather=mesh.gather,
-                    left_out=mesh.left_out,
-                    node=number,
-                    mesh=mesh,
-                    skin=_read_skin(file, node["skin"], nodes) if "skin" in node else None,
-                )
+            name = "/".join(_node_name(file, nodes, one) for one in reversed(above))
+            part = _Part(
+                name=name,
+                connectivity=mesh.connectivity,
+                attributes=mesh.attributes,
+                gather=mesh.gather,
+                left_out=mesh.left_out,
+                node=number,
+                mesh=mesh,
+                skin=_read_skin(file, node["skin"], nodes) if "skin" in node else None,
             )
+            instances = node.get("extensions", {}).get(INSTANCING)
+            if instances is not None and part.skin is not None:
+                # Joints say where it is, and once.
+                part.left_out = [*part.left_out, "instances of skinned meshes"]
+                instances = None
+            parts += [part] if instances is None else _instances_of(file, part, instances)
+            vertices = sum(one.connectivity.vertex_count for one in parts)
+            if vertices > MOST_INSTANCED:
+                raise InputError(
+                    f"its instances have {vertices:,} vertices, more than {MOST_INSTANCED:,}; thin them out"
+                )
     return parts
+
+
+def _instances_of(file: GltfFile, part: _Part, entry: Mapping[str, Any]) -> list[_Part]:
+    """One part for each instance, numbered."""
+    stored = {path: file.accessor(index).astype(np.float64) for path, index in entry["attributes"].items()}
+    count = max((len(values) for values in stored.values()), default=0)
+    if count * part.connectivity.vertex_count > MOST_INSTANCED:
+        raise InputError(f"{part.name!r} has {count:,} instances, more vertices than {MOST_INSTANCED:,}; thin them out")
+    defaults = {"TRANSLATION": (0.0,) * 3, "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE": (1.0,) * 3}
+    rows = {path: stored.get(path, np.tile(default, (count, 1))) for path, default in defaults.items()}
+    if any(rows[path].shape != (count, len(default)) for path, default in defaults.items()):
+        raise InputError(f"instances of {part.name!r} do not fit each other; export the file again")
+    rows["ROTATION"] = rows["ROTATION"] / np.maximum(np.linalg.norm(rows["ROTATION"], axis=1, keepdims=True), TINY)
+    left_out = [*part.left_out, *(path for path in stored if path not in defaults)]
+    matrices = placed_at(rows["TRANSLATION"], rows["ROTATION"], rows["SCALE"])
+    return [
+        dataclasses.replace(part, name=f"{part.name}/{number}", instance=matrix, left_out=left_out)
+        for number, matrix in enumerate(matrices)
+    ]
 
 
 def _node_name(file: GltfFile, nodes: Nodes, index: int) -> str:
