@@ -47,7 +47,10 @@ output_option = click.option(
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace OUT when it exists.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on standard output.")
 fps_option = click.option(
-    "--fps", type=float, metavar="F", help="Frames per second of IN where it does not say (24 when nobody does)."
+    "--fps",
+    type=float,
+    metavar="F",
+    help="Frames per second of IN where it does not say (else 24); Alembic, USD and glTF are sampled at it.",
 )
 frames_option = click.option(
     "--frames",

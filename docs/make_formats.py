@@ -32,8 +32,10 @@ CONVENTIONS = """\
   vertices at hard edges and UV seams: there they stay apart, each smooth.
 - **Faces** run counterclockwise seen from outside; Alembic's, and those of left-handed USD meshes, are turned around.
 - **Time** is in seconds. The frame rate is the file's, else `--fps`, else 24, and then a line says so. Irregular times
-  stay irregular. glTF animations are curves: they are sampled at `--fps`. In `wolf-1.obj` the hyphen is of the name;
-  it is a minus sign after a dot or an underscore, or beside frames without a hyphen (`wolf0.obj`).
+  stay irregular. Scenes have a value at any time: glTF's animations are sampled at `--fps`, their last key included;
+  Alembic and USD give the samples that they store, USD's transforms and skeletons also what lies between these at the
+  stage's frame rate, and both are sampled at `--fps` where it is given, exact where a stored sample is on a frame. In
+  `wolf-1.obj` the hyphen is of the name; it is a minus sign after a dot or an underscore, or beside frames without one.
 - **Transforms** above objects are applied to positions, or kept (`--transforms keep`) as the attribute `transform`:
   rows of a time and a matrix. Formats without transforms get positions with transforms applied.
 - **Up axis and unit** are the metadata `up_axis` and `unit`, where a file says them. `--up-axis` turns the scene,

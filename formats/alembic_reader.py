@@ -25,7 +25,15 @@ from pdecodec.formats.alembic_attributes import FPS_PROPERTY, METADATA_PROPERTY,
 from pdecodec.formats.attribute_roles import CURVE_BASIS, CURVE_WRAP, SUBDIVISION, label_attribute, reversed_corners
 from pdecodec.formats.registry import Transforms, read_errors
 from pdecodec.formats.scene_reading import Extras, Refusals, SceneSequence, Shape
-from pdecodec.formats.times import SAME_TIME, Timing, merged_times, rate_or_default, round_rate, snapped_times
+from pdecodec.formats.times import (
+    SAME_TIME,
+    Timing,
+    merged_times,
+    rate_or_default,
+    resampled,
+    round_rate,
+    snapped_times,
+)
 from pdecodec.sequence import Connectivity, Float32Array, Float64Array
 
 HDF5_IDENTIFIER = b"\x89HDF\r\n\x1a\n"
@@ -47,7 +55,7 @@ _NAMES_OF_OTHERS = {"Camera": "camera", "Light": "light", "Material": "material"
 class AlembicSequence(SceneSequence):
     """The geometry of an Alembic file of the Ogawa kind, which stays open until :meth:`close`.
 
-    `fps` is the nominal rate: the file stores its times.
+    Where `fps` is given, frames stand at that rate from the first stored time to the last, instead of at stored times.
 
     Raises
     ------
@@ -305,7 +313,10 @@ def _timing(archive: Any, shapes: Sequence[_Shape], fps: float | None) -> Timing
     stored = _stored_rate(archive, [sampling for _, sampling in moving])
     rate, notices = rate_or_default(stored, fps)
     if moving:
-        return snapped_times(merged_times([times for times, _ in moving]), stored or rate), rate, notices
+        times = snapped_times(merged_times([times for times, _ in moving]), stored or rate)
+        if fps is not None:
+            times, notices = resampled(times, fps)
+        return times, rate, notices
     # Nothing moves, but may have been sampled all the same.
     still = max((_sample_times(shape.positions) for shape in shapes), key=len)
     return snapped_times(still, stored or rate), rate, notices if still.size > 1 else ()

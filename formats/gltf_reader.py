@@ -1,7 +1,8 @@
 """glTF scenes: morph targets, skins and moving nodes, evaluated at a frame rate that is asked for.
 
 A glTF animation is curves over time, not frames. Frames are taken at `fps` from the clip's first key to its last;
-files of our own writer say which times were frames. The scene is Y-up and in metres, as glTF has it; UVs are turned to
+a last key between frames is one more.
+Files of our own writer say which times were frames. The scene is Y-up and in metres, as glTF has it; UVs are turned to
 count from the bottom, as everywhere else here.
 """
 
@@ -16,15 +17,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError, SettingsError
+from pdecodec.errors import InputError
 from pdecodec.formats.gltf_animation import Clip, Nodes, Pose, placed_at, read_clip
 from pdecodec.formats.gltf_file import INSTANCING, GltfFile, read_gltf
 from pdecodec.formats.gltf_mesh_reader import Block, GltfMesh, read_mesh
 from pdecodec.formats.registry import Transforms
 from pdecodec.formats.scene_reading import SceneSequence, Shape
 from pdecodec.formats.scene_space import UNIT, UP_AXIS
-from pdecodec.formats.times import FLOAT32_ROUNDING, Timing, merged_times, rate_or_default, snapped_times
-from pdecodec.resample import times_at_rate
+from pdecodec.formats.times import (
+    FLOAT32_ROUNDING,
+    SAME_TIME,
+    Timing,
+    frames_at_rate,
+    merged_times,
+    rate_or_default,
+    snapped_times,
+)
 from pdecodec.sequence import Float32Array, Float64Array
 
 MOST_INSTANCED = 2**25
@@ -151,11 +159,7 @@ def _timing(clip: Clip | None, fps: float | None) -> Timing:
         times = merged_times(keys)
         return snapped_times(times, float(noted), FLOAT32_ROUNDING * float(times[-1]) + 1e-9), float(noted), ()
     first, last = min(float(one[0]) for one in keys), max(float(one[-1]) for one in keys)
-    try:
-        return times_at_rate(first, last + FLOAT32_ROUNDING * last, rate), rate, notices
-    except SettingsError as error:
-        # Nobody asked for so many frames: the file's own times do.
-        raise InputError(error.message) from error
+    return frames_at_rate(first, last, rate, max(SAME_TIME, FLOAT32_ROUNDING * last)), rate, notices
 
 
 def _choose_clip(file: GltfFile, name: str | None) -> tuple[Clip | None, tuple[str, ...]]:

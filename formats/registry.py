@@ -160,7 +160,8 @@ def open_sequence(
         ``name.10-20####.obj`` for some frames of it), or a folder of numbered frames.
     fps : float, optional
         Frames per second of a source that does not store its times. Where times are stored they are kept,
-        and `fps` is only the nominal rate; a notice says so. Formats whose animation has no frames are sampled at it.
+        and `fps` is only the nominal rate; a notice says so. Scenes have a value at any time (Alembic, USD, glTF):
+        they are sampled at it, from their first key to their last.
     mesh : path, optional
         Where names, faces and attributes are of a point cache that has only positions (MDD, PC2): any file that can
         be opened here, of as many vertices.

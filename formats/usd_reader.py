@@ -1,7 +1,8 @@
 """USD stages: meshes, curves and points, with UsdSkel, blend shapes and transforms applied, read when asked for.
 
-Frames stand at every time code at which something of the scene is sampled. What is not sampled there is USD's own
-value at that code, a straight line between its samples. Faces of left-handed meshes are turned around.
+Frames stand at every time code at which something of the scene is sampled, and, where transforms or skeletons move
+along no straight line, between those at the stage's frame rate; or at the rate that is asked for alone. What is not
+sampled there is USD's own value at that code. Faces of left-handed meshes are turned around.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from pdecodec.formats.attribute_roles import CURVE_BASIS, CURVE_WRAP, SUBDIVISIO
 from pdecodec.formats.registry import Transforms
 from pdecodec.formats.scene_reading import Extras, Refusals, SceneSequence, Shape
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, unit_text
-from pdecodec.formats.times import Timing, merged_times, rate_or_default, snapped_times
+from pdecodec.formats.times import Timing, merged_times, rate_or_default, resampled, snapped_times, without_gaps
 from pdecodec.formats.usd_attributes import ASSUMED, METADATA, first_value, object_name, read_extras
 from pdecodec.sequence import Connectivity, Float32Array, Float64Array
 
@@ -45,26 +46,35 @@ class _Shape(Shape):
         """The prim in whose space the points are."""
         return self.skinning.skeleton_prim if self.skinning is not None and self.skinning.has_joints else self.prim
 
-    def time_codes(self) -> list[Float64Array]:
-        """Lists of codes at which its points and the transforms above it are sampled."""
-        lists = [self.points.GetTimeSamples()]
+    def time_codes(self) -> tuple[list[Float64Array], list[Float64Array]]:
+        """Lists of codes at which its points and the transforms above it are sampled.
+
+        Of the first lists, points move in straight lines between codes; of the second they need not.
+        """
+        straight, curved = [self.points.GetTimeSamples()], []
         if self.skinning is not None:
-            lists.append(self.skinning.time_codes())
+            (straight if self.skinning.is_linear else curved).append(self.skinning.time_codes())
         prim = self.placed_by
         while prim and not prim.IsPseudoRoot():
             xformable = UsdGeom.Xformable(prim)
             if xformable:
-                lists.append(xformable.GetTimeSamples())
+                moving = [op for op in xformable.GetOrderedXformOps() if op.GetNumTimeSamples() > 1]
+                shifts = all(op.GetOpType() == UsdGeom.XformOp.TypeTranslate for op in moving)
+                (straight if shifts else curved).append(xformable.GetTimeSamples())
                 if xformable.GetResetXformStack():
                     break
             prim = prim.GetParent()
-        return [np.asarray(codes, np.float64) for codes in lists if len(codes)]
+        first, second = (
+            [np.asarray(codes, np.float64) for codes in lists if len(codes)] for lists in (straight, curved)
+        )
+        return first, second
 
 
 class UsdSequence(SceneSequence):
     """The geometry of a USD stage (``.usd``, ``.usda``, ``.usdc``, ``.usdz``), which stays open until :meth:`close`.
 
-    `fps` is the nominal rate; time codes a second where the stage does not say.
+    Where `fps` is given, frames stand at that rate from the first sample to the last; where the stage does not say
+    how many time codes are a second, it is that instead.
 
     Raises
     ------
@@ -120,11 +130,18 @@ def _timing(stage: Any, shapes: Sequence[_Shape], fps: float | None) -> tuple[Fl
     nominal = float(stage.GetFramesPerSecond()) if stage.HasAuthoredMetadata("framesPerSecond") else per_second
     if says and fps is not None:
         nominal, notices = rate_or_default(nominal, fps)
-    lists = [codes for shape in shapes for codes in shape.time_codes()]
-    if not lists:
+    found = [shape.time_codes() for shape in shapes]
+    straight = [codes / per_second for one, _ in found for codes in one]
+    curved = [codes / per_second for _, one in found for codes in one]
+    if not straight and not curved:
         code = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
         return np.array([code]), (np.array([code / per_second]), nominal, notices if says else ())
-    codes = merged_times([codes / per_second for codes in lists]) * per_second
+    stored = merged_times(straight + curved)
+    if says and fps is not None:
+        times, notices = resampled(stored, fps)
+    else:
+        times = without_gaps(stored, nominal) if curved else stored
+    codes = times * per_second
     whole = np.rint(codes)
     codes = np.where(np.abs(codes - whole) < 1e-9 * np.maximum(1, np.abs(whole)), whole, codes)
     return codes, (snapped_times(codes / per_second, per_second), nominal, notices)
@@ -301,6 +318,12 @@ class _Skinning:
             self._shapes = UsdSkel.BlendShapeQuery(UsdSkel.BindingAPI(query.GetPrim()))
             self._shape_indices = self._shapes.ComputeBlendShapePointIndices()
             self._shape_offsets = self._shapes.ComputeSubShapePointOffsets()
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether points move in straight lines between codes at which the animation is sampled."""
+        shapes = self._shapes
+        return not self.has_joints and shapes is not None and shapes.GetNumSubShapes() == shapes.GetNumBlendShapes()
 
     @property
     def has_joints(self) -> bool:

@@ -51,6 +51,20 @@ def by_hand(path: Path, samples: list[tuple[list[int], list[int]]], *, points: i
         schema.set(sample)
 
 
+def test_a_rate_that_is_asked_for_is_sampled_at_with_stored_samples_exact(tmp_path: Path) -> None:
+    clip = scene(frames=5)
+    write_sequence(clip, tmp_path / "x.abc")
+    with open_sequence(tmp_path / "x.abc", fps=48) as read:
+        assert np.allclose(read.times * 48, 2 + np.arange(9), atol=1e-9)
+        assert (read.fps, read.notices) == (48, ())
+        points = read.read_frames(0, 9)
+    assert np.array_equal(points[::2], clip.points)
+    assert np.allclose(points[1::2], (clip.points[1:] + clip.points[:-1]) / 2, atol=1e-6)
+    with open_sequence(tmp_path / "x.abc", fps=18) as read:
+        assert np.allclose(read.times * 18, 0.75 + np.arange(4), atol=1e-9)
+        assert read.notices == ("sampled at 18 frames per second: 3 of 5 times in the file fall between frames",)
+
+
 def test_faces_that_change_are_refused_with_the_object_and_the_frame(tmp_path: Path) -> None:
     by_hand(tmp_path / "x.abc", [([3], [0, 1, 2]), ([3], [0, 1, 2]), ([4], [0, 1, 2, 3])])
     with pytest.raises(InputError, match=r"object 'changing' has faces that change .* --skip-unsupported") as caught:

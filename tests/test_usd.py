@@ -71,6 +71,68 @@ def test_transforms_up_the_tree_are_applied_at_every_time_that_any_is_sampled_at
         assert read.read_frames(0, 4)[:, 0].tolist() == [[0, 1, 0], [1, 1, 0], [2, 2, 0], [2, 3, 0]]
 
 
+def turning(path: Path) -> None:
+    """A triangle that a quarter turn and a shift move, keys at codes 0, 3 and 10.5 of 24 a second."""
+    stage = stage_at(path)
+    mesh = triangle(stage, "/a")
+    turn = mesh.AddRotateZOp()
+    for code, angle in ((0, 0), (3, 90), (10.5, 90)):
+        turn.Set(angle, code)
+    stage.Save()
+
+
+def test_between_keys_of_what_turns_frames_stand_at_the_rate_of_the_stage(tmp_path: Path) -> None:
+    turning(tmp_path / "x.usda")
+    with open_sequence(tmp_path / "x.usda") as read:
+        codes = read.times * 24
+        assert codes[:4].tolist() == [0, 1, 2, 3]
+        assert codes[-1] == 10.5
+        assert np.diff(codes).max() <= 1
+        angle = np.radians(30)
+        assert np.allclose(read.read_frames(1, 2)[0, 1], [np.cos(angle), np.sin(angle), 0], atol=1e-6)
+        assert read.notices == ()
+
+
+def test_a_rate_that_is_asked_for_is_sampled_at_and_the_last_key_kept(tmp_path: Path) -> None:
+    turning(tmp_path / "x.usda")
+    with open_sequence(tmp_path / "x.usda", fps=16) as read:
+        assert (read.times * 16).tolist() == [0, 1, 2, 3, 4, 5, 6, 7]
+        assert read.fps == 16
+        assert np.allclose(read.read_frames(2, 3)[0, 1], [0, 1, 0], atol=1e-6)
+        assert read.notices == ()
+    with open_sequence(tmp_path / "x.usda", fps=10) as read:
+        assert np.allclose(read.times * 10, [0, 1, 2, 3, 4, 4.375])
+        assert read.notices == ("sampled at 10 frames per second: 1 of 3 times in the file fall between frames",)
+
+
+def test_keys_that_are_an_age_apart_are_refused_not_filled(tmp_path: Path) -> None:
+    stage = stage_at(tmp_path / "x.usda")
+    turn = triangle(stage, "/a").AddRotateZOp()
+    for code in (0, 1e9):
+        turn.Set(code, code)
+    stage.Save()
+    with pytest.raises(InputError, match=r"1e\+09 frames at 24 a second, more than 16,777,216; take a lower rate"):
+        open_sequence(tmp_path / "x.usda")
+
+
+@pytest.mark.data
+def test_straight_lines_between_frames_are_near_what_usd_shows_there(shared_data: Path) -> None:
+    path = shared_data / "interop" / "usd" / "AnimatedCube.usdz"
+    with open_sequence(path) as read:
+        assert (read.times * 24).tolist() == list(range(49))
+        points = read.read_frames(0, 49).astype(np.float64)
+        (item,) = read.objects
+    stage = Usd.Stage.Open(str(path))
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath(f"/{item.name}"))
+    rest = np.c_[np.array(mesh.GetPointsAttr().Get()), np.ones(len(points[0]))]
+    diagonal = np.linalg.norm(np.ptp(points[0], axis=0))
+    for code in np.arange(0, 48, 0.25):
+        shown = (rest @ np.array(mesh.ComputeLocalToWorldTransform(code)))[:, :3]
+        before, share = int(code), code % 1
+        found = (1 - share) * points[before] + share * points[min(before + 1, 48)]
+        assert np.linalg.norm(found - shown, axis=1).max() < (1e-6 if share == 0 else 0.01) * diagonal
+
+
 def test_joints_and_blend_shapes_deform_points(tmp_path: Path) -> None:
     stage = stage_at(tmp_path / "x.usda")
     UsdSkel.Root.Define(stage, "/root")
@@ -101,8 +163,8 @@ def test_joints_and_blend_shapes_deform_points(tmp_path: Path) -> None:
     UsdGeom.Xform(stage.GetPrimAtPath("/root")).AddTranslateOp().Set(Gf.Vec3d(0, 100, 0))
     stage.Save()
     with open_sequence(tmp_path / "x.usda") as read:
-        assert (read.times * 24).tolist() == [0, 10]
-        assert read.read_frames(0, 2).tolist() == [
+        assert (read.times * 24).tolist() == list(range(11))
+        assert read.read_frames(0, 11)[::10].tolist() == [
             [[0, 100, 0], [1, 100, 0], [0, 101, 0]],
             [[5, 100, 0], [6, 100, 2], [5, 101, 0]],
         ]
