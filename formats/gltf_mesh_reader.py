@@ -236,7 +236,7 @@ class _Reader:
 
 
 def _influences(source: _Rows, rows: int) -> tuple[NDArray[np.int64] | None, Float64Array | None]:
-    """Joints of each vertex and their weights, (vertices, k)."""
+    """Joints of each vertex and their shares, (vertices, k), which sum to one."""
     joints, weights = [], []
     number = 0
     while f"JOINTS_{number}" in source.accessors and f"WEIGHTS_{number}" in source.accessors:
@@ -248,7 +248,11 @@ def _influences(source: _Rows, rows: int) -> tuple[NDArray[np.int64] | None, Flo
     every_joint, every_weight = np.concatenate(joints, axis=1), np.concatenate(weights, axis=1)
     if every_joint.shape != every_weight.shape or len(every_joint) != rows:
         raise ValueError("its joints do not fit its vertices")
-    return every_joint, every_weight
+    total = every_weight.sum(axis=1, keepdims=True)
+    # As viewers do: weights are shares, and a vertex without any goes with its first joint.
+    shares = np.divide(every_weight, total, out=np.zeros_like(every_weight), where=total > 0)
+    shares[total[:, 0] <= 0, 0] = 1
+    return every_joint, shares
 
 
 def _triangles(mode: int, indices: NDArray[np.int64]) -> Int32Array:

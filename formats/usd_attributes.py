@@ -98,13 +98,13 @@ def int_array(values: NDArray[np.integer]) -> Any:
     return Vt.IntArray.FromNumpy(np.ascontiguousarray(values, np.int32))
 
 
-def read_extras(prim: Any, connectivity: Connectivity, order: NDArray[np.int64]) -> Extras:
-    """Everything constant that the prim carries; `order` as of :class:`Extras`."""
+def read_extras(prim: Any, connectivity: Connectivity, order: NDArray[np.int64], *, moves: bool = False) -> Extras:
+    """Everything constant that the prim carries; `order` as of :class:`Extras`, `moves` whether its points do."""
     extras = Extras(connectivity, order)
     for primvar in UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithAuthoredValues():
         name = str(primvar.GetPrimvarName())
         if not name.startswith(_OTHERS_OWN) and not (name == NORMALS and connectivity.face_count):
-            _read_primvar(primvar, name, extras)
+            _read_primvar(primvar, name, extras, moves)
     for attribute in prim.GetAuthoredAttributes():
         if attribute.GetNamespace() == OWN:
             extras.own[attribute.GetBaseName()] = np.array(attribute.Get(), np.int32)
@@ -132,11 +132,15 @@ def _read_normals(mesh: Any, extras: Extras) -> None:
         extras.add_normals(_DOMAINS.get(str(interpolation), "object"), np.array(found, np.float32), indices)
 
 
-def _read_primvar(primvar: Any, name: str, extras: Extras) -> None:
+def _read_primvar(primvar: Any, name: str, extras: Extras, moves: bool) -> None:
+    type_name = primvar.GetTypeName()
     if primvar.ValueMightBeTimeVarying():
         extras.left_out.append(f"{name} (it changes with time)")
         return
-    stored, type_name = primvar.Get(), primvar.GetTypeName()
+    if moves and type_name.role == Sdf.ValueRoleNames.Normal:
+        extras.left_out.append(f"{name} (normals that would stand still)")
+        return
+    stored = primvar.Get()
     labels: tuple[str, ...] = ()
     if type_name.scalarType in (Sdf.ValueTypeNames.String, Sdf.ValueTypeNames.Token):
         texts = [stored] if isinstance(stored, str) else list(stored or ())

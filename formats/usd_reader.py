@@ -112,8 +112,9 @@ class UsdSequence(SceneSequence):
     def _read(self, shape: _Shape, start: int, stop: int, out: Float32Array) -> None:
         for row, code in enumerate(self._codes[start:stop].tolist()):
             points: Float32Array = np.asarray(shape.points.Get(code), np.float32).reshape(-1, 3)
-            points = shape.fitted(points, self._path, start + row)
-            out[row] = points if shape.skinning is None else shape.skinning.deform(points, code)
+            if shape.skinning is not None:
+                points = shape.skinning.deform(points, code)
+            out[row] = shape.fitted(points, self._path, start + row)
 
     def close(self) -> None:
         # The stage closes when nothing refers to it any more.
@@ -177,9 +178,9 @@ def _find_shapes(stage: Any, refusals: Refusals) -> list[_Shape]:
         elif prim.IsA(UsdGeom.Mesh):
             opened = _open_mesh(prim, name, refusals, skinned.get(str(prim.GetPath())))
         elif prim.IsA(UsdGeom.BasisCurves):
-            opened = _open_curves(prim, name, refusals)
+            opened = _open_curves(prim, name, refusals, skinned.get(str(prim.GetPath())))
         elif prim.IsA(UsdGeom.Points):
-            opened = _open_points(prim, name, refusals)
+            opened = _open_points(prim, name, refusals, skinned.get(str(prim.GetPath())))
         elif prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.PointInstancer):
             refusals.refuse(name, f"the type {prim.GetTypeName()}, which is no mesh, curve or point set; convert it")
         elif prim.IsA(UsdGeom.Camera):
@@ -215,6 +216,11 @@ def _points_alone(schema: Any) -> Connectivity:
     return Connectivity(0 if found is None else len(found))
 
 
+def _moves(schema: Any, skinning: _Skinning | None) -> bool:
+    """Whether points move in the shape's own space."""
+    return skinning is not None or schema.GetPointsAttr().GetNumTimeSamples() > 1
+
+
 def _open_mesh(prim: Any, name: str, refusals: Refusals, skinning: _Skinning | None) -> _Shape | None:
     mesh = UsdGeom.Mesh(prim)
     faces = [mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr()]
@@ -227,7 +233,7 @@ def _open_mesh(prim: Any, name: str, refusals: Refusals, skinning: _Skinning | N
     turned = mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
     order = reversed_corners(counts) if turned else np.arange(indices.size)
     whole = Connectivity(_points_alone(mesh).vertex_count, face_counts=counts, face_indices=indices[order])
-    extras = read_extras(prim, whole, order)
+    extras = read_extras(prim, whole, order, moves=_moves(mesh, skinning))
     scheme = SUBDIVISION_SCHEMES.get(str(mesh.GetSubdivisionSchemeAttr().Get()))
     if scheme is not None:
         extras.attributes.append(label_attribute(SUBDIVISION, scheme))
@@ -241,7 +247,7 @@ def _open_mesh(prim: Any, name: str, refusals: Refusals, skinning: _Skinning | N
     return _shape(name, mesh, extras.own_lines("lineCounts", "lineIndices"), extras, skinning=skinning)
 
 
-def _open_curves(prim: Any, name: str, refusals: Refusals) -> _Shape | None:
+def _open_curves(prim: Any, name: str, refusals: Refusals, skinning: _Skinning | None) -> _Shape | None:
     curves = UsdGeom.BasisCurves(prim)
     if _changes(name, [curves.GetCurveVertexCountsAttr()], "curves whose numbers of points change {}", refusals):
         return None
@@ -249,7 +255,7 @@ def _open_curves(prim: Any, name: str, refusals: Refusals) -> _Shape | None:
     if int(counts.sum(dtype=np.int64)) != points.vertex_count or (counts < 1).any():
         refusals.refuse(name, "curves whose numbers of points do not add up")
         return None
-    extras = read_extras(prim, points, np.zeros(0, np.int64))
+    extras = read_extras(prim, points, np.zeros(0, np.int64), moves=_moves(curves, skinning))
     if curves.GetTypeAttr().Get() == UsdGeom.Tokens.cubic:
         basis = str(curves.GetBasisAttr().Get()).lower()
         extras.attributes.append(label_attribute(CURVE_BASIS, f"cubic {basis}"))
@@ -257,16 +263,16 @@ def _open_curves(prim: Any, name: str, refusals: Refusals) -> _Shape | None:
     if wrap != "nonperiodic":
         extras.attributes.append(label_attribute(CURVE_WRAP, wrap))
     connectivity, gather = extras.curves(counts)
-    return _shape(name, curves, connectivity, extras, gather=gather)
+    return _shape(name, curves, connectivity, extras, gather=gather, skinning=skinning)
 
 
-def _open_points(prim: Any, name: str, refusals: Refusals) -> _Shape | None:
+def _open_points(prim: Any, name: str, refusals: Refusals, skinning: _Skinning | None) -> _Shape | None:
     points = UsdGeom.Points(prim)
     what = "points that come, go or change places {} (their ids change)"
     if _changes(name, [points.GetIdsAttr()], what, refusals):
         return None
-    extras = read_extras(prim, _points_alone(points), np.zeros(0, np.int64))
-    return _shape(name, points, extras.own_lines("lineCounts", "lineIndices"), extras)
+    extras = read_extras(prim, _points_alone(points), np.zeros(0, np.int64), moves=_moves(points, skinning))
+    return _shape(name, points, extras.own_lines("lineCounts", "lineIndices"), extras, skinning=skinning)
 
 
 def _shape(
@@ -354,8 +360,11 @@ class _Skinning:
             self._shapes.ComputeDeformedPoints(
                 sub_weights, shapes, sub_shapes, self._shape_indices, self._shape_offsets, moved
             )
-        if self.has_joints:
-            self._query.ComputeSkinnedPoints(self._skeleton.ComputeSkinningTransforms(code), moved, code)
+        if self.has_joints and not self._query.ComputeSkinnedPoints(
+            self._skeleton.ComputeSkinningTransforms(code), moved, code
+        ):
+            path = self._query.GetPrim().GetPath()
+            raise InputError(f"the joints of {path} do not fit its {len(points)} points; export the file again")
         return np.array(moved, np.float32)
 
 

@@ -200,6 +200,18 @@ def test_skins_blend_joints_and_ignore_the_node_of_the_mesh(tmp_path: Path) -> N
         assert read.read_frames(0, 2)[1].tolist() == [[0, 0, 0], [1, 0, 2], [0, 1, 4]]
 
 
+def test_weights_of_joints_are_shares_whatever_they_sum_to(tmp_path: Path) -> None:
+    made = Scene()
+    mesh = made.mesh(TRIANGLE)
+    attributes = made.builder.root["meshes"][mesh]["primitives"][0]["attributes"]
+    attributes["JOINTS_0"] = made.builder.floats([[0, 1, 0, 0]] * 3)
+    attributes["WEIGHTS_0"] = made.builder.floats([[0.3, 0, 0, 0], [2, 2, 0, 0], [0, 0, 0, 0]])
+    joints = [made.builder.add("nodes", {"translation": [0, 0, z]}) for z in (4, 8)]
+    made.builder.add("nodes", {"mesh": mesh, "skin": made.builder.add("skins", {"joints": joints})})
+    with open_sequence(made.save(tmp_path / "x.glb")) as read:
+        assert read.read_frames(0, 1)[0].tolist() == [[0, 0, 4], [1, 0, 6], [0, 1, 4]]
+
+
 @pytest.mark.parametrize(
     ("mode", "faces", "lines"),
     [

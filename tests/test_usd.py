@@ -170,6 +170,48 @@ def test_joints_and_blend_shapes_deform_points(tmp_path: Path) -> None:
         ]
 
 
+@pytest.mark.parametrize("kind", ["BasisCurves", "Points"])
+def test_joints_move_curves_and_points_too_and_normals_that_would_stand_still_are_told(
+    tmp_path: Path, kind: str
+) -> None:
+    stage = stage_at(tmp_path / "x.usda")
+    UsdSkel.Root.Define(stage, "/root")
+    shape = getattr(UsdGeom, kind).Define(stage, "/root/shape")
+    shape.CreatePointsAttr([(0, 0, 0), (1, 0, 0), (2, 0, 0)])
+    if kind == "BasisCurves":
+        shape.CreateCurveVertexCountsAttr([3])
+        shape.CreateTypeAttr("linear")
+    normals = UsdGeom.PrimvarsAPI(shape).CreatePrimvar("N", Sdf.ValueTypeNames.Normal3fArray, "vertex")
+    normals.Set([(0, 0, 1)] * 3)
+    skeleton = UsdSkel.Skeleton.Define(stage, "/root/skeleton")
+    skeleton.CreateJointsAttr(["a", "b"])
+    identity = Vt.Matrix4dArray([Gf.Matrix4d(1)] * 2)
+    skeleton.CreateBindTransformsAttr(identity)
+    skeleton.CreateRestTransformsAttr(identity)
+    animation = UsdSkel.Animation.Define(stage, "/root/skeleton/animation")
+    animation.CreateJointsAttr(["a", "b"])
+    for code in (0, 1):
+        animation.CreateTranslationsAttr().Set([(0, 0, 0), (0, 4 * code, 0)], code)
+    animation.CreateRotationsAttr([Gf.Quatf(1)] * 2)
+    animation.CreateScalesAttr([(1, 1, 1)] * 2)
+    UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
+    binding = UsdSkel.BindingAPI.Apply(shape.GetPrim())
+    binding.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
+    binding.CreateJointIndicesPrimvar(False, 2).Set([0, 1] * 3)
+    binding.CreateJointWeightsPrimvar(False, 2).Set([1, 0, 0.5, 0.5, 0, 1])
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        assert read.read_frames(0, 2)[1].tolist() == [[0, 0, 0], [1, 2, 0], [2, 4, 0]]
+        assert read.notices == ("not kept: N (normals that would stand still)",)
+    binding.CreateJointIndicesPrimvar(False, 2).Set([0, 1] * 2)
+    stage.Save()
+    with (
+        open_sequence(tmp_path / "x.usda") as read,
+        pytest.raises(InputError, match="joints of /root/shape do not fit"),
+    ):
+        read.read_frames(0, 1)
+
+
 def test_faces_that_change_are_refused_or_left_out_by_name(tmp_path: Path) -> None:
     stage = stage_at(tmp_path / "x.usda")
     triangle(stage, "/good")
