@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import base64
 import binascii
+import hashlib
 import json
 import struct
-from collections.abc import Mapping
+import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -302,6 +304,31 @@ class GltfBuilder:
 
 def _component(dtype: str) -> int:
     return next(number for number, name in COMPONENTS.items() if name == dtype)
+
+
+def fingerprint(rows: int, primitives: Sequence[tuple[int, NDArray[np.integer]]]) -> str:
+    """What tells a mesh from another one: of how many rows it has, and the mode and indices of each primitive."""
+    digest = hashlib.blake2b(str(rows).encode(), digest_size=12)
+    for mode, indices in primitives:
+        digest.update(f" {mode} {indices.size} ".encode() + indices.astype("<u4").tobytes())
+    return digest.hexdigest()
+
+
+def noted_integers(values: ArrayLike) -> str:
+    """Integers as text for ``extras``, which programs hand on as they are: accessors there would be renumbered."""
+    numbers = np.asarray(values).astype("<u4")
+    return base64.b64encode(zlib.compress(np.diff(numbers, prepend=numbers[:0].sum(dtype="<u4")).tobytes(), 9)).decode()
+
+
+def read_integers(text: str, most: int) -> NDArray[np.int32]:
+    """Undo :func:`noted_integers`: (n,) int32, at most `most` of them; ValueError where it is something else."""
+    try:
+        data = zlib.decompressobj().decompress(base64.b64decode(text, validate=True), 4 * most + 1)
+    except (binascii.Error, zlib.error) as error:
+        raise ValueError(str(error)) from error
+    if len(data) > 4 * most:
+        raise ValueError(f"more than {most} numbers are noted")
+    return np.cumsum(np.frombuffer(data, "<u4"), dtype="<u4").astype(np.int32)
 
 
 def flipped(uv: Float32Array) -> Float32Array:

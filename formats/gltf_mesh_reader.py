@@ -24,10 +24,15 @@ from pdecodec.formats.gltf_file import (
     TRIANGLES,
     GltfFile,
     as_declared,
+    fingerprint,
     flipped,
+    read_integers,
 )
 from pdecodec.formats.normals import normal_group
 from pdecodec.sequence import Attribute, Connectivity, Float32Array, Float64Array, Int32Array
+
+MOST_UNUSED = 2**22
+"""Numbers that may be noted beyond one for each corner that is drawn: single points, rows of UVs that no corner has."""
 
 
 @dataclass(frozen=True)
@@ -118,10 +123,12 @@ class _Reader:
         faces: list[Int32Array] = []
         materials: list[NDArray[np.int64]] = []
         lines: list[Int32Array] = []
+        drawn: list[tuple[int, NDArray[np.int64]]] = []
         for primitive in self._entry["primitives"]:
             rows = _Rows(self._file, primitive)
             start, count = self._block(primitive, rows)
             indices, mode = rows.indices(count) + start, rows.mode
+            drawn.append((mode, indices))
             if mode in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
                 triangles = _triangles(mode, indices)
                 faces.append(triangles)
@@ -140,7 +147,9 @@ class _Reader:
         weights = np.array(self._entry.get("weights", [0.0] * targets), np.float64)
         own = self._entry.get("extras", {}).get("pdecodec")
         if isinstance(own, dict):
-            return self._restored(own, weights)
+            if own.get("of") == fingerprint(self._rows, drawn):
+                return self._restored(own, weights, sum(indices.size for _, indices in drawn))
+            self._left_out["what pdecodec noted of faces and seams (another program changed the mesh)"] = None
         attributes = [*self._vertex_attributes(connectivity), *self._materials(materials)]
         return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), None, weights, tuple(self._left_out))
 
@@ -197,42 +206,52 @@ class _Reader:
         values = np.where(of_faces >= 0, np.searchsorted(used, of_faces), -1).astype(np.int32)
         return [Attribute(MATERIAL, "face", values, labels=labels)]
 
-    def _restored(self, own: Mapping[str, Any], weights: Float64Array) -> GltfMesh:
-        """The object as it was before our writer cut it at seams and into triangles."""
-        file, vertices = self._file, int(own["vertices"])
+    def _restored(self, own: Mapping[str, Any], weights: Float64Array, corners: int) -> GltfMesh:
+        """The object as it was before our writer cut it at seams and into triangles, of so many corners."""
+        vertices = int(own["vertices"])
         if not 0 < vertices <= self._rows or len(self._blocks) != 1:
             raise ValueError("what pdecodec noted does not fit it")
 
         def array(name: str) -> Int32Array:
-            return file.accessor(own[name]).astype(np.int32) if name in own else np.zeros(0, np.int32)
+            return read_integers(own[name], corners + MOST_UNUSED) if name in own else np.zeros(0, np.int32)
 
         connectivity = Connectivity(
             vertices, array("faceCounts"), array("faceIndices"), array("lineCounts"), array("lineIndices")
         )
         rows = array("cornerRows") if "cornerRows" in own else connectivity.face_indices
         attributes: list[Attribute] = []
+        there = self._sources[0].accessors
         for name, uv in own.get("uvs", {}).items():
+            if uv["accessor"] not in there:
+                self._left_out[name] = None
+                continue
             by_corner = flipped(self._sources[0].read(uv["accessor"]).astype(np.float32))[rows]
-            attributes.append(self._as_noted(name, by_corner, uv))
-        for name in own.get("colors", {}):
-            values = self._sources[0].read(own["colors"][name]["accessor"]).astype(np.float32)
+            attributes.append(_as_noted(name, by_corner, uv))
+        for name, color in own.get("colors", {}).items():
+            if color["accessor"] not in there:
+                self._left_out[name] = None
+                continue
+            values = self._sources[0].read(color["accessor"]).astype(np.float32)
             attributes.append(Attribute(name, "vertex", values[:vertices]))
         if "materials" in own:
             labels = tuple(map(str, own["materials"]))
             attributes.append(Attribute(MATERIAL, "face", array("faceMaterials") - np.int32(1), labels=labels))
-        if "NORMAL" in self._sources[0].accessors and connectivity.face_count:
+        if "NORMAL" in there and connectivity.face_count:
             attributes.append(normal_group(connectivity, array("normalGroups") if "normalGroups" in own else None))
         gather = None if vertices == self._rows else np.arange(vertices, dtype=np.int64)
-        return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), gather, weights, ())
+        return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), gather, weights, tuple(self._left_out))
 
-    def _as_noted(self, name: str, by_corner: Float32Array, uv: Mapping[str, Any]) -> Attribute:
-        """A UV set with the rows that corners shared before, where they were noted."""
-        if "indices" not in uv:
-            return Attribute(name, "corner", by_corner)
-        indices = self._file.accessor(uv["indices"]).astype(np.int64) - 1
-        values = np.zeros((int(uv["rows"]), by_corner.shape[1]), np.float32)
-        values[indices[indices >= 0]] = by_corner[indices >= 0]
-        return Attribute(name, "corner", values, indices.astype(np.int32))
+
+def _as_noted(name: str, by_corner: Float32Array, uv: Mapping[str, Any]) -> Attribute:
+    """A UV set with the rows that corners shared before, where they were noted."""
+    if "indices" not in uv:
+        return Attribute(name, "corner", by_corner)
+    indices, rows = read_integers(uv["indices"], len(by_corner)) - np.int32(1), int(uv["rows"])
+    if not 0 <= rows <= len(by_corner) + MOST_UNUSED or indices.size != len(by_corner):
+        raise ValueError(f"{rows} rows of {name} are noted for {len(by_corner)} corners")
+    values = np.zeros((rows, by_corner.shape[1]), np.float32)
+    values[indices[indices >= 0]] = by_corner[indices >= 0]
+    return Attribute(name, "corner", values, indices)
 
 
 def _influences(source: _Rows, rows: int) -> tuple[NDArray[np.int64] | None, Float64Array | None]:

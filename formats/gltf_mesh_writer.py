@@ -16,7 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.formats.attribute_roles import MATERIAL, colors, indexed_rows, uv_sets
-from pdecodec.formats.gltf_file import INDEX_DATA, LINES, POINTS, TRIANGLES, VERTEX_DATA, GltfBuilder, flipped
+from pdecodec.formats.gltf_file import (
+    INDEX_DATA,
+    LINES,
+    POINTS,
+    TRIANGLES,
+    VERTEX_DATA,
+    GltfBuilder,
+    fingerprint,
+    flipped,
+    noted_integers,
+)
 from pdecodec.formats.normals import NormalRows, group_attribute
 from pdecodec.sequence import Attribute, Connectivity, Float32Array, Float64Array, MeshObject
 
@@ -219,11 +229,13 @@ def write_mesh(
         for morph, shape in zip(morphs, motion.normal_targets, strict=True):
             morph["NORMAL"] = builder.floats(shape[normals], target=VERTEX_DATA)
         if not rows.is_smooth:
-            notes["normalGroups"] = builder.integers(rows.groups)
+            notes["normalGroups"] = noted_integers(rows.groups)
     primitives: list[dict[str, Any]] = []
+    drawn: list[tuple[int, NDArray[Any]]] = []
 
     def add(mode: int, indices: NDArray[Any] | None, label: str | None = None) -> None:
         primitive: dict[str, Any] = {"attributes": attributes, "mode": mode}
+        drawn.append((mode, np.arange(sources.size) if indices is None else indices))
         if indices is not None:
             primitive["indices"] = builder.integers(indices, target=INDEX_DATA)
         if label is not None:
@@ -232,11 +244,11 @@ def write_mesh(
             primitive["targets"] = morphs
         primitives.append(primitive)
 
-    _note_connectivity(builder, connectivity, corner_rows, notes)
+    _note_connectivity(connectivity, corner_rows, notes)
     triangles, faces = _fans(connectivity, corner_rows)
     labels, of_faces = _materials_of(item)
     if labels:
-        notes["materials"], notes["faceMaterials"] = list(labels), builder.integers(of_faces + 1)
+        notes["materials"], notes["faceMaterials"] = list(labels), noted_integers(of_faces + 1)
     for number in range(-1, len(labels)):
         chosen = triangles[of_faces[faces] == number]
         if len(chosen):
@@ -246,6 +258,7 @@ def write_mesh(
         add(LINES, segments)
     if not primitives:
         add(POINTS, None)
+    notes["of"] = fingerprint(sources.size, drawn)
     mesh: dict[str, Any] = {"primitives": primitives, "extras": {"pdecodec": notes}}
     if morphs:
         mesh["weights"] = [0.0] * len(morphs)
@@ -291,22 +304,20 @@ def _write_uv(
     by_row[corner_rows] = by_corner
     note: dict[str, Any] = {"rows": len(uv.values)}
     if uv.indices is not None:
-        note["indices"] = builder.integers(uv.indices.astype(np.int64) + 1)
+        note["indices"] = noted_integers(uv.indices.astype(np.int64) + 1)
     notes.setdefault("uvs", {})[uv.name] = note
     return builder.floats(flipped(by_row), target=VERTEX_DATA)
 
 
-def _note_connectivity(
-    builder: GltfBuilder, connectivity: Connectivity, corner_rows: NDArray[np.int64], notes: dict[str, Any]
-) -> None:
+def _note_connectivity(connectivity: Connectivity, corner_rows: NDArray[np.int64], notes: dict[str, Any]) -> None:
     if connectivity.face_count:
-        notes["faceCounts"] = builder.integers(connectivity.face_counts)
-        notes["faceIndices"] = builder.integers(connectivity.face_indices)
+        notes["faceCounts"] = noted_integers(connectivity.face_counts)
+        notes["faceIndices"] = noted_integers(connectivity.face_indices)
         if not np.array_equal(corner_rows, connectivity.face_indices):
-            notes["cornerRows"] = builder.integers(corner_rows)
+            notes["cornerRows"] = noted_integers(corner_rows)
     if connectivity.line_count:
-        notes["lineCounts"] = builder.integers(connectivity.line_counts)
-        notes["lineIndices"] = builder.integers(connectivity.line_indices)
+        notes["lineCounts"] = noted_integers(connectivity.line_counts)
+        notes["lineIndices"] = noted_integers(connectivity.line_indices)
 
 
 def _fans(connectivity: Connectivity, corner_rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -157,6 +157,9 @@ def _timing(clip: Clip | None, fps: float | None) -> Timing:
     noted = clip.extras.get("fps")
     if isinstance(noted, (int, float)) and noted > 0 and fps is None:
         times = merged_times(keys)
+        if times.size != clip.extras.get("frames"):
+            # Another program took keys out: they are no longer the frames.
+            times = frames_at_rate(float(times[0]), float(times[-1]), float(noted))
         return snapped_times(times, float(noted), FLOAT32_ROUNDING * float(times[-1]) + 1e-9), float(noted), ()
     first, last = min(float(one[0]) for one in keys), max(float(one[-1]) for one in keys)
     return frames_at_rate(first, last, rate, max(SAME_TIME, FLOAT32_ROUNDING * last)), rate, notices

@@ -105,7 +105,7 @@ class _Scene:
         if not self._channels and (sequence.frame_count > 1 or sequence.times[0] != 0):
             self._hold_still()
         if self._channels:
-            extras = {"pdecodec": {"fps": self._output.rate}}
+            extras = {"pdecodec": {"fps": self._output.rate, "frames": sequence.frame_count}}
             animation = {"name": "motion", "samplers": self._samplers, "channels": self._channels, "extras": extras}
             builder.add("animations", animation)
         builder.add("scenes", {"nodes": self._roots})

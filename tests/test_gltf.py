@@ -6,6 +6,7 @@ import base64
 import contextlib
 import json
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from tests.mesh_cases import connectivity_of, grid
 from tests.scene_cases import (
     array_of,
     assert_same_connectivity,
+    assert_same_scene,
     body,
     scene,
     uv_with_seam,
@@ -105,6 +107,77 @@ def test_a_tree_of_objects_with_seams_plays_in_a_browser(tmp_path: Path) -> None
         # A mesh of several materials is several to three.js, each with all the vertices.
         hand = np.array(meshes[0]["points"]).reshape(-1, 3)
         assert np.abs(hand[:5] - turned[frame, :5]).max() < 1e-5
+
+
+def rewritten(source: Path, out: Path, change: Callable[[GltfBuilder], None]) -> Path:
+    """A file as another program writes it: what nothing refers to is gone, and the rest has other numbers."""
+    file = read_gltf(source)
+    root: dict[str, Any] = json.loads(json.dumps(file.root))
+    made = GltfBuilder()
+    made.root.update({key: root[key] for key in ("nodes", "meshes", "scenes", "scene", "asset", "animations")})
+    made.floats([[7, 7, 7]])  # so that every number is another
+    primitives = [one for mesh in root["meshes"] for one in mesh["primitives"]]
+    samplers = [one for animation in root["animations"] for one in animation["samplers"]]
+    known: dict[int, int] = {}
+    for entry in (
+        *(one["attributes"] for one in primitives),
+        *(t for one in primitives for t in one["targets"]),
+        *samplers,
+    ):
+        for key, index in entry.items():
+            if isinstance(index, int):
+                if index not in known:
+                    known[index] = made.floats(file.accessor(index))
+                entry[key] = known[index]
+    for one in primitives:
+        one.pop("material", None)
+        if "indices" in one:
+            one["indices"] = made.integers(file.accessor(one["indices"]))
+    change(made)
+    out.write_bytes(made.to_glb())
+    return out
+
+
+def test_what_was_noted_survives_a_program_that_renumbers_everything(tmp_path: Path) -> None:
+    clip = scene([body("hand", [uv_with_seam()])], up_axis="Y", unit="m")
+    write_sequence(clip, tmp_path / "x.glb")
+    path = rewritten(tmp_path / "x.glb", tmp_path / "y.glb", lambda made: None)
+    with open_sequence(path) as read, open_sequence(tmp_path / "x.glb") as before:
+        assert_same_scene(read, before)
+        assert_same_connectivity(read.connectivity, clip.connectivity)
+
+
+def test_a_note_that_does_not_fit_any_more_is_ignored_and_named(tmp_path: Path) -> None:
+    clip = scene([body("hand", [uv_with_seam()])], up_axis="Y", unit="m")
+    write_sequence(clip, tmp_path / "x.glb")
+
+    def turn_round(made: GltfBuilder) -> None:
+        made.root["meshes"][0]["primitives"][0]["mode"] = 5
+
+    path = rewritten(tmp_path / "x.glb", tmp_path / "y.glb", turn_round)
+    with open_sequence(path) as read:
+        assert (read.connectivity.face_counts == 3).all()
+        lost = "not kept: what pdecodec noted of faces and seams (another program changed the mesh)"
+        assert lost in read.notices
+
+
+def test_keys_that_a_program_took_out_are_frames_again(tmp_path: Path) -> None:
+    points = np.repeat(np.array(TRIANGLE, np.float32)[None], 5, axis=0)
+    points[:, 0, 2] = np.arange(5)
+    write_sequence(ArraySequence(points, fps=10, metadata={"up_axis": "Y", "unit": "m"}), tmp_path / "x.glb")
+    file = read_gltf(tmp_path / "x.glb")
+    sampler = file.root["animations"][0]["samplers"][0]
+
+    def thin(made: GltfBuilder) -> None:
+        taken = made.root["animations"][0]["samplers"][0]
+        for key in ("input", "output"):
+            taken[key] = made.floats(file.accessor(sampler[key]).reshape(5, -1)[[0, -1]].reshape(-1))
+
+    path = rewritten(tmp_path / "x.glb", tmp_path / "y.glb", thin)
+    with open_sequence(path) as read:
+        assert read.fps == 10
+        assert np.allclose(read.times, np.arange(5) / 10)
+        assert np.allclose(read.read_frames(0, 5), points, atol=1e-6)
 
 
 def test_another_library_reads_the_same_numbers(tmp_path: Path) -> None:
