@@ -70,7 +70,7 @@ class AlembicSequence(SceneSequence):
         self._archive = _open_archive(path)
         refusals = Refusals(skip=skip_unsupported)
         shapes: list[_Shape] = []
-        _walk(self._archive.getTop(), "", (), shapes, refusals)
+        _walk(self._archive.getTop(), "", (), False, shapes, refusals)
         notices = refusals.notices(shapes)
         self.times, self.fps, time_notices = _timing(self._archive, shapes, fps)
         self._take(shapes, transforms)
@@ -182,8 +182,13 @@ def _open_archive(path: Path) -> Any:
         raise InputError(f"is no Alembic file, or a damaged one ({error}); export it again", path=path) from error
 
 
-def _walk(node: Any, path: str, chain: tuple[_Transform, ...], shapes: list[_Shape], refusals: Refusals) -> None:
-    """Open the shapes below a node of the tree, in its order; what else there is, is counted or refused."""
+def _walk(
+    node: Any, path: str, chain: tuple[_Transform, ...], hidden: bool, shapes: list[_Shape], refusals: Refusals
+) -> None:
+    """Open the shapes below a node of the tree, in its order; what else there is, is counted or refused.
+
+    `hidden` says whether one above them is hidden.
+    """
     if path.count("/") >= MOST_LEVELS:
         refusals.refuse(path, f"more than {MOST_LEVELS} levels of objects above it")
         return
@@ -192,14 +197,29 @@ def _walk(node: Any, path: str, chain: tuple[_Transform, ...], shapes: list[_Sha
         inner = f"{path}/{name}" if path else name
         try:
             child = node.getChild(index)
-            _visit(child, child.getHeader(), inner, chain, shapes, refusals)
+            _visit(child, child.getHeader(), inner, chain, hidden or _hides(child), shapes, refusals)
         except RuntimeError as error:
             reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
             refusals.refuse(inner, f"an instance or a shape that Alembic cannot open ({reason})")
 
 
+def _hides(node: Any) -> bool:
+    """Whether a node is hidden at any of the samples of its visibility."""
+    visibility = AbcGeom.GetVisibilityProperty(node)
+    if not visibility.valid() or not visibility.getNumSamples():
+        return False
+    hidden = int(AbcGeom.ObjectVisibility.kVisibilityHidden)
+    return any(int(visibility.getValue(_select(time))) == hidden for time in _sample_times(visibility))
+
+
 def _visit(
-    child: Any, header: Any, path: str, chain: tuple[_Transform, ...], shapes: list[_Shape], refusals: Refusals
+    child: Any,
+    header: Any,
+    path: str,
+    chain: tuple[_Transform, ...],
+    hidden: bool,
+    shapes: list[_Shape],
+    refusals: Refusals,
 ) -> None:
     wrap = Abc.WrapExistingFlag.kWrapExisting
     if AbcGeom.IXform.matches(header):
@@ -208,13 +228,16 @@ def _visit(
     elif (kind := next((kind for kind, one in _GEOMETRY.items() if one.matches(header)), None)) is not None:
         schema = _GEOMETRY[kind](child, wrap).getSchema()
         if schema.getPositionsProperty().getNumSamples():
+            before = len(shapes)
             _open_shape(path, kind, schema, child, chain, shapes, refusals)
+            for shape in shapes[before:]:
+                shape.hidden = hidden
     elif AbcGeom.INuPatch.matches(header):
         refusals.refuse(path, "a NURBS surface; convert it to polygons")
     elif not AbcGeom.IFaceSet.matches(header):
         schema_name = header.getMetaData().get("schema").removeprefix("AbcGeom_").partition("_")[0]
         refusals.others[_NAMES_OF_OTHERS.get(schema_name, "other object")] += 1
-    _walk(child, path, chain, shapes, refusals)
+    _walk(child, path, chain, hidden, shapes, refusals)
 
 
 def _open_shape(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.gltf_file import POINTER, GltfFile
+from pdecodec.formats.gltf_file import POINTER, VISIBILITY, GltfFile
 from pdecodec.formats.times import FLOAT32_ROUNDING
 from pdecodec.sequence import Float64Array
 
@@ -108,6 +108,8 @@ def read_clip(file: GltfFile, index: int) -> Clip:
             targets = _targets(file, channel["target"])
             if targets is None:
                 pointer = str(channel["target"].get("extensions", {}).get(POINTER, {}).get("pointer", "something"))
+                if pointer.endswith(f"{VISIBILITY}/visible"):
+                    pointer = "visibility"
                 kind, _, inner = pointer.lstrip("/").partition("/")
                 left_out[f"animation of {inner.partition('/')[0] if kind == 'extensions' else kind}"] = None
             for node, path in targets or ():

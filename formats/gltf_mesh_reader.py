@@ -177,23 +177,39 @@ class _Reader:
         return self._known[key]
 
     def _vertex_attributes(self, connectivity: Connectivity) -> list[Attribute]:
-        """UVs, colours and normals that every primitive has."""
+        """UVs, colours and normals, of those primitives that have them."""
         found = []
         for name in sorted({name for source in self._sources for name in source.accessors}):
+            if name.startswith("_"):
+                self._left_out[name] = None
             if not name.startswith(("TEXCOORD_", "COLOR_", "NORMAL")):
                 continue
-            if not all(name in source.accessors for source in self._sources):
-                self._left_out[f"{name} (some primitives have none)"] = None
-            elif name == "NORMAL":
-                found += [normal_group(connectivity, None)] if connectivity.face_count else []
+            has = np.concatenate(
+                [
+                    np.full(len(block.positions), name in source.accessors)
+                    for block, source in zip(self._blocks, self._sources, strict=True)
+                ]
+            )
+            if name == "NORMAL":
+                if connectivity.face_count:
+                    # Triangles without normals are flat.
+                    of_corner = np.repeat(np.arange(1, connectivity.face_count + 1), connectivity.face_counts)
+                    keys = np.where(has[connectivity.face_indices], 0, of_corner)
+                    found.append(normal_group(connectivity, None if has.all() else keys))
+                continue
+            parts = [source.read(name).astype(np.float32) for source in self._sources if name in source.accessors]
+            width = max(part.shape[1] for part in parts)
+            values = np.concatenate(
+                [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=1) for part in parts]
+            )
+            # Of each vertex, the row, or none.
+            rows = np.where(has, np.cumsum(has) - 1, -1).astype(np.int32)
+            role, main = (UV, "TEXCOORD_0") if name.startswith("TEXCOORD_") else (COLOR, "COLOR_0")
+            name = role_name(role, name, (main,))
+            if role == UV:
+                found.append(Attribute(name, "corner", flipped(values), rows[connectivity.face_indices]))
             else:
-                values = np.concatenate([source.read(name).astype(np.float32) for source in self._sources])
-                role, main = (UV, "TEXCOORD_0") if name.startswith("TEXCOORD_") else (COLOR, "COLOR_0")
-                name = role_name(role, name, (main,))
-                if role == UV:
-                    found.append(Attribute(name, "corner", flipped(values), connectivity.face_indices.copy()))
-                else:
-                    found.append(Attribute(name, "vertex", values))
+                found.append(Attribute(name, "vertex", values, None if has.all() else rows))
         return found
 
     def _materials(self, of_primitives: list[NDArray[np.int64]]) -> list[Attribute]:

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.gltf_animation import Clip, Nodes, Pose, placed_at, read_clip
-from pdecodec.formats.gltf_file import INSTANCING, GltfFile, read_gltf
+from pdecodec.formats.gltf_file import INSTANCING, VISIBILITY, GltfFile, read_gltf
 from pdecodec.formats.gltf_mesh_reader import Block, GltfMesh, read_mesh
 from pdecodec.formats.registry import Transforms
-from pdecodec.formats.scene_reading import SceneSequence, Shape
+from pdecodec.formats.scene_reading import SceneSequence, Shape, hidden_notices
 from pdecodec.formats.scene_space import UNIT, UP_AXIS
 from pdecodec.formats.times import (
     FLOAT32_ROUNDING,
@@ -100,7 +100,7 @@ class GltfSequence(SceneSequence):
         left_out = dict.fromkeys(name for part in parts for name in part.left_out)
         left_out |= dict.fromkeys(() if chosen is None else chosen.left_out)
         kept = (f"not kept: {', '.join(left_out)}",) if left_out else ()
-        self.notices = (*clip_notices, *time_notices, *kept)
+        self.notices = (*clip_notices, *time_notices, *kept, *hidden_notices(parts))
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         self._pose = Pose(self._nodes, self.times[start:stop])
@@ -201,6 +201,7 @@ def _parts_of(file: GltfFile, nodes: Nodes) -> list[_Part]:
                 attributes=mesh.attributes,
                 gather=mesh.gather,
                 left_out=mesh.left_out,
+                hidden=any(not _is_visible(nodes.entries[one]) for one in above),
                 node=number,
                 mesh=mesh,
                 skin=_read_skin(file, node["skin"], nodes) if "skin" in node else None,
@@ -236,6 +237,10 @@ def _instances_of(file: GltfFile, part: _Part, entry: Mapping[str, Any]) -> list
         dataclasses.replace(part, name=f"{part.name}/{number}", instance=matrix, left_out=left_out)
         for number, matrix in enumerate(matrices)
     ]
+
+
+def _is_visible(node: Mapping[str, Any]) -> bool:
+    return bool(node.get("extensions", {}).get(VISIBILITY, {}).get("visible", True))
 
 
 def _node_name(file: GltfFile, nodes: Nodes, index: int) -> str:

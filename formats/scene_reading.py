@@ -29,6 +29,9 @@ from pdecodec.sequence import (
     check_frame_range,
 )
 
+MOST_NAMES = 8
+"""Objects that a notice names; it counts the others."""
+
 
 class Refusals:
     """What a reader does about objects that it cannot read: refuse the file, or leave them out.
@@ -72,7 +75,15 @@ class Refusals:
         names = dict.fromkeys(name for shape in shapes for name in shape.left_out)
         notices += [f"not read: {there}"] if there else []
         notices += [f"not kept: {', '.join(names)}"] if names else []
-        return tuple(notices)
+        return (*notices, *hidden_notices(shapes))
+
+
+def hidden_notices(shapes: Sequence[Shape]) -> tuple[str, ...]:
+    """A line that names shapes that the file hides: there is no place for it here."""
+    names = [repr(shape.name) for shape in shapes if shape.hidden]
+    more = [f"{len(names) - MOST_NAMES} more"] if len(names) > MOST_NAMES else []
+    listed = ", ".join([*names[:MOST_NAMES], *more])
+    return (f"hidden in the file, always or at times, and there all the time here: {listed}",) if names else ()
 
 
 @dataclass(kw_only=True, eq=False)
@@ -89,6 +100,8 @@ class Shape:
         Which of the file's points its vertices are, where that is not all of them in order.
     left_out : list of str
         Names of what is not kept.
+    hidden : bool
+        Whether the file hides it, always or at times.
     """
 
     name: str
@@ -96,6 +109,7 @@ class Shape:
     attributes: Sequence[Attribute]
     gather: NDArray[np.int64] | None = None
     left_out: Sequence[str] = ()
+    hidden: bool = False
 
     def fitted(self, points: Float32Array, path: Path, frame: int) -> Float32Array:
         """(vertices, 3) float32 of the points that the file has at a frame."""

@@ -101,7 +101,9 @@ def int_array(values: NDArray[np.integer]) -> Any:
 def read_extras(prim: Any, connectivity: Connectivity, order: NDArray[np.int64], *, moves: bool = False) -> Extras:
     """Everything constant that the prim carries; `order` as of :class:`Extras`, `moves` whether its points do."""
     extras = Extras(connectivity, order)
-    for primvar in UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithAuthoredValues():
+    for primvar in UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance():
+        if not primvar.HasAuthoredValue():
+            continue
         name = str(primvar.GetPrimvarName())
         if not name.startswith(_OTHERS_OWN) and not (name == NORMALS and connectivity.face_count):
             _read_primvar(primvar, name, extras, moves)
@@ -111,6 +113,8 @@ def read_extras(prim: Any, connectivity: Connectivity, order: NDArray[np.int64],
     if connectivity.face_count:
         _read_normals(UsdGeom.Mesh(prim), extras)
         _read_subsets(prim, extras)
+    elif _material_name(prim):
+        extras.left_out.append("material")
     return extras
 
 
@@ -177,8 +181,14 @@ def _read_subsets(prim: Any, extras: Extras) -> None:
         else:
             found.append((GROUP, name, members))
     bound = _material_name(prim)
-    if bound and not any(role == MATERIAL for role, _, _ in found):
-        found.append((MATERIAL, bound, np.arange(faces)))
+    if bound:
+        own = [members for role, _, members in found if role == MATERIAL]
+        rest = np.setdiff1d(np.arange(faces), np.concatenate(own) if own else [])
+        same = next((index for index, (role, label, _) in enumerate(found) if (role, label) == (MATERIAL, bound)), None)
+        if same is not None:
+            found[same] = (MATERIAL, bound, np.union1d(found[same][2], rest))
+        elif rest.size:
+            found.append((MATERIAL, bound, rest))
     extras.add_face_sets(found)
 
 

@@ -186,8 +186,21 @@ def _find_shapes(stage: Any, refusals: Refusals) -> list[_Shape]:
         elif prim.IsA(UsdGeom.Camera):
             refusals.others["camera"] += 1
         if opened is not None and opened.connectivity.vertex_count:
+            opened.hidden = _is_hidden(prim)
             shapes.append(opened)
     return shapes
+
+
+def _is_hidden(prim: Any) -> bool:
+    """Whether a prim or one above it is invisible, always or at times."""
+    while prim and not prim.IsPseudoRoot():
+        visibility = UsdGeom.Imageable(prim).GetVisibilityAttr() if prim.IsA(UsdGeom.Imageable) else None
+        if visibility and visibility.HasAuthoredValue():
+            codes = [Usd.TimeCode(code) for code in visibility.GetTimeSamples()] or [Usd.TimeCode.Default()]
+            if any(visibility.Get(code) == UsdGeom.Tokens.invisible for code in codes):
+                return True
+        prim = prim.GetParent()
+    return False
 
 
 def _changes(name: str, attributes: Sequence[Any], what: str, refusals: Refusals) -> bool:

@@ -65,6 +65,14 @@ def test_a_rate_that_is_asked_for_is_sampled_at_with_stored_samples_exact(tmp_pa
         assert read.notices == ("sampled at 18 frames per second: 3 of 5 times in the file fall between frames",)
 
 
+@pytest.mark.data
+def test_visibility_of_a_real_file_is_named(shared_data: Path) -> None:
+    path = shared_data / "interop" / "abc" / "mesh_xTranslate_visibilityAnim_15_24fps.abc"
+    with open_sequence(path) as read:
+        hidden = "hidden in the file, always or at times, and there all the time here: 'plane/planeShape'"
+        assert read.notices == (hidden,)
+
+
 def test_faces_that_change_are_refused_with_the_object_and_the_frame(tmp_path: Path) -> None:
     by_hand(tmp_path / "x.abc", [([3], [0, 1, 2]), ([3], [0, 1, 2]), ([4], [0, 1, 2, 3])])
     with pytest.raises(InputError, match=r"object 'changing' has faces that change .* --skip-unsupported") as caught:

@@ -306,6 +306,32 @@ def test_every_mode_of_primitive_is_faces_lines_or_points(
         assert_same_connectivity(read.connectivity, connectivity_of(4, faces, lines))
 
 
+def test_what_some_primitives_have_is_kept_where_it_is(tmp_path: Path) -> None:
+    made, _ = triangle()
+    builder, (whole,) = made.builder, made.builder.root["meshes"][0]["primitives"]
+    other = {"POSITION": builder.floats([[0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]], bounds=True)}
+    corners = builder.integers([0, 1, 2, 2, 1, 3])
+    builder.root["meshes"][0]["primitives"].append({"attributes": other, "indices": corners})
+    uv = [[0, 0], [0.25, 0], [0, 0.5]]
+    whole["attributes"] |= {
+        "TEXCOORD_0": builder.floats(uv),
+        "COLOR_0": builder.floats([[0.5, 0, 0]] * 3),
+        "NORMAL": builder.floats([[0, 0, 1]] * 3),
+    }
+    other |= {"COLOR_0": builder.floats([[0, 0, 0.5, 0.5]] * 4), "_HEAT": builder.floats([[1]] * 4)}
+    builder.root["nodes"][0]["extensions"] = {"KHR_node_visibility": {"visible": False}}
+    with open_sequence(made.save(tmp_path / "x.glb")) as read:
+        found = {one.name: one for one in read.objects[0].attributes}
+        assert found["uv"].indices is not None
+        assert found["uv"].indices.tolist() == [0, 1, 2, *[-1] * 6]
+        assert found["uv"].values.tolist() == [[0, 1], [0.25, 1], [0, 0.5]]
+        assert found["color"].values.tolist() == [[0.5, 0, 0, 1]] * 3 + [[0, 0, 0.5, 0.5]] * 4
+        # The two triangles without normals are flat: where they meet, corners have normals of their own.
+        assert found["normal_group"].values.tolist() == [0, 0, 0, 0, 0, 0, 1, 1, 0]
+        hidden = "hidden in the file, always or at times, and there all the time here: 'node_0'"
+        assert read.notices == ("not kept: _HEAT", hidden)
+
+
 def test_a_clip_is_taken_by_name_at_a_rate_that_is_asked_for_or_assumed_aloud(tmp_path: Path) -> None:
     made, node = triangle()
     for name, length in (("walk", 1), ("run", 2)):

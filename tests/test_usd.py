@@ -14,7 +14,7 @@ from tests.scene_cases import array_of, assert_same_scene, body, broken_rules, s
 
 pytest.importorskip("pxr", reason="USD is not installed here (pip install 'pdecodec[usd]')")
 
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdSkel, Vt
 
 
 def test_names_come_back_that_usd_cannot_hold_and_space_does_not_that_nobody_recorded(tmp_path: Path) -> None:
@@ -240,6 +240,47 @@ def test_shapes_beyond_meshes_are_refused_by_type(tmp_path: Path, kind: str, mes
     stage.Save()
     with pytest.raises(InputError, match=message):
         open_sequence(tmp_path / "x.usda")
+
+
+def test_what_is_hidden_is_named_and_primvars_above_a_mesh_are_its_own(tmp_path: Path) -> None:
+    stage = stage_at(tmp_path / "x.usda")
+    above = UsdGeom.Xform.Define(stage, "/up")
+    color = UsdGeom.PrimvarsAPI(above).CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, "constant")
+    color.Set([(0.25, 0.5, 0.75)])
+    for name in ("a", "b", "c"):
+        triangle(stage, f"/up/{name}")
+    UsdGeom.Imageable(stage.GetPrimAtPath("/up/a")).MakeInvisible()
+    at_times = UsdGeom.Imageable(stage.GetPrimAtPath("/up/b")).CreateVisibilityAttr()
+    for code, value in ((0, "inherited"), (5, "invisible")):
+        at_times.Set(value, code)
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        hidden = "hidden in the file, always or at times, and there all the time here: 'up/a', 'up/b'"
+        assert read.notices == (hidden,)
+        for item in read.objects:
+            (found,) = (one for one in item.attributes if one.name == "color")
+            assert (found.domain, found.values.tolist()) == ("object", [[0.25, 0.5, 0.75]])
+
+
+def test_faces_that_no_subset_binds_have_the_material_of_the_mesh(tmp_path: Path) -> None:
+    stage = stage_at(tmp_path / "x.usda")
+    mesh = triangle(stage, "/a")
+    mesh.CreateFaceVertexCountsAttr([3, 3, 3])
+    mesh.CreateFaceVertexIndicesAttr([0, 1, 2] * 3)
+    curves = UsdGeom.BasisCurves.Define(stage, "/hair")
+    curves.CreatePointsAttr([(0, 0, 0), (1, 0, 0)])
+    curves.CreateCurveVertexCountsAttr([2])
+    skin, nail = (UsdShade.Material.Define(stage, f"/{name}") for name in ("skin", "nail"))
+    binding = UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim())
+    binding.Bind(skin)
+    UsdShade.MaterialBindingAPI.Apply(curves.GetPrim()).Bind(skin)
+    subset = binding.CreateMaterialBindSubset("tip", [1])
+    UsdShade.MaterialBindingAPI.Apply(subset.GetPrim()).Bind(nail)
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        (material,) = (one for one in read.objects[0].attributes if one.name == "material")
+        assert [material.labels[value] for value in material.values] == ["skin", "nail", "skin"]
+        assert read.notices == ("not kept: material",)
 
 
 def test_left_handed_faces_are_turned_around_and_primvars_that_change_are_told(tmp_path: Path) -> None:
