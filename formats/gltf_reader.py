@@ -22,7 +22,7 @@ from pdecodec.formats.gltf_animation import Clip, Nodes, Pose, placed_at, read_c
 from pdecodec.formats.gltf_file import INSTANCING, VISIBILITY, GltfFile, read_gltf
 from pdecodec.formats.gltf_mesh_reader import Block, GltfMesh, read_mesh
 from pdecodec.formats.registry import Transforms
-from pdecodec.formats.scene_reading import SceneSequence, Shape, hidden_notices
+from pdecodec.formats.scene_reading import MOST_INSTANCED, SceneSequence, Shape, hidden_notices
 from pdecodec.formats.scene_space import UNIT, UP_AXIS
 from pdecodec.formats.times import (
     FLOAT32_ROUNDING,
@@ -34,9 +34,6 @@ from pdecodec.formats.times import (
     snapped_times,
 )
 from pdecodec.sequence import Float32Array, Float64Array
-
-MOST_INSTANCED = 2**25
-"""Vertices that instances may become: 400 MB a frame."""
 
 TINY = 1e-30
 """Lengths below are none: they are not divided by."""

@@ -33,6 +33,10 @@ MOST_NAMES = 8
 """Objects that a notice names; it counts the others."""
 
 
+MOST_INSTANCED = 2**25
+"""Vertices that instances may become: 400 MB a frame."""
+
+
 class Refusals:
     """What a reader does about objects that it cannot read: refuse the file, or leave them out.
 
@@ -47,6 +51,8 @@ class Refusals:
         self.found: list[Unsupported] = []
         self.others: Counter[str] = Counter()
         """What there is that is no geometry, by kind."""
+        self.tessellated: Counter[str] = Counter()
+        """Shapes without vertices that became polygons, by kind."""
 
     def refuse(self, name: str, feature: str, frame: int | None = None) -> None:
         """Note an object that cannot be read; raises InputError unless such objects are left out."""
@@ -74,6 +80,9 @@ class Refusals:
             notices.append(f"object {item.name!r} is left out: it has {item.feature}{at}")
         names = dict.fromkeys(name for shape in shapes for name in shape.left_out)
         notices += [f"not read: {there}"] if there else []
+        if self.tessellated:
+            kinds = ", ".join(f"{count} {kind}" for kind, count in self.tessellated.items())
+            notices.append(f"shapes without vertices became polygons: {kinds}")
         notices += [f"not kept: {', '.join(names)}"] if names else []
         return (*notices, *hidden_notices(shapes))
 

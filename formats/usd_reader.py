@@ -7,7 +7,9 @@ sampled there is USD's own value at that code. Faces of left-handed meshes are t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import dataclasses
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,15 +17,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Tf, Usd, UsdGeom, UsdSkel, Vt
+from pxr import Sdf, Tf, Usd, UsdGeom
 
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import CURVE_BASIS, CURVE_WRAP, SUBDIVISION, label_attribute, reversed_corners
 from pdecodec.formats.registry import Transforms
-from pdecodec.formats.scene_reading import Extras, Refusals, SceneSequence, Shape
+from pdecodec.formats.scene_reading import MOST_INSTANCED, Extras, Refusals, SceneSequence, Shape
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, unit_text
 from pdecodec.formats.times import Timing, merged_times, rate_or_default, resampled, snapped_times, without_gaps
 from pdecodec.formats.usd_attributes import ASSUMED, METADATA, first_value, object_name, read_extras
+from pdecodec.formats.usd_implicit import Implicit, read_implicit
+from pdecodec.formats.usd_instances import Instancer, open_instancer
+from pdecodec.formats.usd_skinning import Skinning, find_skinning
 from pdecodec.sequence import Connectivity, Float32Array, Float64Array
 
 SUBDIVISION_SCHEMES = {"catmullClark": "catmull-clark", "loop": "loop", "bilinear": "bilinear"}
@@ -39,7 +44,9 @@ class _Shape(Shape):
 
     prim: Any
     points: Any
-    skinning: _Skinning | None
+    skinning: Skinning | None
+    instancer: Instancer | None = None
+    instance: int = 0
 
     @property
     def placed_by(self) -> Any:
@@ -55,19 +62,35 @@ class _Shape(Shape):
         if self.skinning is not None:
             (straight if self.skinning.is_linear else curved).append(self.skinning.time_codes())
         prim = self.placed_by
-        while prim and not prim.IsPseudoRoot():
+        if self.instancer is not None:
+            straight.append(self.instancer.arrays.GetPositionsAttr().GetTimeSamples())
+            curved += [one.GetTimeSamples() for one in self.instancer.turning]
+            above_it = self.instancer.prim
+            prims = [*_up(prim, self.instancer.roots[self.instancer.prototypes[self.instance]]), *_up(above_it)]
+        else:
+            prims = _up(prim)
+        for prim in prims:
             xformable = UsdGeom.Xformable(prim)
             if xformable:
                 moving = [op for op in xformable.GetOrderedXformOps() if op.GetNumTimeSamples() > 1]
                 shifts = all(op.GetOpType() == UsdGeom.XformOp.TypeTranslate for op in moving)
                 (straight if shifts else curved).append(xformable.GetTimeSamples())
-                if xformable.GetResetXformStack():
-                    break
-            prim = prim.GetParent()
         first, second = (
             [np.asarray(codes, np.float64) for codes in lists if len(codes)] for lists in (straight, curved)
         )
         return first, second
+
+
+def _up(prim: Any, last: Any = None) -> list[Any]:
+    """A prim and those above it whose transforms place it, up to the last one if that is given."""
+    found = []
+    while prim and not prim.IsPseudoRoot():
+        found.append(prim)
+        xformable = UsdGeom.Xformable(prim)
+        if prim == last or (xformable and xformable.GetResetXformStack()):
+            break
+        prim = prim.GetParent()
+    return found
 
 
 class UsdSequence(SceneSequence):
@@ -102,7 +125,10 @@ class UsdSequence(SceneSequence):
         cache = UsdGeom.XformCache()
         for code in self._codes[start:stop].tolist():
             cache.SetTime(Usd.TimeCode(code))
-            found.append(np.array(cache.GetLocalToWorldTransform(shape.placed_by), np.float64))
+            if shape.instancer is None:
+                found.append(np.array(cache.GetLocalToWorldTransform(shape.placed_by), np.float64))
+            else:
+                found.append(shape.instancer.placed(shape.instance, shape.placed_by, cache))
         return np.array(found, np.float64).reshape(-1, 4, 4)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
@@ -167,27 +193,89 @@ def _open_stage(path: Path) -> Any:
 
 
 def _find_shapes(stage: Any, refusals: Refusals) -> list[_Shape]:
-    skinned = _find_skinning(stage)
-    shapes = []
-    for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()):
+    shapes = _shapes_below(stage.GetPseudoRoot(), find_skinning(stage), refusals)
+    counts = Counter(shape.prim.GetTypeName() for shape in shapes if isinstance(shape.points, Implicit))
+    refusals.tessellated.update(counts)
+    return shapes
+
+
+def _shapes_below(root: Any, skinned: Mapping[str, Skinning], refusals: Refusals) -> list[_Shape]:
+    """Shapes at and below a prim; those of instancers once for each instance."""
+    shapes: list[_Shape] = []
+    prims = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies()))
+    for prim in prims:
         name = object_name(prim)
         imageable = UsdGeom.Imageable(prim)
+        skinning = skinned.get(str(prim.GetPath()))
         opened = None
         if imageable and prim.IsA(UsdGeom.Gprim) and imageable.ComputePurpose() not in _PURPOSES:
             refusals.others[f"prim of purpose {imageable.ComputePurpose()}"] += 1
+        elif prim.IsA(UsdGeom.PointInstancer):
+            # Prototypes below it stand nowhere by themselves.
+            prims.PruneChildren()
+            shapes += _instances(prim, name, skinned, refusals)
         elif prim.IsA(UsdGeom.Mesh):
-            opened = _open_mesh(prim, name, refusals, skinned.get(str(prim.GetPath())))
+            opened = _open_mesh(prim, name, refusals, skinning)
         elif prim.IsA(UsdGeom.BasisCurves):
-            opened = _open_curves(prim, name, refusals, skinned.get(str(prim.GetPath())))
+            opened = _open_curves(prim, name, refusals, skinning)
         elif prim.IsA(UsdGeom.Points):
-            opened = _open_points(prim, name, refusals, skinned.get(str(prim.GetPath())))
-        elif prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.PointInstancer):
+            opened = _open_points(prim, name, refusals, skinning)
+        elif (implicit := read_implicit(prim)) is not None:
+            opened = _open_implicit(prim, name, implicit, skinning)
+        elif prim.IsA(UsdGeom.Gprim):
             refusals.refuse(name, f"the type {prim.GetTypeName()}, which is no mesh, curve or point set; convert it")
         elif prim.IsA(UsdGeom.Camera):
             refusals.others["camera"] += 1
         if opened is not None and opened.connectivity.vertex_count:
             opened.hidden = _is_hidden(prim)
             shapes.append(opened)
+    return shapes
+
+
+def _open_implicit(prim: Any, name: str, implicit: Implicit, skinning: Skinning | None) -> _Shape:
+    extras = read_extras(prim, implicit.connectivity, np.arange(implicit.connectivity.face_indices.size))
+    extras.attributes.append(implicit.normal_group)
+    return _Shape(
+        name=name,
+        connectivity=implicit.connectivity,
+        attributes=extras.attributes,
+        left_out=extras.left_out,
+        prim=prim,
+        points=implicit,
+        skinning=skinning,
+    )
+
+
+def _instances(prim: Any, name: str, skinned: Mapping[str, Skinning], refusals: Refusals) -> list[_Shape]:
+    """A shape for each instance and each shape of its prototype."""
+    arrays = UsdGeom.PointInstancer(prim)
+    what = "instances that come, go or change places {}"
+    if _changes(name, [arrays.GetProtoIndicesAttr(), arrays.GetIdsAttr()], what, refusals):
+        return []
+    instancer = open_instancer(prim)
+    if isinstance(instancer, str):
+        refusals.refuse(name, instancer)
+        return []
+    found: dict[int, list[_Shape]] = {}
+    for number in np.unique(instancer.prototypes[instancer.shown]).tolist():
+        found[number] = _shapes_below(instancer.roots[number], skinned, refusals)
+        odd = [one for one in found[number] if one.instancer or (one.skinning is not None and one.skinning.has_joints)]
+        if odd:
+            refusals.refuse(name, f"a prototype with instances or joints of its own ({odd[0].name}); convert it")
+            return []
+    numbers = np.flatnonzero(instancer.shown).tolist()
+    vertices = sum(one.connectivity.vertex_count for k in numbers for one in found[int(instancer.prototypes[k])])
+    if vertices > MOST_INSTANCED:
+        refusals.refuse(name, f"instances of {vertices:,} vertices, more than {MOST_INSTANCED:,}; thin them out")
+        return []
+    shapes = []
+    for number in numbers:
+        prototype = int(instancer.prototypes[number])
+        root = object_name(instancer.roots[prototype])
+        for one in found[prototype]:
+            inner = f"{name}/{number}{one.name.removeprefix(root)}"
+            hidden = one.hidden or bool(instancer.hidden[number])
+            shapes.append(dataclasses.replace(one, name=inner, instancer=instancer, instance=number, hidden=hidden))
     return shapes
 
 
@@ -229,12 +317,12 @@ def _points_alone(schema: Any) -> Connectivity:
     return Connectivity(0 if found is None else len(found))
 
 
-def _moves(schema: Any, skinning: _Skinning | None) -> bool:
+def _moves(schema: Any, skinning: Skinning | None) -> bool:
     """Whether points move in the shape's own space."""
     return skinning is not None or schema.GetPointsAttr().GetNumTimeSamples() > 1
 
 
-def _open_mesh(prim: Any, name: str, refusals: Refusals, skinning: _Skinning | None) -> _Shape | None:
+def _open_mesh(prim: Any, name: str, refusals: Refusals, skinning: Skinning | None) -> _Shape | None:
     mesh = UsdGeom.Mesh(prim)
     faces = [mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr()]
     if _changes(name, faces, "faces that change {} (heterogeneous topology)", refusals):
@@ -260,7 +348,7 @@ def _open_mesh(prim: Any, name: str, refusals: Refusals, skinning: _Skinning | N
     return _shape(name, mesh, extras.own_lines("lineCounts", "lineIndices"), extras, skinning=skinning)
 
 
-def _open_curves(prim: Any, name: str, refusals: Refusals, skinning: _Skinning | None) -> _Shape | None:
+def _open_curves(prim: Any, name: str, refusals: Refusals, skinning: Skinning | None) -> _Shape | None:
     curves = UsdGeom.BasisCurves(prim)
     if _changes(name, [curves.GetCurveVertexCountsAttr()], "curves whose numbers of points change {}", refusals):
         return None
@@ -279,7 +367,7 @@ def _open_curves(prim: Any, name: str, refusals: Refusals, skinning: _Skinning |
     return _shape(name, curves, connectivity, extras, gather=gather, skinning=skinning)
 
 
-def _open_points(prim: Any, name: str, refusals: Refusals, skinning: _Skinning | None) -> _Shape | None:
+def _open_points(prim: Any, name: str, refusals: Refusals, skinning: Skinning | None) -> _Shape | None:
     points = UsdGeom.Points(prim)
     what = "points that come, go or change places {} (their ids change)"
     if _changes(name, [points.GetIdsAttr()], what, refusals):
@@ -295,7 +383,7 @@ def _shape(
     extras: Extras,
     *,
     gather: NDArray[np.int64] | None = None,
-    skinning: _Skinning | None = None,
+    skinning: Skinning | None = None,
 ) -> _Shape:
     if schema.GetNormalsAttr().HasAuthoredValue() and not connectivity.face_count:
         extras.left_out.append("normals")
@@ -323,77 +411,3 @@ def _metadata(stage: Any) -> dict[str, str]:
     if stage.HasAuthoredMetadata("metersPerUnit") and UNIT not in assumed:
         metadata[UNIT] = unit_text(float(UsdGeom.GetStageMetersPerUnit(stage)))
     return metadata
-
-
-class _Skinning:
-    """UsdSkel's blend shapes and joints, which deform one prim."""
-
-    def __init__(self, query: Any, skeleton: Any) -> None:
-        self._query, self._skeleton = query, skeleton
-        self.skeleton_prim = skeleton.GetPrim()
-        self._animation = skeleton.GetAnimQuery()
-        self._shapes = None
-        if query.HasBlendShapes() and self._animation:
-            self._shapes = UsdSkel.BlendShapeQuery(UsdSkel.BindingAPI(query.GetPrim()))
-            self._shape_indices = self._shapes.ComputeBlendShapePointIndices()
-            self._shape_offsets = self._shapes.ComputeSubShapePointOffsets()
-
-    @property
-    def is_linear(self) -> bool:
-        """Whether points move in straight lines between codes at which the animation is sampled."""
-        shapes = self._shapes
-        return not self.has_joints and shapes is not None and shapes.GetNumSubShapes() == shapes.GetNumBlendShapes()
-
-    @property
-    def has_joints(self) -> bool:
-        """Whether points end up in the skeleton's space."""
-        return bool(self._query.HasJointInfluences())
-
-    def time_codes(self) -> list[float]:
-        """Time codes at which the animation is sampled."""
-        if not self._animation:
-            return []
-        codes = list(self._animation.GetJointTransformTimeSamples())
-        if self._shapes is not None:
-            codes += self._animation.GetBlendShapeWeightTimeSamples()
-        return codes
-
-    def deform(self, points: Float32Array, code: float) -> Float32Array:
-        """Points (vertices, 3) at rest in the prim's space, moved to a time code.
-
-        They end up in the skeleton's space where :attr:`has_joints`, else in the prim's.
-        """
-        moved = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(points))
-        if self._shapes is not None:
-            weights = self._animation.ComputeBlendShapeWeights(code)
-            mapper = self._query.GetBlendShapeMapper()
-            if mapper is not None and not mapper.IsIdentity():
-                weights = mapper.Remap(weights, Vt.FloatArray(self._shapes.GetNumBlendShapes()))
-            sub_weights, shapes, sub_shapes = self._shapes.ComputeSubShapeWeights(weights)
-            self._shapes.ComputeDeformedPoints(
-                sub_weights, shapes, sub_shapes, self._shape_indices, self._shape_offsets, moved
-            )
-        if self.has_joints and not self._query.ComputeSkinnedPoints(
-            self._skeleton.ComputeSkinningTransforms(code), moved, code
-        ):
-            path = self._query.GetPrim().GetPath()
-            raise InputError(f"the joints of {path} do not fit its {len(points)} points; export the file again")
-        return np.array(moved, np.float32)
-
-
-def _find_skinning(stage: Any) -> dict[str, _Skinning]:
-    """What deforms each skinned prim of a stage, by the prim's path."""
-    cache = UsdSkel.Cache()
-    predicate = Usd.TraverseInstanceProxies()
-    found = {}
-    for prim in Usd.PrimRange(stage.GetPseudoRoot(), predicate):
-        if not prim.IsA(UsdSkel.Root):
-            continue
-        root = UsdSkel.Root(prim)
-        cache.Populate(root, predicate)
-        for binding in cache.ComputeSkelBindings(root, predicate):
-            skeleton = cache.GetSkelQuery(binding.GetSkeleton())
-            for query in binding.GetSkinningTargets():
-                if skeleton and (query.HasJointInfluences() or query.HasBlendShapes()):
-                    found[str(query.GetPrim().GetPath())] = _Skinning(query, skeleton)
-    return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -230,7 +231,7 @@ def test_faces_that_change_are_refused_or_left_out_by_name(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        *((one, f"object 'thing' has the type {one}") for one in ("Sphere", "PointInstancer", "NurbsPatch")),
+        ("NurbsPatch", "object 'thing' has the type NurbsPatch"),
         ("Camera", "no mesh, curve or point animation: there is 1 camera"),
     ],
 )
@@ -239,6 +240,115 @@ def test_shapes_beyond_meshes_are_refused_by_type(tmp_path: Path, kind: str, mes
     getattr(UsdGeom, kind).Define(stage, "/thing")
     stage.Save()
     with pytest.raises(InputError, match=message):
+        open_sequence(tmp_path / "x.usda")
+
+
+SOLIDS = {
+    "Sphere": ({"radius": 2}, 4 / 3 * np.pi * 8, (4, 4, 4)),
+    "Cube": ({"size": 3}, 27, (3, 3, 3)),
+    "Cylinder": ({"radius": 1, "height": 4, "axis": "X"}, 4 * np.pi, (4, 2, 2)),
+    "Cylinder_1": ({"radiusBottom": 1, "radiusTop": 2, "height": 3, "axis": "Z"}, np.pi * 7, (4, 4, 3)),
+    "Cone": ({"radius": 1, "height": 3, "axis": "Y"}, np.pi, (2, 3, 2)),
+    "Capsule": ({"radius": 1, "height": 2, "axis": "Z"}, (2 + 4 / 3) * np.pi, (2, 2, 4)),
+    "Plane": ({"width": 2, "length": 3, "axis": "Z"}, 0, (2, 3, 0)),
+}
+"""Implicit shapes, their sizes, volume, and the extent of their bounds."""
+
+
+@pytest.mark.parametrize("kind", SOLIDS)
+def test_implicit_shapes_become_closed_polygons_of_their_size(tmp_path: Path, kind: str) -> None:
+    sizes, volume, extent = SOLIDS[kind]
+    stage = stage_at(tmp_path / "x.usda")
+    shape = getattr(UsdGeom, kind).Define(stage, "/solid")
+    for name, size in sizes.items():
+        shape.GetPrim().GetAttribute(name).Set(size)
+    first = next(iter(sizes))
+    for code, scale in ((0, 1), (4, 2)):
+        shape.GetPrim().GetAttribute(first).Set(sizes[first] * scale, code)
+    shape.CreateDisplayColorAttr([(1, 0, 0)])
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        assert (read.times * 24).tolist() == [0, 4]
+        points = read.read_frames(0, 2).astype(np.float64)
+        assert np.allclose(np.ptp(points[0], axis=0), extent, atol=1e-6)
+        assert read.notices == (f"shapes without vertices became polygons: 1 {kind}",)
+        assert [one.name for one in read.objects[0].attributes] == ["color", "normal_group"]
+        whole = read.connectivity
+    if kind == "Sphere":
+        assert np.allclose(points[1], 2 * points[0], atol=1e-5)
+    starts = np.cumsum(whole.face_counts) - whole.face_counts
+    edges, six_volumes = set(), 0.0
+    for start, count in zip(starts, whole.face_counts, strict=True):
+        face = whole.face_indices[start : start + count].tolist()
+        edges |= set(zip(face, face[1:] + face[:1], strict=True))
+        for a, b in zip(face[1:-1], face[2:], strict=True):
+            six_volumes += np.linalg.det(points[0][[face[0], a, b]])
+    assert len(edges) == whole.face_indices.size  # no edge twice the same way round
+    if kind != "Plane":
+        assert edges == {(b, a) for a, b in edges}
+        assert 0.97 * volume < six_volumes / 6 <= volume * 1.0001
+
+
+def instancer(path: Path) -> tuple[Usd.Stage, UsdGeom.PointInstancer]:
+    """Two prototypes, the second a tree, and three instances under a transform."""
+    stage = stage_at(path)
+    above = UsdGeom.Xform.Define(stage, "/up")
+    above.AddTranslateOp().Set(Gf.Vec3d(100, 0, 0))
+    made = UsdGeom.PointInstancer.Define(stage, "/up/many")
+    one = triangle(stage, "/up/many/one")
+    one.AddTranslateOp().Set(Gf.Vec3d(0, 0, 7))
+    UsdGeom.Xform.Define(stage, "/up/many/tree")
+    triangle(stage, "/up/many/tree/leaf").AddScaleOp().Set(Gf.Vec3f(2))
+    made.CreatePrototypesRel().SetTargets(["/up/many/one", "/up/many/tree"])
+    made.CreateProtoIndicesAttr([0, 1, 0])
+    for code in (0, 1):
+        made.CreatePositionsAttr().Set([(10 * code, 0, 0), (20, 0, 0), (30, 0, 0)], code)
+    turn = Gf.Quath(np.sqrt(0.5), 0, 0, np.sqrt(0.5))
+    made.CreateOrientationsAttr([Gf.Quath(1), Gf.Quath(1), turn])
+    return stage, made
+
+
+def test_instances_become_objects_and_prototypes_stand_nowhere_themselves(tmp_path: Path) -> None:
+    stage, made = instancer(tmp_path / "x.usda")
+    made.CreateInvisibleIdsAttr().Set([1], 1)
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        assert [item.name for item in read.objects] == ["up/many/0", "up/many/2"]
+    made.CreateInvisibleIdsAttr().Set([], 0)
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        assert [item.name for item in read.objects] == ["up/many/0", "up/many/1/leaf", "up/many/2"]
+        points = read.read_frames(0, 2)
+        assert points[0, :3].tolist() == [[100, 0, 7], [101, 0, 7], [100, 1, 7]]
+        assert points[1, 0].tolist() == [110, 0, 7]
+        assert points[1, 3:6].tolist() == [[120, 0, 0], [122, 0, 0], [120, 2, 0]]
+        assert np.allclose(points[1, 6:], [[130, 0, 7], [130, 1, 7], [129, 0, 7]], atol=0.01)
+        hidden = "hidden in the file, always or at times, and there all the time here: 'up/many/1/leaf'"
+        assert read.notices == (hidden,)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda made: made.GetProtoIndicesAttr().Set([1, 1, 0], 5), None),
+        (lambda made: made.GetProtoIndicesAttr().Set([1, 1, 5]), "instances of prototypes that are not there"),
+        (
+            lambda made: [made.GetIdsAttr().Set([k, 1, 2], k) for k in (0, 3)],
+            "instances that come, go or change places",
+        ),
+        (lambda made: made.GetProtoIndicesAttr().Set([0] * 2**24), "instances of 50,331,648 vertices, more than"),
+    ],
+)
+def test_instances_that_cannot_be_placed_are_refused_by_name(tmp_path: Path, change: Any, message: str | None) -> None:
+    stage, made = instancer(tmp_path / "x.usda")
+    made.CreateIdsAttr()
+    change(made)
+    stage.Save()
+    if message is None:
+        with open_sequence(tmp_path / "x.usda") as read:
+            assert len(read.objects) == 3
+        return
+    with pytest.raises(InputError, match=f"object 'up/many' has {message}"):
         open_sequence(tmp_path / "x.usda")
 
 
