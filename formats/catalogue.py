@@ -100,8 +100,8 @@ BUILT_IN = (
         holds_velocities=True,
         keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, hard "
         "edges, other constant primvars, face subsets and material names, transforms (--transforms keep), irregular "
-        "times, up axis, unit, velocities (written); UsdSkel and blend shapes are applied, implicit shapes become polygons, instances "
-        "objects",
+        "times, up axis, unit, velocities (written); UsdSkel and blend shapes are applied, implicit shapes "
+        "become polygons, instances objects",
         loses="stored velocities, primvars that change, creases, cameras and lights, materials but for "
         "their names, visibility, NURBS, changing connectivity",
     ),
