@@ -126,16 +126,16 @@ BUILT_IN = (
         extensions=(".xdmf", ".xmf"),
         reader="pdecodec.formats.xdmf:XdmfSequence",
         writer="pdecodec.formats.xdmf:write_xdmf",
-        keeps="faces, lines, times",
+        keeps="faces, lines, times, the surface of solids",
         loses="names of objects, attributes, up axis and unit; changing connectivity",
     ),
     Format(
         name="pvd",
-        title="ParaView collection of VTU files",
+        title="ParaView collection of VTU or VTP files",
         extensions=(".pvd",),
         reader="pdecodec.formats.vtk_files:open_pvd",
         writer="pdecodec.formats.vtk_files:write_pvd",
-        keeps="faces, lines, times, vertex colours (written)",
+        keeps="faces, lines, times, vertex colours (written), the surface of solids; parts are joined",
         loses="names of objects (numbers stay, as point data), other attributes, up axis and unit",
     ),
     Format(
@@ -145,7 +145,8 @@ BUILT_IN = (
         reader="pdecodec.formats.vtk_files:open_vtu",
         writer="pdecodec.formats.vtk_files:write_vtu",
         frame_per_file=True,
-        keeps="faces, lines, vertex colours (written)",
+        keeps="faces, lines, vertex colours (written), the surface of solids; what is not read otherwise VTK reads "
+        "(pip install 'pdecodec[vtk]')",
         loses="names of objects (numbers stay, as point data), other attributes, times (frames are numbered)",
     ),
     Format(
@@ -155,8 +156,8 @@ BUILT_IN = (
         reader="pdecodec.formats.vtk_files:open_vtp",
         frame_per_file=True,
         write_with="a .vtu or .pvd file",
-        keeps="faces, lines, points",
-        loses="data of points and cells, triangle strips, times (frames are numbered)",
+        keeps="faces, lines, points; what is not read otherwise VTK reads (pip install 'pdecodec[vtk]')",
+        loses="data of points and cells, times (frames are numbered)",
     ),
     Format(
         name="vtk",
@@ -165,7 +166,7 @@ BUILT_IN = (
         reader="pdecodec.formats.vtk_files:open_vtk",
         frame_per_file=True,
         write_with="a .vtu or .pvd file",
-        keeps="faces, lines",
+        keeps="faces, lines, the surface of solids; what is not read otherwise VTK reads (pip install 'pdecodec[vtk]')",
         loses="data of points and cells, times (frames are numbered)",
     ),
     Format(
@@ -175,17 +176,18 @@ BUILT_IN = (
         shared_magic=(b"\x89HDF\r\n\x1a\n",),
         reader="pdecodec.formats.exodus:ExodusSequence",
         write_with="a .xdmf file",
-        keeps="shells, surfaces and bars, times, displacements",
-        loses="other variables, names of blocks, volume elements",
+        keeps="shells, bars, points, the surface of solids of every order with its nodes' numbers (attribute node), "
+        "times, displacements",
+        loses="other variables, names of blocks, nodes that are not on the surface, elements of splines",
     ),
     Format(
         name="ply",
         title="PLY, one file a frame",
         extensions=(".ply",),
-        reader="pdecodec.formats.ply_stl_off:open_ply",
+        reader="pdecodec.formats.ply_reader:open_ply",
         writer="pdecodec.formats.ply_stl_off:write_ply",
         frame_per_file=True,
-        keeps="faces, vertex colours (8 bits)",
+        keeps="faces, vertex colours (8 bits); UVs, smooth normals, edges as lines and strips are read",
         loses="names of objects, UVs, lines, other attributes, times (frames are numbered)",
     ),
     Format(

@@ -183,33 +183,55 @@ class MeshFile:
     notices: tuple[str, ...] = ()
 
 
+def _joined(parts: list[MeshFile]) -> MeshFile:
+    """Several meshes as one, their points one after the other; what belongs to points of one alone is left out."""
+    if len(parts) == 1:
+        return parts[0]
+    firsts = np.cumsum([0, *(len(part.points) for part in parts)])
+    shared = [part.connectivity for part in parts]
+    connectivity = Connectivity(
+        int(firsts[-1]),
+        np.concatenate([one.face_counts for one in shared]),
+        np.concatenate([one.face_indices + first for one, first in zip(shared, firsts, strict=False)]),
+        np.concatenate([one.line_counts for one in shared]),
+        np.concatenate([one.line_indices + first for one, first in zip(shared, firsts, strict=False)]),
+    )
+    names = dict.fromkeys(one.name for part in parts for one in part.attributes)
+    notices = dict.fromkeys(notice for part in parts for notice in part.notices)
+    lost = (f"not kept, for it has several parts: {', '.join(names)}",) if names else ()
+    return MeshFile(np.concatenate([part.points for part in parts]), connectivity, (), (*notices, *lost))
+
+
 class FrameSequence(MeshSequence):
     """Files whose frames are read, and compared with the first, when they are asked for.
 
-    `read` gives the mesh of a file, or raises InputError.
+    `files` has those of each frame, mostly one; `read` gives the mesh of a file, or raises InputError.
     """
 
-    def __init__(self, paths: Sequence[Path], timing: Timing, read: Callable[[Path], MeshFile]) -> None:
-        self._paths, self._read = tuple(paths), read
-        first = read(self._paths[0])
+    def __init__(self, files: Sequence[Sequence[Path]], timing: Timing, read: Callable[[Path], MeshFile]) -> None:
+        self._files, self._read = tuple(map(tuple, files)), read
+        first = self._frame(0)
         if len(first.points) == 0:
-            raise InputError("there are no vertices; check the file", path=self._paths[0])
+            raise InputError("there are no vertices; check the file", path=self._files[0][0])
         self._connectivity = first.connectivity
         self.objects = (MeshObject("mesh", first.connectivity, first.attributes),)
         self.times, self.fps, notices = timing
         self.metadata = {}
         self.notices = (*notices, *first.notices)
 
+    def _frame(self, frame: int) -> MeshFile:
+        return _joined([self._read(path) for path in self._files[frame]])
+
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
         points = np.empty((stop - start, self.vertex_count, 3), np.float32)
         for frame in range(start, stop):
-            found = self._read(self._paths[frame])
+            found = self._frame(frame)
             if not found.connectivity.same_as(self._connectivity):
                 raise InputError(
                     f"{_difference(found.connectivity, self._connectivity)}; every frame must have the connectivity of "
                     "the first",
-                    path=self._paths[frame],
+                    path=self._files[frame][0],
                     frame=frame,
                 )
             points[frame - start] = found.points
@@ -219,7 +241,7 @@ class FrameSequence(MeshSequence):
 def open_frames(path: Path, extension: str, read: Callable[[Path], MeshFile], fps: float | None) -> MeshSequence:
     """A file, a frame pattern or a folder as a sequence; errors as of :func:`find_frames` and the first frame."""
     files = find_frames(path, extension)
-    return FrameSequence(files.paths, timing_of_numbers(files.numbers, fps), read)
+    return FrameSequence([[file] for file in files.paths], timing_of_numbers(files.numbers, fps), read)
 
 
 def _difference(mine: Connectivity, first: Connectivity) -> str:

@@ -17,18 +17,12 @@ from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import joined_colors, lost_by_joining
 from pdecodec.formats.frame_files import MeshFile, open_frames, write_frames
 from pdecodec.formats.registry import Output, read_errors
-from pdecodec.formats.vtk_files import read_with_meshio
 from pdecodec.sequence import Connectivity, Float32Array, MeshSequence
 
 STL_HEADER_BYTES, STL_FACET = 84, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 """A binary STL file: 80 bytes of anything and a count, then facets."""
 
 _STL_VERTEX = re.compile(rb"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", re.MULTILINE)
-
-
-def open_ply(path: Path, *, fps: float | None) -> MeshSequence:
-    """Open PLY files, one a frame; read by meshio."""
-    return open_frames(path, ".ply", read_with_meshio, fps)
 
 
 def write_ply(sequence: MeshSequence, output: Output) -> tuple[str, ...]:

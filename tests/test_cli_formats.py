@@ -156,12 +156,12 @@ def test_info_lists_what_it_had_to_leave_out(capsys: pytest.CaptureFixture[str])
 
     write_sequence(scene([body()]), "x.usda")
     stage = Usd.Stage.Open("x.usda")
-    UsdGeom.Sphere.Define(stage, "/root/ball")
+    UsdGeom.NurbsPatch.Define(stage, "/root/ball")
     stage.Save()
     facts, _ = info_of(capsys, "x.usda")
     assert [item["name"] for item in facts["unsupported"]] == ["root/ball"]
     assert run(["convert", "x.usda", "y.npz"]) == 3
-    assert "object 'root/ball' has the type Sphere" in capsys.readouterr().err
+    assert "object 'root/ball' has the type NurbsPatch" in capsys.readouterr().err
     assert run(["convert", "x.usda", "y.npz", "--skip-unsupported"]) == 0
     assert "'root/ball' is left out" in capsys.readouterr().err
 
