@@ -131,7 +131,8 @@ class ExodusSequence(MeshSequence):
                 points[:, :, axis] += np.asarray(values[start:stop], np.float64)
         except _DAMAGE as error:
             raise InputError(f"cannot be read ({error})", path=self._path, frame=start) from error
-        return (points if self._gather is None else points[:, self._gather]).astype(np.float32)
+        with np.errstate(over="ignore"):
+            return (points if self._gather is None else points[:, self._gather]).astype(np.float32)
 
     def close(self) -> None:
         self._moving = {}

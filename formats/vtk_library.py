@@ -1,12 +1,20 @@
 """VTK's files through the library itself (extra ``vtk``): what meshio and our own reader of VTP do not read.
 
 Any XML or legacy data set with points: unstructured grids, polygonal data, structured grids; what is solid gives its
-surface, with the numbers of its points.
+surface, with the numbers of its points. It runs in a process of its own, which damaged files may end.
 """
 
 from __future__ import annotations
 
+import atexit
+import contextlib
+import io
+import os
+import subprocess
+import sys
+import threading
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +29,17 @@ from pdecodec.sequence import Connectivity
 ORIGINAL = "vtkOriginalPointIds"
 """Point data in which the surface filter says which points it took."""
 
+PACKAGE = "vtkmodules"
+
+LEAST_MEMORY, MEMORY_FACTOR = 2**32, 256
+"""Bytes that VTK may take, and how many more for each of a file: LZ4 packs up to 255 in one."""
+
+FIRST_LISTED = 42
+"""First of VTK's numbers of cells with more to them than their points: polyhedra, and those of any order."""
+
+MOST_NUMBERED = 2**62
+"""More points than any cell has: what is not to be followed never has enough."""
+
 
 def else_vtk(read: Callable[[Path], MeshFile]) -> Callable[[Path], MeshFile]:
     """A reader of a file, or the library where that refuses it and the library is installed."""
@@ -31,15 +50,104 @@ def else_vtk(read: Callable[[Path], MeshFile]) -> Callable[[Path], MeshFile]:
         except InputError as refused:
             if not path.is_file():
                 raise
-            try:
-                return read_with_vtk(path)
-            except ModuleNotFoundError:
+            # What is not there: the package, or a module that was taken away.
+            if sys.modules.get(PACKAGE, find_spec(PACKAGE)) is None:
                 message = f"{refused.message}; VTK itself may read it: pip install 'pdecodec[vtk]'"
                 raise InputError(message, path=path) from refused
+            try:
+                return _child.read(path)
             except InputError:
                 raise refused from None
 
     return read_either
+
+
+class _Child:
+    """A process that reads files: what VTK does not expect ends the process that it runs in."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._owner = 0
+
+    def read(self, path: Path) -> MeshFile:
+        """A file's mesh; InputError where VTK cannot read it, or ends."""
+        with self._lock:
+            if self._process is None or self._owner != os.getpid():
+                command = [sys.executable, "-m", __name__]
+                pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+                self._process, self._owner = subprocess.Popen(command, **pipes), os.getpid()  # type: ignore[call-overload]
+            try:
+                found = _asked(self._process, path)
+            except (OSError, ValueError) as error:
+                self.close()
+                raise InputError("VTK ends on this file; check or export it again", path=path) from error
+        if "error" in found:
+            raise InputError(str(found["error"]), path=path)
+        whole = Connectivity(len(found["points"]), *(found[f"part{k}"] for k in range(4)))
+        attributes = (node_attribute(found["node"]),) if "node" in found else ()
+        return MeshFile(found["points"], whole, attributes, tuple(map(str, found["notices"])))
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None and self._owner == os.getpid():
+            for pipe in (self._process.stdin, self._process.stdout):
+                with contextlib.suppress(OSError):
+                    pipe.close()  # type: ignore[union-attr]
+            self._process.kill()
+            self._process.wait()
+        self._process = None
+
+
+def _asked(process: subprocess.Popen[bytes], path: Path) -> dict[str, NDArray[Any]]:
+    """What the child says of a file; OSError or ValueError where it ended."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write(os.fsencode(path.absolute()).hex().encode() + b"\n")
+    process.stdin.flush()
+    size = int.from_bytes(process.stdout.read(8), "little")
+    data = process.stdout.read(size)
+    if not data or len(data) < size:
+        raise ValueError("it ended")
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return dict(arrays)
+
+
+_child = _Child()
+atexit.register(_child.close)
+
+
+def serve() -> None:
+    """Read files whose paths stand on standard input, and write their arrays to standard output."""
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # VTK prints there
+    for line in sys.stdin.buffer:
+        path = Path(os.fsdecode(bytes.fromhex(line.decode())))
+        _limit_memory(path)
+        arrays: dict[str, Any]
+        try:
+            mesh = read_with_vtk(path)
+            whole = mesh.connectivity
+            parts = (whole.face_counts, whole.face_indices, whole.line_counts, whole.line_indices)
+            arrays = {f"part{number}": part for number, part in enumerate(parts)}
+            arrays |= {one.name: one.values for one in mesh.attributes}
+            arrays |= {"points": mesh.points, "notices": np.array(mesh.notices, np.str_)}
+        except Exception as error:  # whatever VTK meets is one line for the parent
+            arrays = {"error": np.array(getattr(error, "message", str(error)))}
+        data = io.BytesIO()
+        np.savez(data, **arrays)
+        out.write(len(data.getbuffer()).to_bytes(8, "little") + data.getbuffer())
+        out.flush()
+
+
+def _limit_memory(path: Path) -> None:
+    """Let this process take no more memory than a file of that size needs."""
+    try:
+        import resource
+    except ModuleNotFoundError:  # not on Windows
+        return
+    most = LEAST_MEMORY + MEMORY_FACTOR * path.stat().st_size
+    resource.setrlimit(resource.RLIMIT_AS, (most, resource.getrlimit(resource.RLIMIT_AS)[1]))
 
 
 def read_with_vtk(path: Path) -> MeshFile:
@@ -49,8 +157,6 @@ def read_with_vtk(path: Path) -> MeshFile:
     ------
     InputError
         If VTK cannot read it, or it holds no points.
-    ModuleNotFoundError
-        If VTK is not installed.
     """
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonCore import vtkObject
@@ -69,6 +175,7 @@ def read_with_vtk(path: Path) -> MeshFile:
         kind = "nothing" if data is None else data.GetClassName()
         raise InputError(f"VTK finds no points with cells in it ({kind}); check or export it again", path=path)
     nodes, gather = data.GetNumberOfPoints(), None
+    _check_cells(data, path)
     names = [
         str(fields.GetArrayName(index))
         for fields in (data.GetPointData(), data.GetCellData())
@@ -113,6 +220,38 @@ def read_with_vtk(path: Path) -> MeshFile:
     return MeshFile(points, connectivity, attributes, (*notices, *left_out_notice(gather, nodes)))
 
 
+def _check_cells(data: Any, path: Path) -> None:
+    """Raise InputError where cells have points that are not there: VTK's filters follow them anywhere."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonDataModel import vtkGenericCell
+
+    if data.IsA("vtkPolyData"):
+        arrays = [data.GetVerts(), data.GetLines(), data.GetPolys(), data.GetStrips()]
+    else:
+        arrays = [data.GetCells()] if data.IsA("vtkUnstructuredGrid") else []
+    fit = True
+    for array in arrays:
+        if array is None or not array.GetNumberOfCells():
+            continue
+        offsets = vtk_to_numpy(array.GetOffsetsArray()).astype(np.int64)
+        points = vtk_to_numpy(array.GetConnectivityArray()).astype(np.int64)
+        ordered = offsets[0] == 0 and (np.diff(offsets) >= 0).all() and offsets[-1] == points.size
+        inside = not points.size or 0 <= points.min() <= points.max() < data.GetNumberOfPoints()
+        fit = fit and bool(ordered) and bool(inside)
+    if fit and data.IsA("vtkUnstructuredGrid") and data.GetNumberOfCells():
+        # GetCellTypesArray before VTK 9.6 is GetCellTypes since.
+        stored = data.GetCellTypes() if hasattr(data, "GetDistinctCellTypes") else data.GetCellTypesArray()
+        kinds = vtk_to_numpy(stored).astype(np.int64)
+        sizes = np.diff(vtk_to_numpy(data.GetCells().GetOffsetsArray()).astype(np.int64))
+        least = np.full(256, MOST_NUMBERED)
+        for number in np.unique(kinds[kinds < FIRST_LISTED]).tolist():
+            cell = vtkGenericCell.InstantiateCell(number)
+            least[number] = MOST_NUMBERED if cell is None else cell.GetNumberOfPoints()
+        fit = kinds.size == sizes.size and bool((sizes >= least[kinds]).all())
+    if not fit:
+        raise InputError("its cells have points that are not there; export it again", path=path)
+
+
 def _rows(counts: NDArray[np.int64], indices: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     return np.split(indices, np.cumsum(counts)[:-1]) if counts.size else []
 
@@ -122,3 +261,7 @@ def _triangles(strip: NDArray[np.int64]) -> NDArray[np.int64]:
     steps = np.arange(max(0, strip.size - 2))
     odd = steps % 2
     return strip[np.stack([steps, steps + 1 + odd, steps + 2 - odd], axis=1)]
+
+
+if __name__ == "__main__":
+    serve()

@@ -14,7 +14,7 @@ import pytest
 from scipy.io import netcdf_file
 
 from pdecodec.errors import InputError
-from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.formats import open_sequence, vtk_library, write_sequence
 from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from tests.mesh_cases import connectivity_of
 from tests.scene_cases import assert_same_connectivity, scene
@@ -234,10 +234,16 @@ def test_what_meshio_refuses_vtk_reads_where_it_is_installed(tmp_path: Path, mon
         with open_sequence(tmp_path / name) as read:
             assert (read.vertex_count, read.connectivity.face_count) == (24, 6)
             assert np.allclose(np.abs(read.read_frames(0, 1)), 0.5)
+    assert vtk_library._child._process is not None
+    vtk_library._child._process.kill()  # as a damaged file does
+    with pytest.raises(InputError, match=r"poly\.vtk: meshio cannot read it"):
+        open_sequence(tmp_path / "poly.vtk")
+    with open_sequence(tmp_path / "poly.vtk") as read:
+        assert read.vertex_count == 24
     (tmp_path / "none.vtu").write_text("<VTKFile>")
     with pytest.raises(InputError, match=r"none\.vtu: meshio cannot read it"):
         open_sequence(tmp_path / "none.vtu")
-    monkeypatch.setitem(sys.modules, "vtkmodules.util.numpy_support", None)
+    monkeypatch.setitem(sys.modules, "vtkmodules", None)
     with pytest.raises(InputError, match=r"VTK itself may read it: pip install 'pdecodec\[vtk\]'"):
         open_sequence(tmp_path / "poly.vtk")
 
