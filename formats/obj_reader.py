@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -273,7 +274,10 @@ class _Model:
             self.objects = tuple(self._build(part, alone=len(parts) == 1) for part in parts)
         else:
             self.objects = (self._build_whole(parts),)
-        self.notices = self._notices(left_out)
+        counts = Counter(part.name or DEFAULT_NAME for part in parts)
+        several = [repr(name) for name, count in counts.items() if count > 1]
+        merged = (f"several objects are called {', '.join(several)}: the file is one object",) if several else ()
+        self.notices = merged + self._notices(left_out)
 
     def _are_separate(self, parts: list[_Part]) -> bool:
         names = [part.name or DEFAULT_NAME for part in parts]

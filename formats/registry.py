@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from pdecodec.errors import InputError, MissingExtraError, SettingsError, naming_file
 from pdecodec.formats.scene_space import bake_transforms
+from pdecodec.formats.times import times_kept
 from pdecodec.sequence import Float32Array, MeshSequence, Progress
 from pdecodec.whole_output import whole_file
 
@@ -90,6 +91,8 @@ class Format:
         Options of :func:`open_sequence` beside ``fps`` that the reader takes.
     holds_transforms, holds_velocities : bool
         Whether the writer can put transforms above objects, and velocities beside positions.
+    times : {"exact", "float32", "microseconds"}
+        How the writer's times come back: as they were, rounded to float32, or only where they are further apart.
     keeps, loses : str
         What comes back after writing and reading, beside positions; what does not.
     """
@@ -107,6 +110,7 @@ class Format:
     options: tuple[str, ...] = ()
     holds_transforms: bool = False
     holds_velocities: bool = False
+    times: Literal["exact", "float32", "microseconds"] = "exact"
     keeps: str = ""
     loses: str = ""
 
@@ -250,7 +254,10 @@ def write_sequence(
     rate = sequence.fps if fps is None else fps
     output = Output(path=where, rate=rate, overwrite=overwrite, velocities=velocities, progress=progress)
     with naming_file(where):
-        return writer(placed, output)
+        rounded: tuple[str, ...] = ()
+        if entry.times != "exact":
+            rounded = times_kept(sequence.times, as_float32=entry.times == "float32", title=entry.title)
+        return (*rounded, *writer(placed, output))
 
 
 @contextmanager

@@ -67,6 +67,40 @@ def regular_rate(times: Float64Array, fps: float) -> float | None:
     return None
 
 
+def times_kept(times: Float64Array, *, as_float32: bool, title: str) -> tuple[str, ...]:
+    """A line that says how far the times [s] of a sequence are off in a format that rounds them.
+
+    Parameters
+    ----------
+    times : (frames,) float64 [s]
+    as_float32 : bool
+        Whether the format keeps float32; else programs take times within :data:`SAME_TIME` for one.
+    title : str
+        Of the format.
+
+    Raises
+    ------
+    InputError
+        If frames would fall together.
+    """
+    # A time beyond float32 is infinite, as is the next one.
+    with np.errstate(over="ignore"):
+        kept = times.astype(np.float32).astype(np.float64) if as_float32 else times
+    together = np.flatnonzero(~(np.diff(kept) > (0 if as_float32 else SAME_TIME)))
+    if together.size:
+        frame = int(together[0]) + 1
+        raise InputError(
+            f"its time {float(times[frame])!r} s and the one before are one in {title}; write .npz or .h5, which keep times "
+            "exactly",
+            frame=frame,
+        )
+    steps = np.diff(times)
+    off = float(np.abs(kept - times).max())
+    if steps.size == 0 or off <= FRAME_SLACK * float(steps.min()):
+        return ()
+    return (f"{title} keeps times as float32: they are up to {off:.1g} s off",)
+
+
 def rate_or_default(stored: float | None, asked: float | None) -> tuple[float, tuple[str, ...]]:
     """Frame rate that the caller asked for, else that of the file, else 24, and notices about it."""
     if asked is not None:

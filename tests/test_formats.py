@@ -61,6 +61,20 @@ def assert_same_motion(read: MeshSequence, clip: MeshSequence, path: str) -> Non
         assert read.fps == pytest.approx(clip.fps, rel=1e-6)
 
 
+@for_each("x.mdd", "x.glb", "x.abc", "x.usdc")
+def test_times_that_would_fall_together_are_refused_and_rounding_is_told(path: str) -> None:
+    fine = 1e6 + np.arange(24) / 24 if path.endswith(("mdd", "glb")) else np.arange(24) * 1e-15
+    with pytest.raises(
+        InputError, match=r"frame \d: its time .* and the one before are one in .*; write \.npz or \.h5"
+    ):
+        write_sequence(scene(times=fine, frames=24, **SPACE), path)
+    if path.endswith(("mdd", "glb")):
+        far = 1e4 + np.arange(4) / 24
+        told = [line for line in write_sequence(scene(times=far, frames=4, **SPACE), path) if "keeps times" in line]
+        title = "glTF" if path.endswith("glb") else "MDD point cache"
+        assert told == [f"{title} keeps times as float32: they are up to 0.0004 s off"]
+
+
 @for_each(*EVERY)
 def test_positions_and_times_come_back_in_any_block(path: str) -> None:
     clip = scene(**SPACE)

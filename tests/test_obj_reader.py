@@ -367,6 +367,12 @@ def test_several_sequences_in_a_folder_are_named_and_told_apart_by_a_pattern(tmp
         assert first_coordinates(tmp_path / name) == numbers
 
 
+def test_objects_of_one_name_become_one_and_a_line_says_so(tmp_path: Path):
+    one = read(tmp_path, f"o a\n{THREE}f 1 2 3\no a\n{THREE}f 4 5 6\n")
+    assert [item.vertex_count for item in one.objects] == [6]
+    assert one.notices == ("several objects are called 'a': the file is one object",)
+
+
 def test_times_are_frame_numbers_over_the_frame_rate_which_is_said_aloud_where_assumed(tmp_path: Path):
     make_frames(tmp_path, [1001, 1002])
     given_rate, assumed, one = (
