@@ -11,7 +11,8 @@ integer for a time, silently: samples are always asked for by their time here.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -52,6 +53,10 @@ _NAMES_OF_OTHERS = {"Camera": "camera", "Light": "light", "Material": "material"
 """What schemas that hold no geometry of ours are called in messages."""
 
 
+_DAMAGE = (RuntimeError, ArithmeticError, LookupError, MemoryError, TypeError, ValueError)
+"""What the library and NumPy raise on damaged files, text that is not UTF-8 among it."""
+
+
 class AlembicSequence(SceneSequence):
     """The geometry of an Alembic file of the Ogawa kind, which stays open until :meth:`close`.
 
@@ -67,16 +72,21 @@ class AlembicSequence(SceneSequence):
         self, path: Path, *, fps: float | None, transforms: Transforms = "bake", skip_unsupported: bool = False
     ) -> None:
         self._path = path
-        self._archive = _open_archive(path)
-        refusals = Refusals(skip=skip_unsupported)
-        shapes: list[_Shape] = []
-        _walk(self._archive.getTop(), "", (), False, shapes, refusals)
-        notices = refusals.notices(shapes)
-        self.times, self.fps, time_notices = _timing(self._archive, shapes, fps)
-        self._take(shapes, transforms)
-        self.metadata = _metadata(self._archive)
+        with _archive_errors(path):
+            self._archive = _open_archive(path)
+            refusals = Refusals(skip=skip_unsupported)
+            shapes: list[_Shape] = []
+            _walk(self._archive.getTop(), "", (), False, shapes, refusals)
+            notices = refusals.notices(shapes)
+            self.times, self.fps, time_notices = _timing(self._archive, shapes, fps)
+            self._take(shapes, transforms)
+            self.metadata = _metadata(self._archive)
         self.unsupported = tuple(refusals.found)
         self.notices = (*time_notices, *notices)
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        with _archive_errors(self._path):
+            return super().read_frames(start, stop)
 
     def _matrices(self, shape: _Shape, start: int, stop: int) -> Float64Array | None:
         if not any(one.moves or not np.array_equal(one.matrices[0], np.eye(4)) for one in shape.chain):
@@ -171,15 +181,22 @@ class _Transform:
         return matrices
 
 
+@contextmanager
+def _archive_errors(path: Path) -> Iterator[None]:
+    """Turn what the library raises on damaged files into one line that names `path`."""
+    try:
+        yield
+    except _DAMAGE as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"is no Alembic file, or a damaged one ({reason}); export it again", path=path) from error
+
+
 def _open_archive(path: Path) -> Any:
     with read_errors(path), path.open("rb") as file:
         head = file.read(len(HDF5_IDENTIFIER))
     if head == HDF5_IDENTIFIER:
         raise InputError("is an HDF5-backed Alembic file; convert it to Ogawa first (abcconvert -toOgawa)", path=path)
-    try:
-        return Abc.IArchive(str(path))
-    except RuntimeError as error:
-        raise InputError(f"is no Alembic file, or a damaged one ({error}); export it again", path=path) from error
+    return Abc.IArchive(str(path))
 
 
 def _walk(

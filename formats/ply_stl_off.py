@@ -107,18 +107,23 @@ def _read_off(path: Path) -> MeshFile:
     body = words[1:] if words[0][1:] else words[2:]
     try:
         vertices, faces = int(head[0]), int(head[1])
-        rows, polygons = body[:vertices], body[vertices : vertices + faces]
-        if len(rows) < vertices or len(polygons) < faces:
+        rows, polygons = body[: max(0, vertices)], body[max(0, vertices) : max(0, vertices) + max(0, faces)]
+        if len(rows) != vertices or len(polygons) != faces:
             raise ValueError(f"{vertices} vertices and {faces} faces are declared")
-        points = _numbers([number for row in rows for number in row[:3]], path).reshape(-1, 3)
+        short = next((number for number, row in enumerate(rows) if len(row) < 3), None)
+        if short is not None:
+            raise ValueError(f"vertex {short} has fewer than three numbers")
         counts = [int(row[0]) for row in polygons]
+        short = next((k for k, row in enumerate(polygons) if not 1 <= counts[k] < len(row)), None)
+        if short is not None:
+            raise ValueError(f"face {short} does not have the {counts[short]} corners that it declares")
+        sizes = np.array(counts, np.int32)
         corners = [int(index) for row, count in zip(polygons, counts, strict=True) for index in row[1 : 1 + count]]
-        if len(points) != vertices:
-            raise ValueError("a vertex has fewer than three numbers")
-    except (IndexError, ValueError) as error:
+        flat = np.array(corners, np.int64)
+    except (IndexError, OverflowError, ValueError) as error:
         raise InputError(f"is a damaged OFF file ({error}); export it again", path=path) from error
-    is_face = np.array([count >= 3 for count in counts], bool)
-    sizes, flat = np.array(counts, np.int32), np.array(corners, np.int64)
+    points = _numbers([number for row in rows for number in row[:3]], path).reshape(-1, 3)
+    is_face = sizes >= 3
     on_face = np.repeat(is_face, sizes)
     connectivity = Connectivity(vertices, sizes[is_face], flat[on_face], sizes[~is_face], flat[~on_face])
     return MeshFile(points, connectivity)

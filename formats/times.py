@@ -90,8 +90,8 @@ def times_kept(times: Float64Array, *, as_float32: bool, title: str) -> tuple[st
     if together.size:
         frame = int(together[0]) + 1
         raise InputError(
-            f"its time {float(times[frame])!r} s and the one before are one in {title}; write .npz or .h5, which keep times "
-            "exactly",
+            f"its time {float(times[frame])!r} s and the one before are one in {title}; "
+            "write .npz or .h5, which keep them apart",
             frame=frame,
         )
     steps = np.diff(times)

@@ -178,8 +178,12 @@ def _timing(stage: Any, shapes: Sequence[_Shape], fps: float | None) -> tuple[Fl
 def _stage_errors(path: Path) -> Iterator[None]:
     try:
         yield
-    except Tf.ErrorException as error:
-        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    except (Tf.ErrorException, UnicodeDecodeError) as error:
+        try:
+            lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        except UnicodeDecodeError:
+            # USD's message quotes the file.
+            lines = ["its text is not UTF-8"]
         reason = lines[-1] if lines else "unknown"
         raise InputError(f"is no USD file, or a damaged one ({reason}); export it again", path=path) from error
 

@@ -65,6 +65,16 @@ def test_a_rate_that_is_asked_for_is_sampled_at_with_stored_samples_exact(tmp_pa
         assert read.notices == ("sampled at 18 frames per second: 3 of 5 times in the file fall between frames",)
 
 
+def test_damaged_text_in_an_archive_is_one_line(tmp_path: Path) -> None:
+    write_sequence(scene(frames=2), tmp_path / "x.abc")
+    data = (tmp_path / "x.abc").read_bytes()
+    for word in (b"hair", b"nail"):
+        assert word in data
+        (tmp_path / "y.abc").write_bytes(data.replace(word, b"\xff" + word[1:]))
+        with pytest.raises(InputError, match=r"is no Alembic file, or a damaged one .*; export it again"):
+            open_sequence(tmp_path / "y.abc")
+
+
 @pytest.mark.data
 def test_visibility_of_a_real_file_is_named(shared_data: Path) -> None:
     path = shared_data / "interop" / "abc" / "mesh_xTranslate_visibilityAnim_15_24fps.abc"

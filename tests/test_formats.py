@@ -72,7 +72,7 @@ def test_times_that_would_fall_together_are_refused_and_rounding_is_told(path: s
         far = 1e4 + np.arange(4) / 24
         told = [line for line in write_sequence(scene(times=far, frames=4, **SPACE), path) if "keeps times" in line]
         title = "glTF" if path.endswith("glb") else "MDD point cache"
-        assert told == [f"{title} keeps times as float32: they are up to 0.0004 s off"]
+        assert told == [f"{title} keeps times as float32: they are up to 0.0003 s off"]
 
 
 @for_each(*EVERY)

@@ -351,6 +351,24 @@ def test_off_is_read_with_faces_of_any_size(tmp_path: Path, head: str) -> None:
         assert read.read_frames(0, 1)[0, 3].tolist() == [0, 0, 1]
 
 
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ("0 0 0\n1 0 0\n0 1 0\n3 0 1 99999999999999999999\n", r"is a damaged OFF file \(.*too large"),
+        ("0 0 0\n1 0 0\n0 1 0\n3 0 1 9999999999\n", "beyond 32 bits"),
+        ("0 0 0\n1 0 0\n0 1 0\n3 0 1\n", r"face 0 does not have the 3 corners that it declares"),
+        ("0 0 0\n1 0 0\n0 1 0\n-3 0 1 2\n", r"face 0 does not have the -3 corners that it declares"),
+        ("0 0 0\n1 0 0\n0 1 0\n99999999999999 0 1 2\n", r"face 0 does not have the 99999999999999 corners"),
+        ("0 0 0\n1 0\n0 1 0\n3 0 1 2\n", "vertex 1 has fewer than three numbers"),
+        ("0 0 0\n1 0 0\n", "3 vertices and 1 faces are declared"),
+    ],
+)
+def test_a_damaged_off_file_is_one_line(tmp_path: Path, rows: str, message: str) -> None:
+    (tmp_path / "x.off").write_text(f"OFF\n3 1 0\n{rows}")
+    with pytest.raises(InputError, match=message):
+        open_sequence(tmp_path / "x.off")
+
+
 def vtp_text(style: str, points: np.ndarray) -> bytes:
     """A quad and a line, its data in one of VTK's styles."""
     arrays: list[tuple[str, str, np.ndarray]] = [("Float32", "Points", points.astype("<f4"))]

@@ -351,6 +351,12 @@ def test_instances_that_cannot_be_placed_are_refused_by_name(
         open_sequence(tmp_path / "x.usda")
 
 
+def test_text_that_is_not_utf_8_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "x.usda").write_bytes('#usda 1.0\ndef Mesh "\xe9" {}\n'.encode("latin-1"))
+    with pytest.raises(InputError, match=r"is no USD file, or a damaged one \(its text is not UTF-8\)"):
+        open_sequence(tmp_path / "x.usda")
+
+
 def test_what_is_hidden_is_named_and_primvars_above_a_mesh_are_its_own(tmp_path: Path) -> None:
     stage = stage_at(tmp_path / "x.usda")
     above = UsdGeom.Xform.Define(stage, "/up")
