@@ -140,7 +140,8 @@ def as_declared(values: NDArray[Any], entry: Mapping[str, Any]) -> NDArray[Any]:
     """Rows of an accessor, integers that its entry calls normalised as float32."""
     if not entry.get("normalized") or values.dtype.kind not in "iu":
         return values
-    return np.maximum(values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max), np.float32(-1))
+    shares: NDArray[np.float32] = values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max)
+    return np.maximum(shares, np.float32(-1))
 
 
 def _part(data: bytes, entry: Mapping[str, Any]) -> bytes:

@@ -71,7 +71,7 @@ def _mesh(data: Any) -> MeshFile:
     points = np.stack([vertex[axis] for axis in "xyz"], axis=1).astype(np.float32)
     counts, indices = _faces(elements.pop("face", None))
     edge = elements.pop("edge", None)
-    lines = np.zeros((0, 2), np.int64)
+    lines: NDArray[Any] = np.zeros((0, 2), np.int64)
     if edge is not None and set(_EDGES) <= set(edge.dtype.names):
         lines = np.stack([edge[name] for name in _EDGES], axis=1).astype(np.int64)
     strips = elements.pop("tristrips", None)
@@ -103,7 +103,7 @@ def _mesh(data: Any) -> MeshFile:
     return MeshFile(points, connectivity, tuple(attributes), notices)
 
 
-def _faces(face: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _faces(face: Any) -> tuple[NDArray[Any], NDArray[Any]]:
     """Corners of each face, and all of them one after the other."""
     name = None if face is None else next((one for one in _INDICES if one in face.dtype.names), None)
     if name is None or not len(face):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,7 +120,7 @@ def _read_off(path: Path) -> MeshFile:
             raise ValueError(f"face {short} does not have the {counts[short]} corners that it declares")
         sizes = np.array(counts, np.int32)
         corners = [int(index) for row, count in zip(polygons, counts, strict=True) for index in row[1 : 1 + count]]
-        flat = np.array(corners, np.int64)
+        flat: NDArray[Any] = np.array(corners, np.int64)
     except (IndexError, OverflowError, ValueError) as error:
         raise InputError(f"is a damaged OFF file ({error}); export it again", path=path) from error
     points = _numbers([number for row in rows for number in row[:3]], path).reshape(-1, 3)

@@ -87,4 +87,5 @@ def open_instancer(prim: Any) -> Instancer | str:
     codes = [Usd.TimeCode(code) for code in arrays.GetInvisibleIdsAttr().GetTimeSamples()]
     masks = [list(arrays.ComputeMaskAtTime(code)) for code in codes or [Usd.TimeCode.EarliestTime()]]
     there = np.array([mask or [True] * prototypes.size for mask in masks], bool).reshape(len(masks), prototypes.size)
-    return Instancer(prim, arrays, roots, prototypes, there.any(axis=0), ~there.all(axis=0))
+    shown, always = np.logical_or.reduce(there), np.logical_and.reduce(there)
+    return Instancer(prim, arrays, roots, prototypes, shown, ~always)

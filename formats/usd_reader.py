@@ -58,7 +58,8 @@ class _Shape(Shape):
 
         Of the first lists, points move in straight lines between codes; of the second they need not.
         """
-        straight, curved = [self.points.GetTimeSamples()], []
+        straight: list[Any] = [self.points.GetTimeSamples()]
+        curved: list[Any] = []
         if self.skinning is not None:
             (straight if self.skinning.is_linear else curved).append(self.skinning.time_codes())
         prim = self.placed_by

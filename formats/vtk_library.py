@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.cells import left_out_notice, node_attribute
 from pdecodec.formats.frame_files import MeshFile
-from pdecodec.sequence import Connectivity
+from pdecodec.sequence import Attribute, Connectivity
 
 ORIGINAL = "vtkOriginalPointIds"
 """Point data in which the surface filter says which points it took."""
@@ -194,7 +194,7 @@ def read_with_vtk(path: Path) -> MeshFile:
         gather = vtk_to_numpy(ids).astype(np.int64)
     points = vtk_to_numpy(data.GetPoints().GetData()).astype(np.float32)
 
-    def cells(array: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def cells(array: Any) -> tuple[NDArray[Any], NDArray[Any]]:
         offsets = vtk_to_numpy(array.GetOffsetsArray()).astype(np.int64)
         return np.diff(offsets), vtk_to_numpy(array.GetConnectivityArray()).astype(np.int64)
 
@@ -204,7 +204,7 @@ def read_with_vtk(path: Path) -> MeshFile:
     if strips:
         corners = np.concatenate(strips)
         faces = np.append(faces[0], np.full(len(corners), 3)), np.append(faces[1], corners)
-    attributes = ()
+    attributes: tuple[Attribute, ...] = ()
     if gather is not None:
         # In the order that the points have in the file.
         order = np.argsort(gather)
