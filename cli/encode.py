@@ -109,6 +109,7 @@ def encode(
     clip: str | None,
     transforms: Any,
     skip_unsupported: bool,
+    isolate: bool,
     up_axis: str | None,
     scale: float,
     overwrite: bool,
@@ -141,7 +142,7 @@ def encode(
     check_output(output, overwrite=overwrite)
     check_apart(source, [output])
     with open_sequence(
-        source, fps=fps, mesh=mesh, clip=clip, transforms=transforms, skip_unsupported=skip_unsupported
+        source, fps=fps, mesh=mesh, clip=clip, transforms=transforms, skip_unsupported=skip_unsupported, isolate=isolate
     ) as whole:
         sequence = place(select_objects(select_frames(whole, frames), objects), up_axis=up_axis, scale=scale)
         say_notices(sequence)

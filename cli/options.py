@@ -88,6 +88,9 @@ _READ_OPTIONS = (
     click.option(
         "--skip-unsupported", is_flag=True, help="Leave out objects of IN that cannot be read, instead of refusing it."
     ),
+    click.option(
+        "--isolate", is_flag=True, help="Read IN in a process of its own, which a file damaged on purpose may end."
+    ),
 )
 
 _PLACE_OPTIONS = (

@@ -154,6 +154,7 @@ def open_sequence(
     clip: str | None = None,
     transforms: Transforms = "bake",
     skip_unsupported: bool = False,
+    isolate: bool = False,
 ) -> MeshSequence:
     """Open a mesh sequence of any registered format.
 
@@ -176,6 +177,9 @@ def open_sequence(
         ``transform`` (:mod:`pdecodec.formats.scene_space`). Others have none.
     skip_unsupported : bool
         Leave out objects that cannot be read, with a notice each, instead of refusing the file.
+    isolate : bool
+        Read in a process of its own: a file that is damaged on purpose can end the libraries that read Alembic, USD
+        and VTK, and the process with them. Costs half a second, and the way of every frame.
 
     Returns
     -------
@@ -199,6 +203,13 @@ def open_sequence(
             users = ", ".join(other.title for other in _formats.values() if name in other.options)
             raise SettingsError(f"--{name} is for {users}; leave it out", path=where)
     given = {"mesh": mesh, "clip": clip, "transforms": transforms, "skip_unsupported": skip_unsupported}
+    if isolate:
+        # It opens sequences itself, in another process.
+        from pdecodec.formats.isolated import IsolatedSequence
+
+        with naming_file(where):
+            files = {"mesh": None if mesh is None else os.path.abspath(mesh)}
+            return IsolatedSequence(where, {**given, **files, "fps": fps})
     reader: Reader = _load(entry, entry.reader, "read", where)
     with naming_file(where):
         return reader(where, fps=fps, **{name: given[name] for name in entry.options})

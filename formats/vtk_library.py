@@ -7,12 +7,7 @@ surface, with the numbers of its points. It runs in a process of its own, which 
 from __future__ import annotations
 
 import atexit
-import contextlib
-import io
-import os
-import subprocess
 import sys
-import threading
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,6 +18,7 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.cells import left_out_notice, node_attribute
+from pdecodec.formats.child import Answer, Child, serve
 from pdecodec.formats.frame_files import MeshFile
 from pdecodec.sequence import Attribute, Connectivity
 
@@ -55,89 +51,32 @@ def else_vtk(read: Callable[[Path], MeshFile]) -> Callable[[Path], MeshFile]:
                 message = f"{refused.message}; VTK itself may read it: pip install 'pdecodec[vtk]'"
                 raise InputError(message, path=path) from refused
             try:
-                return _child.read(path)
+                return _read_in_child(path)
             except InputError:
                 raise refused from None
 
     return read_either
 
 
-class _Child:
-    """A process that reads files: what VTK does not expect ends the process that it runs in."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._process: subprocess.Popen[bytes] | None = None
-        self._owner = 0
-
-    def read(self, path: Path) -> MeshFile:
-        """A file's mesh; InputError where VTK cannot read it, or ends."""
-        with self._lock:
-            if self._process is None or self._owner != os.getpid():
-                command = [sys.executable, "-m", __name__]
-                pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-                self._process, self._owner = subprocess.Popen(command, **pipes), os.getpid()  # type: ignore[call-overload]
-            try:
-                found = _asked(self._process, path)
-            except (OSError, ValueError) as error:
-                self.close()
-                raise InputError("VTK ends on this file; check or export it again", path=path) from error
-        if "error" in found:
-            raise InputError(str(found["error"]), path=path)
-        whole = Connectivity(len(found["points"]), *(found[f"part{k}"] for k in range(4)))
-        attributes = (node_attribute(found["node"]),) if "node" in found else ()
-        return MeshFile(found["points"], whole, attributes, tuple(map(str, found["notices"])))
-
-    def close(self) -> None:
-        """End the process."""
-        if self._process is not None and self._owner == os.getpid():
-            for pipe in (self._process.stdin, self._process.stdout):
-                with contextlib.suppress(OSError):
-                    pipe.close()  # type: ignore[union-attr]
-            self._process.kill()
-            self._process.wait()
-        self._process = None
-
-
-def _asked(process: subprocess.Popen[bytes], path: Path) -> dict[str, NDArray[Any]]:
-    """What the child says of a file; OSError or ValueError where it ended."""
-    assert process.stdin is not None
-    assert process.stdout is not None
-    process.stdin.write(os.fsencode(path.absolute()).hex().encode() + b"\n")
-    process.stdin.flush()
-    size = int.from_bytes(process.stdout.read(8), "little")
-    data = process.stdout.read(size)
-    if not data or len(data) < size:
-        raise ValueError("it ended")
-    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-        return dict(arrays)
-
-
-_child = _Child()
+_child = Child(__name__)
 atexit.register(_child.close)
 
 
-def serve() -> None:
-    """Read files whose paths stand on standard input, and write their arrays to standard output."""
-    out = os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # VTK prints there
-    for line in sys.stdin.buffer:
-        path = Path(os.fsdecode(bytes.fromhex(line.decode())))
-        _limit_memory(path)
-        arrays: dict[str, Any]
-        try:
-            mesh = read_with_vtk(path)
-            whole = mesh.connectivity
-            parts = (whole.face_counts, whole.face_indices, whole.line_counts, whole.line_indices)
-            arrays = {f"part{number}": part for number, part in enumerate(parts)}
-            arrays |= {one.name: one.values for one in mesh.attributes}
-            arrays |= {"points": mesh.points, "notices": np.array(mesh.notices, np.str_)}
-        except Exception as error:  # whatever VTK meets is one line for the parent
-            arrays = {"error": np.array(getattr(error, "message", str(error)))}
-        data = io.BytesIO()
-        np.savez(data, **arrays)
-        out.write(len(data.getbuffer()).to_bytes(8, "little") + data.getbuffer())
-        out.flush()
+def _read_in_child(path: Path) -> MeshFile:
+    found = _child.ask(path)
+    whole = Connectivity(len(found["points"]), *(found[f"part{k}"] for k in range(4)))
+    attributes = (node_attribute(found["node"]),) if "node" in found else ()
+    return MeshFile(found["points"], whole, attributes, tuple(map(str, found["notices"])))
+
+
+def _answer(path: Path) -> Answer:
+    _limit_memory(path)
+    mesh = read_with_vtk(path)
+    whole = mesh.connectivity
+    parts = (whole.face_counts, whole.face_indices, whole.line_counts, whole.line_indices)
+    arrays = {f"part{number}": part for number, part in enumerate(parts)}
+    arrays |= {one.name: one.values for one in mesh.attributes}
+    return {**arrays, "points": mesh.points, "notices": np.array(mesh.notices, np.str_)}
 
 
 def _limit_memory(path: Path) -> None:
@@ -264,4 +203,4 @@ def _triangles(strip: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 if __name__ == "__main__":
-    serve()
+    serve(_answer)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from random import Random
 
 import numpy as np
 import pytest
@@ -73,6 +74,32 @@ def test_damaged_text_in_an_archive_is_one_line(tmp_path: Path) -> None:
         (tmp_path / "y.abc").write_bytes(data.replace(word, b"\xff" + word[1:]))
         with pytest.raises(InputError, match=r"is no Alembic file, or a damaged one .*; export it again"):
             open_sequence(tmp_path / "y.abc")
+
+
+@pytest.mark.data
+def test_a_file_that_ends_the_library_is_one_line_where_it_is_isolated(shared_data: Path, tmp_path: Path) -> None:
+    damaged = bytearray((shared_data / "interop" / "abc" / "rotatingCube.abc").read_bytes())
+    # Of random damage, the first that ends this process in a segmentation fault.
+    random = Random(39)
+    for _ in range(random.randint(1, 8)):
+        damaged[random.randrange(len(damaged))] = random.randrange(256)
+    (tmp_path / "x.abc").write_bytes(damaged)
+    with pytest.raises(InputError, match=r"x\.abc: the library that reads it ended on this file: it is damaged"):
+        open_sequence(tmp_path / "x.abc", isolate=True)
+
+
+def test_an_isolated_sequence_is_the_same_and_outlives_no_crash(tmp_path: Path) -> None:
+    write_sequence(scene(up_axis="Y", unit="m"), tmp_path / "x.abc")
+    with open_sequence(tmp_path / "x.abc") as plain, open_sequence(tmp_path / "x.abc", isolate=True) as read:
+        assert_same_scene(read, plain)
+        assert (dict(read.metadata), read.notices) == (dict(plain.metadata), plain.notices)
+        process = read._child._process  # type: ignore[attr-defined]
+        process.kill()
+        with pytest.raises(InputError, match="ended on this file") as caught:
+            read.read_frames(2, 4)
+        assert caught.value.frame == 2
+    with pytest.raises(InputError, match=r"there is no such file; check the name"):
+        open_sequence(tmp_path / "none.abc", isolate=True)
 
 
 @pytest.mark.data

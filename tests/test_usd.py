@@ -351,6 +351,18 @@ def test_instances_that_cannot_be_placed_are_refused_by_name(
         open_sequence(tmp_path / "x.usda")
 
 
+def test_what_an_isolated_stage_leaves_out_is_told(tmp_path: Path) -> None:
+    stage = stage_at(tmp_path / "x.usda")
+    triangle(stage, "/a")
+    UsdGeom.NurbsPatch.Define(stage, "/b")
+    stage.Save()
+    with pytest.raises(InputError, match=r"x\.usda: object 'b' has the type NurbsPatch"):
+        open_sequence(tmp_path / "x.usda", isolate=True)
+    with open_sequence(tmp_path / "x.usda", isolate=True, skip_unsupported=True) as read:
+        assert [(one.name, one.frame) for one in read.unsupported] == [("b", None)]
+        assert read.read_frames(0, 1).shape == (1, 3, 3)
+
+
 def test_text_that_is_not_utf_8_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "x.usda").write_bytes('#usda 1.0\ndef Mesh "\xe9" {}\n'.encode("latin-1"))
     with pytest.raises(InputError, match=r"is no USD file, or a damaged one \(its text is not UTF-8\)"):
