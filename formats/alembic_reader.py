@@ -35,7 +35,7 @@ from pdecodec.formats.times import (
     round_rate,
     snapped_times,
 )
-from pdecodec.sequence import Connectivity, Float32Array, Float64Array
+from pdecodec.sequence import Connectivity, Float32Array, Float64Array, check_frame_range
 
 HDF5_IDENTIFIER = b"\x89HDF\r\n\x1a\n"
 
@@ -85,6 +85,7 @@ class AlembicSequence(SceneSequence):
         self.notices = (*time_notices, *notices)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
         with _archive_errors(self._path):
             return super().read_frames(start, stop)
 

@@ -20,7 +20,7 @@ DRACO = "KHR_draco_mesh_compression"
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 MOST_DECODED = 2**30
-"""Bytes that one buffer view may become."""
+"""Bytes that the buffer views of a file may become together."""
 
 _FILTER_STRIDES = {"OCTAHEDRAL": (4, 8), "QUATERNION": (8,), "EXPONENTIAL": tuple(range(4, 257, 4))}
 """Bytes of the rows that each filter is for; meshoptimizer ends the process at others."""
@@ -60,8 +60,8 @@ def decode_draco(data: bytes) -> DracoMesh:
     )
 
 
-def decode_view(data: bytes, entry: Mapping[str, Any]) -> bytes:
-    """A buffer view that meshoptimizer compressed; `entry` is what its extension says.
+def decode_view(data: bytes, entry: Mapping[str, Any], most: int = MOST_DECODED) -> bytes:
+    """A buffer view that meshoptimizer compressed, at most so many bytes; `entry` is what its extension says.
 
     Raises
     ------
@@ -73,8 +73,8 @@ def decode_view(data: bytes, entry: Mapping[str, Any]) -> bytes:
     stride, count, mode, kind = entry["byteStride"], entry["count"], entry["mode"], entry.get("filter", "NONE")
     if not (isinstance(stride, int) and isinstance(count, int) and 0 < stride <= 256 and count >= 0):
         raise ValueError("its rows have no size")
-    if stride * count > MOST_DECODED:
-        raise ValueError(f"it becomes {stride * count / 1e9:.1f} GB")
+    if stride * count > most:
+        raise ValueError(f"it becomes {stride * count / 1e9:.1f} GB, {most / 1e9:.1f} GB are left")
     if kind != "NONE" and (mode != "ATTRIBUTES" or stride not in _FILTER_STRIDES.get(str(kind), ())):
         raise ValueError(f"its filter {kind} is not known, or not for rows of {stride} bytes")
     decoder = _decoder("meshoptimizer", MESHOPT[0])

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.gltf_compression import DRACO, MESHOPT, decode_view
+from pdecodec.formats.gltf_compression import DRACO, MESHOPT, MOST_DECODED, decode_view
 from pdecodec.formats.registry import read_errors
 from pdecodec.sequence import Float32Array
 
@@ -124,7 +124,8 @@ class GltfFile:
             first = int(view.get("byteOffset", 0))
             return view, self.buffers[view["buffer"]], first, first + int(view["byteLength"])
         if index not in self._decoded:
-            self._decoded[index] = decode_view(_part(self.buffers[packed["buffer"]], packed), packed)
+            left = MOST_DECODED - sum(map(len, self._decoded.values()))
+            self._decoded[index] = decode_view(_part(self.buffers[packed["buffer"]], packed), packed, left)
         return view, self._decoded[index], 0, len(self._decoded[index])
 
     def view_bytes(self, index: int) -> bytes:

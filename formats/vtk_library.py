@@ -85,8 +85,9 @@ def _limit_memory(path: Path) -> None:
         import resource
     except ModuleNotFoundError:  # not on Windows
         return
-    most = LEAST_MEMORY + MEMORY_FACTOR * path.stat().st_size
-    resource.setrlimit(resource.RLIMIT_AS, (most, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    most, hard = LEAST_MEMORY + MEMORY_FACTOR * path.stat().st_size, resource.getrlimit(resource.RLIMIT_AS)[1]
+    if hard == resource.RLIM_INFINITY or most <= hard:
+        resource.setrlimit(resource.RLIMIT_AS, (most, hard))
 
 
 def read_with_vtk(path: Path) -> MeshFile:

@@ -132,6 +132,17 @@ def test_rows_that_meshopt_filtered_come_back(tmp_path: Path) -> None:
         assert np.abs(read.read_frames(0, 1)[0] - POINTS[:18]).max() < 1e-4
 
 
+def test_views_that_become_more_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = save_with_fallback(meshopt_sheet(), tmp_path / "x.glb")
+    # Positions take 160 bytes, indices 144.
+    monkeypatch.setattr("pdecodec.formats.gltf_file.MOST_DECODED", 300)
+    with pytest.raises(InputError, match=r"it becomes 0\.0 GB, 0\.0 GB are left"):
+        open_sequence(path)
+    monkeypatch.setattr("pdecodec.formats.gltf_file.MOST_DECODED", 304)
+    with open_sequence(path) as read:
+        assert read.vertex_count == 20
+
+
 @pytest.mark.parametrize(("package", "made"), [("DracoPy", draco_sheet), ("meshoptimizer", meshopt_sheet)])
 def test_without_the_package_compressed_geometry_is_refused_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str, made: Any
