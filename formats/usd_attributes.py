@@ -48,6 +48,9 @@ _UV_NAMES = ("st", "uv", "UVMap", "map1")
 NORMALS = "normals"
 """Name of the primvar that goes before the attribute of that name."""
 
+SAMPLED = f"{OWN}Sampled"
+"""Custom data of a layer: whether every frame is a sample, so that nothing lies between samples."""
+
 _OTHERS_OWN = ("skel:",)
 """Beginnings of primvars that belong to something else: what they do is in the points."""
 

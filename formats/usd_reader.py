@@ -25,7 +25,7 @@ from pdecodec.formats.registry import Transforms
 from pdecodec.formats.scene_reading import MOST_INSTANCED, Extras, Refusals, SceneSequence, Shape
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, unit_text
 from pdecodec.formats.times import Timing, merged_times, rate_or_default, resampled, snapped_times, without_gaps
-from pdecodec.formats.usd_attributes import ASSUMED, METADATA, first_value, object_name, read_extras
+from pdecodec.formats.usd_attributes import ASSUMED, METADATA, SAMPLED, first_value, object_name, read_extras
 from pdecodec.formats.usd_implicit import Implicit, read_implicit
 from pdecodec.formats.usd_instances import Instancer, open_instancer
 from pdecodec.formats.usd_skinning import Skinning, find_skinning
@@ -168,7 +168,8 @@ def _timing(stage: Any, shapes: Sequence[_Shape], fps: float | None) -> tuple[Fl
     if says and fps is not None:
         times, notices = resampled(stored, fps)
     else:
-        times = without_gaps(stored, nominal) if curved else stored
+        sampled = bool(stage.GetRootLayer().customLayerData.get(SAMPLED))
+        times = without_gaps(stored, nominal) if curved and not sampled else stored
     codes = times * per_second
     whole = np.rint(codes)
     codes = np.where(np.abs(codes - whole) < 1e-9 * np.maximum(1, np.abs(whole)), whole, codes)

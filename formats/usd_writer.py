@@ -24,6 +24,7 @@ from pdecodec.formats.usd_attributes import (
     NAME,
     NORMALS,
     OWN,
+    SAMPLED,
     int_array,
     valid_name,
     write_extras,
@@ -87,6 +88,7 @@ class _Stage:
         sequence, stage = self._sequence, self._stage
         codes = _codes(sequence.times, self._output.rate)
         stage.SetTimeCodesPerSecond(self._output.rate)
+        stage.SetMetadataByDictKey("customLayerData", SAMPLED, True)
         stage.SetFramesPerSecond(self._output.rate)
         stage.SetStartTimeCode(float(codes[0]))
         stage.SetEndTimeCode(float(codes[-1]))

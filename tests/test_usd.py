@@ -11,7 +11,7 @@ import pytest
 
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_sequence
-from pdecodec.sequence import Connectivity
+from pdecodec.sequence import ArraySequence, Connectivity
 from tests.scene_cases import array_of, assert_same_scene, body, broken_rules, scene
 
 pytest.importorskip("pxr", reason="USD is not installed here (pip install 'pdecodec[usd]')")
@@ -93,6 +93,17 @@ def test_between_keys_of_what_turns_frames_stand_at_the_rate_of_the_stage(tmp_pa
         angle = np.radians(30)
         assert np.allclose(read.read_frames(1, 2)[0, 1], [np.cos(angle), np.sin(angle), 0], atol=1e-6)
         assert read.notices == ()
+
+
+def test_irregular_times_of_transforms_that_we_wrote_stay_what_they_were(tmp_path: Path) -> None:
+    turning(tmp_path / "x.usda")
+    with open_sequence(tmp_path / "x.usda", transforms="keep") as read:
+        some = [0, 2, 3, 7]
+        (item,) = read.objects
+        clip = ArraySequence(read.read_frames(0, 8)[some], objects=[item], times=read.times[some], fps=24)
+    write_sequence(clip, tmp_path / "y.usda")
+    with open_sequence(tmp_path / "y.usda") as again:
+        assert np.allclose(again.times, clip.times, rtol=0, atol=1e-9)
 
 
 def test_a_rate_that_is_asked_for_is_sampled_at_and_the_last_key_kept(tmp_path: Path) -> None:
