@@ -173,18 +173,30 @@ def test_info_measures_every_frame_when_asked(capsys: pytest.CaptureFixture[str]
     assert facts["bounds"] == [clip.points.min(axis=(0, 1)).tolist(), clip.points.max(axis=(0, 1)).tolist()]
 
 
+REFUSED = {
+    "files/abc": ["cortex_points.abc", "openusd_testAbcCamera.abc"],
+    "interop/abc": ["varTopo_bakedVelocity_0-1_30fps.abc", "variableTopoSubd.abc"],
+}
+"""Files of the shared data whose points or faces change, or that hold none."""
+
+
 @pytest.mark.data
-@pytest.mark.parametrize("folder", ["abc", "usd", "gltf"])
+@pytest.mark.parametrize(
+    "folder", [f"{place}/{kind}" for place in ("files", "interop") for kind in ("abc", "usd", "gltf")]
+)
 def test_every_file_of_the_shared_data_is_read_or_refused_by_one_clear_line(
     shared_data: Path, folder: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    needed(folder)
+    needed(folder.partition("/")[2])
     refused = []
-    for file in sorted((shared_data / "files" / folder).iterdir()):
+    found = [file for file in (shared_data / folder).rglob("*") if file.suffix not in (".bin", ".txt", ".json", "")]
+    for file in sorted(found):
         code = run(["info", str(file), "--fps", "30"])
         said = capsys.readouterr().err
+        if code == 5:
+            continue  # compressed glTF, whose package is not installed here
         if code:
             assert code == 3
             assert said.count("\n") == 1
             refused.append(file.name)
-    assert refused == {"abc": ["cortex_points.abc", "openusd_testAbcCamera.abc"]}.get(folder, [])
+    assert refused == REFUSED.get(folder, [])
