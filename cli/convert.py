@@ -45,6 +45,7 @@ def convert(
     objects: tuple[str, ...],
     up_axis: str | None,
     scale: float,
+    unit: str | None,
     velocities: bool,
     overwrite: bool,
     as_json: bool,
@@ -67,7 +68,7 @@ def convert(
     check_output(written, overwrite=overwrite)
     check_apart(source, [written])
     with open_sequence(source, **reading) as whole:
-        sequence = place(select_objects(select_frames(whole, frames), objects), up_axis=up_axis, scale=scale)
+        sequence = place(select_objects(select_frames(whole, frames), objects), up_axis=up_axis, scale=scale, unit=unit)
         say_notices(sequence)
         with progress_bar() as progress:
             notices = write_sequence(

@@ -68,6 +68,7 @@ def decode(
     velocities: bool,
     up_axis: str | None,
     scale: float,
+    unit: str | None,
     max_memory: int | None,
     overwrite: bool,
     as_json: bool,
@@ -100,12 +101,12 @@ def decode(
     limits = DecodeLimits() if max_memory is None else DecodeLimits(max_memory=max_memory)
     with open_animation(source, limits=limits) as animation:
         chosen = _chosen(animation, at=at, times=times, fps=fps, frames=frames, outside=outside)
-        positions = place(select_objects(chosen, objects), up_axis=up_axis, scale=scale)
+        positions = place(select_objects(chosen, objects), up_axis=up_axis, scale=scale, unit=unit)
         sequences = [positions]
         speeds: MeshSequence | None = None
         if velocities:
             speeds = SampledAnimation(animation, chosen.times, quantity="velocities", outside=outside)
-            speeds = place(select_objects(speeds, objects), up_axis=up_axis, scale=scale)
+            speeds = place(select_objects(speeds, objects), up_axis=up_axis, scale=scale, unit=unit)
             sequences.append(speeds)
         say_notices(positions)
         notices: dict[str, None] = {}

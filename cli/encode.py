@@ -111,6 +111,7 @@ def encode(
     skip_unsupported: bool,
     up_axis: str | None,
     scale: float,
+    unit: str | None,
     overwrite: bool,
     as_json: bool,
     rms: float | None,
@@ -143,7 +144,7 @@ def encode(
     with open_sequence(
         source, fps=fps, mesh=mesh, clip=clip, transforms=transforms, skip_unsupported=skip_unsupported
     ) as whole:
-        sequence = place(select_objects(select_frames(whole, frames), objects), up_axis=up_axis, scale=scale)
+        sequence = place(select_objects(select_frames(whole, frames), objects), up_axis=up_axis, scale=scale, unit=unit)
         say_notices(sequence)
         with progress_bar() as progress, naming_file(source):
             if size is not None:

@@ -94,6 +94,9 @@ _PLACE_OPTIONS = (
         help="Turn the scene so that this axis is up; where IN does not say which one is, record this one.",
     ),
     click.option("--scale", type=float, default=1.0, metavar="X", help="Multiply positions by this; the unit adapts."),
+    click.option(
+        "--unit", metavar="UNIT", help="The length of a unit of IN, where it does not say it: cm, m, '2.5 m'."
+    ),
 )
 
 

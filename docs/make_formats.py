@@ -36,7 +36,8 @@ CONVENTIONS = """\
 - **Transforms** above objects are applied to positions, or kept (`--transforms keep`) as the attribute `transform`:
   rows of a time and a matrix. Formats without transforms get positions with transforms applied.
 - **Up axis and unit** are the metadata `up_axis` and `unit`, where a file says them. `--up-axis` turns the scene,
-  `--scale` scales it and its unit.
+  `--scale` scales it and its unit, `--unit` says what nobody recorded. USD files say what is known and no more; glTF
+  and Alembic are Y-up, so that other scenes are turned, aloud.
 """
 
 

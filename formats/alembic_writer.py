@@ -7,6 +7,7 @@ faces, and which vertex each point of a curve is where curves share them.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -39,7 +40,7 @@ from pdecodec.formats.attribute_roles import (
     uv_sets,
 )
 from pdecodec.formats.registry import Output
-from pdecodec.formats.scene_space import apply_matrices, matrices_at, transform_of
+from pdecodec.formats.scene_space import apply_matrices, matrices_at, place, transform_of, up_axis_of
 from pdecodec.formats.scene_writing import ShapeWriter, tree_paths, write_shapes
 from pdecodec.formats.times import regular_rate
 from pdecodec.sequence import Attribute, Float32Array, Float64Array, MeshObject, MeshSequence
@@ -61,10 +62,19 @@ _BASES = {
 
 
 def write_alembic(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
-    """Write an Ogawa file; velocities are stored as ``.velocities``."""
+    """Write an Ogawa file; velocities are stored as ``.velocities``.
+
+    Alembic does not say which axis is up: programs take Y, so the scene is turned where another is known to be.
+    """
+    turned: tuple[str, ...] = ()
+    if up_axis_of(sequence) not in (None, "Y"):
+        turned = (f"the scene is turned from {up_axis_of(sequence)}-up to Y-up, as programs take Alembic to be",)
+        sequence = place(sequence, up_axis="Y")
+        if output.velocities is not None:
+            output = dataclasses.replace(output, velocities=place(output.velocities, up_axis="Y"))
     with output.whole_file() as partial:
         try:
-            return _write(sequence, partial, output)
+            return (*turned, *_write(sequence, partial, output))
         except RuntimeError as error:
             raise InputError(f"Alembic cannot write this ({error}); check the folder and the free space") from error
 

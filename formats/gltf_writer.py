@@ -57,7 +57,7 @@ def write_gltf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     elif axis != "Y":
         notices.append(f"the scene is turned from {axis}-up to Y-up, as glTF has it")
     if metres is None:
-        notices.append("the length of a unit is not recorded: taken as a metre, as glTF has it")
+        notices.append("the length of a unit is not recorded: taken as a metre, as glTF has it (--unit says it)")
     elif metres != 1.0:
         notices.append(
             f"glTF counts in metres: it shows a unit of {metres:g} m as one (--scale {metres:g} makes it so)"

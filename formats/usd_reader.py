@@ -22,7 +22,7 @@ from pdecodec.formats.registry import Transforms
 from pdecodec.formats.scene_reading import Extras, Refusals, SceneSequence, Shape
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, unit_text
 from pdecodec.formats.times import Timing, merged_times, rate_or_default, snapped_times
-from pdecodec.formats.usd_attributes import ASSUMED, METADATA, first_value, object_name, read_extras
+from pdecodec.formats.usd_attributes import METADATA, first_value, object_name, read_extras
 from pdecodec.sequence import Connectivity, Float32Array, Float64Array
 
 SUBDIVISION_SCHEMES = {"catmullClark": "catmull-clark", "loop": "loop", "bilinear": "bilinear"}
@@ -281,10 +281,9 @@ def _metadata(stage: Any) -> dict[str, str]:
     data = stage.GetRootLayer().customLayerData
     stored = data.get(METADATA, {})
     metadata = {str(key): str(text) for key, text in stored.items()} if isinstance(stored, dict) else {}
-    assumed = set(data.get(ASSUMED, "").split())
-    if stage.HasAuthoredMetadata("upAxis") and UP_AXIS not in assumed:
+    if stage.HasAuthoredMetadata("upAxis"):
         metadata[UP_AXIS] = str(UsdGeom.GetStageUpAxis(stage))
-    if stage.HasAuthoredMetadata("metersPerUnit") and UNIT not in assumed:
+    if stage.HasAuthoredMetadata("metersPerUnit"):
         metadata[UNIT] = unit_text(float(UsdGeom.GetStageMetersPerUnit(stage)))
     return metadata
 

@@ -19,7 +19,6 @@ from pdecodec.formats.scene_space import UNIT, UP_AXIS, matrices_at, metres_per_
 from pdecodec.formats.scene_writing import ShapeWriter, drawn_as, steps_of, tree_paths, write_shapes
 from pdecodec.formats.usd_attributes import (
     ADDED,
-    ASSUMED,
     METADATA,
     NAME,
     NORMALS,
@@ -35,8 +34,8 @@ from pdecodec.whole_output import check_writable, partial_folder, write_errors
 ROOT = "scene"
 """Name of the prim above all others where the tree has several roots: a stage has one default prim."""
 
-USD_UP, USD_METRES = "Y", 0.01
-"""What a stage is taken to be where it does not say."""
+USD_METRES = 0.01
+"""Length of a unit of a stage that does not say it [m], by USD's rule."""
 
 _SCHEMAS = {"mesh": UsdGeom.Mesh, "curves": UsdGeom.BasisCurves, "points": UsdGeom.Points}
 
@@ -92,20 +91,21 @@ class _Stage:
         stage.SetEndTimeCode(float(codes[-1]))
         axis, metres = up_axis_of(sequence), metres_per_unit(sequence)
         if axis == "X":
-            self.notices.append("USD has no up axis X: written as Y, nothing is turned (--up-axis turns)")
-        UsdGeom.SetStageUpAxis(stage, axis if axis in ("Y", "Z") else USD_UP)
-        UsdGeom.SetStageMetersPerUnit(stage, USD_METRES if metres is None else metres)
-        assumed = []
-        if axis is None:
-            assumed.append(UP_AXIS)
-            self.notices.append(f"which axis is up is not recorded: written as {USD_UP}, USD's own (--up-axis says it)")
-        if metres is None:
-            assumed.append(UNIT)
-            self.notices.append(f"the length of a unit is not recorded: written as {USD_METRES} m, USD's own")
+            self.notices.append("USD has no up axis X: none is written, programs take it as Y (--up-axis turns)")
+        # What nobody stated is not authored: a reader would take it for a fact.
+        if axis in ("Y", "Z"):
+            UsdGeom.SetStageUpAxis(stage, axis)
+        elif axis is None:
+            self.notices.append("which axis is up is not recorded: programs take it as Y (--up-axis says it)")
+        if metres is not None:
+            UsdGeom.SetStageMetersPerUnit(stage, metres)
+        else:
+            self.notices.append(
+                f"the length of a unit is not recorded: programs take it as {USD_METRES} m, a metre as its hundredth "
+                "(--unit m says it)"
+            )
         layer = stage.GetRootLayer()
         data = dict(layer.customLayerData)
-        if assumed:
-            data[ASSUMED] = " ".join(assumed)
         known = {UP_AXIS} if axis in ("Y", "Z") else set()
         known |= {UNIT} if metres is not None else set()
         rest = {key: text for key, text in sequence.metadata.items() if key not in known}

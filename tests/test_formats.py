@@ -84,7 +84,7 @@ def test_times_come_back_that_no_rate_counts(path: str, times: NDArray[np.float6
 
 @for_each(*TREES, "x.npz", "x.h5")
 def test_names_faces_attributes_and_metadata_of_a_scene_come_back(path: str) -> None:
-    clip = scene(times=IRREGULAR, artist="Bo", up_axis="Y" if ".gl" in path else "Z", unit="m")
+    clip = scene(times=IRREGULAR, artist="Bo", up_axis="Z" if ".usd" in path else "Y", unit="m")
     write_sequence(clip, path)
     with open_sequence(path) as read:
         assert dict(read.metadata) == dict(clip.metadata)
