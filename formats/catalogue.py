@@ -123,7 +123,7 @@ BUILT_IN = (
         extensions=(".xdmf", ".xmf"),
         reader="pdecodec.formats.xdmf:XdmfSequence",
         writer="pdecodec.formats.xdmf:write_xdmf",
-        keeps="faces, lines, times",
+        keeps="faces, lines, times, normals of smooth meshes (written)",
         loses="names of objects, attributes, up axis and unit; changing connectivity",
     ),
     Format(
@@ -132,7 +132,7 @@ BUILT_IN = (
         extensions=(".pvd",),
         reader="pdecodec.formats.vtk_files:open_pvd",
         writer="pdecodec.formats.vtk_files:write_pvd",
-        keeps="faces, lines, times, vertex colours (written)",
+        keeps="faces, lines, times, vertex colours (written), normals of smooth meshes (written)",
         loses="names of objects (numbers stay, as point data), other attributes, up axis and unit",
     ),
     Format(
@@ -142,7 +142,7 @@ BUILT_IN = (
         reader="pdecodec.formats.vtk_files:open_vtu",
         writer="pdecodec.formats.vtk_files:write_vtu",
         frame_per_file=True,
-        keeps="faces, lines, vertex colours (written)",
+        keeps="faces, lines, vertex colours (written), normals of smooth meshes (written)",
         loses="names of objects (numbers stay, as point data), other attributes, times (frames are numbered)",
     ),
     Format(
@@ -182,7 +182,7 @@ BUILT_IN = (
         reader="pdecodec.formats.ply_stl_off:open_ply",
         writer="pdecodec.formats.ply_stl_off:write_ply",
         frame_per_file=True,
-        keeps="faces, vertex colours (8 bits)",
+        keeps="faces, vertex colours (8 bits), normals of smooth meshes (written)",
         loses="names of objects, UVs, lines, other attributes, times (frames are numbered)",
     ),
     Format(

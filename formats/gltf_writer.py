@@ -20,14 +20,17 @@ from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import left_out
 from pdecodec.formats.gltf_file import GltfBuilder
 from pdecodec.formats.gltf_mesh_writer import Motion, cubic_keys, held_by_mesh, motion_of, write_mesh
-from pdecodec.formats.normals import normal_rows
+from pdecodec.formats.normals import normal_rows, smooth_rows
 from pdecodec.formats.registry import Output
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, metres_per_unit, place, up_axis_of
 from pdecodec.formats.scene_writing import DEFAULT_NAME, steps_of
 from pdecodec.sequence import Float32Array, MeshSequence
 
-MOST_TARGETS = 2048
-"""Layers of a texture on common graphics hardware: viewers keep a target in each."""
+MOST_TARGETS = 256
+"""What Filament, which plays glTF on Android, keeps of a mesh; others keep a layer of a texture for each, 2048."""
+
+SEEN_ANGLE = 1.0
+"""Degrees that normals may be off before a notice says so."""
 
 MOST_MEMORY = 4 * 2**30
 """Bytes of positions that are held at once: a glTF file that large plays nowhere."""
@@ -44,7 +47,7 @@ def write_gltf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     InputError
         If the place is taken or cannot be written to, the positions are not finite, or too many for one file.
     """
-    rows = sum(0 if one is None else one.count for one in map(normal_rows, sequence.objects))
+    rows = sum(item.vertex_count for item in sequence.objects if item.connectivity.face_count)
     needed = 12 * sequence.frame_count * (sequence.vertex_count + rows)
     if needed > MOST_MEMORY:
         raise InputError(
@@ -84,14 +87,20 @@ class _Scene:
         frames = self._read()
         between = self._between()
         key_times: int | None = None
-        baked = 0
-        first = 0
+        baked = targets = first = 0
+        angle = 0.0
+        smoothed = 0
         for item in sequence.objects:
             own = slice(first, first + item.vertex_count)
             first = own.stop
+            # A mesh without normals is faceted in glTF.
             rows = normal_rows(item)
+            if rows is None and item.connectivity.face_count:
+                rows = smooth_rows(item)
+                smoothed += 1
             motion = motion_of(frames[:, own], None if between is None else between[:, own], rows)
             baked = max(baked, len(motion.targets) if motion.functions is None else 0)
+            targets, angle = max(targets, len(motion.targets)), max(angle, motion.normal_error)
             mesh = write_mesh(builder, item, motion, rows, self._material)
             node = self._node(item.name, mesh)
             if len(motion.targets):
@@ -114,8 +123,15 @@ class _Scene:
             self._notices.append(
                 f"motion of too many functions of time to be exact between frames: {baked} targets, a frame each"
             )
-        if baked > MOST_TARGETS:
-            self._notices.append(f"viewers keep up to {MOST_TARGETS} targets on common hardware; take fewer --frames")
+        if targets > MOST_TARGETS:
+            self._notices.append(
+                f"{targets} targets: some viewers keep {MOST_TARGETS} (Filament), most 2048; take fewer --frames"
+            )
+        if angle > SEEN_ANGLE:
+            self._notices.append(f"normals are up to {angle:.2g} degrees off, as functions of time give them")
+        if smoothed:
+            objects = f"{smoothed} object{'s' * (smoothed > 1)}"
+            self._notices.append(f"normals of {objects} are not recorded: written as of smooth surfaces")
         return self._notices
 
     def _read(self) -> Float32Array:

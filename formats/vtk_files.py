@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import COLOR, joined_colors, lost_by_joining
 from pdecodec.formats.frame_files import FOLDER_PADDING, FrameSequence, MeshFile, join_cells, open_frames, write_frames
+from pdecodec.formats.normals import VertexNormals
 from pdecodec.formats.registry import Output
 from pdecodec.formats.times import timing_of_stored
 from pdecodec.sequence import Attribute, Connectivity, Float32Array, MeshSequence
@@ -175,16 +176,21 @@ class _Grid:
         colors = joined_colors(sequence)
         if colors is not None:
             point_data += _array("color", colors)
+        self._normals = VertexNormals(sequence)
+        kind = ' Normals="Normals"' if self._normals.held else ""
         self._pieces = (
             f'    <Piece NumberOfPoints="{whole.vertex_count}" NumberOfCells="{counts.size}">\n'
-            f"      <PointData>{point_data}</PointData>\n      <Points>",
+            f"      <PointData{kind}>{point_data}",
+            "</PointData>\n      <Points>",
             "</Points>\n      <Cells>"
             + _array("connectivity", np.concatenate([whole.face_indices, whole.line_indices]))
             + _array("offsets", np.cumsum(counts, dtype=np.int32))
             + _array("types", kinds)
             + "</Cells>\n    </Piece>\n  </UnstructuredGrid>\n</VTKFile>\n",
         )
-        self.notices = lost_by_joining(sequence, "VTU", "grid, their numbers are the point data 'object'", colors)
+        self.notices = lost_by_joining(
+            sequence, "VTU", "grid, their numbers are the point data 'object'", colors, self._normals.holds
+        )
 
     def of_frame(self, points: Float32Array, frame: int) -> bytes:
         head = (
@@ -193,7 +199,9 @@ class _Grid:
             + _array("TimeValue", self._times[frame : frame + 1], tuples=True)
             + "</FieldData>\n"
         )
-        return (head + self._pieces[0] + _array("Points", points) + self._pieces[1]).encode("utf-8")
+        normals = _array("Normals", self._normals.at(points)) if self._normals.held else ""
+        before, between, after = self._pieces
+        return (head + before + normals + between + _array("Points", points) + after).encode("utf-8")
 
 
 def _array(name: str, values: NDArray[np.generic], *, tuples: bool = False) -> str:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import lost_by_joining
 from pdecodec.formats.frame_files import join_cells
+from pdecodec.formats.normals import VertexNormals
 from pdecodec.formats.registry import Output
 from pdecodec.formats.times import rate_or_default, timing_of_stored
 from pdecodec.sequence import Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range, check_times
@@ -213,16 +214,20 @@ def write_xdmf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     with partial_folder(path) as folder, write_errors(path):
         with h5py.File(folder / data_path.name, "w") as file:
             topology = _write_topology(file, sequence.connectivity, data_path.name)
-            rows = []
+            rows, normals = [], VertexNormals(sequence)
             for start, block in output.blocks(sequence, "XDMF"):
                 for frame, points in enumerate(block, start):
                     name = f"points/{frame:06d}"
                     file.create_dataset(name, data=np.ascontiguousarray(points, "<f4"), track_times=False)
-                    rows.append(_grid_text(topology, name, data_path.name, len(points), float(sequence.times[frame])))
+                    shading = f"normals/{frame:06d}" if normals.held else None
+                    if shading is not None:
+                        file.create_dataset(shading, data=normals.at(points).astype("<f4"), track_times=False)
+                    time = float(sequence.times[frame])
+                    rows.append(_grid_text(topology, name, shading, data_path.name, len(points), time))
         (folder / path.name).write_text(_HEAD + "".join(rows) + _TAIL, encoding="utf-8")
         os.replace(folder / data_path.name, data_path)
         os.replace(folder / path.name, path)
-    return lost_by_joining(sequence, "XDMF", "grid")
+    return lost_by_joining(sequence, "XDMF", "grid", held=normals.holds)
 
 
 _HEAD = (
@@ -261,9 +266,18 @@ def _write_topology(file: Any, whole: Connectivity, data_name: str) -> str:
     )
 
 
-def _grid_text(topology: str, name: str, data_name: str, points: int, time: float) -> str:
+def _grid_text(topology: str, name: str, normals: str | None, data_name: str, points: int, time: float) -> str:
+    def vectors(dataset: str) -> str:
+        return (
+            f'          <DataItem Dimensions="{points} 3" NumberType="Float" Precision="4" Format="HDF">'
+            f"{escape(data_name)}:/{dataset}</DataItem>\n"
+        )
+
+    shading = ""
+    if normals is not None:
+        head = '        <Attribute Name="Normals" AttributeType="Vector" Center="Node">\n'
+        shading = f"{head}{vectors(normals)}        </Attribute>\n"
     return (
         f'      <Grid Name="mesh" GridType="Uniform">\n        <Time Value="{time!r}"/>\n{topology}'
-        f'        <Geometry GeometryType="XYZ">\n          <DataItem Dimensions="{points} 3" NumberType="Float" '
-        f'Precision="4" Format="HDF">{escape(data_name)}:/{name}</DataItem>\n        </Geometry>\n      </Grid>\n'
+        f'        <Geometry GeometryType="XYZ">\n{vectors(name)}        </Geometry>\n{shading}      </Grid>\n'
     )

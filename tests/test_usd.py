@@ -34,7 +34,7 @@ def test_an_axis_and_a_unit_that_are_known_are_authored(tmp_path: Path) -> None:
     write_sequence(place(scene(), up_axis="Z", unit="cm"), tmp_path / "x.usda")
     stage = Usd.Stage.Open(str(tmp_path / "x.usda"))
     assert (UsdGeom.GetStageUpAxis(stage), UsdGeom.GetStageMetersPerUnit(stage)) == ("Z", 0.01)
-    with pytest.raises(SettingsError, match="a unit is mm, .* not 'furlong'"):
+    with pytest.raises(SettingsError, match=r"a unit is mm, .* not 'furlong'"):
         place(scene(), unit="furlong")
 
 
