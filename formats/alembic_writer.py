@@ -19,6 +19,7 @@ from alembic3d import Abc, AbcCoreAbstract, AbcGeom
 
 from pdecodec.errors import InputError
 from pdecodec.formats.alembic_attributes import (
+    ADDED,
     FPS_PROPERTY,
     METADATA_PROPERTY,
     int_array,
@@ -40,7 +41,8 @@ from pdecodec.formats.attribute_roles import (
     uv_sets,
 )
 from pdecodec.formats.registry import Output
-from pdecodec.formats.scene_space import apply_matrices, matrices_at, place, transform_of, up_axis_of
+from pdecodec.formats.rigid_motion import rigid_parts
+from pdecodec.formats.scene_space import matrices_at, place, transform_of, up_axis_of
 from pdecodec.formats.scene_writing import ShapeWriter, tree_paths, write_shapes
 from pdecodec.formats.times import regular_rate
 from pdecodec.sequence import Attribute, Float32Array, Float64Array, MeshObject, MeshSequence
@@ -72,6 +74,8 @@ def write_alembic(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         sequence = place(sequence, up_axis="Y")
         if output.velocities is not None:
             output = dataclasses.replace(output, velocities=place(output.velocities, up_axis="Y"))
+    if output.velocities is None:
+        sequence = rigid_parts(sequence)
     with output.whole_file() as partial:
         try:
             return (*turned, *_write(sequence, partial, output))
@@ -90,13 +94,13 @@ def _write(sequence: MeshSequence, path: Path, output: Output) -> tuple[str, ...
     paths, renamed = tree_paths(sequence.objects)
     branches = _Branches(sequence, paths, top, sampling)
     shapes = [
-        _ShapeWriter(item, branches.parent(steps), steps[-1], sampling, branches.baked.get(steps))
+        _ShapeWriter(item, branches.parent(steps), steps[-1], sampling)
         for item, steps in zip(sequence.objects, paths, strict=True)
     ]
     for times in write_shapes(sequence, output, "Alembic", shapes):
         branches.write(times)
     notices = dict.fromkeys(notice for shape in shapes for notice in shape.notices)
-    return (*renamed, *branches.notices, *notices)
+    return (*renamed, *notices)
 
 
 def _time_sampling(times: Float64Array, rate: float) -> Any:
@@ -113,29 +117,28 @@ class _Branches:
     """Transforms above shapes: one for each step of a path but the last.
 
     A kept transform goes to the step right above its shape, and does not inherit from those above that. Shapes under
-    one step that were moved apart, and shapes at the top, have theirs applied to their points instead.
+    one step that were moved apart, and shapes at the top, have a step of their own instead, which readers of ours
+    leave out of their names.
     """
 
     def __init__(self, sequence: MeshSequence, paths: Sequence[tuple[str, ...]], top: Any, sampling: int) -> None:
         self._nodes: dict[tuple[str, ...], Any] = {(): top}
-        self._moved: dict[tuple[str, ...], Attribute | None] = {}
-        self._unlike: set[tuple[str, ...]] = set()
-        self.baked: dict[tuple[str, ...], Attribute] = {}
-        self.notices: tuple[str, ...] = ()
         transforms = [transform_of(item) for item in sequence.objects]
+        above: dict[tuple[str, ...], list[Attribute | None]] = {}
         for steps, transform in zip(paths, transforms, strict=True):
-            above = steps[:-1]
-            if above in self._moved and not _same(self._moved[above], transform):
-                self._unlike.add(above)
-            self._moved.setdefault(above, transform)
-        apart = []
-        for item, steps, transform in zip(sequence.objects, paths, transforms, strict=True):
-            if transform is not None and (not steps[:-1] or steps[:-1] in self._unlike):
-                self.baked[steps] = transform
-                apart.append(item.name)
-        if apart:
-            self.notices = (f"transforms applied to positions, as there is no place for them: {', '.join(apart)}",)
-        self._absolute = any(transform is not None for transform in transforms)
+            above.setdefault(steps[:-1], []).append(transform)
+        shared = {
+            branch: found[0]
+            for branch, found in above.items()
+            if branch and found[0] is not None and all(_same(found[0], one) for one in found)
+        }
+        self._own = {
+            steps: transform
+            for steps, transform in zip(paths, transforms, strict=True)
+            if transform is not None and steps[:-1] not in shared
+        }
+        self._moved: dict[tuple[str, ...], Attribute] = {**shared, **self._own}
+        self._still = set(above) - set(shared) if self._moved else set()
         self._sampling = sampling
 
     def parent(self, steps: tuple[str, ...]) -> Any:
@@ -144,16 +147,19 @@ class _Branches:
             branch = steps[:length]
             if branch not in self._nodes:
                 self._nodes[branch] = AbcGeom.OXform(self._nodes[branch[:-1]], branch[-1], self._sampling)
-                still = branch in self._moved and (self._moved[branch] is None or branch in self._unlike)
-                if self._absolute and still:
+                if branch in self._still:
                     self._set(branch, np.eye(4))
-        return self._nodes[steps[:-1]]
+        if steps not in self._own:
+            return self._nodes[steps[:-1]]
+        mark = AbcCoreAbstract.MetaData()
+        mark.set(ADDED, "1")
+        self._nodes[steps] = AbcGeom.OXform(self._nodes[steps[:-1]], steps[-1], self._sampling, mark)
+        return self._nodes[steps]
 
     def write(self, times: Float64Array) -> None:
         for branch, transform in self._moved.items():
-            if transform is not None and branch and branch not in self._unlike:
-                for matrix in matrices_at(transform, times):
-                    self._set(branch, matrix)
+            for matrix in matrices_at(transform, times):
+                self._set(branch, matrix)
 
     def _set(self, branch: tuple[str, ...], matrix: Float64Array) -> None:
         sample = AbcGeom.XformSample()
@@ -169,9 +175,8 @@ def _same(a: Attribute | None, b: Attribute | None) -> bool:
 class _ShapeWriter(ShapeWriter):
     """One object: its shape, and samples as frames come."""
 
-    def __init__(self, item: MeshObject, parent: Any, name: str, sampling: int, baked: Attribute | None) -> None:
+    def __init__(self, item: MeshObject, parent: Any, name: str, sampling: int) -> None:
         super().__init__(item, "Alembic")
-        self._baked = baked
         self._scheme = label_of(item, SUBDIVISION) if self.drawn.kind == "mesh" else None
         shape, self._new_sample = _SHAPES["subdivision" if self._scheme else self.drawn.kind]
         self._handle = shape(parent, name, sampling)
@@ -185,8 +190,6 @@ class _ShapeWriter(ShapeWriter):
         self.in_samples += [uv.name for uv in uv_sets(item)[:1]]
 
     def write(self, points: Float32Array, speeds: Float32Array | None, times: Float64Array) -> None:
-        if self._baked is not None:
-            points = apply_matrices(points, matrices_at(self._baked, times))
         for frame, normals in enumerate(self.normals_at(points)):
             self._sample(points[frame], None if speeds is None else speeds[frame], normals)
 

@@ -83,6 +83,8 @@ def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRo
         functions, rest, shapes = found
         if rows is None:
             return Motion(rest, shapes, functions)
+        if not len(shapes):
+            return Motion(rest, shapes, functions, rows.of(points[:1])[0], np.zeros((0, rows.count, 3), np.float32))
         functions, *turning = _turning(functions, rows.of(points), cubic=cubic)
         shapes = np.pad(shapes, ((0, functions.shape[1] - len(shapes)), (0, 0), (0, 0)))
         return Motion(rest, shapes, functions, *turning)

@@ -1,8 +1,10 @@
-"""glTF scenes out: each object a mesh whose motion is morph targets and the curves of their weights.
+"""glTF scenes out: each object a mesh whose motion is morph targets and the curves of their weights,
+or its node's.
 
 Where the motion is few functions of time, exactly, each is a target, and its curve is the function: for a decoded
 animation a cubic spline through and between its frames, for other sequences straight lines from frame to frame.
-Otherwise each frame is a target, and weights pass from one to the next in straight lines.
+Otherwise each frame is a target, and weights pass from one to the next in straight lines. An object that moves rigidly
+has no targets: its node moves.
 
 Faces become triangles, and vertices are cut where UVs have seams; the first rows are the vertices as they were, and
 what they were part of is noted in the mesh's ``extras``, so that everything comes back. The scene is turned Y-up.
@@ -22,6 +24,7 @@ from pdecodec.formats.gltf_file import GltfBuilder
 from pdecodec.formats.gltf_mesh_writer import Motion, cubic_keys, held_by_mesh, motion_of, write_mesh
 from pdecodec.formats.normals import normal_rows, smooth_rows
 from pdecodec.formats.registry import Output
+from pdecodec.formats.rigid_motion import rigid_keys
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, metres_per_unit, place, up_axis_of
 from pdecodec.formats.scene_writing import DEFAULT_NAME, steps_of
 from pdecodec.sequence import Float32Array, MeshSequence
@@ -98,15 +101,21 @@ class _Scene:
             if rows is None and item.connectivity.face_count:
                 rows = smooth_rows(item)
                 smoothed += 1
-            motion = motion_of(frames[:, own], None if between is None else between[:, own], rows)
+            part, thirds = frames[:, own], None if between is None else between[:, own]
+            turns = rigid_keys(part, thirds) if item.connectivity.face_count else None
+            if turns is not None:
+                part, thirds = part[:1], None
+            motion = motion_of(part, thirds, rows)
             baked = max(baked, len(motion.targets) if motion.functions is None else 0)
             targets, angle = max(targets, len(motion.targets)), max(angle, motion.normal_error)
             mesh = write_mesh(builder, item, motion, rows, self._material)
             node = self._node(item.name, mesh)
-            if len(motion.targets):
-                if key_times is None:
-                    key_times = builder.floats(sequence.times, bounds=True)
+            if key_times is None and (len(motion.targets) or turns):
+                key_times = builder.floats(sequence.times, bounds=True)
+            if len(motion.targets) and key_times is not None:
                 self._animate(node, key_times, motion)
+            for path, values in turns.items() if turns else ():
+                self._channel(node, path, key_times, builder.floats(values), "LINEAR")
         noted = {key: text for key, text in sequence.metadata.items() if key != UP_AXIS}
         if metres_per_unit(sequence) is None:
             noted.setdefault(UNIT, "")
@@ -168,17 +177,17 @@ class _Scene:
         else:
             splines = cubic_keys(motion.functions, self._sequence.times)
             output, interpolation = self._builder.floats(splines.reshape(-1)), "CUBICSPLINE"
-        self._samplers.append({"input": key_times, "output": output, "interpolation": interpolation})
-        target = {"node": node, "path": "weights"}
-        self._channels.append({"sampler": len(self._samplers) - 1, "target": target})
+        self._channel(node, "weights", key_times, output, interpolation)
+
+    def _channel(self, node: int, path: str, keys: int | None, output: int, interpolation: str) -> None:
+        self._samplers.append({"input": keys, "output": output, "interpolation": interpolation})
+        self._channels.append({"sampler": len(self._samplers) - 1, "target": {"node": node, "path": path}})
 
     def _hold_still(self) -> None:
         """An animation that moves nothing, so that frames and times of a still sequence come back."""
         keys = self._builder.floats(self._sequence.times, bounds=True)
         still = self._builder.floats(np.zeros((self._sequence.frame_count, 3)))
-        node = self._roots[0]
-        self._samplers.append({"input": keys, "output": still, "interpolation": "LINEAR"})
-        self._channels.append({"sampler": 0, "target": {"node": node, "path": "translation"}})
+        self._channel(self._roots[0], "translation", keys, still, "LINEAR")
 
     def _node(self, name: str, mesh: int) -> int:
         """A node of a mesh, and those above it."""

@@ -39,7 +39,7 @@ _TO_Y: Mapping[str, NDArray[np.int64]] = {
 """Quarter turns that bring an axis up to Y, for points that are rows: ``point @ turn``."""
 
 
-class _DerivedSequence(MeshSequence):
+class DerivedSequence(MeshSequence):
     """Another sequence, changed."""
 
     def __init__(self, source: MeshSequence) -> None:
@@ -115,7 +115,7 @@ def place(
     return PlacedSequence(sequence, None if up_axis is None else up_axis.upper(), scale, unit)
 
 
-class PlacedSequence(_DerivedSequence):
+class PlacedSequence(DerivedSequence):
     """Another sequence, turned by quarters and scaled; made by :func:`place`."""
 
     def __init__(self, source: MeshSequence, up_axis: str | None, scale: float, unit: str | None) -> None:
@@ -228,7 +228,7 @@ def bake_transforms(sequence: MeshSequence) -> MeshSequence:
     return BakedTransforms(sequence) if any(transform_of(item) for item in sequence.objects) else sequence
 
 
-class BakedTransforms(_DerivedSequence):
+class BakedTransforms(DerivedSequence):
     """Another sequence in the space of the scene: kept transforms are applied, and no longer attributes."""
 
     def __init__(self, source: MeshSequence) -> None:
@@ -261,7 +261,7 @@ def velocities_of(sequence: MeshSequence) -> MeshSequence:
     return DifferencedVelocities(sequence)
 
 
-class DifferencedVelocities(_DerivedSequence):
+class DifferencedVelocities(DerivedSequence):
     """Velocities of another sequence at its frames, exact where vertices move by quadratics of time.
 
     Inside, the slope at a frame of the parabola through it and its neighbours; at the ends, of the line to the next

@@ -15,6 +15,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import CURVE_BASIS, CURVE_WRAP, SUBDIVISION, label_of
 from pdecodec.formats.registry import Output
+from pdecodec.formats.rigid_motion import rigid_parts
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, matrices_at, metres_per_unit, transform_of, up_axis_of
 from pdecodec.formats.scene_writing import ShapeWriter, drawn_as, steps_of, tree_paths, write_shapes
 from pdecodec.formats.usd_attributes import (
@@ -45,6 +46,8 @@ _BASES = {"bezier": "bezier", "bspline": "bspline", "catmullrom": "catmullRom"}
 def write_usd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     """Write a stage: text where the name ends in ``.usda``, else binary; in a package for ``.usdz``."""
     path = output.path
+    if output.velocities is None:
+        sequence = rigid_parts(sequence)
     check_writable(path, overwrite=output.overwrite)
     with partial_folder(path) as folder, write_errors(path):
         packed = path.suffix.lower() == ".usdz"
