@@ -20,7 +20,7 @@ from pdecodec.cli.options import (
     refuse_pdeanim,
     select_frames,
     select_objects,
-    velocities_option,
+    write_options,
 )
 from pdecodec.errors import SettingsError
 
@@ -33,7 +33,7 @@ from pdecodec.errors import SettingsError
 @objects_option
 @read_options
 @place_options
-@velocities_option
+@write_options
 @overwrite_option
 @json_option
 def convert(
@@ -47,6 +47,8 @@ def convert(
     scale: float,
     unit: str | None,
     velocities: bool,
+    quantize: bool,
+    meshopt: bool,
     overwrite: bool,
     as_json: bool,
     **reading: Any,
@@ -77,6 +79,8 @@ def convert(
                 overwrite=overwrite,
                 velocities=velocities_of(sequence) if velocities else None,
                 progress=progress,
+                quantize=quantize,
+                meshopt=meshopt,
             )
         counts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
     for notice in notices:

@@ -25,7 +25,7 @@ from pdecodec.cli.options import (
     select_frames,
     select_objects,
     stored_bytes,
-    velocities_option,
+    write_options,
 )
 from pdecodec.errors import InputError, SettingsError
 
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="What a time before the first frame or after the last one means.",
 )
-@velocities_option
+@write_options
 @place_options
 @click.option("--max-memory", callback=parse_bytes, metavar="BYTES", help="Refuse files that need more, such as 2G.")
 @overwrite_option
@@ -66,6 +66,8 @@ def decode(
     objects: tuple[str, ...],
     outside: Outside,
     velocities: bool,
+    quantize: bool,
+    meshopt: bool,
     up_axis: str | None,
     scale: float,
     unit: str | None,
@@ -113,7 +115,15 @@ def decode(
         for path, sequence in zip(outputs, sequences, strict=False):
             with progress_bar() as progress:
                 inside = speeds if together else None
-                found = write_sequence(sequence, path, overwrite=overwrite, velocities=inside, progress=progress)
+                found = write_sequence(
+                    sequence,
+                    path,
+                    overwrite=overwrite,
+                    velocities=inside,
+                    progress=progress,
+                    quantize=quantize,
+                    meshopt=meshopt,
+                )
             notices.update(dict.fromkeys(found))
         for notice in notices:
             say(f"note: {notice}")

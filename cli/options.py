@@ -100,6 +100,20 @@ _PLACE_OPTIONS = (
 )
 
 
+_WRITE_OPTIONS = (
+    velocities_option,
+    click.option("--quantize", is_flag=True, help="glTF: 16-bit positions and weights; how far off they are is told."),
+    click.option("--meshopt", is_flag=True, help="glTF: compressed without loss, for viewers that know meshoptimizer."),
+)
+
+
+def write_options(command: Callable[..., None]) -> Callable[..., None]:
+    """What is written beside positions, and how small: options of :func:`pdecodec.formats.write_sequence`."""
+    for option in reversed(_WRITE_OPTIONS):
+        command = option(command)
+    return command
+
+
 def read_options(command: Callable[..., None]) -> Callable[..., None]:
     """How the input is read: the options of :func:`open_source`."""
     for option in reversed(_READ_OPTIONS):

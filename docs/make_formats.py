@@ -65,6 +65,9 @@ def _part(entry: Format) -> str:
     if entry.options:
         names = ", ".join(f"`--{option.replace('_', '-')}`" for option in entry.options)
         lines.append(f"Reading takes {names}.")
+    if entry.write_options:
+        names = ", ".join(f"`--{option}`" for option in entry.write_options)
+        lines.append(f"Writing takes {names}.")
     if entry.holds_velocities:
         lines.append("Velocities are written where they are asked for (`--velocities`).")
     return "\n".join([*lines, ""])

@@ -112,6 +112,7 @@ BUILT_IN = (
         reader="pdecodec.formats.gltf_reader:GltfSequence",
         writer="pdecodec.formats.gltf_writer:write_gltf",
         options=("clip", "transforms"),
+        write_options=("quantize", "meshopt"),
         keeps="the tree and its names, faces and vertex order (noted beside the triangles), UV sets with seams, "
         "vertex colours, hard edges, material names, lines, points, frame rate, times (float32); skins, morph targets "
         "and moving nodes are applied at --fps",

@@ -8,6 +8,7 @@ Normals are moved by the same functions, and by further ones where those do not 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.formats.attribute_roles import MATERIAL, colors, indexed_rows, uv_sets
-from pdecodec.formats.gltf_file import INDEX_DATA, LINES, POINTS, TRIANGLES, VERTEX_DATA, GltfBuilder, flipped
+from pdecodec.formats.gltf_file import (
+    INDEX_DATA,
+    LINES,
+    POINTS,
+    QUANTIZATION,
+    TRIANGLES,
+    VERTEX_DATA,
+    GltfBuilder,
+    flipped,
+)
 from pdecodec.formats.normals import NormalRows, group_attribute
 from pdecodec.sequence import Attribute, Connectivity, Float32Array, Float64Array, MeshObject
 
@@ -255,17 +265,79 @@ def _held_colors(item: MeshObject) -> list[Attribute]:
     return found
 
 
+@dataclass(frozen=True)
+class Lattice:
+    """Where 16-bit positions stand: ``offset + scale * fraction``, fractions between -1 and 1.
+
+    Attributes
+    ----------
+    scale : float [scene units]
+    offset : (3,) float64 [scene units]
+    error : float [scene units]
+        Largest distance along an axis that a vertex is moved by, at a sample.
+    """
+
+    scale: float
+    offset: Float64Array
+    error: float
+
+    def fractions(self, points: Float32Array) -> Float64Array:
+        """Of positions (vertices, 3)."""
+        return np.clip((points.astype(np.float64) - self.offset) / self.scale, -1, 1)
+
+
+def lattice_of(motion: Motion, *, centred: bool) -> Lattice:
+    """The finest lattice for a motion's shapes, which are multiples of its scale; `centred` about the origin."""
+    low, high = motion.rest.min(axis=0).astype(np.float64), motion.rest.max(axis=0).astype(np.float64)
+    offset = np.zeros(3) if centred else ((low + high) / 2).astype(np.float32).astype(np.float64)
+    reach = max(float(np.abs(one).max(initial=0)) for one in (low - offset, high - offset, motion.targets))
+    scale = float(np.nextafter(np.float32(reach), np.float32(np.inf))) or 1.0
+    step = scale / np.iinfo(np.int16).max
+
+    def rounding(shapes: NDArray[np.floating]) -> Float64Array:
+        return np.asarray(np.rint(shapes / step) * step - shapes)
+
+    rest, targets = rounding(motion.rest - offset), rounding(motion.targets.astype(np.float64))
+    if motion.functions is None:
+        moved = rest + np.concatenate([np.zeros((1, *rest.shape)), targets])
+    else:
+        functions = motion.functions if len(targets) else np.zeros((1, 0))
+        moved = rest + np.tensordot(functions, targets, 1)
+    return Lattice(scale, offset, float(np.abs(moved).max(initial=0)))
+
+
 def write_mesh(
-    builder: GltfBuilder, item: MeshObject, motion: Motion, rows: NormalRows | None, material: Callable[[str], int]
+    builder: GltfBuilder,
+    item: MeshObject,
+    motion: Motion,
+    rows: NormalRows | None,
+    material: Callable[[str], int],
+    lattice: Lattice | None = None,
 ) -> int:
-    """Write a mesh; its index. `material` gives the index of the material of a name."""
+    """Write a mesh; its index. `material` gives the index of the material of a name.
+
+    On a lattice, positions are 16-bit fractions and normals 8-bit ones where they are small enough.
+    """
     connectivity = item.connectivity
     sets = uv_sets(item)
     columns = [uv.values if uv.indices is None else uv.indices for uv in sets]
     if rows is not None:
         columns.append(rows.corner_rows)
     sources, corner_rows = _cut(connectivity, columns)
-    attributes = {"POSITION": builder.floats(motion.rest[sources], target=VERTEX_DATA, bounds=True)}
+    if lattice is not None:
+        builder.require(QUANTIZATION)
+
+    def positions(points: Float32Array, steps: Lattice | None) -> int:
+        if steps is None:
+            return builder.floats(points[sources], target=VERTEX_DATA, bounds=True)
+        return builder.fractions(steps.fractions(points[sources]), "<i2", target=VERTEX_DATA, bounds=True)
+
+    def directions(vectors: Float32Array) -> int:
+        if lattice is None or np.abs(vectors).max(initial=0) > 1:
+            return builder.floats(vectors, target=VERTEX_DATA)
+        return builder.fractions(vectors, "<i1", target=VERTEX_DATA)
+
+    attributes = {"POSITION": positions(motion.rest, lattice)}
     notes: dict[str, Any] = {"vertices": item.vertex_count}
     for number, uv in enumerate(sets):
         attributes[f"TEXCOORD_{number}"] = _write_uv(builder, uv, corner_rows, sources.size, notes)
@@ -274,17 +346,19 @@ def write_mesh(
         values, _, _ = indexed_rows(color)
         attributes[f"COLOR_{number}"] = builder.floats(values[sources], target=VERTEX_DATA)
         notes.setdefault("colors", {})[color.name] = {"accessor": f"COLOR_{number}"}
-    morphs = []
-    for shape in motion.targets:
-        moved = builder.floats(shape[sources], target=VERTEX_DATA, bounds=True) if shape.any() else None
-        morphs.append({"POSITION": builder.zeros(sources.size) if moved is None else moved})
+    # What targets add has no offset.
+    added = None if lattice is None else dataclasses.replace(lattice, offset=np.zeros(3))
+    morphs = [
+        {"POSITION": positions(shape, added) if shape.any() else builder.zeros(sources.size)}
+        for shape in motion.targets
+    ]
     if rows is not None and motion.normals is not None and motion.normal_targets is not None:
         # A vertex that is in no face has the row of its number.
         normals = sources.copy()
         normals[corner_rows] = rows.corner_rows
-        attributes["NORMAL"] = builder.floats(motion.normals[normals], target=VERTEX_DATA)
+        attributes["NORMAL"] = directions(motion.normals[normals])
         for morph, shape in zip(morphs, motion.normal_targets, strict=True):
-            morph["NORMAL"] = builder.floats(shape[normals], target=VERTEX_DATA)
+            morph["NORMAL"] = directions(shape[normals])
         if group_attribute(item) is None:
             notes["normals"] = "added"
         elif not rows.is_smooth:
@@ -294,7 +368,7 @@ def write_mesh(
     def add(mode: int, indices: NDArray[Any] | None, label: str | None = None) -> None:
         primitive: dict[str, Any] = {"attributes": attributes, "mode": mode}
         if indices is not None:
-            primitive["indices"] = builder.integers(indices, target=INDEX_DATA)
+            primitive["indices"] = builder.integers(indices, target=INDEX_DATA, triangles=mode == TRIANGLES)
         if label is not None:
             primitive["material"] = material(label)
         if morphs:

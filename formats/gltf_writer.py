@@ -21,7 +21,14 @@ from pdecodec.decoder import Animation
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import left_out
 from pdecodec.formats.gltf_file import GltfBuilder
-from pdecodec.formats.gltf_mesh_writer import Motion, cubic_keys, held_by_mesh, motion_of, write_mesh
+from pdecodec.formats.gltf_mesh_writer import (
+    Motion,
+    cubic_keys,
+    held_by_mesh,
+    lattice_of,
+    motion_of,
+    write_mesh,
+)
 from pdecodec.formats.normals import normal_rows, smooth_rows
 from pdecodec.formats.registry import Output
 from pdecodec.formats.rigid_motion import rigid_keys
@@ -69,7 +76,7 @@ def write_gltf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
             f"glTF counts in metres: it shows a unit of {metres:g} m as one (--scale {metres:g} makes it so)"
         )
     with output.whole_file() as partial:
-        builder = GltfBuilder()
+        builder = GltfBuilder(meshopt=output.meshopt)
         notices += _Scene(builder, sequence, output, turn=axis not in (None, "Y")).write()
         partial.write_bytes(builder.to_gltf() if output.path.suffix.lower() == ".gltf" else builder.to_glb())
     return (*notices, *left_out(sequence, "glTF", held_by_mesh, metadata=tuple(sequence.metadata)))
@@ -91,7 +98,7 @@ class _Scene:
         between = self._between()
         key_times: int | None = None
         baked = targets = first = 0
-        angle = 0.0
+        angle = coarsest = 0.0
         smoothed = 0
         for item in sequence.objects:
             own = slice(first, first + item.vertex_count)
@@ -103,18 +110,24 @@ class _Scene:
                 smoothed += 1
             part, thirds = frames[:, own], None if between is None else between[:, own]
             turns = rigid_keys(part, thirds) if item.connectivity.face_count else None
+            place: dict[str, Any] = {}
             if turns is not None:
-                part, thirds = part[:1], None
+                part, thirds = part[:1] - turns.centre, None
+                place = {"translation": turns.centre.tolist()}
             motion = motion_of(part, thirds, rows)
+            lattice = lattice_of(motion, centred=turns is not None) if self._output.quantize else None
+            if lattice is not None:
+                place = {"translation": lattice.offset.tolist(), **place, "scale": [lattice.scale] * 3}
+                coarsest = max(coarsest, lattice.error)
             baked = max(baked, len(motion.targets) if motion.functions is None else 0)
             targets, angle = max(targets, len(motion.targets)), max(angle, motion.normal_error)
-            mesh = write_mesh(builder, item, motion, rows, self._material)
-            node = self._node(item.name, mesh)
+            mesh = write_mesh(builder, item, motion, rows, self._material, lattice)
+            node = self._node(item.name, mesh, place)
             if key_times is None and (len(motion.targets) or turns):
                 key_times = builder.floats(sequence.times, bounds=True)
             if len(motion.targets) and key_times is not None:
                 self._animate(node, key_times, motion)
-            for path, values in turns.items() if turns else ():
+            for path, values in turns.keys.items() if turns else ():
                 self._channel(node, path, key_times, builder.floats(values), "LINEAR")
         noted = {key: text for key, text in sequence.metadata.items() if key != UP_AXIS}
         if metres_per_unit(sequence) is None:
@@ -136,6 +149,8 @@ class _Scene:
             self._notices.append(
                 f"{targets} targets: some viewers keep {MOST_TARGETS} (Filament), most 2048; take fewer --frames"
             )
+        if self._output.quantize:
+            self._notices.append(f"positions are rounded to 16 bits: up to {coarsest:.2g} off along an axis")
         if angle > SEEN_ANGLE:
             self._notices.append(f"normals are up to {angle:.2g} degrees off, as functions of time give them")
         if smoothed:
@@ -173,7 +188,9 @@ class _Scene:
         if motion.functions is None:
             output, interpolation = self._builder.unit_rows(frames), "LINEAR"
         elif len(motion.functions) == frames:
-            output, interpolation = self._builder.floats(motion.functions.reshape(-1)), "LINEAR"
+            weights = motion.functions.reshape(-1)
+            quantize, interpolation = self._output.quantize, "LINEAR"
+            output = self._builder.fractions(weights, "<u2") if quantize else self._builder.floats(weights)
         else:
             splines = cubic_keys(motion.functions, self._sequence.times)
             output, interpolation = self._builder.floats(splines.reshape(-1)), "CUBICSPLINE"
@@ -189,8 +206,8 @@ class _Scene:
         still = self._builder.floats(np.zeros((self._sequence.frame_count, 3)))
         self._channel(self._roots[0], "translation", keys, still, "LINEAR")
 
-    def _node(self, name: str, mesh: int) -> int:
-        """A node of a mesh, and those above it."""
+    def _node(self, name: str, mesh: int, place: dict[str, Any]) -> int:
+        """A node of a mesh, where it stands, and those above it."""
         steps = steps_of(name) or (DEFAULT_NAME,)
         parent: int | None = None
         for length in range(1, len(steps)):
@@ -198,7 +215,7 @@ class _Scene:
             if branch not in self._branches:
                 self._branches[branch] = self._attach({"name": branch[-1]}, parent)
             parent = self._branches[branch]
-        return self._attach({"name": steps[-1], "mesh": mesh}, parent)
+        return self._attach({"name": steps[-1], "mesh": mesh, **place}, parent)
 
     def _attach(self, entry: dict[str, Any], parent: int | None) -> int:
         index = self._builder.add("nodes", entry)

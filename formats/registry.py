@@ -40,6 +40,8 @@ class Output:
     velocities : MeshSequence or None
         [scene units / s] at the same times; only for formats that hold them.
     progress : callable or None
+    quantize, meshopt : bool
+        Smaller files, of formats that list these options.
     """
 
     path: Path
@@ -47,6 +49,8 @@ class Output:
     overwrite: bool = False
     velocities: MeshSequence | None = None
     progress: Progress | None = None
+    quantize: bool = False
+    meshopt: bool = False
 
     def whole_file(self) -> AbstractContextManager[Path]:
         """A path to write to, which becomes :attr:`path` when the block ends well."""
@@ -88,6 +92,8 @@ class Format:
         Whether a sequence is a file a frame, given as a pattern or a folder.
     options : tuple of str
         Options of :func:`open_sequence` beside ``fps`` that the reader takes.
+    write_options : tuple of str
+        Options of :func:`write_sequence` that not every writer takes, but this one.
     holds_transforms, holds_velocities : bool
         Whether the writer can put transforms above objects, and velocities beside positions.
     keeps, loses : str
@@ -105,6 +111,7 @@ class Format:
     extra: str | None = None
     frame_per_file: bool = False
     options: tuple[str, ...] = ()
+    write_options: tuple[str, ...] = ()
     holds_transforms: bool = False
     holds_velocities: bool = False
     keeps: str = ""
@@ -207,6 +214,8 @@ def write_sequence(
     fps: float | None = None,
     velocities: MeshSequence | None = None,
     progress: Progress | None = None,
+    quantize: bool = False,
+    meshopt: bool = False,
 ) -> tuple[str, ...]:
     """Write a mesh sequence in the format that the path's extension names, block by block.
 
@@ -225,6 +234,10 @@ def write_sequence(
         [scene units / s] at the same times, for formats that hold them (Alembic, USD).
     progress : callable, optional
         Called as ``progress(done, total, what)``.
+    quantize : bool
+        glTF: positions and weights of 16 bits, normals of 8 (KHR_mesh_quantization); how far off that is, is told.
+    meshopt : bool
+        glTF: compressed without loss (EXT_meshopt_compression), for viewers that know it.
 
     Returns
     -------
@@ -235,6 +248,8 @@ def write_sequence(
     ------
     InputError
         If the place is taken or cannot be written to, or the format cannot hold the sequence.
+    SettingsError
+        If an option is not one of the format's.
     MissingExtraError
         If the format needs a package that is not installed.
     """
@@ -245,9 +260,13 @@ def write_sequence(
     if velocities is not None and not entry.holds_velocities:
         users = ", ".join(other.title for other in _formats.values() if other.holds_velocities)
         raise SettingsError(f"velocities are held by {users}; leave them out, or write them apart", path=where)
+    asked = {"quantize": quantize, "meshopt": meshopt}
+    for name in (name for name, value in asked.items() if value and name not in entry.write_options):
+        users = ", ".join(other.title for other in _formats.values() if name in other.write_options)
+        raise SettingsError(f"--{name} is for {users}; leave it out", path=where)
     placed = sequence if entry.holds_transforms else bake_transforms(sequence)
     rate = sequence.fps if fps is None else fps
-    output = Output(path=where, rate=rate, overwrite=overwrite, velocities=velocities, progress=progress)
+    output = Output(path=where, rate=rate, overwrite=overwrite, velocities=velocities, progress=progress, **asked)
     with naming_file(where):
         return writer(placed, output)
 

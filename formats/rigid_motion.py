@@ -6,6 +6,8 @@ float32.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from pdecodec.formats.scene_space import DerivedSequence, transform_attribute, transform_of
@@ -57,45 +59,59 @@ def _error(points: Float32Array, shape: Float64Array, matrices: Float64Array) ->
     return float(np.nan_to_num(np.abs(moved - points), nan=np.inf).max(initial=0))
 
 
-def rigid_keys(frames: Float32Array, between: Float32Array | None) -> dict[str, Float32Array] | None:
-    """Keys of the node that moves a shape from its first frame, if it moves rigidly, between its frames too.
+@dataclass(frozen=True)
+class RigidKeys:
+    """How a node moves a shape.
+
+    Attributes
+    ----------
+    centre : (3,) float32
+        The point of the first frame that is the shape's origin: between frames it moves straight, and the rest turns
+        evenly about it.
+    keys : mapping
+        ``translation`` (frames, 3) of the centre, and ``rotation`` (frames, 4), a unit quaternion, its real part last,
+        unless there is none.
+    """
+
+    centre: Float32Array
+    keys: dict[str, Float32Array]
+
+
+def rigid_keys(frames: Float32Array, between: Float32Array | None) -> RigidKeys | None:
+    """How a node moves a shape that moves rigidly, between its frames too; None where it does not, or stands.
 
     Parameters
     ----------
     frames : (frames, vertices, 3) float32
     between : (2 (frames - 1), vertices, 3) float32 or None
         At the thirds between frames, where they are known.
-
-    Returns
-    -------
-    mapping or None
-        ``translation`` (frames, 3), and ``rotation`` (frames, 4), a unit quaternion, its real part last, unless there
-        is none. Between frames viewers turn evenly about one axis. None where it moves in another way, or not at all.
     """
     from scipy.spatial.transform import Rotation, Slerp
 
     matrices = rigid_matrices(frames, frames[0])
     if matrices is None or (matrices == np.eye(4)).all():
         return None
+    centre = ((frames[0].min(axis=0) + frames[0].max(axis=0)) / 2).astype(np.float32)
     # Columns are turned by the transpose of what turns rows.
     turns = Rotation.from_matrix(matrices[:, :3, :3].transpose(0, 2, 1))
-    shifts = matrices[:, 3, :3]
+    centres = centre @ matrices[:, :3, :3] + matrices[:, 3, :3]
     if between is not None:
-        thirds = np.setdiff1d(np.arange(3 * len(frames) - 2), 3 * np.arange(len(frames))) / 3
+        numbers = np.arange(len(frames))
+        thirds = np.setdiff1d(np.arange(3 * len(frames) - 2), 3 * numbers) / 3
         found = np.broadcast_to(np.eye(4), (thirds.size, 4, 4)).copy()
-        found[:, :3, :3] = Slerp(np.arange(len(frames)), turns)(thirds).as_matrix().transpose(0, 2, 1)
-        for axis in range(3):
-            found[:, 3, axis] = np.interp(thirds, np.arange(len(frames)), shifts[:, axis])
+        found[:, :3, :3] = Slerp(numbers, turns)(thirds).as_matrix().transpose(0, 2, 1)
+        straight = np.stack([np.interp(thirds, numbers, column) for column in centres.T], axis=1)
+        found[:, 3, :3] = straight - centre @ found[:, :3, :3]
         if _error(between, frames[0].astype(np.float64), found) > RIGID * float(np.abs(between).max()):
             return None
-    keys = {"translation": shifts.astype(np.float32)}
+    keys = {"translation": centres.astype(np.float32)}
     if (matrices[:, :3, :3] != np.eye(3)).any():
         quaternions = turns.as_quat()
         # Of the two for a rotation the one that is nearer to that before it, so that no turn goes the long way.
-        flips = np.cumprod(np.sign((quaternions[1:] * quaternions[:-1]).sum(axis=1)))
-        quaternions[1:] *= np.where(flips == 0, 1, flips)[:, None]
+        flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1, 1))
+        quaternions[1:] *= flips[:, None]
         keys["rotation"] = quaternions.astype(np.float32)
-    return keys
+    return RigidKeys(centre, keys)
 
 
 def rigid_parts(sequence: MeshSequence) -> MeshSequence:

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject, MeshSequence
 from tests.browser_tools import assert_valid
-from tests.mesh_cases import connectivity_of
+from tests.mesh_cases import connectivity_of, grid
+
+SPACE = {"up_axis": "Y", "unit": "m"}
 
 IRREGULAR = np.array([0.125, 0.25, 0.3, 0.5, 1.75])
 
@@ -58,6 +60,31 @@ def scene(
     points = np.random.default_rng(7).normal(size=(frames, vertices, 3)).astype(np.float32)
     when = np.arange(1, frames + 1) / 24 if times is None else times
     return ArraySequence(points, objects=parts, times=when, fps=24.0, metadata=metadata)
+
+
+def turning(frames: int, axis: int, speed: float, drift: NDArray[np.floating]) -> NDArray[np.floating]:
+    """(frames, 4, 4) for points that are rows: turns about an axis through the origin, and a drift."""
+    angles, found = speed * np.arange(frames), np.repeat(np.eye(4)[None], frames, axis=0)
+    first, second = [one for one in range(3) if one != axis]
+    found[:, first, first] = found[:, second, second] = np.cos(angles)
+    found[:, first, second], found[:, second, first] = np.sin(angles), -np.sin(angles)
+    found[:, 3, :3] = drift * np.arange(frames)[:, None]
+    return found
+
+
+def machine(frames: int = 30, parts: int = 4, size: int = 6) -> ArraySequence:
+    """Parts that turn, drift, stand and bend, in this order again and again, some of them side by side."""
+    rng, points, objects = np.random.default_rng(3), [], []
+    for part in range(parts):
+        shape = rng.normal(size=(size * size, 3)) + 3 * part
+        kind = part % 4
+        moves = turning(frames, part % 3, 0.4 if kind == 0 else 0.0, rng.normal(size=3) * (0.1 if kind < 2 else 0))
+        moved = shape @ moves[:, :3, :3] + moves[:, 3:, :3]
+        if kind == 3:
+            moved = moved * (1 + 0.01 * np.sin(np.arange(frames))[:, None, None])
+        points.append(moved)
+        objects.append(MeshObject("alone" if part == 0 else f"rig/part{part}", grid(size, size)))
+    return ArraySequence(np.concatenate(points, axis=1), objects=objects, fps=24, metadata=SPACE)
 
 
 def assert_lawful(path: str | Path) -> None:

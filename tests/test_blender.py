@@ -11,8 +11,8 @@ from pdecodec.decoder import open_animation
 from pdecodec.encoder import encode
 from pdecodec.formats import write_sequence
 from tests.blender_tools import seen_by_blender
-from tests.scene_cases import needed
-from tests.test_gltf import SPACE, few_functions
+from tests.scene_cases import SPACE, needed
+from tests.test_gltf import few_functions
 from tests.test_normals import meshes, moving, plain_normals
 
 NORMAL_ERRORS = {"abc": 2e-3, "usdc": 2e-3, "glb": 0.3}

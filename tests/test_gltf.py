@@ -24,14 +24,14 @@ from pdecodec.sequence import ArraySequence, Connectivity, MeshObject
 from tests.browser_tools import assert_valid, play_in_browser
 from tests.mesh_cases import connectivity_of, grid
 from tests.scene_cases import (
+    SPACE,
     array_of,
     assert_same_connectivity,
     body,
+    machine,
     scene,
     uv_with_seam,
 )
-
-SPACE = {"up_axis": "Y", "unit": "m"}
 
 
 def few_functions() -> ArraySequence:
@@ -132,6 +132,85 @@ def test_weights_stay_between_0_and_1_and_those_of_the_mesh_show_its_first_frame
     with open_sequence(tmp_path / "still.gltf") as read:
         assert np.abs(read.read_frames(0, 1) - first).max() <= EXACT * np.abs(source.points).max()
     assert_valid(tmp_path / "x.glb")
+
+
+def unpacked(path: Path) -> list[bytes]:
+    """Buffer views of a file, decompressed by meshoptimizer itself."""
+    codec = pytest.importorskip("meshoptimizer", reason="meshoptimizer is not installed here")
+    whole = path.read_bytes()
+    length = int.from_bytes(whole[12:16], "little")
+    file, data = json.loads(whole[20 : 20 + length]), whole[28 + length :]
+    found = []
+    for view in file["bufferViews"]:
+        packed = view.get("extensions", {}).get("EXT_meshopt_compression")
+        if packed is None:
+            found.append(data[view["byteOffset"] :][: view["byteLength"]])
+            continue
+        assert (view["buffer"], packed["buffer"]) == (1, 0)
+        part, count, stride = (
+            data[packed["byteOffset"] :][: packed["byteLength"]],
+            packed["count"],
+            packed["byteStride"],
+        )
+        if packed["mode"] == "ATTRIBUTES":
+            rows = codec.decode_vertex_buffer(count, stride, part, np.dtype(f"V{stride}"))
+        else:
+            decode = codec.decode_index_buffer if packed["mode"] == "TRIANGLES" else codec.decode_index_sequence
+            rows = decode(count, stride, part)
+        found.append(rows.tobytes()[: count * stride])
+        assert len(found[-1]) == view["byteLength"]
+    return found
+
+
+def test_compressed_files_hold_the_same_numbers_in_fewer_bytes(tmp_path: Path) -> None:
+    clip = scene([body("root/arm/hand"), body("root/nail", [uv_with_seam("uv:second")])], frames=20, **SPACE)
+    for name, meshopt in (("plain.glb", False), ("small.glb", True)):
+        write_sequence(clip, tmp_path / name, meshopt=meshopt)
+    plain, small = unpacked(tmp_path / "plain.glb"), unpacked(tmp_path / "small.glb")
+    root = read_gltf(tmp_path / "plain.glb").root
+    triangles = {
+        root["accessors"][one["indices"]]["bufferView"] for mesh in root["meshes"] for one in mesh["primitives"]
+    }
+    for number, (one, other) in enumerate(zip(plain, small, strict=True)):
+        if number in triangles:
+            # Triangles may begin with another corner.
+            rows, turned = (np.frombuffer(data, "<u2").reshape(-1, 3).tolist() for data in (one, other))
+            for mine, theirs in zip(rows, turned, strict=True):
+                assert theirs in [mine, mine[1:] + mine[:1], mine[2:] + mine[:2]]
+        else:
+            assert one == other
+    assert_valid(tmp_path / "small.glb")
+
+
+def test_quantised_positions_are_as_far_off_as_is_told(tmp_path: Path) -> None:
+    for clip in (few_functions(), scene(**SPACE), machine()):
+        told = write_sequence(clip, tmp_path / "x.glb", quantize=True, overwrite=True)
+        (line,) = (one for one in told if one.startswith("positions are rounded to 16 bits: up to "))
+        error = float(line.split("up to ")[1].split()[0])
+        scale = np.abs(clip.points).max()
+        assert error < 2e-4 * scale
+        with open_sequence(tmp_path / "x.glb") as read:
+            # The notice has two digits, and weights are rounded too.
+            assert np.abs(read.read_frames(0, read.frame_count) - clip.points).max() < 1.1 * error + 2e-5 * scale
+        root = read_gltf(tmp_path / "x.glb").root
+        assert root["extensionsRequired"] == ["KHR_mesh_quantization"]
+        bounded = [one for one in root["accessors"] if one["type"] == "VEC3" and "min" in one and "bufferView" in one]
+        assert {one["componentType"] for one in bounded} == {5122}
+        assert_valid(tmp_path / "x.glb")
+
+
+def test_quantised_files_are_smaller_and_other_formats_refuse_the_option(tmp_path: Path) -> None:
+    rows, columns = np.divmod(np.arange(900), 30)
+    waves = 0.1 * np.random.default_rng(1).normal(size=(30, 900, 3))
+    clip = ArraySequence(np.stack([rows, columns, 0 * rows], axis=1) + waves, objects=[MeshObject("a", grid(30, 30))])
+    sizes = []
+    for options in ({}, {"quantize": True}, {"quantize": True, "meshopt": True}):
+        write_sequence(clip, tmp_path / "x.glb", overwrite=True, **options)
+        sizes.append((tmp_path / "x.glb").stat().st_size)
+    assert sizes[1] < 0.6 * sizes[0]
+    assert sizes[2] < sizes[1]
+    with pytest.raises(SettingsError, match=r"--meshopt is for glTF; leave it out"):
+        write_sequence(clip, tmp_path / "x.npz", meshopt=True)
 
 
 def test_more_targets_than_some_viewers_keep_are_told(tmp_path: Path) -> None:

