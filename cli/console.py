@@ -20,9 +20,19 @@ PIPE_WIDTH = 200
 """Columns of a table that goes to a file or a pipe, where nobody counts them."""
 
 
-def say(text: str) -> None:
-    """One line to standard error."""
-    click.echo(text, err=True)
+_loudness = 0
+
+
+def set_loudness(level: int) -> None:
+    """How much is said: -1 nothing but errors, 0 results and notes, 1 what is done as well."""
+    global _loudness
+    _loudness = level
+
+
+def say(text: str, *, level: int = 0) -> None:
+    """One line to standard error, unless less is to be said."""
+    if level <= _loudness:
+        click.echo(text, err=True)
 
 
 def say_notices(sequence: MeshSequence) -> None:
@@ -59,7 +69,7 @@ def print_rows(rows: Sequence[Sequence[str]]) -> None:
 @contextmanager
 def progress_bar() -> Iterator[Progress | None]:
     """A progress callable for the library that draws a bar on standard error; None when that is no terminal."""
-    if not sys.stderr.isatty():
+    if not sys.stderr.isatty() or _loudness < 0:
         yield None
         return
     from rich.console import Console

@@ -60,6 +60,8 @@ class Output:
         self, sequence: MeshSequence, what: str, frames: int | None = None
     ) -> Iterator[tuple[int, Float32Array]]:
         """The sequence's blocks, at most `frames` long; progress is reported as each is done with."""
+        if self.progress is not None:
+            self.progress(0, sequence.frame_count, f"writing {what}")
         for start, block in sequence.blocks(frames):
             yield start, block
             if self.progress is not None:
@@ -126,7 +128,37 @@ class Format:
         return self.writer is not None
 
 
-_formats: dict[str, Format] = {}
+LONGEST_MAGIC = 64
+"""Bytes of a file that are looked at to tell its format."""
+
+ENTRY_POINTS = "pdecodec.formats"
+"""Group of the entry points by which other packages name formats: each a :class:`Format`, or several."""
+
+
+class _Formats(dict[str, Format]):
+    """Formats by name; those of other packages are looked up at first use."""
+
+    failed: dict[str, str]
+    _is_whole = False
+
+    def whole(self) -> _Formats:
+        """Itself, with what other packages add; a package that fails is left out, and :attr:`failed` says why."""
+        if not self._is_whole:
+            # It loads much, and most runs need no format but ours.
+            from importlib.metadata import entry_points
+
+            self._is_whole, self.failed = True, {}
+            for entry in entry_points(group=ENTRY_POINTS):
+                try:
+                    found = entry.load()
+                    for one in (found,) if isinstance(found, Format) else tuple(found):
+                        register_format(one)
+                except Exception as error:  # what another package raises is not ours to know
+                    self.failed[entry.name] = f"{type(error).__name__}: {error}"
+        return self
+
+
+_formats = _Formats()
 
 
 def register_format(entry: Format) -> None:
@@ -146,7 +178,7 @@ def register_format(entry: Format) -> None:
 
 def list_formats() -> tuple[Format, ...]:
     """Every registered format, in order of registration."""
-    return tuple(_formats.values())
+    return tuple(_formats.whole().values())
 
 
 def open_sequence(
@@ -198,7 +230,7 @@ def open_sequence(
     entry = _format_to_read(where)
     for name, value in (("mesh", mesh), ("clip", clip)):
         if value is not None and name not in entry.options:
-            users = ", ".join(other.title for other in _formats.values() if name in other.options)
+            users = ", ".join(other.title for other in _formats.whole().values() if name in other.options)
             raise SettingsError(f"--{name} is for {users}; leave it out", path=where)
     given = {"mesh": mesh, "clip": clip, "transforms": transforms, "skip_unsupported": skip_unsupported}
     reader: Reader = _load(entry, entry.reader, "read", where)
@@ -258,11 +290,11 @@ def write_sequence(
     entry = _format_to_write(where, is_folder=os.fspath(path).endswith(("/", os.sep)))
     writer: Writer = _load(entry, entry.writer, "written", where)
     if velocities is not None and not entry.holds_velocities:
-        users = ", ".join(other.title for other in _formats.values() if other.holds_velocities)
+        users = ", ".join(other.title for other in _formats.whole().values() if other.holds_velocities)
         raise SettingsError(f"velocities are held by {users}; leave them out, or write them apart", path=where)
     asked = {"quantize": quantize, "meshopt": meshopt}
     for name in (name for name, value in asked.items() if value and name not in entry.write_options):
-        users = ", ".join(other.title for other in _formats.values() if name in other.write_options)
+        users = ", ".join(other.title for other in _formats.whole().values() if name in other.write_options)
         raise SettingsError(f"--{name} is for {users}; leave it out", path=where)
     placed = sequence if entry.holds_transforms else bake_transforms(sequence)
     rate = sequence.fps if fps is None else fps
@@ -289,18 +321,33 @@ def _check_fps(fps: float | None) -> None:
 
 def _by_extension(path: Path) -> Format | None:
     suffix = path.suffix.lower()
-    return next((entry for entry in _formats.values() if suffix in entry.extensions), None)
+    return _first(lambda entry: suffix in entry.extensions)
 
 
 def _by_magic(path: Path) -> Format | None:
-    longest = max(len(magic) for entry in _formats.values() for magic in (*entry.magic, b""))
     with read_errors(path), path.open("rb") as file:
-        head = file.read(longest)
-    return next((entry for entry in _formats.values() if any(head.startswith(magic) for magic in entry.magic)), None)
+        head = file.read(LONGEST_MAGIC)
+    return _first(lambda entry: any(head.startswith(magic) for magic in entry.magic))
+
+
+def _first(chosen: Callable[[Format], bool]) -> Format | None:
+    """The first format that fits, of ours if there is one."""
+    for known in (lambda: _formats, _formats.whole):
+        found = next((entry for entry in known().values() if chosen(entry)), None)
+        if found is not None:
+            return found
+    return None
 
 
 def _extensions(chosen: Callable[[Format], bool]) -> str:
-    return ", ".join(extension for entry in _formats.values() if chosen(entry) for extension in entry.extensions)
+    formats = _formats.whole().values()
+    return ", ".join(extension for entry in formats if chosen(entry) for extension in entry.extensions)
+
+
+def _failures() -> str:
+    """What to add where a format is missing: which of other packages could not be loaded."""
+    failed = "; ".join(f"{name} could not be loaded ({reason})" for name, reason in _formats.whole().failed.items())
+    return f"; {failed}" if failed else ""
 
 
 def _format_to_read(path: Path) -> Format:
@@ -320,14 +367,15 @@ def _format_to_read(path: Path) -> Format:
     elif entry is None or not entry.frame_per_file:
         raise InputError("there is no such file; check the name", path=path)
     if entry is None:
-        raise InputError(f"its format is not known; readable are {_extensions(lambda item: item.reads)}", path=path)
+        known = _extensions(lambda item: item.reads)
+        raise InputError(f"its format is not known; readable are {known}{_failures()}", path=path)
     return entry
 
 
 def _format_of_folder(folder: Path) -> Format:
     with read_errors(folder):
         suffixes = {item.suffix.lower() for item in folder.iterdir()}
-    found = [entry for entry in _formats.values() if entry.frame_per_file and suffixes & set(entry.extensions)]
+    found = [entry for entry in _formats.whole().values() if entry.frame_per_file and suffixes & set(entry.extensions)]
     if not found:
         wanted = _extensions(lambda item: item.frame_per_file)
         raise InputError(f"this folder holds no frames ({wanted}); name the file itself", path=folder)
@@ -340,10 +388,12 @@ def _format_of_folder(folder: Path) -> Format:
 def _format_to_write(path: Path, *, is_folder: bool) -> Format:
     entry = _by_extension(path)
     if is_folder or not path.suffix or (entry is None and path.is_dir()):
-        return next(entry for entry in _formats.values() if entry.frame_per_file and entry.writes)
+        return next(entry for entry in _formats.whole().values() if entry.frame_per_file and entry.writes)
     if entry is None:
         known = _extensions(lambda item: item.writes)
-        raise InputError(f"no format is written as {path.suffix!r}; use {known}, or name/ for a folder", path=path)
+        raise InputError(
+            f"no format is written as {path.suffix!r}; use {known}, or name/ for a folder{_failures()}", path=path
+        )
     return entry
 
 

@@ -244,7 +244,7 @@ def _write_topology(file: Any, whole: Connectivity, data_name: str) -> str:
         return f'        <Topology TopologyType="Polyvertex" NumberOfElements="{whole.vertex_count}"/>\n'
     if not whole.line_count and len(sizes) == 1 and sizes <= {3, 4}:
         kind = "Triangle" if sizes == {3} else "Quadrilateral"
-        numbers, count = whole.face_indices, whole.face_count
+        numbers, count = whole.face_indices.reshape(whole.face_count, -1), whole.face_count
     else:
         kind, count = "Mixed", whole.face_count + whole.line_count
         cells: list[NDArray[np.int32]] = []
@@ -259,9 +259,10 @@ def _write_topology(file: Any, whole: Connectivity, data_name: str) -> str:
                 cells += [np.array(head, np.int32), indices[end - size : end]]
         numbers = np.concatenate(cells)
     file.create_dataset("topology", data=np.ascontiguousarray(numbers, "<i4"), track_times=False)
+    shape = " ".join(map(str, numbers.shape))
     return (
         f'        <Topology TopologyType="{kind}" NumberOfElements="{count}">\n'
-        f'          <DataItem Dimensions="{numbers.size}" NumberType="Int" Precision="4" Format="HDF">'
+        f'          <DataItem Dimensions="{shape}" NumberType="Int" Precision="4" Format="HDF">'
         f"{escape(data_name)}:/topology</DataItem>\n        </Topology>\n"
     )
 

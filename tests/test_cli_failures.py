@@ -134,7 +134,6 @@ ENCODE, DECODE = "encode a.npz -o a.pdeanim", "decode a.pdeanim -o a.npz"
         (f"{ENCODE} --alpha 2", "are settings of the profile paper; take it"),
         (f"{ENCODE} --tolerance 1 --rms 1", "give one of --tolerance, --max-error, --rms and --size"),
         (f"{ENCODE} --max-error 1 --size 1", "give one of --tolerance, --max-error, --rms and --size"),
-        ("convert a.npz -o a.pdeanim", "pdecodec encode"),
         ("simulate cloth -o a.pdeanim", "pdecodec encode"),
         ("decode a.pdeanim -o b.pdeanim", "pdecodec encode"),
         (f"{DECODE} --at 1 --fps 30", "exclude each other"),
