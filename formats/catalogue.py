@@ -35,6 +35,7 @@ BUILT_IN = (
         reader="pdecodec.formats.npz:NpzSequence",
         writer="pdecodec.formats.npz:write_npz",
         holds_transforms=True,
+        holds_nothing=True,
         keeps="everything",
     ),
     Format(
@@ -45,6 +46,7 @@ BUILT_IN = (
         reader="pdecodec.formats.hdf5:Hdf5Sequence",
         writer="pdecodec.formats.hdf5:write_hdf5",
         holds_transforms=True,
+        holds_nothing=True,
         keeps="everything",
     ),
     Format(

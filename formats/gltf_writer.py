@@ -103,6 +103,10 @@ class _Scene:
         for item in sequence.objects:
             own = slice(first, first + item.vertex_count)
             first = own.stop
+            if not item.vertex_count:
+                # glTF has no mesh of nothing: its node keeps the name.
+                self._node(item.name, {})
+                continue
             # A mesh without normals is faceted in glTF.
             rows = normal_rows(item)
             if rows is None and item.connectivity.face_count:
@@ -122,7 +126,7 @@ class _Scene:
             baked = max(baked, len(motion.targets) if motion.functions is None else 0)
             targets, angle = max(targets, len(motion.targets)), max(angle, motion.normal_error)
             mesh = write_mesh(builder, item, motion, rows, self._material, lattice)
-            node = self._node(item.name, mesh, place)
+            node = self._node(item.name, {"mesh": mesh, **place})
             if key_times is None and (len(motion.targets) or turns):
                 key_times = builder.floats(sequence.times, bounds=True)
             if len(motion.targets) and key_times is not None:
@@ -206,8 +210,8 @@ class _Scene:
         still = self._builder.floats(np.zeros((self._sequence.frame_count, 3)))
         self._channel(self._roots[0], "translation", keys, still, "LINEAR")
 
-    def _node(self, name: str, mesh: int, place: dict[str, Any]) -> int:
-        """A node of a mesh, where it stands, and those above it."""
+    def _node(self, name: str, entry: dict[str, Any]) -> int:
+        """A node of an object, and those above it."""
         steps = steps_of(name) or (DEFAULT_NAME,)
         parent: int | None = None
         for length in range(1, len(steps)):
@@ -215,7 +219,7 @@ class _Scene:
             if branch not in self._branches:
                 self._branches[branch] = self._attach({"name": branch[-1]}, parent)
             parent = self._branches[branch]
-        return self._attach({"name": steps[-1], "mesh": mesh, **place}, parent)
+        return self._attach({"name": steps[-1], **entry}, parent)
 
     def _attach(self, entry: dict[str, Any], parent: int | None) -> int:
         index = self._builder.add("nodes", entry)

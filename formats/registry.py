@@ -96,8 +96,9 @@ class Format:
         Options of :func:`open_sequence` beside ``fps`` that the reader takes.
     write_options : tuple of str
         Options of :func:`write_sequence` that not every writer takes, but this one.
-    holds_transforms, holds_velocities : bool
-        Whether the writer can put transforms above objects, and velocities beside positions.
+    holds_transforms, holds_velocities, holds_nothing : bool
+        Whether the writer can put transforms above objects, velocities beside positions, and keep objects without
+        vertices.
     keeps, loses : str
         What comes back after writing and reading, beside positions; what does not.
     """
@@ -116,6 +117,7 @@ class Format:
     write_options: tuple[str, ...] = ()
     holds_transforms: bool = False
     holds_velocities: bool = False
+    holds_nothing: bool = False
     keeps: str = ""
     loses: str = ""
 
@@ -299,8 +301,10 @@ def write_sequence(
     placed = sequence if entry.holds_transforms else bake_transforms(sequence)
     rate = sequence.fps if fps is None else fps
     output = Output(path=where, rate=rate, overwrite=overwrite, velocities=velocities, progress=progress, **asked)
+    empty = ", ".join(item.name for item in sequence.objects if not item.vertex_count and not entry.holds_nothing)
     with naming_file(where):
-        return writer(placed, output)
+        lost = writer(placed, output)
+    return (*lost, f"objects without vertices do not come back: {empty}") if empty else lost
 
 
 @contextmanager

@@ -183,6 +183,9 @@ class _PrimWriter(ShapeWriter):
         self.notices += write_extras(prim, item, self.drawn, self.in_samples)
 
     def write(self, points: Float32Array, speeds: Float32Array | None, times: Float64Array) -> None:
+        if not points.shape[1]:
+            self._points.Set(Vt.Vec3fArray())
+            return
         # Coordinate by coordinate: minima along rows of three are ten times as slow.
         axes = np.ascontiguousarray(points.transpose(0, 2, 1))
         extents = np.stack([axes.min(axis=2), axes.max(axis=2)], axis=1)
