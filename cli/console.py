@@ -29,10 +29,19 @@ def set_loudness(level: int) -> None:
     _loudness = level
 
 
+def visible(text: str) -> str:
+    """Text that cannot steer a terminal: control characters, and those that turn its direction, as escapes.
+
+    Names in files and parts of messages are what somebody wrote: an escape sequence would be obeyed.
+    """
+    kept = (one if one.isprintable() or one in "\n\t" else one.encode("unicode_escape").decode() for one in text)
+    return "".join(kept)
+
+
 def say(text: str, *, level: int = 0) -> None:
     """One line to standard error, unless less is to be said."""
     if level <= _loudness:
-        click.echo(text, err=True)
+        click.echo(visible(text), err=True)
 
 
 def say_notices(sequence: MeshSequence) -> None:
@@ -61,6 +70,7 @@ def print_table(table: Table) -> None:
 
 def print_rows(rows: Sequence[Sequence[str]]) -> None:
     """Rows of texts to standard output, in columns as wide as what they hold."""
+    rows = [[visible(text).replace("\n", "\\n").replace("\t", "\\t") for text in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         click.echo("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip())
@@ -78,7 +88,7 @@ def progress_bar() -> Iterator[Progress | None]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=None)
-        yield lambda done, total, what: bar.update(task, completed=done, total=total, description=what)
+        yield lambda done, total, what: bar.update(task, completed=done, total=total, description=visible(what))
 
 
 def counted(count: int, noun: str) -> str:

@@ -86,7 +86,12 @@ def _convert(
     source, written = job.source, job.output
     job.check([written], [reading["mesh"]], overwrite=overwrite, dry_run=dry_run)
     with open_sequence(source, **reading) as whole:
-        sequence = place(select_objects(select_frames(whole, frames), objects), up_axis=up_axis, scale=scale, unit=unit)
+        sequence = place(
+            select_objects(select_frames(whole, frames), objects, job.source_name),
+            up_axis=up_axis,
+            scale=scale,
+            unit=unit,
+        )
         say_notices(sequence)
         say_start(job, sequence)
 

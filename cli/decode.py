@@ -25,7 +25,7 @@ from pdecodec.cli.options import (
     stored_bytes,
     write_options,
 )
-from pdecodec.errors import InputError, SettingsError
+from pdecodec.errors import InputError, LimitError, SettingsError
 
 if TYPE_CHECKING:
     from pdecodec.decoder import Animation
@@ -72,7 +72,11 @@ def decode(
         raise SettingsError("-o - and --json both want standard output; leave out one")
     for job in jobs(paths, output, extension=extension):
         with streamed(job, extension=extension or "", dry_run=options["dry_run"]) as one:
-            _decode(one, as_json=as_json, **options)
+            try:
+                _decode(one, as_json=as_json, **options)
+            except LimitError as error:
+                place = {"path": error.path, "frame": error.frame, "offset": error.offset}
+                raise LimitError(f"{error.message}; --max-memory raises the limit", **place) from error
 
 
 def _decode(
@@ -117,12 +121,12 @@ def _decode(
     limits = DecodeLimits() if max_memory is None else DecodeLimits(max_memory=max_memory)
     with open_animation(source, limits=limits) as animation:
         chosen = _chosen(animation, at=at, times=times, fps=fps, frames=frames, outside=outside)
-        positions = place(select_objects(chosen, objects), up_axis=up_axis, scale=scale, unit=unit)
+        positions = place(select_objects(chosen, objects, job.source_name), up_axis=up_axis, scale=scale, unit=unit)
         sequences = [positions]
         speeds: MeshSequence | None = None
         if velocities:
             speeds = SampledAnimation(animation, chosen.times, quantity="velocities", outside=outside)
-            speeds = place(select_objects(speeds, objects), up_axis=up_axis, scale=scale, unit=unit)
+            speeds = place(select_objects(speeds, objects, job.source_name), up_axis=up_axis, scale=scale, unit=unit)
             sequences.append(speeds)
         say_notices(positions)
         say_start(job, positions)

@@ -155,14 +155,26 @@ def _encode(
         raise SettingsError("give one of --tolerance, --max-error, --rms and --size, not several")
     paper = {"segment_frames": segment_frames, "piece_points": piece_points, "alpha": alpha, "r": r}
     given: dict[str, Any] = {name: value for name, value in paper.items() if value is not None}
-    checked = EncodeSettings(**settings, paper=PaperSettings(**given))
+    try:
+        checked = EncodeSettings(**settings, paper=PaperSettings(**given))
+    except SettingsError as error:
+        # The library names its settings, which are options here.
+        name, _, rest = error.message.partition(" ")
+        if name not in (*settings, *paper):
+            raise
+        raise SettingsError(f"--{name.replace('_', '-')} {rest}") from error
     if not output.lower().endswith(".pdeanim"):
         raise SettingsError(f"{output}: encode writes .pdeanim files; for other formats use pdecodec convert")
     job.check([output], [mesh], overwrite=overwrite, dry_run=dry_run)
     with open_sequence(
         source, fps=fps, mesh=mesh, clip=clip, transforms=transforms, skip_unsupported=skip_unsupported
     ) as whole:
-        sequence = place(select_objects(select_frames(whole, frames), objects), up_axis=up_axis, scale=scale, unit=unit)
+        sequence = place(
+            select_objects(select_frames(whole, frames), objects, job.source_name),
+            up_axis=up_axis,
+            scale=scale,
+            unit=unit,
+        )
         say_notices(sequence)
         say_start(job, sequence)
         files = input_files(source)

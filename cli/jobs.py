@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pdecodec.cli.console import byte_size, extent, say
+from pdecodec.cli.console import byte_size, extent, say, visible
 from pdecodec.cli.options import check_apart, check_output
 from pdecodec.errors import PdecodecError, SettingsError
 
@@ -202,8 +202,8 @@ def say_plan(
     growth = (sizes[-1] - sizes[0]) / max(1, counts[-1] - counts[0])
     about = sizes[-1] + growth * (sequence.frame_count - counts[-1])
     there = f"{files} file{'s' * (files != 1)}, {byte_size(size)}"
-    click.echo(f"read {job.source_name} ({there}): {extent(sequence.frame_count, sequence.vertex_count)}")
-    click.echo(f"write {job.output_name}: about {byte_size(max(0, round(about)))}")
+    click.echo(visible(f"read {job.source_name} ({there}): {extent(sequence.frame_count, sequence.vertex_count)}"))
+    click.echo(visible(f"write {job.output_name}: about {byte_size(max(0, round(about)))}"))
 
 
 def say_start(job: Job, sequence: MeshSequence) -> None:

@@ -16,7 +16,7 @@ from types import TracebackType
 import click
 
 from pdecodec import __version__
-from pdecodec.cli.console import set_loudness
+from pdecodec.cli.console import set_loudness, visible
 from pdecodec.errors import InputError, PdecodecError, SettingsError
 
 EXIT_INTERRUPTED = 130
@@ -124,6 +124,7 @@ def run(arguments: Sequence[str]) -> int:
     try:
         return int(pdecodec.main(args=list(arguments), prog_name="pdecodec", standalone_mode=False) or 0)
     except click.ClickException as error:
+        error.message = visible(error.message)
         error.show()
         return SettingsError.exit_code
     except PdecodecError as error:
@@ -142,13 +143,13 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _fail(message: str, exit_code: int) -> int:
-    click.echo(f"error: {' '.join(message.split())}", err=True)
+    click.echo(f"error: {visible(' '.join(message.split()))}", err=True)
     return exit_code
 
 
 def _report_bug(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
     click.echo(
-        f"error: a bug in pdecodec: {kind.__name__}: {' '.join(str(error).split())}; "
+        f"error: a bug in pdecodec: {kind.__name__}: {visible(' '.join(str(error).split()))}; "
         f"please report it, with what the same command prints when {TRACEBACK_VARIABLE}=1",
         err=True,
     )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from pdecodec.cli.console import set_loudness
-from pdecodec.errors import InputError, SettingsError
+from pdecodec.errors import InputError, SettingsError, naming_file
 
 if TYPE_CHECKING:
     from pdecodec.sequence import MeshSequence
@@ -146,13 +146,13 @@ def place_options(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-def select_objects(sequence: MeshSequence, names: Sequence[str]) -> MeshSequence:
+def select_objects(sequence: MeshSequence, names: Sequence[str], source: str) -> MeshSequence:
     """The objects that `--object` asks for; all of them where it does not.
 
     Raises
     ------
     InputError
-        If there is no object of one of the names.
+        If there is no object of one of the names in `source`.
     """
     from pdecodec.selection import ObjectSelection
 
@@ -161,7 +161,8 @@ def select_objects(sequence: MeshSequence, names: Sequence[str]) -> MeshSequence
     known = [item.name for item in sequence.objects]
     # A name that nothing matches goes on as it is: the selection says which names there are.
     chosen = [full for name in names for full in _matching(name.strip("/"), known) or [name]]
-    return ObjectSelection(sequence, chosen)
+    with naming_file(source):
+        return ObjectSelection(sequence, chosen)
 
 
 def _matching(name: str, known: Sequence[str]) -> list[str]:

@@ -45,7 +45,12 @@ from pdecodec.formats.rigid_motion import rigid_parts
 from pdecodec.formats.scene_space import matrices_at, place, transform_of, up_axis_of
 from pdecodec.formats.scene_writing import ShapeWriter, tree_paths, write_shapes
 from pdecodec.formats.times import regular_rate
+from pdecodec.reserved_room import ReservedRoom
 from pdecodec.sequence import Attribute, Float32Array, Float64Array, MeshObject, MeshSequence
+from pdecodec.whole_output import failure_of
+
+OBJECT_BYTES, SAMPLE_BYTES = 2**16, 2**10
+"""More than Alembic writes of an object, and of a sample, beside their arrays."""
 
 _SHAPES = {
     "mesh": (AbcGeom.OPolyMesh, AbcGeom.OPolyMeshSchemaSample),
@@ -78,13 +83,19 @@ def write_alembic(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         sequence = rigid_parts(sequence)
     with output.whole_file() as partial:
         try:
-            return (*turned, *_write(sequence, partial, output))
+            notices = _write(sequence, partial, output)
+            ReservedRoom(partial).release()
+            return (*turned, *notices)
         except RuntimeError as error:
-            raise InputError(f"Alembic cannot write this ({error}); check the folder and the free space") from error
+            reason = failure_of(partial.parent, f"Alembic says {error}")
+            raise InputError(f"cannot be written ({reason}); check the folder and the free space") from error
 
 
 def _write(sequence: MeshSequence, path: Path, output: Output) -> tuple[str, ...]:
     archive = Abc.OArchive(str(path))
+    room = ReservedRoom(path)
+    # Alembic ends the process where its last bytes find no room: room is made before anything is written.
+    room.reserve(sum(map(_described_bytes, sequence.objects)) + sequence.frame_count * 64 * len(sequence.objects))
     sampling = archive.addTimeSampling(_time_sampling(sequence.times, output.rate))
     top = archive.getTop()
     Abc.ODoubleProperty(top.getProperties(), FPS_PROPERTY).setValue(output.rate)
@@ -97,10 +108,19 @@ def _write(sequence: MeshSequence, path: Path, output: Output) -> tuple[str, ...
         _ShapeWriter(item, branches.parent(steps), steps[-1], sampling)
         for item, steps in zip(sequence.objects, paths, strict=True)
     ]
-    for times in write_shapes(sequence, output, "Alembic", shapes):
+    frame_bytes = sum(shape.frame_bytes(speeds=output.velocities is not None) for shape in shapes)
+    for times in write_shapes(sequence, output, "Alembic", shapes, lambda frames: room.reserve(frames * frame_bytes)):
         branches.write(times)
     notices = dict.fromkeys(notice for shape in shapes for notice in shape.notices)
     return (*renamed, *notices)
+
+
+def _described_bytes(item: MeshObject) -> int:
+    """At most, of what is written of an object beside its samples."""
+    arrays = [item.connectivity.face_counts, item.connectivity.face_indices, item.connectivity.line_indices]
+    arrays += [one for each in item.attributes for one in (each.values, each.indices) if one is not None]
+    labels = sum(len(label) for each in item.attributes for label in each.labels)
+    return OBJECT_BYTES + 2 * (sum(array.nbytes for array in arrays) + labels)
 
 
 def _time_sampling(times: Float64Array, rate: float) -> Any:
@@ -188,6 +208,12 @@ class _ShapeWriter(ShapeWriter):
             order = reversed_corners(item.connectivity.face_counts)
             self._corner_rows = unsigned_array(self.normals.corner_rows[order])
         self.in_samples += [uv.name for uv in uv_sets(item)[:1]]
+
+    def frame_bytes(self, *, speeds: bool) -> int:
+        """At most, of a sample."""
+        normals = 0 if self.normals is None else self.normals.count + len(self.normals.corner_rows)
+        points = self.item.vertex_count if self.drawn.gather is None else len(self.drawn.gather)
+        return SAMPLE_BYTES + 12 * (points * (2 if speeds else 1) + normals)
 
     def write(self, points: Float32Array, speeds: Float32Array | None, times: Float64Array) -> None:
         for frame, normals in enumerate(self.normals_at(points)):

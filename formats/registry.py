@@ -13,7 +13,7 @@ from typing import Any, Literal
 from pdecodec.errors import InputError, MissingExtraError, SettingsError, naming_file
 from pdecodec.formats.scene_space import bake_transforms
 from pdecodec.sequence import Float32Array, MeshSequence, Progress
-from pdecodec.whole_output import whole_file
+from pdecodec.whole_output import finish_interrupted, whole_file
 
 Transforms = Literal["bake", "keep"]
 """What becomes of transforms above an object: applied to its positions, or kept as its attribute ``transform``."""
@@ -229,6 +229,7 @@ def open_sequence(
     """
     where = Path(path)
     _check_fps(fps)
+    finish_interrupted(where if where.is_dir() else where.parent)
     entry = _format_to_read(where)
     for name, value in (("mesh", mesh), ("clip", clip)):
         if value is not None and name not in entry.options:

@@ -5,7 +5,6 @@ A file is saved after every block of frames, so that memory does not grow with t
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -30,7 +29,7 @@ from pdecodec.formats.usd_attributes import (
 )
 from pdecodec.formats.usd_reader import SUBDIVISION_SCHEMES
 from pdecodec.sequence import Float32Array, Float64Array, MeshObject, MeshSequence
-from pdecodec.whole_output import check_writable, partial_folder, write_errors
+from pdecodec.whole_output import check_writable, failure_of, move_into, partial_folder, write_errors
 
 ROOT = "scene"
 """Name of the prim above all others where the tree has several roots: a stage has one default prim."""
@@ -61,8 +60,9 @@ def write_usd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
                 file = package
         except Tf.ErrorException as error:
             reason = str(error).strip().splitlines()[-1].strip()
-            raise InputError(f"USD cannot write this ({reason}); check the folder and the free space") from error
-        os.replace(file, path)
+            reason = failure_of(folder, f"USD says {reason}")
+            raise InputError(f"cannot be written ({reason}); check the folder and the free space") from error
+        move_into(file, path, overwrite=output.overwrite)
     return notices
 
 

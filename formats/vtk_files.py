@@ -15,6 +15,7 @@ import io
 import math
 import struct
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -150,13 +151,16 @@ def write_pvd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     check_writable(path, overwrite=output.overwrite)
     grid = _Grid(sequence)
     frames = dataclasses.replace(output, path=path.with_name(f"{path.stem}.{FOLDER_PADDING}.vtu"))
-    rows = "".join(
-        f'    <DataSet timestep="{float(time)!r}" file={quoteattr(file.name)}/>\n'
-        for time, file in zip(sequence.times, write_frames(sequence, frames, "VTU", grid.of_frame), strict=True)
-    )
-    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
-    with output.whole_file() as partial:
-        partial.write_text(f"{head}{rows}  </Collection>\n</VTKFile>\n", encoding="utf-8")
+
+    def listed(files: Sequence[Path]) -> bytes:
+        rows = "".join(
+            f'    <DataSet timestep="{float(time)!r}" file={quoteattr(file.name)}/>\n'
+            for time, file in zip(sequence.times, files, strict=True)
+        )
+        head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+        return f"{head}{rows}  </Collection>\n</VTKFile>\n".encode()
+
+    write_frames(sequence, frames, "VTU", grid.of_frame, index=(path, listed))
     return grid.notices
 
 

@@ -7,7 +7,6 @@ size, lines, points, and mixed ones. Written: one topology, a dataset of positio
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -20,11 +19,12 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import lost_by_joining
 from pdecodec.formats.frame_files import join_cells
+from pdecodec.formats.hdf5 import new_hdf5
 from pdecodec.formats.normals import VertexNormals
 from pdecodec.formats.registry import Output
 from pdecodec.formats.times import rate_or_default, timing_of_stored
 from pdecodec.sequence import Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range, check_times
-from pdecodec.whole_output import check_writable, partial_folder, write_errors
+from pdecodec.whole_output import check_writable, partial_folder, publish, write_errors
 
 _SIZES = {"triangle": 3, "quadrilateral": 4}
 
@@ -212,12 +212,13 @@ def write_xdmf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     for one in (path, data_path):
         check_writable(one, overwrite=output.overwrite)
     with partial_folder(path) as folder, write_errors(path):
-        with h5py.File(folder / data_path.name, "w") as file:
+        with new_hdf5(folder / data_path.name) as (file, check):
             topology = _write_topology(file, sequence.connectivity, data_path.name)
             rows, normals = [], VertexNormals(sequence)
             for start, block in output.blocks(sequence, "XDMF"):
                 for frame, points in enumerate(block, start):
                     name = f"points/{frame:06d}"
+                    check()
                     file.create_dataset(name, data=np.ascontiguousarray(points, "<f4"), track_times=False)
                     shading = f"normals/{frame:06d}" if normals.held else None
                     if shading is not None:
@@ -225,8 +226,7 @@ def write_xdmf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
                     time = float(sequence.times[frame])
                     rows.append(_grid_text(topology, name, shading, data_path.name, len(points), time))
         (folder / path.name).write_text(_HEAD + "".join(rows) + _TAIL, encoding="utf-8")
-        os.replace(folder / data_path.name, data_path)
-        os.replace(folder / path.name, path)
+        publish(folder, [data_path.name, path.name], overwrite=output.overwrite)
     return lost_by_joining(sequence, "XDMF", "grid", held=normals.holds)
 
 
