@@ -37,6 +37,9 @@ FPS_PROPERTY, METADATA_PROPERTY = "pdecodec_fps", "pdecodec_metadata"
 OWN = "pdecodec_"
 """Beginning of the names of parameters that only we write and read."""
 
+ADDED = "pdecodec_added"
+"""Metadata of a transform that names of objects do not have: it is there to move one of them."""
+
 KIND, LABEL = "pdecodec_kind", "pdecodec_label"
 """Metadata of a face set: what it stands for, and its name where Alembic could not hold it."""
 

@@ -22,7 +22,14 @@ import numpy as np
 from alembic3d import Abc, AbcGeom
 
 from pdecodec.errors import InputError
-from pdecodec.formats.alembic_attributes import FPS_PROPERTY, METADATA_PROPERTY, matrix_rows, read_extras, to_numpy
+from pdecodec.formats.alembic_attributes import (
+    ADDED,
+    FPS_PROPERTY,
+    METADATA_PROPERTY,
+    matrix_rows,
+    read_extras,
+    to_numpy,
+)
 from pdecodec.formats.attribute_roles import CURVE_BASIS, CURVE_WRAP, SUBDIVISION, label_attribute, reversed_corners
 from pdecodec.formats.registry import Transforms, read_errors
 from pdecodec.formats.scene_reading import Extras, Refusals, SceneSequence, Shape
@@ -242,6 +249,8 @@ def _visit(
     wrap = Abc.WrapExistingFlag.kWrapExisting
     if AbcGeom.IXform.matches(header):
         transform = _Transform(AbcGeom.IXform(child, wrap))
+        if header.getMetaData().get(ADDED):
+            path = path.rpartition("/")[0]
         chain = (transform, *(chain if transform.inherits else ()))
     elif (kind := next((kind for kind, one in _GEOMETRY.items() if one.matches(header)), None)) is not None:
         schema = _GEOMETRY[kind](child, wrap).getSchema()

@@ -35,6 +35,7 @@ BUILT_IN = (
         reader="pdecodec.formats.npz:NpzSequence",
         writer="pdecodec.formats.npz:write_npz",
         holds_transforms=True,
+        holds_nothing=True,
         keeps="everything",
     ),
     Format(
@@ -45,6 +46,7 @@ BUILT_IN = (
         reader="pdecodec.formats.hdf5:Hdf5Sequence",
         writer="pdecodec.formats.hdf5:write_hdf5",
         holds_transforms=True,
+        holds_nothing=True,
         keeps="everything",
     ),
     Format(
@@ -117,6 +119,7 @@ BUILT_IN = (
         writer="pdecodec.formats.gltf_writer:write_gltf",
         times="float32",
         options=("clip", "transforms"),
+        write_options=("quantize", "meshopt"),
         keeps="the tree and its names, faces and vertex order (noted beside the triangles), UV sets with seams, "
         "vertex colours, hard edges, material names, lines, points, frame rate, times (float32); skins, morph targets "
         "and moving nodes are applied at --fps; Draco and meshopt compression are read (pip install 'pdecodec[gltf]'), "
@@ -130,7 +133,7 @@ BUILT_IN = (
         extensions=(".xdmf", ".xmf"),
         reader="pdecodec.formats.xdmf:XdmfSequence",
         writer="pdecodec.formats.xdmf:write_xdmf",
-        keeps="faces, lines, times, the surface of solids",
+        keeps="faces, lines, times, the surface of solids, normals of smooth meshes (written)",
         loses="names of objects, attributes, up axis and unit; changing connectivity",
     ),
     Format(
@@ -139,7 +142,8 @@ BUILT_IN = (
         extensions=(".pvd",),
         reader="pdecodec.formats.vtk_files:open_pvd",
         writer="pdecodec.formats.vtk_files:write_pvd",
-        keeps="faces, lines, times, vertex colours (written), the surface of solids; parts are joined",
+        keeps="faces, lines, times, vertex colours (written), normals of smooth meshes (written), the surface of "
+        "solids; parts are joined",
         loses="names of objects (numbers stay, as point data), other attributes, up axis and unit",
     ),
     Format(
@@ -149,8 +153,8 @@ BUILT_IN = (
         reader="pdecodec.formats.vtk_files:open_vtu",
         writer="pdecodec.formats.vtk_files:write_vtu",
         frame_per_file=True,
-        keeps="faces, lines, vertex colours (written), the surface of solids; what is not read otherwise VTK reads "
-        "(pip install 'pdecodec[vtk]')",
+        keeps="faces, lines, vertex colours (written), normals of smooth meshes (written), the surface of solids; what "
+        "is not read otherwise VTK reads (pip install 'pdecodec[vtk]')",
         loses="names of objects (numbers stay, as point data), other attributes, times (frames are numbered)",
     ),
     Format(
@@ -191,7 +195,7 @@ BUILT_IN = (
         reader="pdecodec.formats.ply_reader:open_ply",
         writer="pdecodec.formats.ply_stl_off:write_ply",
         frame_per_file=True,
-        keeps="faces, vertex colours (8 bits); UVs, smooth normals, edges as lines and strips are read",
+        keeps="faces, vertex colours (8 bits), normals of smooth meshes; UVs, edges as lines and strips are read",
         loses="names of objects, UVs, lines, other attributes, times (frames are numbered)",
     ),
     Format(

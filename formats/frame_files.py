@@ -16,7 +16,7 @@ from pdecodec.errors import InputError
 from pdecodec.formats.registry import Output
 from pdecodec.formats.times import Timing, timing_of_numbers
 from pdecodec.sequence import Attribute, Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range
-from pdecodec.whole_output import partial_folder, write_errors
+from pdecodec.whole_output import partial_folder, publish, write_errors
 
 FRAME_FIELD = re.compile(r"#+|@+|%0?\d*d|\$F\d*")
 """Where a name carries its frame number: hashes, at signs, printf's and Houdini's notation."""
@@ -271,11 +271,13 @@ def write_frames(
     frame_bytes: Callable[[Float32Array, int], bytes],
     *,
     new_folder: bool = False,
+    index: tuple[Path, Callable[[Sequence[Path]], bytes]] | None = None,
 ) -> list[Path]:
     """Write a file for each frame, all of them or none; the paths.
 
-    The frames are written to a hidden folder beside their place, and moved after the last one was written. Of frames
-    that are replaced, those that the new sequence does not have are removed.
+    The frames are written to a hidden folder beside their place, and moved after the last one was written; a run that
+    is killed while it moves them is finished by the next. Of frames that are replaced, those that the new sequence does
+    not have are removed.
 
     Parameters
     ----------
@@ -288,6 +290,8 @@ def write_frames(
         The bytes of a file: of positions (vertices, 3) and the index of the frame.
     new_folder : bool
         Whether the pattern's folder is new, and appears at once when all is written.
+    index : tuple of a path and a callable, optional
+        A file beside the frames that appears with them, and its bytes by their paths.
 
     Raises
     ------
@@ -322,8 +326,10 @@ def write_frames(
         if new_folder:
             os.replace(partial, place)
             return paths
-        for path in paths:
-            os.replace(partial / path.name, path)
-        for path in set(old) - set(paths):
-            path.unlink()
+        names = [path.name for path in paths]
+        if index is not None:
+            (partial / index[0].name).write_bytes(index[1](paths))
+            names.append(index[0].name)
+        gone = [path.name for path in set(old) - set(paths)]
+        publish(partial, names, overwrite=output.overwrite, remove=gone)
     return paths

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import binascii
 import hashlib
+import importlib
 import json
 import struct
 import zlib
@@ -17,8 +18,8 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdecodec.errors import InputError
-from pdecodec.formats.gltf_compression import DRACO, MESHOPT, MOST_DECODED, decode_view
+from pdecodec.errors import InputError, MissingExtraError
+from pdecodec.formats.gltf_compression import DRACO, MESHOPT_NAMES, MOST_DECODED, decode_view
 from pdecodec.formats.registry import read_errors
 from pdecodec.sequence import Float32Array
 
@@ -36,7 +37,7 @@ WIDTHS: Mapping[str, int] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2
 INSTANCING, POINTER, VISIBILITY = "EXT_mesh_gpu_instancing", "KHR_animation_pointer", "KHR_node_visibility"
 """Extensions of nodes and animations that are read."""
 
-READABLE_EXTENSIONS = frozenset({"KHR_mesh_quantization", DRACO, *MESHOPT, INSTANCING, POINTER, VISIBILITY})
+READABLE_EXTENSIONS = frozenset({"KHR_mesh_quantization", DRACO, *MESHOPT_NAMES, INSTANCING, POINTER, VISIBILITY})
 """Extensions that may be required because they are read."""
 
 LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "EXT_lights_", "KHR_xmp")
@@ -44,6 +45,11 @@ LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "EXT_l
 
 POINTS, LINES, LINE_LOOP, LINE_STRIP, TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = range(7)
 """Modes of primitives."""
+
+QUANTIZATION, MESHOPT = "KHR_mesh_quantization", "EXT_meshopt_compression"
+
+MESHOPT_VERTEX_VERSION, MESHOPT_STRIDE = 0, 256
+"""Version of meshoptimizer's coder of rows that the extension names, and the longest rows."""
 
 MOST_ZEROS = 2**30
 """Bytes that an accessor without data may take: numbers that are all zero take none in a file."""
@@ -119,7 +125,7 @@ class GltfFile:
     def _view(self, index: int) -> tuple[Mapping[str, Any], bytes, int, int]:
         """A buffer view, the bytes it lies in, and where it begins and ends there."""
         view = self.root["bufferViews"][index]
-        packed = next((view["extensions"][name] for name in MESHOPT if name in view.get("extensions", {})), None)
+        packed = next((view["extensions"][name] for name in MESHOPT_NAMES if name in view.get("extensions", {})), None)
         if packed is None:
             first = int(view.get("byteOffset", 0))
             return view, self.buffers[view["buffer"]], first, first + int(view["byteLength"])
@@ -205,7 +211,7 @@ def _buffer(entry: Any, index: int, chunk: bytes | None, path: Path) -> bytes:
     uri = entry.get("uri") if isinstance(entry, dict) else None
     if uri is None:
         extensions = entry.get("extensions", {}) if isinstance(entry, dict) else {}
-        if any(name in extensions for name in MESHOPT):
+        if any(name in extensions for name in MESHOPT_NAMES):
             # Only the size of what compressed views become.
             return b""
         if chunk is None:
@@ -226,11 +232,40 @@ def _buffer(entry: Any, index: int, chunk: bytes | None, path: Path) -> bytes:
 
 
 class GltfBuilder:
-    """Collects nodes, meshes and numbers."""
+    """Collects nodes, meshes and numbers.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    meshopt : bool
+        Whether numbers are compressed by meshoptimizer, without loss; viewers must know the extension then.
+
+    Raises
+    ------
+    MissingExtraError
+        If meshoptimizer is not installed.
+    """
+
+    def __init__(self, *, meshopt: bool = False) -> None:
         self.root: dict[str, Any] = {"asset": {"version": "2.0", "generator": "pdecodec"}}
         self._data = bytearray()
+        self._unpacked = 0
+        self._encoder: Any = None
+        if meshopt:
+            try:
+                self._encoder = importlib.import_module("meshoptimizer")
+            except ModuleNotFoundError as error:
+                raise MissingExtraError(
+                    "compression of glTF needs the package meshoptimizer; run: pip install 'pdecodec[gltf]'"
+                ) from error
+            self._encoder.encode_vertex_version(MESHOPT_VERTEX_VERSION)
+            self.require(MESHOPT)
+
+    def require(self, extension: str) -> None:
+        """Name an extension without which the file cannot be shown."""
+        for kind in ("extensionsUsed", "extensionsRequired"):
+            names = self.root.setdefault(kind, [])
+            if extension not in names:
+                names.append(extension)
 
     def add(self, kind: str, entry: dict[str, Any]) -> int:
         """Put an entry at the end of a list of the root; its index."""
@@ -238,14 +273,44 @@ class GltfBuilder:
         entries.append(entry)
         return len(entries) - 1
 
-    def view(self, data: NDArray[Any], target: int | None = None) -> int:
-        """A buffer view of an array; its index."""
-        self._data += bytes(-len(self._data) % _ALIGNMENT)
-        entry: dict[str, Any] = {"buffer": 0, "byteOffset": len(self._data), "byteLength": data.nbytes}
+    def view(self, data: NDArray[Any], target: int | None = None, *, triangles: bool = False) -> int:
+        """A buffer view of an array, a row each; its index. `triangles` may be turned, but stay what they are."""
+        entry: dict[str, Any] = {"buffer": 0, "byteLength": data.nbytes}
+        stride = data.nbytes // max(1, len(data))
         if target is not None:
             entry["target"] = target
-        self._data += data.tobytes()
+        if data.ndim == 2 and data.dtype.kind in "iu":
+            # Rows are longer than what they hold.
+            entry["byteStride"] = stride
+        packed = self._packed(data, stride, triangles=triangles)
+        if packed is None:
+            entry["byteOffset"] = self._append(data.tobytes())
+        else:
+            mode, found = packed
+            entry |= {"buffer": 1, "byteOffset": self._unpacked}
+            self._unpacked += data.nbytes + -data.nbytes % _ALIGNMENT
+            place = {"buffer": 0, "byteOffset": self._append(found), "byteLength": len(found)}
+            entry["extensions"] = {MESHOPT: {**place, "byteStride": stride, "count": len(data), "mode": mode}}
         return self.add("bufferViews", entry)
+
+    def _append(self, data: bytes) -> int:
+        self._data += bytes(-len(self._data) % _ALIGNMENT)
+        self._data += data
+        return len(self._data) - len(data)
+
+    def _packed(self, data: NDArray[Any], stride: int, *, triangles: bool) -> tuple[str, bytes] | None:
+        """Mode and bytes of compressed rows; None where they would not be fewer."""
+        if self._encoder is None or not data.size:
+            return None
+        found: bytes
+        if data.ndim == 1 and data.dtype.kind == "u" and stride in (2, 4):
+            encode = self._encoder.encode_index_buffer if triangles else self._encoder.encode_index_sequence
+            mode, found = "TRIANGLES" if triangles else "INDICES", encode(data.astype(np.uint32))
+        elif stride % 4 == 0 and stride <= MESHOPT_STRIDE:
+            mode, found = "ATTRIBUTES", self._encoder.encode_vertex_buffer(data, len(data), stride)
+        else:
+            return None
+        return (mode, found) if len(found) < data.nbytes else None
 
     def floats(self, values: ArrayLike, *, target: int | None = None, bounds: bool = False) -> int:
         """An accessor of float32 rows, with their bounds where they are asked for; its index."""
@@ -255,14 +320,31 @@ class GltfBuilder:
         kind = next(name for name, numbers in WIDTHS.items() if numbers == table.shape[1])
         return self._accessor("<f4", len(rows), kind, bufferView=self.view(rows, target), **limits)
 
+    def fractions(self, values: ArrayLike, dtype: str, *, target: int | None = None, bounds: bool = False) -> int:
+        """An accessor of numbers (n,) or (n, 3) from -1 (or 0) to 1, as integers of a NumPy type; its index."""
+        numbers = np.rint(np.asarray(values, np.float64) * np.iinfo(dtype).max).astype(dtype)
+        limits = {"min": numbers.min(axis=0).tolist(), "max": numbers.max(axis=0).tolist()} if bounds else {}
+        if numbers.ndim == 2:
+            # Rows of vertices begin at multiples of four bytes.
+            rows = np.zeros((len(numbers), 4), dtype)
+            rows[:, :3] = numbers
+            view = self.view(rows, target)
+        else:
+            view = self.view(numbers)
+        kind = "VEC3" if numbers.ndim == 2 else "SCALAR"
+        return self._accessor(dtype, len(numbers), kind, bufferView=view, normalized=True, **limits)
+
     def zeros(self, count: int) -> int:
         """An accessor of so many rows of three zeros, which take no bytes; its index."""
         return self._accessor("<f4", count, "VEC3", min=[0.0] * 3, max=[0.0] * 3)
 
-    def integers(self, values: ArrayLike, *, target: int | None = None) -> int:
-        """An accessor of unsigned 32-bit numbers; its index."""
-        numbers = np.ascontiguousarray(values, "<u4")
-        return self._accessor("<u4", numbers.size, "SCALAR", bufferView=self.view(numbers, target))
+    def integers(self, values: ArrayLike, *, target: int | None = None, triangles: bool = False) -> int:
+        """An accessor of unsigned numbers, of 16 bits where that is enough; its index."""
+        numbers = np.asarray(values)
+        # The largest number of a type is none of a vertex.
+        dtype = "<u2" if numbers.max(initial=0) < np.iinfo(np.uint16).max else "<u4"
+        view = self.view(np.ascontiguousarray(numbers, dtype), target, triangles=triangles)
+        return self._accessor(dtype, numbers.size, "SCALAR", bufferView=view)
 
     def unit_rows(self, frames: int) -> int:
         """An accessor of ``frames x (frames - 1)`` numbers: row k has a one at k - 1; its index."""
@@ -281,7 +363,7 @@ class GltfBuilder:
     def to_glb(self) -> bytes:
         """The file as one binary."""
         self._data += bytes(-len(self._data) % _ALIGNMENT)
-        self.root["buffers"] = [{"byteLength": len(self._data)}]
+        self.root["buffers"] = [{"byteLength": len(self._data)}, *self._fallback()]
         text = self._json()
         text += b" " * (-len(text) % _ALIGNMENT)
         length = GLB_HEADER.size + 2 * CHUNK_HEADER.size + len(text) + len(self._data)
@@ -294,10 +376,16 @@ class GltfBuilder:
         )
         return b"".join(parts)
 
+    def _fallback(self) -> list[dict[str, Any]]:
+        """The buffer that compressed views become; it holds nothing."""
+        if not self._unpacked:
+            return []
+        return [{"byteLength": self._unpacked, "extensions": {MESHOPT: {"fallback": True}}}]
+
     def to_gltf(self) -> bytes:
         """The file as JSON, the numbers in it as text."""
         uri = "data:application/octet-stream;base64," + base64.b64encode(self._data).decode("ascii")
-        self.root["buffers"] = [{"byteLength": len(self._data), "uri": uri}]
+        self.root["buffers"] = [{"byteLength": len(self._data), "uri": uri}, *self._fallback()]
         return self._json()
 
     def _json(self) -> bytes:
@@ -309,9 +397,16 @@ def _component(dtype: str) -> int:
 
 
 def fingerprint(rows: int, primitives: Sequence[tuple[int, NDArray[np.integer]]]) -> str:
-    """What tells a mesh from another one: of how many rows it has, and the mode and indices of each primitive."""
+    """What tells a mesh from another one: of how many rows it has, and the mode and indices of each primitive.
+
+    With which of its corners a triangle begins does not count: compression begins with another.
+    """
     digest = hashlib.blake2b(str(rows).encode(), digest_size=12)
     for mode, indices in primitives:
+        if mode == TRIANGLES and indices.size % 3 == 0:
+            corners = indices.reshape(-1, 3)
+            first = corners.argmin(axis=1, keepdims=True)
+            indices = np.take_along_axis(corners, (first + np.arange(3)) % 3, axis=1)
         digest.update(f" {mode} {indices.size} ".encode() + indices.astype("<u4").tobytes())
     return digest.hexdigest()
 

@@ -252,7 +252,7 @@ class _Reader:
         if "materials" in own:
             labels = tuple(map(str, own["materials"]))
             attributes.append(Attribute(MATERIAL, "face", array("faceMaterials") - np.int32(1), labels=labels))
-        if "NORMAL" in there and connectivity.face_count:
+        if "NORMAL" in there and connectivity.face_count and own.get("normals") != "added":
             attributes.append(normal_group(connectivity, array("normalGroups") if "normalGroups" in own else None))
         gather = None if vertices == self._rows else np.arange(vertices, dtype=np.int64)
         return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), gather, weights, tuple(self._left_out))

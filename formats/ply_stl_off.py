@@ -1,7 +1,7 @@
 """PLY out; STL and OFF in, without meshio: it joins the vertices of an STL file anew in every frame, and refuses OFF
 files whose faces are not all triangles.
 
-PLY is written binary and little-endian: vertices, faces of any size, colours. Vertices of STL stay as they are
+PLY is written binary and little-endian: vertices, faces of any size, normals, colours. Vertices of STL stay as they are
 written, three to a triangle; sequences of them have one connectivity then.
 """
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import joined_colors, lost_by_joining
 from pdecodec.formats.frame_files import MeshFile, open_frames, write_frames
+from pdecodec.formats.normals import VertexNormals
 from pdecodec.formats.registry import Output, read_errors
 from pdecodec.sequence import Connectivity, Float32Array, MeshSequence
 
@@ -31,6 +32,9 @@ def write_ply(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     connectivity = sequence.connectivity
     head = ["ply", "format binary_little_endian 1.0", f"element vertex {sequence.vertex_count}"]
     head += [f"property float {axis}" for axis in "xyz"]
+    normals = VertexNormals(sequence)
+    if normals.held:
+        head += [f"property float n{axis}" for axis in "xyz"]
     colors, channels = joined_colors(sequence), 0
     if colors is not None:
         channels = 3 if colors.shape[1] == 3 or (colors[:, 3] == 1).all() else 4
@@ -40,16 +44,19 @@ def write_ply(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         head += [f"element face {connectivity.face_count}", f"property list {size} int vertex_indices"]
     before = ("\n".join([*head, "end_header"]) + "\n").encode("ascii")
     after = _polygons(connectivity.face_counts, connectivity.face_indices)
-    rows = np.empty(sequence.vertex_count, np.dtype([("position", "<f4", 3), ("color", "u1", channels)]))
+    fields = [("position", "<f4", 3), ("normal", "<f4", 3 if normals.held else 0), ("color", "u1", channels)]
+    rows = np.empty(sequence.vertex_count, np.dtype(fields))
     if colors is not None:
         rows["color"] = np.rint(np.clip(colors[:, :channels], 0, 1) * 255)
 
     def frame_bytes(points: Float32Array, frame: int) -> bytes:
         rows["position"] = points
+        if normals.held:
+            rows["normal"] = normals.at(points)
         return before + rows.tobytes() + after
 
     write_frames(sequence, output, "PLY", frame_bytes)
-    notices = lost_by_joining(sequence, "PLY", "mesh", colors)
+    notices = lost_by_joining(sequence, "PLY", "mesh", colors, normals.holds)
     if connectivity.line_count:
         notices += ("lines are left out: readers of PLY take its edges for damage",)
     return (*notices, "PLY has no times: frames are numbered")

@@ -73,7 +73,8 @@ class Refusals:
             first = self.found[0]
             raise InputError(f"nothing is left of it: object {first.name!r} has {first.feature}", frame=first.frame)
         if not shapes:
-            raise InputError(f"holds no mesh, curve or point animation: there is {there or 'nothing at all'}")
+            verb = "are" if self.others.total() > 1 else "is"
+            raise InputError(f"holds no mesh, curve or point animation: there {verb} {there or 'nothing at all'}")
         notices = []
         for item in self.found:
             at = "" if item.frame is None else f" at frame {item.frame}"

@@ -39,7 +39,7 @@ _TO_Y: Mapping[str, NDArray[np.int64]] = {
 """Quarter turns that bring an axis up to Y, for points that are rows: ``point @ turn``."""
 
 
-class _DerivedSequence(MeshSequence):
+class DerivedSequence(MeshSequence):
     """Another sequence, changed."""
 
     def __init__(self, source: MeshSequence) -> None:
@@ -60,7 +60,11 @@ def up_axis_of(sequence: MeshSequence) -> str | None:
 
 def metres_per_unit(sequence: MeshSequence) -> float | None:
     """Length of a unit [m], or None where nobody said."""
-    text = sequence.metadata.get(UNIT, "").strip()
+    return _metres(sequence.metadata.get(UNIT, ""))
+
+
+def _metres(text: str) -> float | None:
+    text = text.strip()
     if text in UNITS:
         return UNITS[text]
     number, _, metre = text.partition(" ")
@@ -79,7 +83,9 @@ def unit_text(metres: float) -> str:
     return f"{metres!r} m"
 
 
-def place(sequence: MeshSequence, *, up_axis: str | None = None, scale: float = 1.0) -> MeshSequence:
+def place(
+    sequence: MeshSequence, *, up_axis: str | None = None, scale: float = 1.0, unit: str | None = None
+) -> MeshSequence:
     """A sequence turned and scaled.
 
     Parameters
@@ -90,29 +96,35 @@ def place(sequence: MeshSequence, *, up_axis: str | None = None, scale: float = 
         be this one, and a notice says so.
     scale : float
         Positions are multiplied by it; the unit, where it is known, is divided by it.
+    unit : str, optional
+        The length of a unit of `sequence`, ``cm`` or ``2.5 m``, where it does not say it, or says it wrongly.
 
     Raises
     ------
     SettingsError
-        If the scale is not a positive number, or there is no such axis.
+        If the scale is not a positive number, or there is no such axis or unit.
     """
     if not 0 < scale < math.inf:
         raise SettingsError(f"the scale must be a positive number, not {scale}")
     if up_axis is not None and up_axis.upper() not in _TO_Y:
         raise SettingsError(f"the up axis is X, Y or Z, not {up_axis!r}")
-    if up_axis is None and scale == 1.0:
+    if unit is not None and _metres(unit) is None:
+        raise SettingsError(f"a unit is {', '.join(UNITS)} or a number of metres, as '2.5 m', not {unit!r}")
+    if up_axis is None and scale == 1.0 and unit is None:
         return sequence
-    return PlacedSequence(sequence, None if up_axis is None else up_axis.upper(), scale)
+    return PlacedSequence(sequence, None if up_axis is None else up_axis.upper(), scale, unit)
 
 
-class PlacedSequence(_DerivedSequence):
+class PlacedSequence(DerivedSequence):
     """Another sequence, turned by quarters and scaled; made by :func:`place`."""
 
-    def __init__(self, source: MeshSequence, up_axis: str | None, scale: float) -> None:
+    def __init__(self, source: MeshSequence, up_axis: str | None, scale: float, unit: str | None) -> None:
         super().__init__(source)
-        known, metres = up_axis_of(source), metres_per_unit(source)
+        known, metres = up_axis_of(source), metres_per_unit(source) if unit is None else _metres(unit)
         turn = np.eye(3, dtype=np.int64)
         metadata = dict(source.metadata)
+        if unit is not None:
+            metadata[UNIT] = unit
         if up_axis is not None:
             metadata[UP_AXIS] = up_axis
             if known is not None:
@@ -216,7 +228,7 @@ def bake_transforms(sequence: MeshSequence) -> MeshSequence:
     return BakedTransforms(sequence) if any(transform_of(item) for item in sequence.objects) else sequence
 
 
-class BakedTransforms(_DerivedSequence):
+class BakedTransforms(DerivedSequence):
     """Another sequence in the space of the scene: kept transforms are applied, and no longer attributes."""
 
     def __init__(self, source: MeshSequence) -> None:
@@ -249,7 +261,7 @@ def velocities_of(sequence: MeshSequence) -> MeshSequence:
     return DifferencedVelocities(sequence)
 
 
-class DifferencedVelocities(_DerivedSequence):
+class DifferencedVelocities(DerivedSequence):
     """Velocities of another sequence at its frames, exact where vertices move by quadratics of time.
 
     Inside, the slope at a frame of the parabola through it and its neighbours; at the ends, of the line to the next

@@ -29,8 +29,8 @@ OWN = "pdecodec"
 NAME, ADDED = f"{OWN}:name", f"{OWN}:added"
 """Custom data of a prim: the name it stands for where USD could not hold it; whether the tree did not have it."""
 
-METADATA, ASSUMED = f"{OWN}Metadata", f"{OWN}Assumed"
-"""Custom data of a layer: metadata that USD has no place for; what of the stage nobody said, but USD asks for."""
+METADATA = f"{OWN}Metadata"
+"""Custom data of a layer: metadata that USD has no place for."""
 
 _DOMAINS: dict[str, AttributeDomain] = {
     "constant": "object",

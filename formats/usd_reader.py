@@ -25,7 +25,7 @@ from pdecodec.formats.registry import Transforms
 from pdecodec.formats.scene_reading import MOST_INSTANCED, Extras, Refusals, SceneSequence, Shape
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, unit_text
 from pdecodec.formats.times import Timing, merged_times, rate_or_default, resampled, snapped_times, without_gaps
-from pdecodec.formats.usd_attributes import ASSUMED, METADATA, SAMPLED, first_value, object_name, read_extras
+from pdecodec.formats.usd_attributes import METADATA, SAMPLED, first_value, object_name, read_extras
 from pdecodec.formats.usd_implicit import Implicit, read_implicit
 from pdecodec.formats.usd_instances import Instancer, open_instancer
 from pdecodec.formats.usd_skinning import Skinning, find_skinning
@@ -411,9 +411,8 @@ def _metadata(stage: Any) -> dict[str, str]:
     data = stage.GetRootLayer().customLayerData
     stored = data.get(METADATA, {})
     metadata = {str(key): str(text) for key, text in stored.items()} if isinstance(stored, dict) else {}
-    assumed = set(data.get(ASSUMED, "").split())
-    if stage.HasAuthoredMetadata("upAxis") and UP_AXIS not in assumed:
+    if stage.HasAuthoredMetadata("upAxis"):
         metadata[UP_AXIS] = str(UsdGeom.GetStageUpAxis(stage))
-    if stage.HasAuthoredMetadata("metersPerUnit") and UNIT not in assumed:
+    if stage.HasAuthoredMetadata("metersPerUnit"):
         metadata[UNIT] = unit_text(float(UsdGeom.GetStageMetersPerUnit(stage)))
     return metadata

@@ -16,6 +16,7 @@ import io
 import math
 import struct
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -28,6 +29,7 @@ from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import joined_colors, lost_by_joining
 from pdecodec.formats.cells import Cells, left_out_notice, node_attribute
 from pdecodec.formats.frame_files import FOLDER_PADDING, FrameSequence, MeshFile, open_frames, write_frames
+from pdecodec.formats.normals import VertexNormals
 from pdecodec.formats.registry import Output
 from pdecodec.formats.times import timing_of_stored
 from pdecodec.formats.vtk_library import else_vtk
@@ -157,13 +159,16 @@ def write_pvd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     check_writable(path, overwrite=output.overwrite)
     grid = _Grid(sequence)
     frames = dataclasses.replace(output, path=path.with_name(f"{path.stem}.{FOLDER_PADDING}.vtu"))
-    rows = "".join(
-        f'    <DataSet timestep="{float(time)!r}" file={quoteattr(file.name)}/>\n'
-        for time, file in zip(sequence.times, write_frames(sequence, frames, "VTU", grid.of_frame), strict=True)
-    )
-    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
-    with output.whole_file() as partial:
-        partial.write_text(f"{head}{rows}  </Collection>\n</VTKFile>\n", encoding="utf-8")
+
+    def listed(files: Sequence[Path]) -> bytes:
+        rows = "".join(
+            f'    <DataSet timestep="{float(time)!r}" file={quoteattr(file.name)}/>\n'
+            for time, file in zip(sequence.times, files, strict=True)
+        )
+        head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+        return f"{head}{rows}  </Collection>\n</VTKFile>\n".encode()
+
+    write_frames(sequence, frames, "VTU", grid.of_frame, index=(path, listed))
     return grid.notices
 
 
@@ -183,16 +188,21 @@ class _Grid:
         colors = joined_colors(sequence)
         if colors is not None:
             point_data += _array("color", colors)
+        self._normals = VertexNormals(sequence)
+        kind = ' Normals="Normals"' if self._normals.held else ""
         self._pieces = (
             f'    <Piece NumberOfPoints="{whole.vertex_count}" NumberOfCells="{counts.size}">\n'
-            f"      <PointData>{point_data}</PointData>\n      <Points>",
+            f"      <PointData{kind}>{point_data}",
+            "</PointData>\n      <Points>",
             "</Points>\n      <Cells>"
             + _array("connectivity", np.concatenate([whole.face_indices, whole.line_indices]))
             + _array("offsets", np.cumsum(counts, dtype=np.int32))
             + _array("types", kinds)
             + "</Cells>\n    </Piece>\n  </UnstructuredGrid>\n</VTKFile>\n",
         )
-        self.notices = lost_by_joining(sequence, "VTU", "grid, their numbers are the point data 'object'", colors)
+        self.notices = lost_by_joining(
+            sequence, "VTU", "grid, their numbers are the point data 'object'", colors, self._normals.holds
+        )
 
     def of_frame(self, points: Float32Array, frame: int) -> bytes:
         head = (
@@ -201,7 +211,9 @@ class _Grid:
             + _array("TimeValue", self._times[frame : frame + 1], tuples=True)
             + "</FieldData>\n"
         )
-        return (head + self._pieces[0] + _array("Points", points) + self._pieces[1]).encode("utf-8")
+        normals = _array("Normals", self._normals.at(points)) if self._normals.held else ""
+        before, between, after = self._pieces
+        return (head + before + normals + between + _array("Points", points) + after).encode("utf-8")
 
 
 def _array(name: str, values: NDArray[np.generic], *, tuples: bool = False) -> str:

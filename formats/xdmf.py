@@ -8,7 +8,6 @@ frame.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -21,10 +20,12 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import lost_by_joining
 from pdecodec.formats.cells import Cells, left_out_notice, node_attribute
+from pdecodec.formats.hdf5 import new_hdf5
+from pdecodec.formats.normals import VertexNormals
 from pdecodec.formats.registry import Output
 from pdecodec.formats.times import rate_or_default, timing_of_stored
 from pdecodec.sequence import Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range, check_times
-from pdecodec.whole_output import check_writable, partial_folder, write_errors
+from pdecodec.whole_output import check_writable, partial_folder, publish, write_errors
 
 _KINDS = {
     "triangle": ("triangle", 3),
@@ -269,18 +270,22 @@ def write_xdmf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     for one in (path, data_path):
         check_writable(one, overwrite=output.overwrite)
     with partial_folder(path) as folder, write_errors(path):
-        with h5py.File(folder / data_path.name, "w") as file:
+        with new_hdf5(folder / data_path.name) as (file, check):
             topology = _write_topology(file, sequence.connectivity, data_path.name)
-            rows = []
+            rows, normals = [], VertexNormals(sequence)
             for start, block in output.blocks(sequence, "XDMF"):
                 for frame, points in enumerate(block, start):
                     name = f"points/{frame:06d}"
+                    check()
                     file.create_dataset(name, data=np.ascontiguousarray(points, "<f4"), track_times=False)
-                    rows.append(_grid_text(topology, name, data_path.name, len(points), float(sequence.times[frame])))
+                    shading = f"normals/{frame:06d}" if normals.held else None
+                    if shading is not None:
+                        file.create_dataset(shading, data=normals.at(points).astype("<f4"), track_times=False)
+                    time = float(sequence.times[frame])
+                    rows.append(_grid_text(topology, name, shading, data_path.name, len(points), time))
         (folder / path.name).write_text(_HEAD + "".join(rows) + _TAIL, encoding="utf-8")
-        os.replace(folder / data_path.name, data_path)
-        os.replace(folder / path.name, path)
-    return lost_by_joining(sequence, "XDMF", "grid")
+        publish(folder, [data_path.name, path.name], overwrite=output.overwrite)
+    return lost_by_joining(sequence, "XDMF", "grid", held=normals.holds)
 
 
 _HEAD = (
@@ -297,7 +302,7 @@ def _write_topology(file: Any, whole: Connectivity, data_name: str) -> str:
         return f'        <Topology TopologyType="Polyvertex" NumberOfElements="{whole.vertex_count}"/>\n'
     if not whole.line_count and len(sizes) == 1 and sizes <= {3, 4}:
         kind = "Triangle" if sizes == {3} else "Quadrilateral"
-        numbers, count = whole.face_indices, whole.face_count
+        numbers, count = whole.face_indices.reshape(whole.face_count, -1), whole.face_count
     else:
         kind, count = "Mixed", whole.face_count + whole.line_count
         cells: list[NDArray[np.int32]] = []
@@ -312,16 +317,26 @@ def _write_topology(file: Any, whole: Connectivity, data_name: str) -> str:
                 cells += [np.array(head, np.int32), indices[end - size : end]]
         numbers = np.concatenate(cells)
     file.create_dataset("topology", data=np.ascontiguousarray(numbers, "<i4"), track_times=False)
+    shape = " ".join(map(str, numbers.shape))
     return (
         f'        <Topology TopologyType="{kind}" NumberOfElements="{count}">\n'
-        f'          <DataItem Dimensions="{numbers.size}" NumberType="Int" Precision="4" Format="HDF">'
+        f'          <DataItem Dimensions="{shape}" NumberType="Int" Precision="4" Format="HDF">'
         f"{escape(data_name)}:/topology</DataItem>\n        </Topology>\n"
     )
 
 
-def _grid_text(topology: str, name: str, data_name: str, points: int, time: float) -> str:
+def _grid_text(topology: str, name: str, normals: str | None, data_name: str, points: int, time: float) -> str:
+    def vectors(dataset: str) -> str:
+        return (
+            f'          <DataItem Dimensions="{points} 3" NumberType="Float" Precision="4" Format="HDF">'
+            f"{escape(data_name)}:/{dataset}</DataItem>\n"
+        )
+
+    shading = ""
+    if normals is not None:
+        head = '        <Attribute Name="Normals" AttributeType="Vector" Center="Node">\n'
+        shading = f"{head}{vectors(normals)}        </Attribute>\n"
     return (
         f'      <Grid Name="mesh" GridType="Uniform">\n        <Time Value="{time!r}"/>\n{topology}'
-        f'        <Geometry GeometryType="XYZ">\n          <DataItem Dimensions="{points} 3" NumberType="Float" '
-        f'Precision="4" Format="HDF">{escape(data_name)}:/{name}</DataItem>\n        </Geometry>\n      </Grid>\n'
+        f'        <Geometry GeometryType="XYZ">\n{vectors(name)}        </Geometry>\n{shading}      </Grid>\n'
     )

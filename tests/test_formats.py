@@ -98,7 +98,7 @@ def test_times_come_back_that_no_rate_counts(path: str, times: NDArray[np.float6
 
 @for_each(*TREES, "x.npz", "x.h5")
 def test_names_faces_attributes_and_metadata_of_a_scene_come_back(path: str) -> None:
-    clip = scene(times=IRREGULAR, artist="Bo", up_axis="Y" if ".gl" in path else "Z", unit="m")
+    clip = scene(times=IRREGULAR, artist="Bo", up_axis="Z" if ".usd" in path else "Y", unit="m")
     write_sequence(clip, path)
     with open_sequence(path) as read:
         assert dict(read.metadata) == dict(clip.metadata)
@@ -346,3 +346,17 @@ def test_a_format_needs_no_name_that_says_it(tmp_path: Path) -> None:
     (tmp_path / "x.abc").rename(tmp_path / "x")
     with open_sequence(tmp_path / "x") as read:
         assert read.vertex_count == 15
+
+
+@for_each(*EVERY)
+@pytest.mark.parametrize("first", [True, False])
+def test_objects_without_vertices_stand_in_nobodys_way_and_are_told(path: str, first: bool) -> None:
+    parts = [body("rig/full", ()), MeshObject("rig/empty", Connectivity(0))]
+    clip = scene(parts[:: -1 if first else 1], **SPACE)
+    told = write_sequence(clip, path)
+    kept = path.endswith(("npz", "h5"))
+    assert ("objects without vertices do not come back: rig/empty" in told) != kept
+    with open_sequence(path, fps=24) as read:
+        assert_same_motion(read, clip, path)
+        assert len(read.objects) == (2 if kept else 1)
+    assert_lawful(path)

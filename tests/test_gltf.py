@@ -25,10 +25,12 @@ from pdecodec.sequence import ArraySequence, Connectivity, MeshObject
 from tests.browser_tools import assert_valid, play_in_browser
 from tests.mesh_cases import connectivity_of, grid
 from tests.scene_cases import (
+    SPACE,
     array_of,
     assert_same_connectivity,
     assert_same_scene,
     body,
+    machine,
     scene,
     uv_with_seam,
 )
@@ -53,13 +55,18 @@ def test_a_motion_of_few_functions_of_time_has_a_target_for_each_and_any_other_o
     tmp_path: Path,
 ) -> None:
     clip = few_functions()
-    assert len(write_sequence(clip, tmp_path / "x.glb")) == 2
-    assert len(targets_of(tmp_path / "x.glb")) in (3, 4)
+    told = [notice.split(":")[0] for notice in write_sequence(clip, tmp_path / "x.glb")]
+    assert told[:2] == ["which axis is up is not recorded", "the length of a unit is not recorded"]
+    assert told[-1] == "normals of 1 object are not recorded"
+    file = read_gltf(tmp_path / "x.glb")
+    assert sum(file.accessor(one["POSITION"]).any() for one in targets_of(tmp_path / "x.glb")) in (3, 4)
+    assert "NORMAL" in file.root["meshes"][0]["primitives"][0]["attributes"]
     with open_sequence(tmp_path / "x.glb") as read:
         assert np.abs(read.read_frames(0, 40) - clip.points).max() <= EXACT * np.abs(clip.points).max()
     notices = write_sequence(scene(up_axis="Y", unit="m"), tmp_path / "y.glb")
     told = "motion of too many functions of time to be exact between frames: 4 targets, a frame each"
-    assert notices == (told, "glTF has no place for attributes: group")
+    smooth = "normals of 2 objects are not recorded: written as of smooth surfaces"
+    assert notices == (told, smooth, "glTF has no place for attributes: group")
     assert len(targets_of(tmp_path / "y.glb")) == 4
     assert_valid(tmp_path / "x.glb")
 
@@ -92,6 +99,126 @@ def test_a_decoded_animation_moves_between_its_frames_as_the_decoder_says_in_a_b
             points = np.array(mesh["points"]).reshape(-1, 3)[: len(expected)]
             assert mesh["name"] == "sheet"
             assert np.abs(points - expected).max() < 5e-6 * np.abs(expected).max()
+
+
+def weights_between_keys(path: Path) -> Any:
+    """(times, targets): weights of the first mesh at its keys and at nine places between each two."""
+    file = read_gltf(path)
+    sampler = file.root["animations"][0]["samplers"][0]
+    keys, output = file.accessor(sampler["input"]).astype(float), file.accessor(sampler["output"]).astype(float)
+    targets = len(file.root["meshes"][0]["weights"])
+    if sampler["interpolation"] == "LINEAR":
+        return output.reshape(-1, targets)
+    into, value, out = output.reshape(-1, 3, targets).transpose(1, 0, 2)
+    s, step = np.linspace(0, 1, 11)[:, None, None], np.diff(keys)[:, None]
+    first, second = 2 * s**3 - 3 * s**2 + 1, s**3 - 2 * s**2 + s
+    cubic = first * value[:-1] + second * step * out[:-1] + (1 - first) * value[1:] + (s**3 - s**2) * step * into[1:]
+    return cubic.reshape(-1, targets)
+
+
+@pytest.mark.parametrize("decoded", [False, True])
+def test_weights_stay_between_0_and_1_and_those_of_the_mesh_show_its_first_frame(tmp_path: Path, decoded: bool) -> None:
+    source = few_functions()
+    encode(source, tmp_path / "x.pdeanim", tolerance=1e-2)
+    with open_animation(tmp_path / "x.pdeanim") if decoded else source as clip:
+        write_sequence(clip, tmp_path / "x.glb")
+        first = clip.read_frames(0, 1)
+    weights = weights_between_keys(tmp_path / "x.glb")
+    assert -1e-6 < weights.min() < 0.01
+    assert 0.99 < weights.max() < 1 + 1e-6
+    root = read_gltf(tmp_path / "x.glb").root
+    still = {key: value for key, value in root.items() if key != "animations"}
+    still["buffers"] = [{"uri": "x.bin", **root["buffers"][0]}]
+    (tmp_path / "still.gltf").write_text(json.dumps(still))
+    (tmp_path / "x.bin").write_bytes(read_gltf(tmp_path / "x.glb").buffers[0])
+    with open_sequence(tmp_path / "still.gltf") as read:
+        assert np.abs(read.read_frames(0, 1) - first).max() <= EXACT * np.abs(source.points).max()
+    assert_valid(tmp_path / "x.glb")
+
+
+def unpacked(path: Path) -> list[bytes]:
+    """Buffer views of a file, decompressed by meshoptimizer itself."""
+    codec = pytest.importorskip("meshoptimizer", reason="meshoptimizer is not installed here")
+    whole = path.read_bytes()
+    length = int.from_bytes(whole[12:16], "little")
+    file, data = json.loads(whole[20 : 20 + length]), whole[28 + length :]
+    found = []
+    for view in file["bufferViews"]:
+        packed = view.get("extensions", {}).get("EXT_meshopt_compression")
+        if packed is None:
+            found.append(data[view["byteOffset"] :][: view["byteLength"]])
+            continue
+        assert (view["buffer"], packed["buffer"]) == (1, 0)
+        part, count, stride = (
+            data[packed["byteOffset"] :][: packed["byteLength"]],
+            packed["count"],
+            packed["byteStride"],
+        )
+        if packed["mode"] == "ATTRIBUTES":
+            rows = codec.decode_vertex_buffer(count, stride, part, np.dtype(f"V{stride}"))
+        else:
+            decode = codec.decode_index_buffer if packed["mode"] == "TRIANGLES" else codec.decode_index_sequence
+            rows = decode(count, stride, part)
+        found.append(rows.tobytes()[: count * stride])
+        assert len(found[-1]) == view["byteLength"]
+    return found
+
+
+def test_compressed_files_hold_the_same_numbers_in_fewer_bytes(tmp_path: Path) -> None:
+    clip = scene([body("root/arm/hand"), body("root/nail", [uv_with_seam("uv:second")])], frames=20, **SPACE)
+    for name, meshopt in (("plain.glb", False), ("small.glb", True)):
+        write_sequence(clip, tmp_path / name, meshopt=meshopt)
+    plain, small = unpacked(tmp_path / "plain.glb"), unpacked(tmp_path / "small.glb")
+    root = read_gltf(tmp_path / "plain.glb").root
+    triangles = {
+        root["accessors"][one["indices"]]["bufferView"] for mesh in root["meshes"] for one in mesh["primitives"]
+    }
+    for number, (one, other) in enumerate(zip(plain, small, strict=True)):
+        if number in triangles:
+            # Triangles may begin with another corner.
+            rows, turned = (np.frombuffer(data, "<u2").reshape(-1, 3).tolist() for data in (one, other))
+            for mine, theirs in zip(rows, turned, strict=True):
+                assert theirs in [mine, mine[1:] + mine[:1], mine[2:] + mine[:2]]
+        else:
+            assert one == other
+    assert_valid(tmp_path / "small.glb")
+
+
+def test_quantised_positions_are_as_far_off_as_is_told(tmp_path: Path) -> None:
+    for clip in (few_functions(), scene(**SPACE), machine()):
+        told = write_sequence(clip, tmp_path / "x.glb", quantize=True, overwrite=True)
+        (line,) = (one for one in told if one.startswith("positions are rounded to 16 bits: up to "))
+        error = float(line.split("up to ")[1].split()[0])
+        scale = np.abs(clip.points).max()
+        assert error < 2e-4 * scale
+        with open_sequence(tmp_path / "x.glb") as read:
+            # The notice has two digits, and weights are rounded too.
+            assert np.abs(read.read_frames(0, read.frame_count) - clip.points).max() < 1.1 * error + 2e-5 * scale
+        root = read_gltf(tmp_path / "x.glb").root
+        assert root["extensionsRequired"] == ["KHR_mesh_quantization"]
+        bounded = [one for one in root["accessors"] if one["type"] == "VEC3" and "min" in one and "bufferView" in one]
+        assert {one["componentType"] for one in bounded} == {5122}
+        assert_valid(tmp_path / "x.glb")
+
+
+def test_quantised_files_are_smaller_and_other_formats_refuse_the_option(tmp_path: Path) -> None:
+    rows, columns = np.divmod(np.arange(900), 30)
+    waves = 0.1 * np.random.default_rng(1).normal(size=(30, 900, 3))
+    clip = ArraySequence(np.stack([rows, columns, 0 * rows], axis=1) + waves, objects=[MeshObject("a", grid(30, 30))])
+    sizes = []
+    for options in ({}, {"quantize": True}, {"quantize": True, "meshopt": True}):
+        write_sequence(clip, tmp_path / "x.glb", overwrite=True, **options)
+        sizes.append((tmp_path / "x.glb").stat().st_size)
+    assert sizes[1] < 0.6 * sizes[0]
+    assert sizes[2] < sizes[1]
+    with pytest.raises(SettingsError, match=r"--meshopt is for glTF; leave it out"):
+        write_sequence(clip, tmp_path / "x.npz", meshopt=True)
+
+
+def test_more_targets_than_some_viewers_keep_are_told(tmp_path: Path) -> None:
+    clip = ArraySequence(np.random.default_rng(1).normal(size=(300, 200, 3)), fps=24, metadata=SPACE)
+    notices = write_sequence(clip, tmp_path / "x.glb")
+    assert notices[1] == "299 targets: some viewers keep 256 (Filament), most 2048; take fewer --frames"
 
 
 def test_a_tree_of_objects_with_seams_plays_in_a_browser(tmp_path: Path) -> None:

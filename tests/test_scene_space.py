@@ -166,12 +166,16 @@ def test_kept_transforms_come_back_and_bake_to_the_same_positions(tmp_path: Path
         assert np.array_equal(read.read_frames(3, 5), read.read_frames(0, 5)[3:])
 
 
-def test_an_alembic_object_at_the_top_has_its_transform_applied(tmp_path: Path) -> None:
+@pytest.mark.parametrize("names", ["a/one four", "a/one a/two"])
+def test_alembic_objects_at_the_top_or_side_by_side_keep_transforms_of_their_own(tmp_path: Path, names: str) -> None:
     needed("abc")
-    notices = write_sequence(clip := spun("a/one four", "a/one four"), tmp_path / "x.abc")
-    assert notices == ("transforms applied to positions, as there is no place for them: four",)
+    clip = spun(names, names.split()[1])
+    assert write_sequence(clip, tmp_path / "x.abc") == ()
     with open_sequence(tmp_path / "x.abc", transforms="keep") as read:
-        assert np.array_equal(read.read_frames(0, 5)[:, 5:], bake_transforms(clip).read_frames(0, 5)[:, 5:])
+        assert [item.name for item in read.objects] == names.split()
+        assert np.array_equal(read.read_frames(0, 5), clip.points)
+        expected = bake_transforms(clip).read_frames(0, 5)
+        assert np.allclose(bake_transforms(read).read_frames(0, 5), expected, atol=1e-6)
 
 
 def test_velocities_are_written_beside_positions(tmp_path: Path) -> None:

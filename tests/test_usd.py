@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.formats.scene_space import place
 from pdecodec.sequence import ArraySequence, Connectivity
 from tests.scene_cases import array_of, assert_same_scene, body, broken_rules, scene
 
@@ -27,6 +28,16 @@ def test_names_come_back_that_usd_cannot_hold_and_space_does_not_that_nobody_rec
     with open_sequence(tmp_path / "x.usda") as read:
         assert [item.name for item in read.objects] == [item.name for item in parts]
         assert dict(read.metadata) == {}
+    stage = Usd.Stage.Open(str(tmp_path / "x.usda"))
+    assert not any(stage.HasAuthoredMetadata(name) for name in ("upAxis", "metersPerUnit"))
+
+
+def test_an_axis_and_a_unit_that_are_known_are_authored(tmp_path: Path) -> None:
+    write_sequence(place(scene(), up_axis="Z", unit="cm"), tmp_path / "x.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "x.usda"))
+    assert (UsdGeom.GetStageUpAxis(stage), UsdGeom.GetStageMetersPerUnit(stage)) == ("Z", 0.01)
+    with pytest.raises(SettingsError, match=r"a unit is mm, .* not 'furlong'"):
+        place(scene(), unit="furlong")
 
 
 def stage_at(path: Path, *, rate: float | None = 24.0) -> Usd.Stage:
