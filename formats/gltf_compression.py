@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import MissingExtraError
 
 DRACO = "KHR_draco_mesh_compression"
-MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+MESHOPT_NAMES = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 MOST_DECODED = 2**30
 """Bytes that the buffer views of a file may become together."""
@@ -77,7 +77,7 @@ def decode_view(data: bytes, entry: Mapping[str, Any], most: int = MOST_DECODED)
         raise ValueError(f"it becomes {stride * count / 1e9:.1f} GB, {most / 1e9:.1f} GB are left")
     if kind != "NONE" and (mode != "ATTRIBUTES" or stride not in _FILTER_STRIDES.get(str(kind), ())):
         raise ValueError(f"its filter {kind} is not known, or not for rows of {stride} bytes")
-    decoder = _decoder("meshoptimizer", MESHOPT[0])
+    decoder = _decoder("meshoptimizer", MESHOPT_NAMES[0])
     try:
         if mode == "ATTRIBUTES":
             rows = decoder.decode_vertex_buffer(count, stride, data, np.dtype(f"V{stride}"))

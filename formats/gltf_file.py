@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.gltf_compression import DRACO, MESHOPT, MOST_DECODED, decode_view
+from pdecodec.formats.gltf_compression import DRACO, MESHOPT_NAMES, MOST_DECODED, decode_view
 from pdecodec.formats.registry import read_errors
 from pdecodec.sequence import Float32Array
 
@@ -36,7 +36,7 @@ WIDTHS: Mapping[str, int] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2
 INSTANCING, POINTER, VISIBILITY = "EXT_mesh_gpu_instancing", "KHR_animation_pointer", "KHR_node_visibility"
 """Extensions of nodes and animations that are read."""
 
-READABLE_EXTENSIONS = frozenset({"KHR_mesh_quantization", DRACO, *MESHOPT, INSTANCING, POINTER, VISIBILITY})
+READABLE_EXTENSIONS = frozenset({"KHR_mesh_quantization", DRACO, *MESHOPT_NAMES, INSTANCING, POINTER, VISIBILITY})
 """Extensions that may be required because they are read."""
 
 LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "EXT_lights_", "KHR_xmp")
@@ -119,7 +119,7 @@ class GltfFile:
     def _view(self, index: int) -> tuple[Mapping[str, Any], bytes, int, int]:
         """A buffer view, the bytes it lies in, and where it begins and ends there."""
         view = self.root["bufferViews"][index]
-        packed = next((view["extensions"][name] for name in MESHOPT if name in view.get("extensions", {})), None)
+        packed = next((view["extensions"][name] for name in MESHOPT_NAMES if name in view.get("extensions", {})), None)
         if packed is None:
             first = int(view.get("byteOffset", 0))
             return view, self.buffers[view["buffer"]], first, first + int(view["byteLength"])
@@ -205,7 +205,7 @@ def _buffer(entry: Any, index: int, chunk: bytes | None, path: Path) -> bytes:
     uri = entry.get("uri") if isinstance(entry, dict) else None
     if uri is None:
         extensions = entry.get("extensions", {}) if isinstance(entry, dict) else {}
-        if any(name in extensions for name in MESHOPT):
+        if any(name in extensions for name in MESHOPT_NAMES):
             # Only the size of what compressed views become.
             return b""
         if chunk is None:
@@ -309,9 +309,16 @@ def _component(dtype: str) -> int:
 
 
 def fingerprint(rows: int, primitives: Sequence[tuple[int, NDArray[np.integer]]]) -> str:
-    """What tells a mesh from another one: of how many rows it has, and the mode and indices of each primitive."""
+    """What tells a mesh from another one: of how many rows it has, and the mode and indices of each primitive.
+
+    With which of its corners a triangle begins does not count: compression begins with another.
+    """
     digest = hashlib.blake2b(str(rows).encode(), digest_size=12)
     for mode, indices in primitives:
+        if mode == TRIANGLES and indices.size % 3 == 0:
+            corners = indices.reshape(-1, 3)
+            first = corners.argmin(axis=1, keepdims=True)
+            indices = np.take_along_axis(corners, (first + np.arange(3)) % 3, axis=1)
         digest.update(f" {mode} {indices.size} ".encode() + indices.astype("<u4").tobytes())
     return digest.hexdigest()
 
