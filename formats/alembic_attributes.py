@@ -227,7 +227,7 @@ def _read_parameter(parent: Any, header: Any, extras: Extras) -> None:
         return
     if kind in (AbcGeom.IC3fGeomParam, AbcGeom.IC4fGeomParam):
         name = role_name(COLOR, name, ())
-    elif kind is AbcGeom.IV2fGeomParam and header.getMetaData().isUV():
+    elif kind is AbcGeom.IV2fGeomParam and header.getMetaData().get("isUV") == "1":
         name = role_name(UV, name, ())
     domain, values, indices = _first_sample(param)
     labels = tuple(map(str, values)) if kind is AbcGeom.IStringGeomParam else ()
