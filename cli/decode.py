@@ -75,8 +75,8 @@ def decode(
             try:
                 _decode(one, as_json=as_json, **options)
             except LimitError as error:
-                place = {"path": error.path, "frame": error.frame, "offset": error.offset}
-                raise LimitError(f"{error.message}; --max-memory raises the limit", **place) from error
+                message = f"{error.message}; --max-memory raises the limit"
+                raise LimitError(message, path=error.path, frame=error.frame, offset=error.offset) from error
 
 
 def _decode(
@@ -131,9 +131,11 @@ def _decode(
         say_notices(positions)
         say_start(job, positions)
         if dry_run:
-            options = {"quantize": quantize, "meshopt": meshopt}
-            size = Path(source).stat().st_size
-            say_plan(job, positions, lambda some, path: write_sequence(some, path, **options), files=1, size=size)
+
+            def write(some: MeshSequence, path: str) -> object:
+                return write_sequence(some, path, quantize=quantize, meshopt=meshopt)
+
+            say_plan(job, positions, write, files=1, size=Path(source).stat().st_size)
             return
         notices: dict[str, None] = {}
         for path, sequence in zip(outputs, sequences, strict=False):

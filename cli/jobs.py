@@ -93,6 +93,8 @@ def jobs(paths: Sequence[str], output: str | None, *, extension: str | None, def
     to_folder = output.endswith("/") or Path(output).is_dir()
     if len(sources) > 1 and not to_folder:
         raise _usage_error(f"{len(sources)} inputs do not go to one file, {output}; name a folder: -o folder/")
+    if extension and not to_folder and output != STREAM:
+        raise _usage_error(f"--to {extension} is for a folder or -, and {output} is a file; leave it out")
     if not to_folder or (len(sources) == 1 and not ending):
         return [Job(sources[0], output, sources[0], output)]
     found: dict[str, Job] = {}

@@ -7,6 +7,7 @@ Exit codes: 0 done; 1 a check failed; 2 usage; 3 bad input or a place that canno
 from __future__ import annotations
 
 import importlib
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -124,8 +125,9 @@ def run(arguments: Sequence[str]) -> int:
     try:
         return int(pdecodec.main(args=list(arguments), prog_name="pdecodec", standalone_mode=False) or 0)
     except click.ClickException as error:
-        error.message = visible(error.message)
-        error.show()
+        shown = io.StringIO()
+        error.show(shown)
+        click.echo(visible(shown.getvalue()), err=True, nl=False)
         return SettingsError.exit_code
     except PdecodecError as error:
         return _fail(str(error), error.exit_code)

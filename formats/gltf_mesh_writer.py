@@ -97,9 +97,9 @@ def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRo
             return Motion(rest, shapes, functions)
         if not len(shapes):
             return Motion(rest, shapes, functions, rows.of(points[:1])[0], np.zeros((0, rows.count, 3), np.float32))
-        functions, *turning = _turning(functions, rows.of(points), cubic=cubic)
+        functions, normals, turned, error = _turning(functions, rows.of(points), cubic=cubic)
         shapes = np.pad(shapes, ((0, functions.shape[1] - len(shapes)), (0, 0), (0, 0)))
-        return Motion(rest, shapes, functions, *turning)
+        return Motion(rest, shapes, functions, normals, turned, error)
     rest, shapes = frames[0], frames[1:] - frames[0]
     if rows is None:
         return Motion(rest, shapes, None)

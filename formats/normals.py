@@ -194,7 +194,7 @@ class VertexNormals:
 
     def at(self, points: Float32Array) -> Float32Array:
         """(vertices, 3) float32 at positions (vertices, 3)."""
-        normals = np.broadcast_to(np.float32(_NOWHERE), points.shape).copy()
+        normals = np.tile(np.array(_NOWHERE, np.float32), (len(points), 1))
         first = 0
         for rows, count in zip(self._rows, self._counts, strict=True):
             if rows is not None:

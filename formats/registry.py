@@ -356,8 +356,9 @@ def _by_magic(path: Path) -> Format | None:
 
 def _first(chosen: Callable[[Format], bool]) -> Format | None:
     """The first format that fits, of ours if there is one."""
-    for known in (lambda: _formats, _formats.whole):
-        found = next((entry for entry in known().values() if chosen(entry)), None)
+    for of_others in (False, True):
+        known = _formats.whole() if of_others else _formats
+        found = next((entry for entry in known.values() if chosen(entry)), None)
         if found is not None:
             return found
     return None

@@ -73,7 +73,7 @@ class Refusals:
             first = self.found[0]
             raise InputError(f"nothing is left of it: object {first.name!r} has {first.feature}", frame=first.frame)
         if not shapes:
-            verb = "are" if self.others.total() > 1 else "is"
+            verb = "are" if next(iter(self.others.values()), 0) > 1 else "is"
             raise InputError(f"holds no mesh, curve or point animation: there {verb} {there or 'nothing at all'}")
         notices = []
         for item in self.found:

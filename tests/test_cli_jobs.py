@@ -61,6 +61,8 @@ def test_several_inputs_go_to_a_folder_that_may_be_new(clip: ArraySequence, caps
     capsys.readouterr()
     assert run(["convert", "a.npz", "b.h5", "-o", "x.glb"]) == 2
     assert "2 inputs do not go to one file, x.glb; name a folder: -o folder/" in capsys.readouterr().err
+    assert run(["convert", "a.npz", "x.glb", "--to", "glb"]) == 2
+    assert "--to glb is for a folder or -, and x.glb is a file" in capsys.readouterr().err
     Path("other").mkdir()
     write_sequence(clip, "other/a.npz")
     assert run(["encode", "a.npz", "other/a.npz", "-o", "new/", "-y"]) == 2

@@ -264,6 +264,14 @@ def test_what_is_lost_is_told_by_name(path: str, notices: list[str]) -> None:
         assert_same_motion(read, clip, path)
 
 
+@for_each("x.abc", "x.usdc", "x.glb", "x.npz")
+def test_several_uv_sets_come_back_beside_each_other(path: str) -> None:
+    sets = [uv_with_seam(), uv_with_seam("uv:second"), Attribute("uv:third", "corner", np.eye(7, 2, dtype=np.float32))]
+    write_sequence(scene([body("a", sets)], **SPACE), path)
+    with open_sequence(path) as read:
+        assert_has_attributes(read.objects[0], sets, error=1e-7)
+
+
 @for_each("x.abc", "x.usdc", "x.glb")
 def test_names_that_are_one_or_none_are_told_apart_in_a_tree(path: str) -> None:
     clip = scene([body(name, ()) for name in ("a", "a", "", "a/b")], **SPACE)
