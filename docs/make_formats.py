@@ -31,7 +31,8 @@ CONVENTIONS = """\
   themselves are computed anew from the positions of each frame, and written where a source had normals or smoothing
   groups; glTF, which shows faces without normals flat, gets smooth ones otherwise. glTF cuts vertices at hard edges and
   UV seams: there they stay apart, each smooth. Formats with a normal a vertex get those of meshes without hard edges.
-- **Faces** run counterclockwise seen from outside; Alembic's, and those of left-handed USD meshes, are turned around.
+- **Faces** run counterclockwise seen from outside; Alembic's, and those of left-handed USD meshes, are turned around,
+  and so are those of objects to whose positions a transform is applied that mirrors.
 - **Time** is in seconds. The frame rate is the file's, else `--fps`, else 24, and then a line says so. Irregular times
   stay irregular. Scenes have a value at any time: glTF's animations are sampled at `--fps`, their last key included;
   Alembic and USD give the samples that they store, USD's transforms and skeletons also what lies between these at the

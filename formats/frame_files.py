@@ -70,32 +70,35 @@ def find_frames(path: Path, extension: str) -> FrameFiles:
     pattern = parse_pattern(path)
     if not path.parent.is_dir():
         raise InputError("this folder does not exist; check the name", path=path.parent)
-    numbered = [
-        found
-        for found in _numbered_and_single(path.parent, extension)
-        if found.extension() == pattern.extension() and found.frameSet()
-    ]
-    same_name = [found for found in numbered if found.basename() == pattern.basename()]
-    if not same_name and pattern.frameRange().startswith("-"):
+    numbered = _numbered(path.parent, pattern)
+    there = _of_name(numbered, pattern.basename(), pattern)
+    if not there and pattern.frameRange().startswith("-"):
         # In ``name-1-9####.obj`` the first hyphen is of the name, where the files there say so.
         pattern.setFrameRange(pattern.frameRange()[1:])
-        same_name = [found for found in numbered if found.basename() == f"{pattern.basename()}-"]
-    # Where several paddings stand side by side the pattern's own decides; alone, any padding will do.
-    same_padding = [found for found in same_name if found.zfill() == pattern.zfill()]
-    sequence = _only_sequence(same_padding or same_name, path)
+        there = _of_name(numbered, f"{pattern.basename()}-", pattern)
+    sequence = _only_sequence(there, path)
     return _checked(sequence, path, wanted=pattern.frameSet())
 
 
 def frames_there(pattern: Path) -> list[Path]:
-    """Files that a reader of the pattern would take for its frames, in any padding: what a writer would replace."""
+    """Files that a reader of the pattern would take for its frames: what a writer would replace."""
     parsed = parse_pattern(pattern)
-    start, end = parsed.basename(), parsed.extension()
-    found = []
-    for item in pattern.parent.iterdir() if pattern.parent.is_dir() else ():
-        number = item.name.removeprefix(start).removesuffix(end)
-        if item.name == f"{start}{number}{end}" and number.removeprefix("-").isdecimal():
-            found.append(item)
-    return sorted(found)
+    if not pattern.parent.is_dir():
+        return []
+    there = _of_name(_numbered(pattern.parent, parsed), parsed.basename(), parsed)
+    return sorted(pattern.with_name(Path(name).name) for sequence in there for name in sequence)
+
+
+def _numbered(folder: Path, pattern: Any) -> list[Any]:
+    """Sequences of a folder that have the extension of a pattern (a ``fileseq.FileSequence``)."""
+    found = _numbered_and_single(folder, pattern.extension().lower())
+    return [one for one in found if one.extension() == pattern.extension() and one.frameSet()]
+
+
+def _of_name(numbered: list[Any], name: str, pattern: Any) -> list[Any]:
+    """Those of a name. Where several paddings stand side by side the pattern's own decides; alone, any will do."""
+    same_name = [one for one in numbered if one.basename() == name]
+    return [one for one in same_name if one.zfill() == pattern.zfill()] or same_name
 
 
 def parse_pattern(path: Path) -> Any:

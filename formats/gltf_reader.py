@@ -87,7 +87,7 @@ class GltfSequence(SceneSequence):
         if not parts:
             raise InputError(f"holds no mesh: there are {len(self._nodes.entries)} nodes without one", path=path)
         self.times, self.fps, time_notices = _timing(chosen, fps)
-        self._pose = Pose(self._nodes, self.times)
+        self._posed: tuple[int, int, Pose] | None = None
         self._take(parts, transforms)
         noted = file.root.get("asset", {}).get("extras", {})
         own = noted.get("pdecodec", {}) if isinstance(noted, dict) else {}
@@ -99,19 +99,22 @@ class GltfSequence(SceneSequence):
         kept = (f"not kept: {', '.join(left_out)}",) if left_out else ()
         self.notices = (*clip_notices, *time_notices, *kept, *hidden_notices(parts))
 
-    def read_frames(self, start: int, stop: int) -> Float32Array:
-        self._pose = Pose(self._nodes, self.times[start:stop])
-        return super().read_frames(start, stop)
+    def _pose(self, start: int, stop: int) -> Pose:
+        """Where nodes are at some frames, which shapes have in common."""
+        if self._posed is None or self._posed[:2] != (start, stop):
+            self._posed = start, stop, Pose(self._nodes, self.times[start:stop])
+        return self._posed[2]
 
     def _matrices(self, shape: _Part, start: int, stop: int) -> Float64Array | None:
         if shape.skin is not None:
             return None
-        world = self._pose.world(shape.node)
+        world = self._pose(start, stop).world(shape.node)
         return world if shape.instance is None else shape.instance @ world
 
     def _read(self, shape: _Part, start: int, stop: int, out: Float32Array) -> None:
         weights = self._nodes.weights(shape.node, self.times[start:stop], shape.mesh.weights)
-        blocks = [_moved(block, weights, shape.skin, self._pose) for block in shape.mesh.blocks]
+        pose = self._pose(start, stop)
+        blocks = [_moved(block, weights, shape.skin, pose) for block in shape.mesh.blocks]
         points = blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=1)
         out[:] = points if shape.gather is None else points[:, shape.gather]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import GROUP, MATERIAL, UV, face_groups
 from pdecodec.formats.normals import read_normal_group
-from pdecodec.formats.scene_space import apply_matrices, transform_attribute
+from pdecodec.formats.scene_space import apply_matrices, mirrors, transform_attribute, turned_around
 from pdecodec.sequence import (
     Attribute,
     AttributeDomain,
@@ -155,11 +156,18 @@ class SceneSequence(MeshSequence):
         self.objects = tuple(self._object(shape) for shape in shapes)
 
     def _object(self, shape: Shape) -> MeshObject:
-        attributes = tuple(shape.attributes)
-        matrices = self._matrices(shape, 0, self.frame_count) if self._keep else None
-        if matrices is not None and not np.array_equal(matrices, np.broadcast_to(np.eye(4), matrices.shape)):
-            attributes = (*attributes, transform_attribute(self.times, matrices))
-        return MeshObject(shape.name, shape.connectivity, attributes)
+        item = MeshObject(shape.name, shape.connectivity, tuple(shape.attributes))
+        if self._keep:
+            matrices = self._matrices(shape, 0, self.frame_count)
+            if matrices is not None and not np.array_equal(matrices, np.broadcast_to(np.eye(4), matrices.shape)):
+                transform = transform_attribute(self.times, matrices)
+                item = dataclasses.replace(item, attributes=(*item.attributes, transform))
+        elif shape.connectivity.face_count:
+            # The last frame is looked at where all is flat in the first.
+            ends = (self._matrices(shape, frame, frame + 1) for frame in (0, self.frame_count - 1))
+            if mirrors(one[0] for one in ends if one is not None):
+                item = turned_around(item)
+        return item
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)

@@ -6,19 +6,30 @@ The metadata ``up_axis`` is ``X``, ``Y`` or ``Z``; ``unit`` is ``mm``, ``cm``, `
 An object whose transform was kept has positions in its own space, and the attribute ``transform`` of domain
 ``object``: rows of 17 float64, a time [s] and the 16 numbers of a matrix row by row. A point is a row:
 ``world = [x y z 1] M``, so the translation stands in the last row. Between its times a matrix is the straight line
-of its numbers, as Alembic and USD have it; before the first and after the last it stands still.
+of its numbers, as Alembic and USD have it; before the first and after the last it stands still. A matrix that mirrors
+turns faces inside out; where it is applied, they are turned around too.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError, SettingsError
-from pdecodec.sequence import Attribute, Float32Array, Float64Array, MeshObject, MeshSequence, check_frame_range
+from pdecodec.formats.attribute_roles import reversed_corners
+from pdecodec.sequence import (
+    Attribute,
+    Connectivity,
+    Float32Array,
+    Float64Array,
+    MeshObject,
+    MeshSequence,
+    check_frame_range,
+)
 
 UP_AXIS, UNIT = "up_axis", "unit"
 
@@ -223,6 +234,30 @@ def apply_matrices(points: Float32Array, matrices: Float64Array) -> Float32Array
         return moved.astype(np.float32)
 
 
+def mirrors(matrices: Iterable[Float64Array]) -> bool:
+    """Whether the first of some matrices (4, 4) that does not flatten mirrors."""
+    signs = (float(np.linalg.slogdet(matrix[:3, :3])[0]) for matrix in matrices)
+    with np.errstate(invalid="ignore"):
+        return next((sign for sign in signs if sign), 1.0) < 0
+
+
+def turned_around(item: MeshObject) -> MeshObject:
+    """An object with its faces the other way round, and what belongs to their corners with them."""
+    old = item.connectivity
+    order = reversed_corners(old.face_counts)
+    connectivity = Connectivity(
+        old.vertex_count, old.face_counts, old.face_indices[order], old.line_counts, old.line_indices
+    )
+    attributes = (_reordered(one, order) if one.domain == "corner" else one for one in item.attributes)
+    return MeshObject(item.name, connectivity, tuple(attributes))
+
+
+def _reordered(attribute: Attribute, order: NDArray[np.int64]) -> Attribute:
+    if attribute.indices is None:
+        return dataclasses.replace(attribute, values=attribute.values[order])
+    return dataclasses.replace(attribute, indices=attribute.indices[order])
+
+
 def bake_transforms(sequence: MeshSequence) -> MeshSequence:
     """The sequence with every kept transform applied to its positions; itself where there is none."""
     return BakedTransforms(sequence) if any(transform_of(item) for item in sequence.objects) else sequence
@@ -235,9 +270,15 @@ class BakedTransforms(DerivedSequence):
         super().__init__(source)
         self._transforms = [transform_of(item) for item in source.objects]
         self.objects = tuple(
-            MeshObject(item.name, item.connectivity, tuple(one for one in item.attributes if one is not transform))
-            for item, transform in zip(source.objects, self._transforms, strict=True)
+            self._baked(item, transform) for item, transform in zip(source.objects, self._transforms, strict=True)
         )
+
+    def _baked(self, item: MeshObject, transform: Attribute | None) -> MeshObject:
+        if transform is None:
+            return item
+        attributes = tuple(one for one in item.attributes if one is not transform)
+        baked = MeshObject(item.name, item.connectivity, attributes)
+        return turned_around(baked) if mirrors(matrices_at(transform, self.times[[0, -1]])) else baked
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)

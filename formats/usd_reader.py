@@ -23,7 +23,7 @@ from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import CURVE_BASIS, CURVE_WRAP, SUBDIVISION, label_attribute, reversed_corners
 from pdecodec.formats.registry import Transforms
 from pdecodec.formats.scene_reading import MOST_INSTANCED, Extras, Refusals, SceneSequence, Shape
-from pdecodec.formats.scene_space import UNIT, UP_AXIS, unit_text
+from pdecodec.formats.scene_space import UNIT, UP_AXIS, mirrors, unit_text
 from pdecodec.formats.times import Timing, merged_times, rate_or_default, resampled, snapped_times, without_gaps
 from pdecodec.formats.usd_attributes import METADATA, SAMPLED, first_value, object_name, read_extras
 from pdecodec.formats.usd_implicit import Implicit, read_implicit
@@ -338,6 +338,11 @@ def _open_mesh(prim: Any, name: str, refusals: Refusals, skinning: Skinning | No
         refusals.refuse(name, f"faces of {int(counts.min(initial=3))} corners, or counts that do not fit the indices")
         return None
     turned = mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
+    if skinning is not None and skinning.has_joints:
+        # Where the mesh stands itself says which side of it is outside; its points come out where the skeleton stands.
+        cache = UsdGeom.XformCache(Usd.TimeCode.EarliestTime())
+        own, joints = (cache.GetLocalToWorldTransform(one) for one in (prim, skinning.skeleton_prim))
+        turned ^= mirrors([np.array(own * joints, np.float64)])
     order = reversed_corners(counts) if turned else np.arange(indices.size)
     whole = Connectivity(_points_alone(mesh).vertex_count, face_counts=counts, face_indices=indices[order])
     extras = read_extras(prim, whole, order, moves=_moves(mesh, skinning))

@@ -72,6 +72,18 @@ def turning(frames: int, axis: int, speed: float, drift: NDArray[np.floating]) -
     return found
 
 
+TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
+
+OUTWARD = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+"""Its faces, counterclockwise seen from outside."""
+
+
+def volume(sequence: MeshSequence, frame: int = 0) -> float:
+    """What triangles enclose at a frame; negative where they are inside out."""
+    corners = sequence.connectivity.face_indices.reshape(-1, 3)
+    return float(np.linalg.det(sequence.read_frames(frame, frame + 1)[0][corners].astype(np.float64)).sum() / 6)
+
+
 def machine(frames: int = 30, parts: int = 4, size: int = 6) -> ArraySequence:
     """Parts that turn, drift, stand and bend, in this order again and again, some of them side by side."""
     rng, points, objects = np.random.default_rng(3), [], []

@@ -216,7 +216,7 @@ def test_files_hard_on_readers_are_read_and_come_back(
     ("name", "reason"),
     [
         ("cortex_points", "points that come, go or change places"),
-        ("openusd_testAbcCamera", "no mesh, curve or point animation: there are 1 camera, 42 other objects"),
+        ("openusd_testAbcCamera", "no mesh, curve or point animation: there is 1 camera, 42 other objects"),
     ],
 )
 def test_files_without_mesh_animation_are_refused_by_a_clear_line(shared_data: Path, name: str, reason: str) -> None:

@@ -21,11 +21,14 @@ from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.gltf_file import GltfBuilder, read_gltf
 from pdecodec.formats.gltf_mesh_writer import EXACT
+from pdecodec.formats.scene_space import bake_transforms
 from pdecodec.sequence import ArraySequence, Connectivity, MeshObject
 from tests.browser_tools import assert_valid, play_in_browser
 from tests.mesh_cases import connectivity_of, grid
 from tests.scene_cases import (
+    OUTWARD,
     SPACE,
+    TETRAHEDRON,
     array_of,
     assert_same_connectivity,
     assert_same_scene,
@@ -33,6 +36,7 @@ from tests.scene_cases import (
     machine,
     scene,
     uv_with_seam,
+    volume,
 )
 
 
@@ -372,6 +376,20 @@ def test_nodes_move_meshes_by_every_kind_of_interpolation(tmp_path: Path) -> Non
     with open_sequence(tmp_path / "x.glb", fps=2, transforms="keep") as read:
         assert read.read_frames(0, 3)[2].tolist() == TRIANGLE
         assert read.objects[0].attributes[-1].name == "transform"
+
+
+def test_faces_under_a_node_that_mirrors_face_outward_in_any_frames(tmp_path: Path) -> None:
+    made = Scene()
+    indices = made.builder.integers(np.array(OUTWARD).reshape(-1), triangles=True)
+    node = made.builder.add("nodes", {"mesh": made.mesh(TETRAHEDRON, indices=indices)})
+    made.builder.add("nodes", {"children": [node], "scale": [1, 1, -2]})
+    made.animate(node, "scale", [0, 1], [[0, 0, 0], [1, 1, 1]])
+    with open_sequence(made.save(tmp_path / "x.glb"), fps=2) as read:
+        assert read.read_frames(1, 2)[0].max() == 0.5
+        assert [volume(read, frame) for frame in (0, 1, 2)] == pytest.approx([0, 1 / 24, 1 / 3])
+    with open_sequence(tmp_path / "x.glb", fps=2, transforms="keep") as read:
+        assert read.connectivity.face_indices.tolist() == np.array(OUTWARD).reshape(-1).tolist()
+        assert volume(bake_transforms(read), 2) == pytest.approx(1 / 3)
 
 
 def test_cubic_weights_of_morph_targets_are_hermite_splines(tmp_path: Path) -> None:

@@ -20,7 +20,8 @@ from pdecodec.formats.scene_space import (
     unit_text,
 )
 from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject
-from tests.scene_cases import body, needed, scene, written
+from tests.mesh_cases import connectivity_of
+from tests.scene_cases import OUTWARD, TETRAHEDRON, body, needed, scene, volume, written
 
 POINT = np.array([[[1.0, 2.0, 3.0]]], np.float32)
 
@@ -123,6 +124,47 @@ def test_turning_and_scaling_reach_an_object_through_its_transform() -> None:
     assert np.array_equal(placed.read_frames(0, 3)[:, 0], clip.points[:, 0])
     direct = place(bake_transforms(clip), up_axis="Z", scale=2)
     assert np.array_equal(bake_transforms(placed).read_frames(0, 3), direct.read_frames(0, 3))
+
+
+@pytest.mark.parametrize("scales", [(-1.0, -2.0), (0.0, -1.0)])
+def test_faces_that_a_transform_mirrors_are_turned_around_with_their_corners(scales: tuple[float, float]) -> None:
+    mirror = np.stack([np.diag([scale, 1.0, 1.0, 1.0]) for scale in scales])
+    corners = np.arange(12, dtype=np.float32)
+    attributes = (
+        transform_attribute([0, 1], mirror),
+        Attribute("mine", "corner", corners),
+        Attribute("uv", "corner", np.stack([corners, corners], axis=1), np.arange(12, dtype=np.int32)[::-1].copy()),
+        Attribute("heat", "vertex", corners[:4]),
+    )
+    item = MeshObject("solid", connectivity_of(4, OUTWARD, [[0, 1, 2]]), attributes)
+    clip = ArraySequence(np.stack([TETRAHEDRON] * 2), objects=[item], times=[0, 1])
+    baked = bake_transforms(clip)
+    (solid,) = baked.objects
+    assert volume(clip) == pytest.approx(1 / 6)
+    assert volume(baked, 1) == pytest.approx(abs(scales[1]) / 6)
+    assert solid.connectivity.face_indices.tolist() == [corner for face in OUTWARD for corner in face[::-1]]
+    assert solid.connectivity.line_indices.tolist() == [0, 1, 2]
+    mine, uv, heat = solid.attributes
+    turned = [2, 1, 0, 5, 4, 3, 8, 7, 6, 11, 10, 9]
+    assert mine.values.tolist() == turned
+    assert uv.indices is not None
+    assert uv.indices.tolist() == [11 - corner for corner in turned]
+    assert heat.values.tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("extension", ["abc", "usdc"])
+def test_faces_under_a_transform_that_mirrors_face_outward_whether_it_is_applied_or_kept(
+    tmp_path: Path, extension: str
+) -> None:
+    needed(extension)
+    mirror = transform_attribute([0], np.diag([1.0, -1.0, 2.0, 1.0])[None])
+    solid = connectivity_of(4, OUTWARD)
+    clip = ArraySequence(TETRAHEDRON[None], objects=[MeshObject("solid", solid, (mirror,))])
+    with written(clip, tmp_path / f"x.{extension}") as read:
+        assert volume(read) == pytest.approx(2 / 6)
+    with open_sequence(tmp_path / f"x.{extension}", transforms="keep") as read:
+        assert read.connectivity.same_as(solid)
+        assert volume(bake_transforms(read)) == pytest.approx(2 / 6)
 
 
 def test_an_attribute_called_transform_that_is_none_is_refused() -> None:

@@ -13,7 +13,7 @@ from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.scene_space import place
 from pdecodec.sequence import ArraySequence, Connectivity
-from tests.scene_cases import array_of, assert_same_scene, body, broken_rules, scene
+from tests.scene_cases import OUTWARD, TETRAHEDRON, array_of, assert_same_scene, body, broken_rules, scene, volume
 
 pytest.importorskip("pxr", reason="USD is not installed here (pip install 'pdecodec[usd]')")
 
@@ -192,6 +192,37 @@ def test_joints_and_blend_shapes_deform_points(tmp_path: Path) -> None:
             [[0, 100, 0], [1, 100, 0], [0, 101, 0]],
             [[5, 100, 0], [6, 100, 2], [5, 101, 0]],
         ]
+
+
+@pytest.mark.parametrize("bound", [False, True])
+@pytest.mark.parametrize("mirrored", ["root", "root/mesh", "root/skeleton"])
+def test_faces_of_a_skinned_mesh_run_as_when_usd_bakes_it(tmp_path: Path, mirrored: str, bound: bool) -> None:
+    stage = stage_at(tmp_path / "x.usda")
+    root = UsdSkel.Root.Define(stage, "/root")
+    mesh = UsdGeom.Mesh.Define(stage, "/root/mesh")
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(TETRAHEDRON))
+    mesh.CreateFaceVertexCountsAttr([3] * 4)
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.array(OUTWARD, np.int32).reshape(-1)))
+    skeleton = UsdSkel.Skeleton.Define(stage, "/root/skeleton")
+    skeleton.CreateJointsAttr(["a"])
+    skeleton.CreateBindTransformsAttr(Vt.Matrix4dArray([Gf.Matrix4d(1)]))
+    skeleton.CreateRestTransformsAttr(Vt.Matrix4dArray([Gf.Matrix4d(1)]))
+    binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
+    binding.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
+    binding.CreateJointIndicesPrimvar(False, 1).Set([0] * 4)
+    binding.CreateJointWeightsPrimvar(False, 1).Set([1] * 4)
+    UsdGeom.Xformable(stage.GetPrimAtPath(f"/{mirrored}")).AddScaleOp().Set(Gf.Vec3f(-1, 1, 1))
+    if bound:
+        binding.CreateGeomBindTransformAttr(mesh.GetLocalTransformation())
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        found, faces, points = volume(read), read.connectivity, read.read_frames(0, 1)
+    assert UsdSkel.BakeSkinning(root, Gf.Interval.GetFullInterval())
+    stage.Export(str(tmp_path / "baked.usda"))
+    with open_sequence(tmp_path / "baked.usda") as baked:
+        assert np.allclose(points, baked.read_frames(0, 1))
+        assert faces.same_as(baked.connectivity)
+    assert found == pytest.approx(1 / 6 if mirrored == "root" or (bound and mirrored == "root/mesh") else -1 / 6)
 
 
 @pytest.mark.parametrize("kind", ["BasisCurves", "Points"])
