@@ -229,8 +229,8 @@ def apply_matrices(points: Float32Array, matrices: Float64Array) -> Float32Array
     """
     if np.array_equal(matrices, np.broadcast_to(np.eye(4), matrices.shape)):
         return points
-    moved = points.astype(np.float64) @ matrices[:, :3, :3] + matrices[:, None, 3, :3]
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved = points.astype(np.float64) @ matrices[:, :3, :3] + matrices[:, None, 3, :3]
         return moved.astype(np.float32)
 
 

@@ -152,6 +152,14 @@ def test_faces_that_a_transform_mirrors_are_turned_around_with_their_corners(sca
     assert heat.values.tolist() == [0, 1, 2, 3]
 
 
+@pytest.mark.parametrize("scale", [np.inf, np.nan, 1e300])
+def test_a_transform_that_is_no_number_gives_positions_that_are_none_without_a_warning(scale: float) -> None:
+    transform = transform_attribute([0], np.diag([scale, 1.0, 1.0, 1.0])[None])
+    item = MeshObject("solid", connectivity_of(4, OUTWARD), (transform,))
+    baked = bake_transforms(ArraySequence(TETRAHEDRON[None], objects=[item]))
+    assert not np.isfinite(baked.read_frames(0, 1)[0, 1, 0])
+
+
 @pytest.mark.parametrize("extension", ["abc", "usdc"])
 def test_faces_under_a_transform_that_mirrors_face_outward_whether_it_is_applied_or_kept(
     tmp_path: Path, extension: str
