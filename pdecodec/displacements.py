@@ -90,7 +90,8 @@ class Displacements:
         alike: Displacements | None = None,
         beside: Displacements | None = None,
     ) -> None:
-        self._points, self._shape, self._unit, self._alike, self._beside = points, shape, unit, alike, beside
+        self._points, self._shape, self._unit = points, np.ascontiguousarray(shape), unit
+        self._alike, self._beside = alike, beside
         self._frames, self._vertices = len(points), len(shape)
         self._least = (TAIL * unit) ** 2 * self._vertices * self._frames
         self._coefficients: dict[TimeFunctions, Float64Array] = {}

@@ -196,7 +196,7 @@ class Encoder(ABC):
     def _read(self, begin: int, end: int) -> Float32Array:
         block = self._sequence.frames_per_block
         parts = [checked_frames(self._sequence, at, min(at + block, end)) for at in range(begin, end, block)]
-        return np.concatenate(parts)
+        return np.ascontiguousarray(np.concatenate(parts) if len(parts) > 1 else parts[0])
 
     def _write_group(self, fitter: GroupFitter, fitted: FittedGroup, spools: Sequence[Spool]) -> None:
         encoded = fitter.encode(fitted, self._space)
