@@ -27,8 +27,8 @@ LARGEST_SHARE = 0.25
 PASSES = 2
 """Multiplications by the squares between two looks at what is left."""
 
-SPANS, BLOCK = 4, 512
-"""Sums of squares are added up in so many spans of vertices, each in blocks of so many."""
+SPANS, SINGLE_BLOCK, DOUBLE_BLOCK = 4, 512, 4096
+"""Sums of squares are added up in so many spans of vertices, each in blocks of so many in float32 and in float64."""
 
 TINY = 1e-300
 """In the place of a length of zero."""
@@ -82,12 +82,14 @@ def sums_of_squares(rows: Rows, precision: type[np.floating[Any]] = np.float64) 
     """
     spans = [len(rows) * k // SPANS for k in range(SPANS + 1)]
     sums = np.zeros((SPANS, rows.shape[1], rows.shape[1]))
+    size = SINGLE_BLOCK if precision is np.float32 else DOUBLE_BLOCK
 
     def add_up(first: int, end: int) -> None:
+        products = np.empty(sums.shape[1:], precision)
         for span in range(first, end):
-            for begin in range(spans[span], spans[span + 1], BLOCK):
-                block = rows[begin : min(begin + BLOCK, spans[span + 1])].astype(precision, copy=False)
-                sums[span] += block.T @ block
+            for begin in range(spans[span], spans[span + 1], size):
+                block = rows[begin : min(begin + size, spans[span + 1])].astype(precision, copy=False)
+                sums[span] += np.matmul(block.T, block, out=products)
 
     in_shares(add_up, SPANS)
     total: Float64Array = sums.sum(axis=0)
