@@ -246,10 +246,24 @@ class Displacements:
             return self._alike.coefficients(kind) + self._shifted(self._alike, self._dual(kind), kind)
         return self._along(self._dual(kind), kind)
 
+    @cached_property
+    def _cosine_energies(self) -> Float64Array:
+        waves = cosines(self._frames, min(self._frames, MOST_FUNCTIONS))
+        energies: Float64Array = np.einsum("fa,fg,ga->a", waves, self._squares_by_axis, waves, optimize=True)
+        return energies
+
+    @cached_property
+    def _cosine_count(self) -> int:
+        """Cosines but for the last ones, as far as they carry next to nothing."""
+        if self._alike is not None:
+            return self._alike._cosine_count
+        left = np.cumsum(self._cosine_energies[::-1])[::-1]
+        return int(np.count_nonzero(left > self._least))
+
     def _dual(self, kind: TimeFunctions) -> Float64Array:
         """What displacements are multiplied with, to have coefficients of functions of a kind."""
         if kind == "cosines":
-            return cosines(self._frames, min(self._frames, MOST_FUNCTIONS))
+            return cosines(self._frames, self._cosine_count)
         functions = self.functions(kind)[1]
         return dual_functions(functions) if kind == "poses" else functions
 
@@ -301,9 +315,7 @@ class Displacements:
         if self._alike is not None:
             return self._alike.spread(kind, step)
         if kind == "cosines":
-            waves = cosines(self._frames, min(self._frames, MOST_FUNCTIONS))
-            energies = np.einsum("fa,fg,ga->a", waves, self._squares_by_axis, waves, optimize=True)
-            each = 3 * self._vertices
+            energies, each = self._cosine_energies, 3 * self._vertices
         else:
             energies, each = self.functions(kind)[0], self._vertices * (1 if kind == "trajectories" else 3)
         return float(0.5 * each * np.log2(1.0 + energies / (each * step * step)).sum())

@@ -286,12 +286,10 @@ class AutoEncoder(Encoder):
         steps = {"bound": self._bound, "unit": self._unit, "residual_step": self._residual_step}
         usual: GroupChoice | None = None
         for begin, end in self._group_ranges():
-            points, times = self._read(begin, end), self._sequence.times
             if usual is None:
-                parts = self._choose_model(points, steps)
+                parts = self._choose_model(self._read(begin, end), steps)
             else:
-                fitter = GroupFitter(points, self._reference.points, self._first, times=times[begin:end], **steps)
-                parts = self._divided(fitter, usual)
+                parts = self._next(begin, end, usual, steps)
             usual = parts[-1].choice
             while parts:  # none is kept: the next ones take as much memory again
                 part = parts.pop(0)
@@ -318,9 +316,19 @@ class AutoEncoder(Encoder):
             self._explained = moved.explained(first.fitted.entry.functions, first.choice.time)
         return self._model.groups
 
-    def _divided(self, fitter: GroupFitter, usual: GroupChoice) -> list[FinishedGroup]:
+    def _next(self, begin: int, end: int, usual: GroupChoice, steps: Mapping[str, float]) -> list[FinishedGroup]:
         """The groups that frames after the first ones are divided into."""
         effort, basis = self._effort, self._model.basis
+        points, times = self._read(begin, end), self._sequence.times[begin:end]
+        fitter = GroupFitter(
+            points,
+            self._reference.points,
+            self._first,
+            times=times,
+            bound=steps["bound"],
+            unit=steps["unit"],
+            residual_step=steps["residual_step"],
+        )
         search = GroupSearch(fitter, basis)
         group = search.choose(candidates(search, usual) if effort.time_bases else [usual])
         groups = divided(group, basis) if effort.division else [group]
