@@ -105,9 +105,11 @@ class Solver:
             if not isinstance(batch, SheetConstraints):
                 parts.append((batch, multipliers))
                 continue
-            if not parts or not isinstance(parts[-1], _core.Sheets):
-                parts.append(_core.Sheets(self.system.inverse_masses))
-            batch.add_to(parts[-1], multipliers, substep=self.substep, method=self.method)
+            sheets = parts[-1] if parts else None
+            if not isinstance(sheets, _core.Sheets):
+                sheets = _core.Sheets(self.system.inverse_masses)
+                parts.append(sheets)
+            batch.add_to(sheets, multipliers, substep=self.substep, method=self.method)
         return parts
 
     def _advance_once(self) -> None:
