@@ -38,7 +38,7 @@ def coefficients(*, source: str, output: str, overwrite: bool) -> None:
     check_output(output, overwrite=overwrite)
     if not Path(source).is_file():
         raise InputError("there is no such file", path=source)
-    check_apart(source, [output])
+    check_apart([source], [output])
     with naming_file(source), open_animation(source) as animation:
         forms = [animation.coefficients(group) for group in range(animation.info()["groups"])]
     with whole_file(path, overwrite=overwrite) as partial:

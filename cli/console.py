@@ -20,9 +20,28 @@ PIPE_WIDTH = 200
 """Columns of a table that goes to a file or a pipe, where nobody counts them."""
 
 
-def say(text: str) -> None:
-    """One line to standard error."""
-    click.echo(text, err=True)
+_loudness = 0
+
+
+def set_loudness(level: int) -> None:
+    """How much is said: -1 nothing but errors, 0 results and notes, 1 what is done as well."""
+    global _loudness
+    _loudness = level
+
+
+def visible(text: str) -> str:
+    """Text that cannot steer a terminal: control characters, and those that turn its direction, as escapes.
+
+    Names in files and parts of messages are what somebody wrote: an escape sequence would be obeyed.
+    """
+    kept = (one if one.isprintable() or one in "\n\t" else one.encode("unicode_escape").decode() for one in text)
+    return "".join(kept)
+
+
+def say(text: str, *, level: int = 0) -> None:
+    """One line to standard error, unless less is to be said."""
+    if level <= _loudness:
+        click.echo(visible(text), err=True)
 
 
 def say_notices(sequence: MeshSequence) -> None:
@@ -51,6 +70,7 @@ def print_table(table: Table) -> None:
 
 def print_rows(rows: Sequence[Sequence[str]]) -> None:
     """Rows of texts to standard output, in columns as wide as what they hold."""
+    rows = [[visible(text).replace("\n", "\\n").replace("\t", "\\t") for text in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         click.echo("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip())
@@ -59,7 +79,7 @@ def print_rows(rows: Sequence[Sequence[str]]) -> None:
 @contextmanager
 def progress_bar() -> Iterator[Progress | None]:
     """A progress callable for the library that draws a bar on standard error; None when that is no terminal."""
-    if not sys.stderr.isatty():
+    if not sys.stderr.isatty() or _loudness < 0:
         yield None
         return
     from rich.console import Console
@@ -68,7 +88,7 @@ def progress_bar() -> Iterator[Progress | None]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=None)
-        yield lambda done, total, what: bar.update(task, completed=done, total=total, description=what)
+        yield lambda done, total, what: bar.update(task, completed=done, total=total, description=visible(what))
 
 
 def counted(count: int, noun: str) -> str:

@@ -3,84 +3,112 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from pdecodec.cli.console import extent, print_json, progress_bar, say, say_notices
+from pdecodec.cli.jobs import STREAM, Job, job_options, jobs, say_plan, say_start, streamed
 from pdecodec.cli.options import (
-    check_apart,
-    check_output,
     frames_option,
     json_option,
+    loudness_options,
     objects_option,
     overwrite_option,
     place_options,
     read_options,
-    refuse_pdeanim,
     select_frames,
     select_objects,
-    velocities_option,
+    stored_bytes,
+    write_options,
 )
 from pdecodec.errors import SettingsError
 
+if TYPE_CHECKING:
+    from pdecodec.sequence import MeshSequence
+
 
 @click.command()
-@click.argument("source", metavar="IN")
-@click.argument("target", metavar="[OUT]", required=False)
-@click.option("-o", "--output", metavar="OUT", help="File, folder or pattern to write; format by extension.")
+@job_options
 @frames_option
 @objects_option
 @read_options
 @place_options
-@velocities_option
+@write_options
 @overwrite_option
+@loudness_options
 @json_option
 def convert(
     *,
-    source: str,
-    target: str | None,
+    paths: tuple[str, ...],
     output: str | None,
+    extension: str | None,
+    dry_run: bool,
+    overwrite: bool,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Convert mesh sequences to another format.
+
+    Frames are kept as they are; what OUT's format cannot hold is said. A .pdeanim file among IN is decoded at its
+    frames; an OUT of that kind is encoded, as by `pdecodec encode`, with its options. Several IN go to a folder:
+    -o folder/ --to glb. Frames that a shell lists (walk.*.obj) are one sequence. Velocities are a .pdeanim file's own,
+    else central differences.
+    """
+    if output == STREAM and as_json:
+        raise SettingsError("-o - and --json both want standard output; leave out one")
+    for job in jobs(paths, output, extension=extension):
+        with streamed(job, extension=extension or "", dry_run=dry_run) as one:
+            _convert(one, dry_run=dry_run, overwrite=overwrite, as_json=as_json, **options)
+
+
+def _convert(
+    job: Job,
+    *,
     frames: str | None,
     objects: tuple[str, ...],
     up_axis: str | None,
     scale: float,
+    unit: str | None,
     velocities: bool,
+    quantize: bool,
+    meshopt: bool,
+    dry_run: bool,
     overwrite: bool,
     as_json: bool,
     **reading: Any,
 ) -> None:
-    """Convert a mesh sequence to another format.
-
-    Frames are kept as they are; what OUT's format cannot hold is said. IN may be a .pdeanim file, which is decoded at
-    its frames; OUT may not: encoding has settings of its own, so it is `pdecodec encode`. Velocities are a .pdeanim
-    file's own, else central differences.
-    """
     from pdecodec.formats import open_sequence, write_sequence
+    from pdecodec.formats.companions import input_files
     from pdecodec.formats.scene_space import place, velocities_of
 
     started = time.perf_counter()
-    if (target is None) == (output is None):
-        raise SettingsError("name one output: pdecodec convert IN OUT, or with -o OUT")
-    written = target or output or ""
-    refuse_pdeanim(written, f"use pdecodec encode {source} -o {written}")
-    check_output(written, overwrite=overwrite)
-    check_apart(source, [written])
+    source, written = job.source, job.output
+    job.check([written], [reading["mesh"]], overwrite=overwrite, dry_run=dry_run)
     with open_sequence(source, **reading) as whole:
-        sequence = place(select_objects(select_frames(whole, frames), objects), up_axis=up_axis, scale=scale)
+        sequence = place(
+            select_objects(select_frames(whole, frames), objects, job.source_name),
+            up_axis=up_axis,
+            scale=scale,
+            unit=unit,
+        )
         say_notices(sequence)
+        say_start(job, sequence)
+
+        def write(chosen: MeshSequence, path: str, **more: Any) -> tuple[str, ...]:
+            speeds = velocities_of(chosen) if velocities else None
+            return write_sequence(chosen, path, velocities=speeds, quantize=quantize, meshopt=meshopt, **more)
+
+        if dry_run:
+            files = input_files(source)
+            say_plan(job, sequence, write, files=len(files), size=stored_bytes(files))
+            return
         with progress_bar() as progress:
-            notices = write_sequence(
-                sequence,
-                written,
-                overwrite=overwrite,
-                velocities=velocities_of(sequence) if velocities else None,
-                progress=progress,
-            )
+            notices = write(sequence, written, overwrite=overwrite, progress=progress)
         counts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
     for notice in notices:
         say(f"note: {notice}")
     seconds = time.perf_counter() - started
     if as_json:
         print_json({"output": written, **counts, "seconds": seconds, "notices": list(notices)})
-    say(f"{written}: {extent(**counts)}, {seconds:.1f} s")
+    say(f"{job.output_name}: {extent(**counts)}, {seconds:.1f} s")

@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pdecodec.cli.console import byte_size, extent, print_json, progress_bar, say, say_notices
+from pdecodec.cli.jobs import STREAM, Job, job_options, jobs, say_plan, say_start, streamed
 from pdecodec.cli.options import (
-    check_apart,
-    check_output,
-    files_there,
     frames_option,
     json_option,
+    loudness_options,
     objects_option,
-    output_option,
     overwrite_option,
     parse_bytes,
     place_options,
@@ -25,9 +23,9 @@ from pdecodec.cli.options import (
     select_frames,
     select_objects,
     stored_bytes,
-    velocities_option,
+    write_options,
 )
-from pdecodec.errors import InputError, SettingsError
+from pdecodec.errors import InputError, LimitError, SettingsError
 
 if TYPE_CHECKING:
     from pdecodec.decoder import Animation
@@ -36,8 +34,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("source", metavar="IN.pdeanim")
-@output_option
+@job_options
 @click.option("--at", multiple=True, type=float, metavar="T", help="Decode at this time in seconds; may be repeated.")
 @click.option("--times", metavar="FILE", help="Decode at the times in seconds that a text file lists.")
 @click.option("--fps", type=float, metavar="F", help="Decode at a new frame rate, from the first time to the last.")
@@ -50,15 +47,41 @@ if TYPE_CHECKING:
     show_default=True,
     help="What a time before the first frame or after the last one means.",
 )
-@velocities_option
+@write_options
 @place_options
 @click.option("--max-memory", callback=parse_bytes, metavar="BYTES", help="Refuse files that need more, such as 2G.")
 @overwrite_option
+@loudness_options
 @json_option
 def decode(
     *,
-    source: str,
-    output: str,
+    paths: tuple[str, ...],
+    output: str | None,
+    extension: str | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Decode .pdeanim files at their frames, or at any time.
+
+    Velocities go into OUT where its format holds them (Alembic, USD), else to a second file, OUT with '.velocities'.
+    Times are taken in increasing order, each once. One frame may go to a single .obj file, several go to a folder,
+    a pattern (out.####.obj) or a file that holds them all. Several IN go
+    to a folder: -o folder/ --to glb.
+    """
+    if output == STREAM and as_json:
+        raise SettingsError("-o - and --json both want standard output; leave out one")
+    for job in jobs(paths, output, extension=extension):
+        with streamed(job, extension=extension or "", dry_run=options["dry_run"]) as one:
+            try:
+                _decode(one, as_json=as_json, **options)
+            except LimitError as error:
+                message = f"{error.message}; --max-memory raises the limit"
+                raise LimitError(message, path=error.path, frame=error.frame, offset=error.offset) from error
+
+
+def _decode(
+    job: Job,
+    *,
     at: tuple[float, ...],
     times: str | None,
     fps: float | None,
@@ -66,24 +89,24 @@ def decode(
     objects: tuple[str, ...],
     outside: Outside,
     velocities: bool,
+    quantize: bool,
+    meshopt: bool,
     up_axis: str | None,
     scale: float,
+    unit: str | None,
     max_memory: int | None,
+    dry_run: bool,
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Decode a .pdeanim file at its frames, or at any time.
-
-    Velocities go into OUT where its format holds them (Alembic, USD), else to a second file, OUT with '.velocities'.
-    Times are taken in increasing order, each once. One frame may go to a single .obj file, several go to a folder,
-    a pattern (out.####.obj) or a file that holds them all.
-    """
     from pdecodec.decoder import DecodeLimits, open_animation
     from pdecodec.formats import write_sequence
+    from pdecodec.formats.companions import output_files
     from pdecodec.formats.scene_space import place
     from pdecodec.resample import SampledAnimation
 
     started = time.perf_counter()
+    source, output = job.source, job.output
     given = [name for name, value in (("--at", at), ("--times", times), ("--fps", fps), ("--frames", frames)) if value]
     if len(given) > 1:
         raise SettingsError(f"{' and '.join(given)} exclude each other; give one of them")
@@ -92,27 +115,41 @@ def decode(
     refuse_pdeanim(output, "decode writes meshes; name another format")
     together = velocities and _holds_velocities(output)
     outputs = [output, _velocity_path(output)] if velocities and not together else [output]
-    for path in outputs:
-        check_output(path, overwrite=overwrite)
-    check_apart(source, outputs)
+    job.check(outputs, [times], overwrite=overwrite, dry_run=dry_run)
     if Path(source).is_dir():
         raise InputError("is a folder; decode takes a .pdeanim file", path=source)
     limits = DecodeLimits() if max_memory is None else DecodeLimits(max_memory=max_memory)
     with open_animation(source, limits=limits) as animation:
         chosen = _chosen(animation, at=at, times=times, fps=fps, frames=frames, outside=outside)
-        positions = place(select_objects(chosen, objects), up_axis=up_axis, scale=scale)
+        positions = place(select_objects(chosen, objects, job.source_name), up_axis=up_axis, scale=scale, unit=unit)
         sequences = [positions]
         speeds: MeshSequence | None = None
         if velocities:
             speeds = SampledAnimation(animation, chosen.times, quantity="velocities", outside=outside)
-            speeds = place(select_objects(speeds, objects), up_axis=up_axis, scale=scale)
+            speeds = place(select_objects(speeds, objects, job.source_name), up_axis=up_axis, scale=scale, unit=unit)
             sequences.append(speeds)
         say_notices(positions)
+        say_start(job, positions)
+        if dry_run:
+
+            def write(some: MeshSequence, path: str) -> object:
+                return write_sequence(some, path, quantize=quantize, meshopt=meshopt)
+
+            say_plan(job, positions, write, files=1, size=Path(source).stat().st_size)
+            return
         notices: dict[str, None] = {}
         for path, sequence in zip(outputs, sequences, strict=False):
             with progress_bar() as progress:
                 inside = speeds if together else None
-                found = write_sequence(sequence, path, overwrite=overwrite, velocities=inside, progress=progress)
+                found = write_sequence(
+                    sequence,
+                    path,
+                    overwrite=overwrite,
+                    velocities=inside,
+                    progress=progress,
+                    quantize=quantize,
+                    meshopt=meshopt,
+                )
             notices.update(dict.fromkeys(found))
         for notice in notices:
             say(f"note: {notice}")
@@ -125,10 +162,11 @@ def decode(
         }
     if as_json:
         print_json(result)
-    written = stored_bytes(file for path in outputs for file in files_there(path))
+    written = stored_bytes(file for path in outputs for file in output_files(path))
     values = "positions and velocities" if velocities else "positions"
     say(
-        f"{' and '.join(outputs)}: in {byte_size(Path(source).stat().st_size)} -> out {byte_size(written)} "
+        f"{' and '.join([job.output_name, *outputs[1:]])}: "
+        f"in {byte_size(Path(source).stat().st_size)} -> out {byte_size(written)} "
         f"({byte_size(result['raw_bytes'] * len(outputs))} of {values}), "
         f"{extent(result['frames'], result['vertices'])}, {result['seconds']:.1f} s"
     )

@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say, say_notices
+from pdecodec.cli.jobs import STREAM, Job, job_options, jobs, say_plan, say_start, streamed
 from pdecodec.cli.options import (
-    check_apart,
-    check_output,
     frames_option,
-    input_files,
     json_option,
+    loudness_options,
     objects_option,
-    output_option,
     overwrite_option,
     parse_bytes,
     place_options,
@@ -27,12 +25,12 @@ from pdecodec.errors import SettingsError, naming_file
 
 if TYPE_CHECKING:
     from pdecodec.encodereport import EncodeReport
+    from pdecodec.sequence import MeshSequence
     from pdecodec.settings import EncodeSettings
 
 
 @click.command()
-@click.argument("source", metavar="IN")
-@output_option
+@job_options
 @click.option(
     "--tolerance",
     type=float,
@@ -97,11 +95,33 @@ if TYPE_CHECKING:
 @read_options
 @place_options
 @overwrite_option
+@loudness_options
 @json_option
 def encode(
     *,
-    source: str,
-    output: str,
+    paths: tuple[str, ...],
+    output: str | None,
+    extension: str | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Encode mesh sequences into .pdeanim files.
+
+    The error bound holds for every vertex at every frame of IN, in the float32 positions that decoding returns.
+    Several IN go to a folder: -o folder/.
+    """
+    if output == STREAM and as_json:
+        raise SettingsError("-o - and --json both want standard output; leave out one")
+    if extension is not None and extension.lstrip(".").lower() != "pdeanim":
+        raise SettingsError(f"--to {extension}: encode writes .pdeanim files; for other formats use pdecodec convert")
+    for job in jobs(paths, output, extension=extension, default="pdeanim"):
+        with streamed(job, extension="pdeanim", dry_run=options["dry_run"]) as one:
+            _encode(one, as_json=as_json, **options)
+
+
+def _encode(
+    job: Job,
+    *,
     frames: str | None,
     objects: tuple[str, ...],
     fps: float | None,
@@ -109,8 +129,11 @@ def encode(
     clip: str | None,
     transforms: Any,
     skip_unsupported: bool,
+    isolate: bool,
     up_axis: str | None,
     scale: float,
+    unit: str | None,
+    dry_run: bool,
     overwrite: bool,
     as_json: bool,
     rms: float | None,
@@ -121,30 +144,49 @@ def encode(
     r: float | None,
     **settings: Any,
 ) -> None:
-    """Encode the mesh sequence IN into a .pdeanim file.
-
-    The error bound holds for every vertex at every frame of IN, in the float32 positions that decoding returns.
-    """
     from pdecodec.encoder import encode as encode_sequence
     from pdecodec.formats import open_sequence
+    from pdecodec.formats.companions import input_files
     from pdecodec.formats.scene_space import place
     from pdecodec.ratecontrol import encode_to_rms, encode_to_size
     from pdecodec.settings import EncodeSettings, PaperSettings
 
+    source, output = job.source, job.output
     if sum(value is not None for value in (settings["tolerance"], settings["max_error"], rms, size)) > 1:
         raise SettingsError("give one of --tolerance, --max-error, --rms and --size, not several")
     paper = {"segment_frames": segment_frames, "piece_points": piece_points, "alpha": alpha, "r": r}
     given: dict[str, Any] = {name: value for name, value in paper.items() if value is not None}
-    checked = EncodeSettings(**settings, paper=PaperSettings(**given))
+    try:
+        checked = EncodeSettings(**settings, paper=PaperSettings(**given))
+    except SettingsError as error:
+        # The library names its settings, which are options here.
+        name, _, rest = error.message.partition(" ")
+        if name not in (*settings, *paper):
+            raise
+        raise SettingsError(f"--{name.replace('_', '-')} {rest}") from error
     if not output.lower().endswith(".pdeanim"):
         raise SettingsError(f"{output}: encode writes .pdeanim files; for other formats use pdecodec convert")
-    check_output(output, overwrite=overwrite)
-    check_apart(source, [output])
+    job.check([output], [mesh], overwrite=overwrite, dry_run=dry_run)
     with open_sequence(
-        source, fps=fps, mesh=mesh, clip=clip, transforms=transforms, skip_unsupported=skip_unsupported
+        source, fps=fps, mesh=mesh, clip=clip, transforms=transforms, skip_unsupported=skip_unsupported, isolate=isolate
     ) as whole:
-        sequence = place(select_objects(select_frames(whole, frames), objects), up_axis=up_axis, scale=scale)
+        sequence = place(
+            select_objects(select_frames(whole, frames), objects, job.source_name),
+            up_axis=up_axis,
+            scale=scale,
+            unit=unit,
+        )
         say_notices(sequence)
+        say_start(job, sequence)
+        files = input_files(source)
+        source_bytes = stored_bytes(files)
+        if dry_run:
+
+            def write(some: MeshSequence, path: str) -> object:
+                return encode_sequence(some, path, checked)
+
+            say_plan(job, sequence, write, files=len(files), size=source_bytes)
+            return
         with progress_bar() as progress, naming_file(source):
             if size is not None:
                 report = encode_to_size(sequence, size, output, checked, overwrite=overwrite, progress=progress)
@@ -152,7 +194,6 @@ def encode(
                 report = encode_to_rms(sequence, rms, output, checked, overwrite=overwrite, progress=progress)
             else:
                 report = encode_sequence(sequence, output, checked, overwrite=overwrite, progress=progress)
-        source_bytes = stored_bytes(input_files(source))
         if as_json:
             print_json(_as_json(report, output, source_bytes, checked))
     say(report.summary)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from pdecodec.cli.console import byte_size, counted, print_json, print_rows, progress_bar, ratio, say, say_notices
-from pdecodec.cli.options import input_files, json_option, read_options, stored_bytes
+from pdecodec.cli.options import json_option, loudness_options, read_options, stored_bytes
 from pdecodec.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,8 +19,12 @@ if TYPE_CHECKING:
 @click.argument("source", metavar="FILE")
 @read_options
 @click.option("--all-frames", is_flag=True, help="Read every frame, for the bounds of the whole sequence.")
+@click.option("--tree", "as_tree", is_flag=True, help="Show objects as a tree of their names.")
+@loudness_options
 @json_option
-def info(*, source: str, all_frames: bool, as_json: bool, skip_unsupported: bool, **reading: Any) -> None:
+def info(
+    *, source: str, all_frames: bool, as_tree: bool, as_json: bool, skip_unsupported: bool, **reading: Any
+) -> None:
     """Tell what a mesh sequence or a .pdeanim file holds.
 
     Objects, faces, frames, times, attributes and bounds, and whether connectivity is constant: objects whose is not
@@ -28,6 +32,7 @@ def info(*, source: str, all_frames: bool, as_json: bool, skip_unsupported: bool
     positions and attributes are decoded for --all-frames alone.
     """
     from pdecodec.formats import open_sequence
+    from pdecodec.formats.companions import input_files
 
     # What cannot be read is a fact to tell here, no reason to stop.
     with open_sequence(source, skip_unsupported=True, **reading) as sequence:
@@ -43,7 +48,7 @@ def info(*, source: str, all_frames: bool, as_json: bool, skip_unsupported: bool
     if as_json:
         print_json(facts)
     else:
-        _print(facts)
+        _print(facts, as_tree=as_tree)
 
 
 def _connectivity_facts(sequence: MeshSequence, files: int) -> dict[str, Any]:
@@ -154,12 +159,36 @@ def _object_facts(item: MeshObject, *, has_attributes: bool) -> dict[str, Any]:
     }
 
 
-def _print(facts: Mapping[str, Any]) -> None:
+def _tree(names: Sequence[str]) -> list[str]:
+    """A label for each name: its last step under those above it, which have a line of their own before it.
+
+    A line without a name of its own ends in a slash.
+    """
+    lines: list[str] = []
+    shown: set[tuple[str, ...]] = set()
+    for name in names:
+        steps = tuple(name.split("/"))
+        for length in range(1, len(steps)):
+            if steps[:length] not in shown:
+                shown.add(steps[:length])
+                lines.append(f"{'  ' * (length - 1)}{steps[length - 1]}/")
+        lines.append("  " * (len(steps) - 1) + steps[-1])
+    return lines
+
+
+def _print(facts: Mapping[str, Any], *, as_tree: bool = False) -> None:
     objects = [("object", "vertices", "faces", "lines", "attributes")]
     for item in facts["objects"]:
         faces = ", ".join(counted(count, kind.removesuffix("s")) for kind, count in item["faces"].items()) or "none"
         attributes = "not decoded" if item["attributes"] is None else ", ".join(item["attributes"]) or "none"
         objects.append((item["name"], f"{item['vertices']:,}", faces, f"{item['lines']:,}", attributes))
+    if as_tree:
+        rows = iter(objects[1:])
+        tree = [
+            (line, *("",) * 4) if line.endswith("/") else (line, *next(rows)[1:])
+            for line in _tree([item["name"] for item in facts["objects"]])
+        ]
+        objects = [objects[0], *tree]
     print_rows(objects)
     table: list[tuple[str, str]] = []
     table.append(("frames", f"{facts['frames']} at {facts['fps']:g} a second"))

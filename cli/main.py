@@ -7,14 +7,17 @@ Exit codes: 0 done; 1 a check failed; 2 usage; 3 bad input or a place that canno
 from __future__ import annotations
 
 import importlib
+import io
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from types import TracebackType
 
 import click
 
 from pdecodec import __version__
+from pdecodec.cli.console import set_loudness, visible
 from pdecodec.errors import InputError, PdecodecError, SettingsError
 
 EXIT_INTERRUPTED = 130
@@ -55,11 +58,47 @@ class CommandsOnDemand(click.Group):
         command: click.Command = getattr(importlib.import_module(f"pdecodec.cli.{cmd_name}"), cmd_name)
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command of a line; of one that begins with a path, and of `convert`, that which extensions say."""
+        bare = args[0] not in COMMANDS and (
+            args[0] == "-" or "." in args[0] or "/" in args[0] or Path(args[0]).exists()
+        )
+        if bare or args[0] == "convert":
+            rest = args if bare else args[1:]
+            inputs, output = self._paths(ctx, rest)
+            name = "encode" if output.endswith(".pdeanim") else "convert"
+            if bare and name == "convert" and inputs and inputs[0].endswith(".pdeanim"):
+                name = "decode"
+            args = [name, *rest]
+        return super().resolve_command(ctx, args)
+
+    def _paths(self, ctx: click.Context, args: list[str]) -> tuple[list[str], str]:
+        """Inputs and output of a command line, in lower case; none where it cannot be told apart yet."""
+        for name in ("encode", "decode", "convert"):
+            command = self.get_command(ctx, name)
+            assert command is not None
+            try:
+                given, _, _ = command.make_parser(click.Context(command)).parse_args(list(args))
+            except click.UsageError:
+                continue
+            paths = [path.lower() for path in given.get("paths") or () if isinstance(path, str)]
+            output = str(given.get("output") or "").lower()
+            if str(given.get("extension") or "").lower().lstrip(".") == "pdeanim":
+                output = ".pdeanim"
+            if not output and len(paths) > 1:
+                output = paths.pop()
+            return paths, output
+        return [], ""
+
 
 @click.group(cls=CommandsOnDemand, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="pdecodec")
 def pdecodec() -> None:
     """Encode deforming meshes into compact .pdeanim files, and decode them at any time.
+
+    `pdecodec IN OUT` does what the extensions say: it encodes to .pdeanim, decodes from it, or converts.
 
     Formats are chosen by extension: `pdecodec formats` lists them. A sequence of files is a folder or a pattern
     (name.%04d.obj, name.####.obj, name.$F4.obj). Data goes to standard output, everything else to standard error.
@@ -82,16 +121,20 @@ def run(arguments: Sequence[str]) -> int:
     int
         The exit code; a failure has been told in one line on standard error.
     """
+    set_loudness(0)
     try:
         return int(pdecodec.main(args=list(arguments), prog_name="pdecodec", standalone_mode=False) or 0)
     except click.ClickException as error:
-        error.show()
+        shown = io.StringIO()
+        error.show(shown)
+        click.echo(visible(shown.getvalue()), err=True, nl=False)
         return SettingsError.exit_code
     except PdecodecError as error:
         return _fail(str(error), error.exit_code)
-    except SystemExit:
-        # Outside its standalone mode click exits in one case: the reader of our output has seen enough (`| head`).
-        return EXIT_UNREAD
+    except SystemExit as error:
+        # Outside its standalone mode click exits in two cases: a shell's completion is answered, or the reader of our
+        # output has seen enough (`| head`).
+        return EXIT_UNREAD if error.code == 1 else int(error.code or 0)
     except OSError as error:
         place = f"{error.filename}: " if error.filename is not None else ""
         return _fail(f"{place}{error.strerror or error}", InputError.exit_code)
@@ -102,13 +145,13 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _fail(message: str, exit_code: int) -> int:
-    click.echo(f"error: {' '.join(message.split())}", err=True)
+    click.echo(f"error: {visible(' '.join(message.split()))}", err=True)
     return exit_code
 
 
 def _report_bug(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
     click.echo(
-        f"error: a bug in pdecodec: {kind.__name__}: {' '.join(str(error).split())}; "
+        f"error: a bug in pdecodec: {kind.__name__}: {visible(' '.join(str(error).split()))}; "
         f"please report it, with what the same command prints when {TRACEBACK_VARIABLE}=1",
         err=True,
     )

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pdecodec.errors import InputError, SettingsError
+from pdecodec.cli.console import set_loudness
+from pdecodec.errors import InputError, SettingsError, naming_file
 
 if TYPE_CHECKING:
     from pdecodec.sequence import MeshSequence
@@ -44,10 +45,30 @@ def parse_bytes(context: click.Context, parameter: click.Parameter, value: str |
 output_option = click.option(
     "-o", "--output", required=True, metavar="OUT", help="File, folder or pattern to write; format by extension."
 )
-overwrite_option = click.option("--overwrite", is_flag=True, help="Replace OUT when it exists.")
+overwrite_option = click.option("-y", "--overwrite", is_flag=True, help="Replace OUT when it exists.")
+
+
+def _set_loudness(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+    if value:
+        set_loudness(-1 if parameter.name == "quiet" else 1)
+
+
+def loudness_options(command: Callable[..., None]) -> Callable[..., None]:
+    """``-q`` and ``-v``."""
+    for name, text in (("verbose", "Say what is done as well."), ("quiet", "Say nothing but errors.")):
+        option = click.option(
+            f"-{name[0]}", f"--{name}", is_flag=True, expose_value=False, callback=_set_loudness, help=text
+        )
+        command = option(command)
+    return command
+
+
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on standard output.")
 fps_option = click.option(
-    "--fps", type=float, metavar="F", help="Frames per second of IN where it does not say (24 when nobody does)."
+    "--fps",
+    type=float,
+    metavar="F",
+    help="Frames per second of IN where it does not say (else 24); Alembic, USD and glTF are sampled at it.",
 )
 frames_option = click.option(
     "--frames",
@@ -85,6 +106,9 @@ _READ_OPTIONS = (
     click.option(
         "--skip-unsupported", is_flag=True, help="Leave out objects of IN that cannot be read, instead of refusing it."
     ),
+    click.option(
+        "--isolate", is_flag=True, help="Read IN in a process of its own, which a file damaged on purpose may end."
+    ),
 )
 
 _PLACE_OPTIONS = (
@@ -94,7 +118,24 @@ _PLACE_OPTIONS = (
         help="Turn the scene so that this axis is up; where IN does not say which one is, record this one.",
     ),
     click.option("--scale", type=float, default=1.0, metavar="X", help="Multiply positions by this; the unit adapts."),
+    click.option(
+        "--unit", metavar="UNIT", help="The length of a unit of IN, where it does not say it: cm, m, '2.5 m'."
+    ),
 )
+
+
+_WRITE_OPTIONS = (
+    velocities_option,
+    click.option("--quantize", is_flag=True, help="glTF: 16-bit positions and weights; how far off they are is told."),
+    click.option("--meshopt", is_flag=True, help="glTF: compressed without loss, for viewers that know meshoptimizer."),
+)
+
+
+def write_options(command: Callable[..., None]) -> Callable[..., None]:
+    """What is written beside positions, and how small: options of :func:`pdecodec.formats.write_sequence`."""
+    for option in reversed(_WRITE_OPTIONS):
+        command = option(command)
+    return command
 
 
 def read_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -111,13 +152,13 @@ def place_options(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-def select_objects(sequence: MeshSequence, names: Sequence[str]) -> MeshSequence:
+def select_objects(sequence: MeshSequence, names: Sequence[str], source: str) -> MeshSequence:
     """The objects that `--object` asks for; all of them where it does not.
 
     Raises
     ------
     InputError
-        If there is no object of one of the names.
+        If there is no object of one of the names in `source`.
     """
     from pdecodec.selection import ObjectSelection
 
@@ -126,7 +167,8 @@ def select_objects(sequence: MeshSequence, names: Sequence[str]) -> MeshSequence
     known = [item.name for item in sequence.objects]
     # A name that nothing matches goes on as it is: the selection says which names there are.
     chosen = [full for name in names for full in _matching(name.strip("/"), known) or [name]]
-    return ObjectSelection(sequence, chosen)
+    with naming_file(source):
+        return ObjectSelection(sequence, chosen)
 
 
 def _matching(name: str, known: Sequence[str]) -> list[str]:
@@ -211,7 +253,9 @@ def check_output(output: str, *, overwrite: bool) -> None:
         raise InputError("is a folder; name a file in it", path=path)
     if overwrite:
         return
-    taken = [path] if path.is_dir() and any(path.iterdir()) else files_there(output)
+    from pdecodec.formats.companions import output_files
+
+    taken = [path] if path.is_dir() and any(path.iterdir()) else output_files(output)
     if taken:
         raise InputError("exists already; choose another name, or give --overwrite to replace it", path=taken[0])
 
@@ -220,7 +264,7 @@ def _check_name(output: str) -> None:
     from pdecodec.formats import list_formats
 
     if output == "-":
-        raise SettingsError("-o -: meshes are not written to standard output; name a file, folder/ or pattern")
+        raise SettingsError("-o -: this does not go to standard output; name a file, folder/ or pattern")
     if not Path(output).suffix and not output.endswith("/") and not Path(output).is_dir():
         known = ", ".join(extension for entry in list_formats() if entry.writes for extension in entry.extensions)
         raise SettingsError(
@@ -228,55 +272,21 @@ def _check_name(output: str) -> None:
         )
 
 
-def check_apart(source: str, outputs: Iterable[str]) -> None:
-    """Refuse to write where the input lies: frames that the output does not have would be lost.
+def check_apart(sources: Iterable[str | None], outputs: Iterable[str]) -> None:
+    """Refuse to write where an input lies, and those that it names: they would be lost.
 
     Raises
     ------
     SettingsError
-        If a file of the input is one that an output would replace, by whatever name or link.
+        If a file of an input is one that an output would replace, by whatever name or link.
     """
-    inputs = {file.resolve() for file in input_files(source)}
+    from pdecodec.formats.companions import input_files, output_files
+
+    inputs = {file.resolve() for source in sources if source is not None for file in input_files(source)}
     for output in outputs:
-        shared = [file for file in files_there(output) if file.resolve() in inputs]
+        shared = [file for file in output_files(output) if file.resolve() in inputs]
         if shared:
             raise SettingsError(f"{output}: would replace {shared[0]}, which is read; choose another name")
-
-
-def files_there(output: str) -> list[Path]:
-    """Files that writing to a file, pattern or folder would replace; after writing, what was written."""
-    path = Path(output)
-    if path.is_dir():
-        return sorted(file for file in path.iterdir() if file.suffix.lower() in _frame_extensions())
-    if path.exists():
-        return [path]
-    from pdecodec.formats.frame_files import frames_there, is_frame_pattern
-
-    return frames_there(path) if is_frame_pattern(path) else []
-
-
-def input_files(source: str) -> tuple[Path, ...]:
-    """The files of an input: one, or all its frames; none where there is no such file.
-
-    Raises
-    ------
-    InputError
-        If a folder or pattern does not stand for one whole sequence.
-    """
-    path = Path(source)
-    if path.is_file():
-        return (path,)
-    from pdecodec.formats.frame_files import find_frames
-
-    found = {file.suffix.lower() for file in path.iterdir()} if path.is_dir() else {path.suffix.lower()}
-    return tuple(file for extension in found & _frame_extensions() for file in find_frames(path, extension).paths)
-
-
-def _frame_extensions() -> set[str]:
-    """Extensions of the formats that keep a frame per file."""
-    from pdecodec.formats import list_formats
-
-    return {extension for entry in list_formats() if entry.frame_per_file for extension in entry.extensions}
 
 
 def stored_bytes(files: Iterable[Path]) -> int:

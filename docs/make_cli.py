@@ -9,11 +9,24 @@ import click
 
 from pdecodec.cli.main import pdecodec
 
+COMPLETION = """\
+## Completion
+
+Shells complete commands and options after one of these lines in their start-up files:
+
+```sh
+eval "$(_PDECODEC_COMPLETE=bash_source pdecodec)"        # ~/.bashrc
+eval "$(_PDECODEC_COMPLETE=zsh_source pdecodec)"         # ~/.zshrc
+_PDECODEC_COMPLETE=fish_source pdecodec | source         # ~/.config/fish/completions/pdecodec.fish
+```
+"""
+
 
 def help_pages() -> str:
     """Every command's usage, text and options, in the words of its `--help`."""
     head = ["# The command line", "", "Written by `make docs` from the commands themselves; do not edit.", ""]
-    return "\n".join(head + _pages(pdecodec, click.Context(pdecodec, info_name="pdecodec"))).rstrip("\n") + "\n"
+    pages = _pages(pdecodec, click.Context(pdecodec, info_name="pdecodec"))
+    return "\n".join([*head, *pages, COMPLETION]).rstrip("\n") + "\n"
 
 
 def _pages(command: click.Command, context: click.Context) -> list[str]:

@@ -28,15 +28,22 @@ CONVENTIONS = """\
 - **Colours** are `color` and `color:NAME`, of vertices, faces, corners or the object. **Face sets** are `group`, one
   number a face with names, or `group:NAME`, one or zero a face, where sets share faces; **materials** are `material`.
 - **Hard edges** are `normal_group`, a number a corner: corners of a vertex with equal numbers share a normal. Normals
-  themselves are computed anew from the positions of each frame, and written where a source had normals. glTF cuts
-  vertices at hard edges and UV seams: there they stay apart, each smooth.
-- **Faces** run counterclockwise seen from outside; Alembic's, and those of left-handed USD meshes, are turned around.
+  themselves are computed anew from the positions of each frame, and written where a source had normals or smoothing
+  groups; glTF, which shows faces without normals flat, gets smooth ones otherwise. glTF cuts vertices at hard edges and
+  UV seams: there they stay apart, each smooth. Formats with a normal a vertex get those of meshes without hard edges.
+- **Faces** run counterclockwise seen from outside; Alembic's, and those of left-handed USD meshes, are turned around,
+  and so are those of objects to whose positions a transform is applied that mirrors.
 - **Time** is in seconds. The frame rate is the file's, else `--fps`, else 24, and then a line says so. Irregular times
-  stay irregular. glTF animations are curves: they are sampled at `--fps`.
+  stay irregular. Scenes have a value at any time: glTF's animations are sampled at `--fps`, their last key included;
+  Alembic and USD give the samples that they store, USD's transforms and skeletons also what lies between these at the
+  stage's frame rate, and both are sampled at `--fps` where it is given, exact where a stored sample is on a frame. In
+  `wolf-1.obj` the hyphen is of the name; it is a minus sign after a dot or an underscore, or beside frames without one.
 - **Transforms** above objects are applied to positions, or kept (`--transforms keep`) as the attribute `transform`:
-  rows of a time and a matrix. Formats without transforms get positions with transforms applied.
+  rows of a time and a matrix. Meshes that move rigidly, to two units in the last place of float32, are written to glTF,
+  USD and Alembic as one shape under transforms. Formats without transforms get positions with transforms applied.
 - **Up axis and unit** are the metadata `up_axis` and `unit`, where a file says them. `--up-axis` turns the scene,
-  `--scale` scales it and its unit.
+  `--scale` scales it and its unit, `--unit` says what nobody recorded. USD files say what is known and no more; glTF
+  and Alembic are Y-up, so that other scenes are turned, aloud.
 """
 
 
@@ -62,6 +69,9 @@ def _part(entry: Format) -> str:
     if entry.options:
         names = ", ".join(f"`--{option.replace('_', '-')}`" for option in entry.options)
         lines.append(f"Reading takes {names}.")
+    if entry.write_options:
+        names = ", ".join(f"`--{option}`" for option in entry.write_options)
+        lines.append(f"Writing takes {names}.")
     if entry.holds_velocities:
         lines.append("Velocities are written where they are asked for (`--velocities`).")
     return "\n".join([*lines, ""])

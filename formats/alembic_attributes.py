@@ -37,8 +37,14 @@ FPS_PROPERTY, METADATA_PROPERTY = "pdecodec_fps", "pdecodec_metadata"
 OWN = "pdecodec_"
 """Beginning of the names of parameters that only we write and read."""
 
+ADDED = "pdecodec_added"
+"""Metadata of a transform that names of objects do not have: it is there to move one of them."""
+
 KIND, LABEL = "pdecodec_kind", "pdecodec_label"
 """Metadata of a face set: what it stands for, and its name where Alembic could not hold it."""
+
+NOT_UV = "notUV"
+"""Metadata of a parameter of two numbers that are no texture coordinates; Alembic's own."""
 
 METADATA_MARKS = frozenset(";=")
 """Characters that Alembic's metadata cannot hold."""
@@ -224,7 +230,7 @@ def _read_parameter(parent: Any, header: Any, extras: Extras) -> None:
         return
     if kind in (AbcGeom.IC3fGeomParam, AbcGeom.IC4fGeomParam):
         name = role_name(COLOR, name, ())
-    elif kind is AbcGeom.IV2fGeomParam and header.getMetaData().isUV():
+    elif kind is AbcGeom.IV2fGeomParam and header.getMetaData().get(NOT_UV) != "1":
         name = role_name(UV, name, ())
     domain, values, indices = _first_sample(param)
     labels = tuple(map(str, values)) if kind is AbcGeom.IStringGeomParam else ()
@@ -313,15 +319,24 @@ def _put_parameter(parent: Any, item: MeshObject, one: Parameter) -> bool:
         order = reversed_corners(item.connectivity.face_counts)
         values, indices = (values[order], None) if indices is None else (values, indices[order])
     flat = values.reshape(-1) if one.width == 1 else values
-    _put(parent, kind, name.replace("/", "_"), attribute.domain, flat, indices)
+    _put(parent, kind, name.replace("/", "_"), attribute.domain, flat, indices, is_uv=one.role == UV)
     return True
 
 
-def _put(parent: Any, kind: str, name: str, domain: str, values: NDArray[Any], indices: NDArray[Any] | None) -> None:
+def _put(
+    parent: Any,
+    kind: str,
+    name: str,
+    domain: str,
+    values: NDArray[Any],
+    indices: NDArray[Any] | None,
+    *,
+    is_uv: bool = False,
+) -> None:
     array, scope = _ARRAYS[kind](values), SCOPES[domain]
     sample_type = getattr(AbcGeom, f"O{kind}GeomParamSample")
     sample = sample_type(array, scope) if indices is None else sample_type(array, unsigned_array(indices), scope)
     metadata = AbcCoreAbstract.MetaData()
-    if kind == "V2f" and domain == "corner":
-        metadata.setIsUV(True)
+    if kind == "V2f" and not is_uv:
+        metadata.set(NOT_UV, "1")
     getattr(AbcGeom, f"O{kind}GeomParam")(parent, name, indices is not None, scope, 1, metadata).set(sample)

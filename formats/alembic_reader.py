@@ -11,7 +11,8 @@ integer for a time, silently: samples are always asked for by their time here.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,12 +22,27 @@ import numpy as np
 from alembic3d import Abc, AbcGeom
 
 from pdecodec.errors import InputError
-from pdecodec.formats.alembic_attributes import FPS_PROPERTY, METADATA_PROPERTY, matrix_rows, read_extras, to_numpy
+from pdecodec.formats.alembic_attributes import (
+    ADDED,
+    FPS_PROPERTY,
+    METADATA_PROPERTY,
+    matrix_rows,
+    read_extras,
+    to_numpy,
+)
 from pdecodec.formats.attribute_roles import CURVE_BASIS, CURVE_WRAP, SUBDIVISION, label_attribute, reversed_corners
 from pdecodec.formats.registry import Transforms, read_errors
 from pdecodec.formats.scene_reading import Extras, Refusals, SceneSequence, Shape
-from pdecodec.formats.times import SAME_TIME, Timing, merged_times, rate_or_default, round_rate, snapped_times
-from pdecodec.sequence import Connectivity, Float32Array, Float64Array
+from pdecodec.formats.times import (
+    SAME_TIME,
+    Timing,
+    merged_times,
+    rate_or_default,
+    resampled,
+    round_rate,
+    snapped_times,
+)
+from pdecodec.sequence import Connectivity, Float32Array, Float64Array, check_frame_range
 
 HDF5_IDENTIFIER = b"\x89HDF\r\n\x1a\n"
 
@@ -44,10 +60,14 @@ _NAMES_OF_OTHERS = {"Camera": "camera", "Light": "light", "Material": "material"
 """What schemas that hold no geometry of ours are called in messages."""
 
 
+_DAMAGE = (RuntimeError, ArithmeticError, LookupError, MemoryError, TypeError, ValueError)
+"""What the library and NumPy raise on damaged files, text that is not UTF-8 among it."""
+
+
 class AlembicSequence(SceneSequence):
     """The geometry of an Alembic file of the Ogawa kind, which stays open until :meth:`close`.
 
-    `fps` is the nominal rate: the file stores its times.
+    Where `fps` is given, frames stand at that rate from the first stored time to the last, instead of at stored times.
 
     Raises
     ------
@@ -59,16 +79,22 @@ class AlembicSequence(SceneSequence):
         self, path: Path, *, fps: float | None, transforms: Transforms = "bake", skip_unsupported: bool = False
     ) -> None:
         self._path = path
-        self._archive = _open_archive(path)
-        refusals = Refusals(skip=skip_unsupported)
-        shapes: list[_Shape] = []
-        _walk(self._archive.getTop(), "", (), shapes, refusals)
-        notices = refusals.notices(shapes)
-        self.times, self.fps, time_notices = _timing(self._archive, shapes, fps)
-        self._take(shapes, transforms)
-        self.metadata = _metadata(self._archive)
+        with _archive_errors(path):
+            self._archive = _open_archive(path)
+            refusals = Refusals(skip=skip_unsupported)
+            shapes: list[_Shape] = []
+            _walk(self._archive.getTop(), "", (), False, shapes, refusals)
+            notices = refusals.notices(shapes)
+            self.times, self.fps, time_notices = _timing(self._archive, shapes, fps)
+            self._take(shapes, transforms)
+            self.metadata = _metadata(self._archive)
         self.unsupported = tuple(refusals.found)
         self.notices = (*time_notices, *notices)
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        with _archive_errors(self._path):
+            return super().read_frames(start, stop)
 
     def _matrices(self, shape: _Shape, start: int, stop: int) -> Float64Array | None:
         if not any(one.moves or not np.array_equal(one.matrices[0], np.eye(4)) for one in shape.chain):
@@ -163,19 +189,31 @@ class _Transform:
         return matrices
 
 
+@contextmanager
+def _archive_errors(path: Path) -> Iterator[None]:
+    """Turn what the library raises on damaged files into one line that names `path`."""
+    try:
+        yield
+    except _DAMAGE as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"is no Alembic file, or a damaged one ({reason}); export it again", path=path) from error
+
+
 def _open_archive(path: Path) -> Any:
     with read_errors(path), path.open("rb") as file:
         head = file.read(len(HDF5_IDENTIFIER))
     if head == HDF5_IDENTIFIER:
         raise InputError("is an HDF5-backed Alembic file; convert it to Ogawa first (abcconvert -toOgawa)", path=path)
-    try:
-        return Abc.IArchive(str(path))
-    except RuntimeError as error:
-        raise InputError(f"is no Alembic file, or a damaged one ({error}); export it again", path=path) from error
+    return Abc.IArchive(str(path))
 
 
-def _walk(node: Any, path: str, chain: tuple[_Transform, ...], shapes: list[_Shape], refusals: Refusals) -> None:
-    """Open the shapes below a node of the tree, in its order; what else there is, is counted or refused."""
+def _walk(
+    node: Any, path: str, chain: tuple[_Transform, ...], hidden: bool, shapes: list[_Shape], refusals: Refusals
+) -> None:
+    """Open the shapes below a node of the tree, in its order; what else there is, is counted or refused.
+
+    `hidden` says whether one above them is hidden.
+    """
     if path.count("/") >= MOST_LEVELS:
         refusals.refuse(path, f"more than {MOST_LEVELS} levels of objects above it")
         return
@@ -184,29 +222,49 @@ def _walk(node: Any, path: str, chain: tuple[_Transform, ...], shapes: list[_Sha
         inner = f"{path}/{name}" if path else name
         try:
             child = node.getChild(index)
-            _visit(child, child.getHeader(), inner, chain, shapes, refusals)
+            _visit(child, child.getHeader(), inner, chain, hidden or _hides(child), shapes, refusals)
         except RuntimeError as error:
             reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
             refusals.refuse(inner, f"an instance or a shape that Alembic cannot open ({reason})")
 
 
+def _hides(node: Any) -> bool:
+    """Whether a node is hidden at any of the samples of its visibility."""
+    visibility = AbcGeom.GetVisibilityProperty(node)
+    if not visibility.valid() or not visibility.getNumSamples():
+        return False
+    hidden = int(AbcGeom.ObjectVisibility.kVisibilityHidden)
+    return any(int(visibility.getValue(_select(time))) == hidden for time in _sample_times(visibility))
+
+
 def _visit(
-    child: Any, header: Any, path: str, chain: tuple[_Transform, ...], shapes: list[_Shape], refusals: Refusals
+    child: Any,
+    header: Any,
+    path: str,
+    chain: tuple[_Transform, ...],
+    hidden: bool,
+    shapes: list[_Shape],
+    refusals: Refusals,
 ) -> None:
     wrap = Abc.WrapExistingFlag.kWrapExisting
     if AbcGeom.IXform.matches(header):
         transform = _Transform(AbcGeom.IXform(child, wrap))
+        if header.getMetaData().get(ADDED):
+            path = path.rpartition("/")[0]
         chain = (transform, *(chain if transform.inherits else ()))
     elif (kind := next((kind for kind, one in _GEOMETRY.items() if one.matches(header)), None)) is not None:
         schema = _GEOMETRY[kind](child, wrap).getSchema()
         if schema.getPositionsProperty().getNumSamples():
+            before = len(shapes)
             _open_shape(path, kind, schema, child, chain, shapes, refusals)
+            for shape in shapes[before:]:
+                shape.hidden = hidden
     elif AbcGeom.INuPatch.matches(header):
         refusals.refuse(path, "a NURBS surface; convert it to polygons")
     elif not AbcGeom.IFaceSet.matches(header):
         schema_name = header.getMetaData().get("schema").removeprefix("AbcGeom_").partition("_")[0]
         refusals.others[_NAMES_OF_OTHERS.get(schema_name, "other object")] += 1
-    _walk(child, path, chain, shapes, refusals)
+    _walk(child, path, chain, hidden, shapes, refusals)
 
 
 def _open_shape(
@@ -305,7 +363,10 @@ def _timing(archive: Any, shapes: Sequence[_Shape], fps: float | None) -> Timing
     stored = _stored_rate(archive, [sampling for _, sampling in moving])
     rate, notices = rate_or_default(stored, fps)
     if moving:
-        return snapped_times(merged_times([times for times, _ in moving]), stored or rate), rate, notices
+        times = snapped_times(merged_times([times for times, _ in moving]), stored or rate)
+        if fps is not None:
+            times, notices = resampled(times, fps)
+        return times, rate, notices
     # Nothing moves, but may have been sampled all the same.
     still = max((_sample_times(shape.positions) for shape in shapes), key=len)
     return snapped_times(still, stored or rate), rate, notices if still.size > 1 else ()

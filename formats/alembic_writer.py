@@ -7,6 +7,7 @@ faces, and which vertex each point of a curve is where curves share them.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,6 +19,7 @@ from alembic3d import Abc, AbcCoreAbstract, AbcGeom
 
 from pdecodec.errors import InputError
 from pdecodec.formats.alembic_attributes import (
+    ADDED,
     FPS_PROPERTY,
     METADATA_PROPERTY,
     int_array,
@@ -39,10 +41,16 @@ from pdecodec.formats.attribute_roles import (
     uv_sets,
 )
 from pdecodec.formats.registry import Output
-from pdecodec.formats.scene_space import apply_matrices, matrices_at, transform_of
+from pdecodec.formats.rigid_motion import rigid_parts
+from pdecodec.formats.scene_space import matrices_at, place, transform_of, up_axis_of
 from pdecodec.formats.scene_writing import ShapeWriter, tree_paths, write_shapes
 from pdecodec.formats.times import regular_rate
+from pdecodec.reserved_room import ReservedRoom
 from pdecodec.sequence import Attribute, Float32Array, Float64Array, MeshObject, MeshSequence
+from pdecodec.whole_output import failure_of
+
+OBJECT_BYTES, SAMPLE_BYTES = 2**16, 2**10
+"""More than Alembic writes of an object, and of a sample, beside their arrays."""
 
 _SHAPES = {
     "mesh": (AbcGeom.OPolyMesh, AbcGeom.OPolyMeshSchemaSample),
@@ -61,16 +69,33 @@ _BASES = {
 
 
 def write_alembic(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
-    """Write an Ogawa file; velocities are stored as ``.velocities``."""
+    """Write an Ogawa file; velocities are stored as ``.velocities``.
+
+    Alembic does not say which axis is up: programs take Y, so the scene is turned where another is known to be.
+    """
+    turned: tuple[str, ...] = ()
+    if up_axis_of(sequence) not in (None, "Y"):
+        turned = (f"the scene is turned from {up_axis_of(sequence)}-up to Y-up, as programs take Alembic to be",)
+        sequence = place(sequence, up_axis="Y")
+        if output.velocities is not None:
+            output = dataclasses.replace(output, velocities=place(output.velocities, up_axis="Y"))
+    if output.velocities is None:
+        sequence = rigid_parts(sequence)
     with output.whole_file() as partial:
         try:
-            return _write(sequence, partial, output)
+            notices = _write(sequence, partial, output)
+            ReservedRoom(partial).release()
+            return (*turned, *notices)
         except RuntimeError as error:
-            raise InputError(f"Alembic cannot write this ({error}); check the folder and the free space") from error
+            reason = failure_of(partial.parent, f"Alembic says {error}")
+            raise InputError(f"cannot be written ({reason}); check the folder and the free space") from error
 
 
 def _write(sequence: MeshSequence, path: Path, output: Output) -> tuple[str, ...]:
     archive = Abc.OArchive(str(path))
+    room = ReservedRoom(path)
+    # Alembic ends the process where its last bytes find no room: room is made before anything is written.
+    room.reserve(sum(map(_described_bytes, sequence.objects)) + sequence.frame_count * 64 * len(sequence.objects))
     sampling = archive.addTimeSampling(_time_sampling(sequence.times, output.rate))
     top = archive.getTop()
     Abc.ODoubleProperty(top.getProperties(), FPS_PROPERTY).setValue(output.rate)
@@ -80,13 +105,22 @@ def _write(sequence: MeshSequence, path: Path, output: Output) -> tuple[str, ...
     paths, renamed = tree_paths(sequence.objects)
     branches = _Branches(sequence, paths, top, sampling)
     shapes = [
-        _ShapeWriter(item, branches.parent(steps), steps[-1], sampling, branches.baked.get(steps))
+        _ShapeWriter(item, branches.parent(steps), steps[-1], sampling)
         for item, steps in zip(sequence.objects, paths, strict=True)
     ]
-    for times in write_shapes(sequence, output, "Alembic", shapes):
+    frame_bytes = sum(shape.frame_bytes(speeds=output.velocities is not None) for shape in shapes)
+    for times in write_shapes(sequence, output, "Alembic", shapes, lambda frames: room.reserve(frames * frame_bytes)):
         branches.write(times)
     notices = dict.fromkeys(notice for shape in shapes for notice in shape.notices)
-    return (*renamed, *branches.notices, *notices)
+    return (*renamed, *notices)
+
+
+def _described_bytes(item: MeshObject) -> int:
+    """At most, of what is written of an object beside its samples."""
+    arrays = [item.connectivity.face_counts, item.connectivity.face_indices, item.connectivity.line_indices]
+    arrays += [one for each in item.attributes for one in (each.values, each.indices) if one is not None]
+    labels = sum(len(label) for each in item.attributes for label in each.labels)
+    return OBJECT_BYTES + 2 * (sum(array.nbytes for array in arrays) + labels)
 
 
 def _time_sampling(times: Float64Array, rate: float) -> Any:
@@ -103,29 +137,28 @@ class _Branches:
     """Transforms above shapes: one for each step of a path but the last.
 
     A kept transform goes to the step right above its shape, and does not inherit from those above that. Shapes under
-    one step that were moved apart, and shapes at the top, have theirs applied to their points instead.
+    one step that were moved apart, and shapes at the top, have a step of their own instead, which readers of ours
+    leave out of their names.
     """
 
     def __init__(self, sequence: MeshSequence, paths: Sequence[tuple[str, ...]], top: Any, sampling: int) -> None:
         self._nodes: dict[tuple[str, ...], Any] = {(): top}
-        self._moved: dict[tuple[str, ...], Attribute | None] = {}
-        self._unlike: set[tuple[str, ...]] = set()
-        self.baked: dict[tuple[str, ...], Attribute] = {}
-        self.notices: tuple[str, ...] = ()
         transforms = [transform_of(item) for item in sequence.objects]
+        above: dict[tuple[str, ...], list[Attribute | None]] = {}
         for steps, transform in zip(paths, transforms, strict=True):
-            above = steps[:-1]
-            if above in self._moved and not _same(self._moved[above], transform):
-                self._unlike.add(above)
-            self._moved.setdefault(above, transform)
-        apart = []
-        for item, steps, transform in zip(sequence.objects, paths, transforms, strict=True):
-            if transform is not None and (not steps[:-1] or steps[:-1] in self._unlike):
-                self.baked[steps] = transform
-                apart.append(item.name)
-        if apart:
-            self.notices = (f"transforms applied to positions, as there is no place for them: {', '.join(apart)}",)
-        self._absolute = any(transform is not None for transform in transforms)
+            above.setdefault(steps[:-1], []).append(transform)
+        shared = {
+            branch: found[0]
+            for branch, found in above.items()
+            if branch and found[0] is not None and all(_same(found[0], one) for one in found)
+        }
+        self._own = {
+            steps: transform
+            for steps, transform in zip(paths, transforms, strict=True)
+            if transform is not None and steps[:-1] not in shared
+        }
+        self._moved: dict[tuple[str, ...], Attribute] = {**shared, **self._own}
+        self._still = set(above) - set(shared) if self._moved else set()
         self._sampling = sampling
 
     def parent(self, steps: tuple[str, ...]) -> Any:
@@ -134,16 +167,19 @@ class _Branches:
             branch = steps[:length]
             if branch not in self._nodes:
                 self._nodes[branch] = AbcGeom.OXform(self._nodes[branch[:-1]], branch[-1], self._sampling)
-                still = branch in self._moved and (self._moved[branch] is None or branch in self._unlike)
-                if self._absolute and still:
+                if branch in self._still:
                     self._set(branch, np.eye(4))
-        return self._nodes[steps[:-1]]
+        if steps not in self._own:
+            return self._nodes[steps[:-1]]
+        mark = AbcCoreAbstract.MetaData()
+        mark.set(ADDED, "1")
+        self._nodes[steps] = AbcGeom.OXform(self._nodes[steps[:-1]], steps[-1], self._sampling, mark)
+        return self._nodes[steps]
 
     def write(self, times: Float64Array) -> None:
         for branch, transform in self._moved.items():
-            if transform is not None and branch and branch not in self._unlike:
-                for matrix in matrices_at(transform, times):
-                    self._set(branch, matrix)
+            for matrix in matrices_at(transform, times):
+                self._set(branch, matrix)
 
     def _set(self, branch: tuple[str, ...], matrix: Float64Array) -> None:
         sample = AbcGeom.XformSample()
@@ -159,9 +195,8 @@ def _same(a: Attribute | None, b: Attribute | None) -> bool:
 class _ShapeWriter(ShapeWriter):
     """One object: its shape, and samples as frames come."""
 
-    def __init__(self, item: MeshObject, parent: Any, name: str, sampling: int, baked: Attribute | None) -> None:
+    def __init__(self, item: MeshObject, parent: Any, name: str, sampling: int) -> None:
         super().__init__(item, "Alembic")
-        self._baked = baked
         self._scheme = label_of(item, SUBDIVISION) if self.drawn.kind == "mesh" else None
         shape, self._new_sample = _SHAPES["subdivision" if self._scheme else self.drawn.kind]
         self._handle = shape(parent, name, sampling)
@@ -174,9 +209,13 @@ class _ShapeWriter(ShapeWriter):
             self._corner_rows = unsigned_array(self.normals.corner_rows[order])
         self.in_samples += [uv.name for uv in uv_sets(item)[:1]]
 
+    def frame_bytes(self, *, speeds: bool) -> int:
+        """At most, of a sample."""
+        normals = 0 if self.normals is None else self.normals.count + len(self.normals.corner_rows)
+        points = self.item.vertex_count if self.drawn.gather is None else len(self.drawn.gather)
+        return SAMPLE_BYTES + 12 * (points * (2 if speeds else 1) + normals)
+
     def write(self, points: Float32Array, speeds: Float32Array | None, times: Float64Array) -> None:
-        if self._baked is not None:
-            points = apply_matrices(points, matrices_at(self._baked, times))
         for frame, normals in enumerate(self.normals_at(points)):
             self._sample(points[frame], None if speeds is None else speeds[frame], normals)
 

@@ -190,13 +190,21 @@ def left_out(
 
 
 def lost_by_joining(
-    sequence: MeshSequence, title: str, joined: str, colors: Float32Array | None = None
+    sequence: MeshSequence,
+    title: str,
+    joined: str,
+    colors: Float32Array | None = None,
+    held: Callable[[MeshObject, Attribute], bool] = lambda item, one: False,
 ) -> tuple[str, ...]:
-    """Lines for a format that joins objects to one thing, and holds at most :func:`joined_colors`."""
+    """Lines for a format that joins objects to one thing, and holds :func:`joined_colors` and what `held` says."""
     notices: tuple[str, ...] = ()
     if len(sequence.objects) > 1 or sequence.objects[0].name != "mesh":
         notices = (f"{title} has no names: objects are one {joined}",)
-    return notices + left_out(sequence, title, lambda item, one: colors is not None and one is vertex_color(item))
+    return notices + left_out(
+        sequence,
+        title,
+        lambda item, one: (colors is not None and one is vertex_color(item)) or held(item, one),
+    )
 
 
 def _width(attribute: Attribute) -> int:

@@ -35,6 +35,7 @@ BUILT_IN = (
         reader="pdecodec.formats.npz:NpzSequence",
         writer="pdecodec.formats.npz:write_npz",
         holds_transforms=True,
+        holds_nothing=True,
         keeps="everything",
     ),
     Format(
@@ -45,6 +46,7 @@ BUILT_IN = (
         reader="pdecodec.formats.hdf5:Hdf5Sequence",
         writer="pdecodec.formats.hdf5:write_hdf5",
         holds_transforms=True,
+        holds_nothing=True,
         keeps="everything",
     ),
     Format(
@@ -53,6 +55,7 @@ BUILT_IN = (
         extensions=(".mdd",),
         reader="pdecodec.formats.point_caches:open_mdd",
         writer="pdecodec.formats.point_caches:write_mdd",
+        times="float32",
         options=("mesh",),
         keeps="positions, times (float32)",
         loses="faces, names and attributes; they come from --mesh",
@@ -76,6 +79,7 @@ BUILT_IN = (
         shared_magic=(b"\x89HDF\r\n\x1a\n",),
         reader="pdecodec.formats.alembic_reader:AlembicSequence",
         writer="pdecodec.formats.alembic_writer:write_alembic",
+        times="microseconds",
         extra="abc",
         options=("transforms", "skip_unsupported"),
         holds_transforms=True,
@@ -94,15 +98,17 @@ BUILT_IN = (
         shared_magic=(b"PK\x03\x04",),
         reader="pdecodec.formats.usd_reader:UsdSequence",
         writer="pdecodec.formats.usd_writer:write_usd",
+        times="microseconds",
         extra="usd",
         options=("transforms", "skip_unsupported"),
         holds_transforms=True,
         holds_velocities=True,
         keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, hard "
         "edges, other constant primvars, face subsets and material names, transforms (--transforms keep), irregular "
-        "times, up axis, unit, velocities (written); UsdSkel and blend shapes are applied",
+        "times, up axis, unit, velocities (written); UsdSkel and blend shapes are applied, implicit shapes "
+        "become polygons, instances objects",
         loses="stored velocities, primvars that change, creases, cameras and lights, materials but for "
-        "their names, implicit shapes, point instancers, changing connectivity",
+        "their names, visibility, NURBS, changing connectivity",
     ),
     Format(
         name="gltf",
@@ -111,11 +117,15 @@ BUILT_IN = (
         magic=(b"glTF",),
         reader="pdecodec.formats.gltf_reader:GltfSequence",
         writer="pdecodec.formats.gltf_writer:write_gltf",
+        times="float32",
         options=("clip", "transforms"),
+        write_options=("quantize", "meshopt"),
         keeps="the tree and its names, faces and vertex order (noted beside the triangles), UV sets with seams, "
         "vertex colours, hard edges, material names, lines, points, frame rate, times (float32); skins, morph targets "
-        "and moving nodes are applied at --fps",
-        loses="face groups, tangents, other attributes; the scene is turned Y-up",
+        "and moving nodes are applied at --fps; Draco and meshopt compression are read (pip install 'pdecodec[gltf]'), "
+        "quantised numbers too; GPU instances become objects",
+        loses="face groups, tangents, other attributes, animation of anything but nodes and weights; the scene is "
+        "turned Y-up",
     ),
     Format(
         name="xdmf",
@@ -123,16 +133,17 @@ BUILT_IN = (
         extensions=(".xdmf", ".xmf"),
         reader="pdecodec.formats.xdmf:XdmfSequence",
         writer="pdecodec.formats.xdmf:write_xdmf",
-        keeps="faces, lines, times",
+        keeps="faces, lines, times, the surface of solids, normals of smooth meshes (written)",
         loses="names of objects, attributes, up axis and unit; changing connectivity",
     ),
     Format(
         name="pvd",
-        title="ParaView collection of VTU files",
+        title="ParaView collection of VTU or VTP files",
         extensions=(".pvd",),
         reader="pdecodec.formats.vtk_files:open_pvd",
         writer="pdecodec.formats.vtk_files:write_pvd",
-        keeps="faces, lines, times, vertex colours (written)",
+        keeps="faces, lines, times, vertex colours (written), normals of smooth meshes (written), the surface of "
+        "solids; parts are joined",
         loses="names of objects (numbers stay, as point data), other attributes, up axis and unit",
     ),
     Format(
@@ -142,7 +153,8 @@ BUILT_IN = (
         reader="pdecodec.formats.vtk_files:open_vtu",
         writer="pdecodec.formats.vtk_files:write_vtu",
         frame_per_file=True,
-        keeps="faces, lines, vertex colours (written)",
+        keeps="faces, lines, vertex colours (written), normals of smooth meshes (written), the surface of solids; what "
+        "is not read otherwise VTK reads (pip install 'pdecodec[vtk]')",
         loses="names of objects (numbers stay, as point data), other attributes, times (frames are numbered)",
     ),
     Format(
@@ -152,8 +164,8 @@ BUILT_IN = (
         reader="pdecodec.formats.vtk_files:open_vtp",
         frame_per_file=True,
         write_with="a .vtu or .pvd file",
-        keeps="faces, lines, points",
-        loses="data of points and cells, triangle strips, times (frames are numbered)",
+        keeps="faces, lines, points; what is not read otherwise VTK reads (pip install 'pdecodec[vtk]')",
+        loses="data of points and cells, times (frames are numbered)",
     ),
     Format(
         name="vtk",
@@ -162,7 +174,7 @@ BUILT_IN = (
         reader="pdecodec.formats.vtk_files:open_vtk",
         frame_per_file=True,
         write_with="a .vtu or .pvd file",
-        keeps="faces, lines",
+        keeps="faces, lines, the surface of solids; what is not read otherwise VTK reads (pip install 'pdecodec[vtk]')",
         loses="data of points and cells, times (frames are numbered)",
     ),
     Format(
@@ -172,17 +184,18 @@ BUILT_IN = (
         shared_magic=(b"\x89HDF\r\n\x1a\n",),
         reader="pdecodec.formats.exodus:ExodusSequence",
         write_with="a .xdmf file",
-        keeps="shells, surfaces and bars, times, displacements",
-        loses="other variables, names of blocks, volume elements",
+        keeps="shells, bars, points, the surface of solids of every order with its nodes' numbers (attribute node), "
+        "times, displacements",
+        loses="other variables, names of blocks, nodes that are not on the surface, elements of splines",
     ),
     Format(
         name="ply",
         title="PLY, one file a frame",
         extensions=(".ply",),
-        reader="pdecodec.formats.ply_stl_off:open_ply",
+        reader="pdecodec.formats.ply_reader:open_ply",
         writer="pdecodec.formats.ply_stl_off:write_ply",
         frame_per_file=True,
-        keeps="faces, vertex colours (8 bits)",
+        keeps="faces, vertex colours (8 bits), normals of smooth meshes; UVs, edges as lines and strips are read",
         loses="names of objects, UVs, lines, other attributes, times (frames are numbered)",
     ),
     Format(

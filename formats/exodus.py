@@ -13,12 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.frame_files import join_cells
+from pdecodec.formats.cells import Cells, left_out_notice, node_attribute
 from pdecodec.formats.times import rate_or_default, timing_of_stored
-from pdecodec.sequence import Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range
+from pdecodec.sequence import Float32Array, MeshObject, MeshSequence, check_frame_range
 
-FACES = ("TRI", "QUAD", "SHELL")
-LINES = ("BAR", "BEAM", "TRUSS", "EDGE")
+KINDS = {
+    "triangle": ("TRI", "TRIANGLE", "TRISHELL"),
+    "quad": ("QUAD", "QUADSHELL"),
+    "line": ("BAR", "BEAM", "TRUSS", "EDGE", "ROD", "SPHERE", "CIRCLE", "POINT"),
+    "tetra": ("TET", "TETRA"),
+    "pyramid": ("PYR", "PYRAMID"),
+    "wedge": ("WEDGE", "PRISM"),
+    "hexahedron": ("HEX", "HEXAHEDRON"),
+}
+"""Kinds of cells, and Exodus' names of elements without their numbers."""
+
+_SHELLS = {2: "line", 3: "triangle", 4: "quad", 6: "triangle", 7: "triangle", 8: "quad", 9: "quad"}
+"""What shells are, by their number of nodes."""
 
 AXES, DISPLACEMENTS = "XYZ", ("DISPL", "DISP", "DISP_", "DISPLACEMENT_", "U")
 """Axes and beginnings of the names of displacements."""
@@ -28,12 +39,12 @@ _DAMAGE = (OSError, KeyError, ValueError, TypeError, IndexError, RuntimeError, A
 
 
 class ExodusSequence(MeshSequence):
-    """Shells, surfaces or bars of an Exodus II file, moved by their displacements.
+    """Shells, surfaces of solids, bars and points of an Exodus II file, moved by their displacements.
 
     Raises
     ------
     InputError
-        If it is damaged, or has elements that are neither faces nor lines.
+        If it is damaged, or has elements of kinds that are not read.
     """
 
     def __init__(self, path: Path, *, fps: float | None) -> None:
@@ -65,7 +76,10 @@ class ExodusSequence(MeshSequence):
             self.times, self.fps, self.notices = np.zeros(1), rate_or_default(None, fps)[0], ()
             if times.size > 1:
                 self.notices = ("no displacements (DISPLX, ...) are in it: its shape stays",)
-        self.objects = (MeshObject("mesh", self._connectivity()),)
+        connectivity, self._gather = self._cells().connectivity(self._rest)
+        attributes = () if self._gather is None else (node_attribute(self._numbers_of_nodes()[self._gather]),)
+        self.objects = (MeshObject("mesh", connectivity, attributes),)
+        self.notices = (*self.notices, *left_out_notice(self._gather, len(self._rest)))
         self.metadata = {}
 
     def _numbers(self, name: str) -> NDArray[np.float64]:
@@ -83,25 +97,31 @@ class ExodusSequence(MeshSequence):
                     found[axis] = self._variables[f"vals_nod_var{number}"]
         return found
 
-    def _connectivity(self) -> Connectivity:
-        faces: list[NDArray[np.int64]] = []
-        lines: list[NDArray[np.int64]] = []
+    def _numbers_of_nodes(self) -> NDArray[np.int64]:
+        """(nodes,): what the file calls its nodes; from 1 where it does not say."""
+        if "node_num_map" in self._variables:
+            return np.asarray(self._variables["node_num_map"][:], np.int64)
+        return np.arange(1, len(self._rest) + 1)
+
+    def _cells(self) -> Cells:
+        cells = Cells()
         number = 1
         while f"connect{number}" in self._variables:
             block = self._variables[f"connect{number}"]
             rows = np.asarray(block[:], np.int64) - 1
-            kind = _text(np.asarray(_kind_of(block)).reshape(-1)).upper().rstrip("0123456789")
-            number += 1
-            if kind in FACES and rows.shape[1] in (3, 4):
-                faces.append(rows)
-            elif kind in LINES and rows.shape[1] == 2:
-                lines.append(rows)
-            else:
+            name = _text(np.asarray(_kind_of(block)).reshape(-1)).upper().rstrip("0123456789")
+            kind = next((kind for kind, names in KINDS.items() if name in names), None)
+            if name == "SHELL":
+                kind = _SHELLS.get(rows.shape[1])
+            if kind is None or rows.ndim != 2:
                 raise InputError(
-                    f"holds elements of type {kind}{rows.shape[1]}; extract the surface as polygons first",
+                    f"holds elements of type {name} with {rows.shape[-1]} nodes, which are not read; "
+                    "export finite elements",
                     path=self._path,
                 )
-        return join_cells(len(self._rest), faces, lines)
+            cells.add(kind, rows)
+            number += 1
+        return cells
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -111,7 +131,8 @@ class ExodusSequence(MeshSequence):
                 points[:, :, axis] += np.asarray(values[start:stop], np.float64)
         except _DAMAGE as error:
             raise InputError(f"cannot be read ({error})", path=self._path, frame=start) from error
-        return points.astype(np.float32)
+        with np.errstate(over="ignore"):
+            return (points if self._gather is None else points[:, self._gather]).astype(np.float32)
 
     def close(self) -> None:
         self._moving = {}

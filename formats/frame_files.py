@@ -16,10 +16,16 @@ from pdecodec.errors import InputError
 from pdecodec.formats.registry import Output
 from pdecodec.formats.times import Timing, timing_of_numbers
 from pdecodec.sequence import Attribute, Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range
-from pdecodec.whole_output import partial_folder, write_errors
+from pdecodec.whole_output import partial_folder, publish, write_errors
 
 FRAME_FIELD = re.compile(r"#+|@+|%0?\d*d|\$F\d*")
 """Where a name carries its frame number: hashes, at signs, printf's and Houdini's notation."""
+
+_NUMBERED = re.compile(r"(?P<name>.*?)(?P<sign>-?)(?P<digits>\d+)(?P<end>\.[^.]*)", re.DOTALL)
+"""A file's name up to its number, the number, and the extension."""
+
+_NO_SIGN = "\0"
+"""Keeps a hyphen from the number behind it; no file name holds it."""
 
 FOLDER_PADDING = "####"
 """Digits of frame numbers in names we choose ourselves: what render farms and players expect."""
@@ -64,27 +70,35 @@ def find_frames(path: Path, extension: str) -> FrameFiles:
     pattern = parse_pattern(path)
     if not path.parent.is_dir():
         raise InputError("this folder does not exist; check the name", path=path.parent)
-    same_name = [
-        found
-        for found in _numbered_and_single(path.parent, extension)
-        if found.basename() == pattern.basename() and found.extension() == pattern.extension() and found.frameSet()
-    ]
-    # Where several paddings stand side by side the pattern's own decides; alone, any padding will do.
-    same_padding = [found for found in same_name if found.zfill() == pattern.zfill()]
-    sequence = _only_sequence(same_padding or same_name, path)
+    numbered = _numbered(path.parent, pattern)
+    there = _of_name(numbered, pattern.basename(), pattern)
+    if not there and pattern.frameRange().startswith("-"):
+        # In ``name-1-9####.obj`` the first hyphen is of the name, where the files there say so.
+        pattern.setFrameRange(pattern.frameRange()[1:])
+        there = _of_name(numbered, f"{pattern.basename()}-", pattern)
+    sequence = _only_sequence(there, path)
     return _checked(sequence, path, wanted=pattern.frameSet())
 
 
 def frames_there(pattern: Path) -> list[Path]:
-    """Files that a reader of the pattern would take for its frames, in any padding: what a writer would replace."""
+    """Files that a reader of the pattern would take for its frames: what a writer would replace."""
     parsed = parse_pattern(pattern)
-    start, end = parsed.basename(), parsed.extension()
-    found = []
-    for item in pattern.parent.iterdir() if pattern.parent.is_dir() else ():
-        number = item.name.removeprefix(start).removesuffix(end)
-        if item.name == f"{start}{number}{end}" and number.removeprefix("-").isdecimal():
-            found.append(item)
-    return sorted(found)
+    if not pattern.parent.is_dir():
+        return []
+    there = _of_name(_numbered(pattern.parent, parsed), parsed.basename(), parsed)
+    return sorted(pattern.with_name(Path(name).name) for sequence in there for name in sequence)
+
+
+def _numbered(folder: Path, pattern: Any) -> list[Any]:
+    """Sequences of a folder that have the extension of a pattern (a ``fileseq.FileSequence``)."""
+    found = _numbered_and_single(folder, pattern.extension().lower())
+    return [one for one in found if one.extension() == pattern.extension() and one.frameSet()]
+
+
+def _of_name(numbered: list[Any], name: str, pattern: Any) -> list[Any]:
+    """Those of a name. Where several paddings stand side by side the pattern's own decides; alone, any will do."""
+    same_name = [one for one in numbered if one.basename() == name]
+    return [one for one in same_name if one.zfill() == pattern.zfill()] or same_name
 
 
 def parse_pattern(path: Path) -> Any:
@@ -105,10 +119,31 @@ def _numbered_and_single(folder: Path, extension: str) -> list[Any]:
     from fileseq.filesequence import FileSequence
 
     try:
-        found = FileSequence.findSequencesOnDisk(str(folder), pad_style=PAD_STYLE_HASH1)
+        with os.scandir(folder) as entries:
+            names = [item.name for item in entries if not item.name.startswith(".") and item.is_file()]
+        marked = [str(folder / name) for name in _hyphens_marked(names)]
+        found = list(FileSequence.findSequencesInList(marked, pad_style=PAD_STYLE_HASH1))
     except (OSError, FileSeqException) as error:
         raise InputError(f"its frames cannot be listed ({error}); check the folder", path=folder) from error
+    for item in found:
+        item.setBasename(item.basename().replace(_NO_SIGN, ""))
     return sorted((item for item in found if item.extension().lower() == extension), key=str)
+
+
+def _hyphens_marked(names: Sequence[str]) -> list[str]:
+    """File names, with a mark between hyphen and number where the hyphen is of the name, not a minus sign.
+
+    ``wolf-1.obj`` is frame 1 of ``wolf-``, unless ``wolf0.obj`` or another number without a hyphen stands beside it.
+    After a dot or an underscore, which part the number from the name already, a hyphen is a minus sign.
+    """
+    numbered = [_NUMBERED.fullmatch(name) for name in names]
+    unsigned = {(found["name"], found["end"]) for found in numbered if found and not found["sign"]}
+    return [
+        f"{found['name']}-{_NO_SIGN}{found['digits']}{found['end']}"
+        if found and found["sign"] and found["name"][-1:].isalnum() and (found["name"], found["end"]) not in unsigned
+        else name
+        for name, found in zip(names, numbered, strict=True)
+    ]
 
 
 def _only_sequence(found: list[Any], path: Path) -> Any:
@@ -151,33 +186,55 @@ class MeshFile:
     notices: tuple[str, ...] = ()
 
 
+def _joined(parts: list[MeshFile]) -> MeshFile:
+    """Several meshes as one, their points one after the other; what belongs to points of one alone is left out."""
+    if len(parts) == 1:
+        return parts[0]
+    firsts = np.cumsum([0, *(len(part.points) for part in parts)])
+    shared = [part.connectivity for part in parts]
+    connectivity = Connectivity(
+        int(firsts[-1]),
+        np.concatenate([one.face_counts for one in shared]),
+        np.concatenate([one.face_indices + first for one, first in zip(shared, firsts, strict=False)]),
+        np.concatenate([one.line_counts for one in shared]),
+        np.concatenate([one.line_indices + first for one, first in zip(shared, firsts, strict=False)]),
+    )
+    names = dict.fromkeys(one.name for part in parts for one in part.attributes)
+    notices = dict.fromkeys(notice for part in parts for notice in part.notices)
+    lost = (f"not kept, for it has several parts: {', '.join(names)}",) if names else ()
+    return MeshFile(np.concatenate([part.points for part in parts]), connectivity, (), (*notices, *lost))
+
+
 class FrameSequence(MeshSequence):
     """Files whose frames are read, and compared with the first, when they are asked for.
 
-    `read` gives the mesh of a file, or raises InputError.
+    `files` has those of each frame, mostly one; `read` gives the mesh of a file, or raises InputError.
     """
 
-    def __init__(self, paths: Sequence[Path], timing: Timing, read: Callable[[Path], MeshFile]) -> None:
-        self._paths, self._read = tuple(paths), read
-        first = read(self._paths[0])
+    def __init__(self, files: Sequence[Sequence[Path]], timing: Timing, read: Callable[[Path], MeshFile]) -> None:
+        self._files, self._read = tuple(map(tuple, files)), read
+        first = self._frame(0)
         if len(first.points) == 0:
-            raise InputError("there are no vertices; check the file", path=self._paths[0])
+            raise InputError("there are no vertices; check the file", path=self._files[0][0])
         self._connectivity = first.connectivity
         self.objects = (MeshObject("mesh", first.connectivity, first.attributes),)
         self.times, self.fps, notices = timing
         self.metadata = {}
         self.notices = (*notices, *first.notices)
 
+    def _frame(self, frame: int) -> MeshFile:
+        return _joined([self._read(path) for path in self._files[frame]])
+
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
         points = np.empty((stop - start, self.vertex_count, 3), np.float32)
         for frame in range(start, stop):
-            found = self._read(self._paths[frame])
+            found = self._frame(frame)
             if not found.connectivity.same_as(self._connectivity):
                 raise InputError(
                     f"{_difference(found.connectivity, self._connectivity)}; every frame must have the connectivity of "
                     "the first",
-                    path=self._paths[frame],
+                    path=self._files[frame][0],
                     frame=frame,
                 )
             points[frame - start] = found.points
@@ -187,7 +244,7 @@ class FrameSequence(MeshSequence):
 def open_frames(path: Path, extension: str, read: Callable[[Path], MeshFile], fps: float | None) -> MeshSequence:
     """A file, a frame pattern or a folder as a sequence; errors as of :func:`find_frames` and the first frame."""
     files = find_frames(path, extension)
-    return FrameSequence(files.paths, timing_of_numbers(files.numbers, fps), read)
+    return FrameSequence([[file] for file in files.paths], timing_of_numbers(files.numbers, fps), read)
 
 
 def _difference(mine: Connectivity, first: Connectivity) -> str:
@@ -217,11 +274,13 @@ def write_frames(
     frame_bytes: Callable[[Float32Array, int], bytes],
     *,
     new_folder: bool = False,
+    index: tuple[Path, Callable[[Sequence[Path]], bytes]] | None = None,
 ) -> list[Path]:
     """Write a file for each frame, all of them or none; the paths.
 
-    The frames are written to a hidden folder beside their place, and moved after the last one was written. Of frames
-    that are replaced, those that the new sequence does not have are removed.
+    The frames are written to a hidden folder beside their place, and moved after the last one was written; a run that
+    is killed while it moves them is finished by the next. Of frames that are replaced, those that the new sequence does
+    not have are removed.
 
     Parameters
     ----------
@@ -234,6 +293,8 @@ def write_frames(
         The bytes of a file: of positions (vertices, 3) and the index of the frame.
     new_folder : bool
         Whether the pattern's folder is new, and appears at once when all is written.
+    index : tuple of a path and a callable, optional
+        A file beside the frames that appears with them, and its bytes by their paths.
 
     Raises
     ------
@@ -268,8 +329,10 @@ def write_frames(
         if new_folder:
             os.replace(partial, place)
             return paths
-        for path in paths:
-            os.replace(partial / path.name, path)
-        for path in set(old) - set(paths):
-            path.unlink()
+        names = [path.name for path in paths]
+        if index is not None:
+            (partial / index[0].name).write_bytes(index[1](paths))
+            names.append(index[0].name)
+        gone = [path.name for path in set(old) - set(paths)]
+        publish(partial, names, overwrite=output.overwrite, remove=gone)
     return paths

@@ -10,12 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.gltf_file import GltfFile
+from pdecodec.formats.gltf_file import POINTER, VISIBILITY, GltfFile
 from pdecodec.formats.times import FLOAT32_ROUNDING
 from pdecodec.sequence import Float64Array
 
 MOST_LEVELS = 1024
 """Depth of the tree of nodes; deeper ones hold themselves."""
+
+
+PATHS = ("translation", "rotation", "scale", "weights")
+"""Properties of nodes that move meshes."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,8 @@ class Clip:
 
     samplers: Mapping[tuple[int, str], Sampler]
     extras: Mapping[str, Any]
+    left_out: tuple[str, ...] = ()
+    """What it animates beside that."""
 
     @property
     def key_times(self) -> list[Float64Array]:
@@ -95,16 +101,38 @@ def read_clip(file: GltfFile, index: int) -> Clip:
     """An animation of the file; InputError where it is damaged."""
     entry = file.listed("animations")[index]
     samplers: dict[tuple[int, str], Sampler] = {}
+    left_out: dict[str, None] = {}
     try:
         for channel in entry["channels"]:
-            target = channel["target"]
-            if "node" not in target or target["path"] not in ("translation", "rotation", "scale", "weights"):
-                continue
             stored = entry["samplers"][channel["sampler"]]
-            samplers[target["node"], target["path"]] = _sampler(file, stored, target["path"])
+            targets = _targets(file, channel["target"])
+            if targets is None:
+                pointer = str(channel["target"].get("extensions", {}).get(POINTER, {}).get("pointer", "something"))
+                if pointer.endswith(f"{VISIBILITY}/visible"):
+                    pointer = "visibility"
+                kind, _, inner = pointer.lstrip("/").partition("/")
+                left_out[f"animation of {inner.partition('/')[0] if kind == 'extensions' else kind}"] = None
+            for node, path in targets or ():
+                samplers[node, path] = _sampler(file, stored, path)
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise InputError(f"animation {index} is damaged ({error}); export the file again") from error
-    return Clip(samplers, entry.get("extras", {}).get("pdecodec", {}))
+    return Clip(samplers, entry.get("extras", {}).get("pdecodec", {}), tuple(left_out))
+
+
+def _targets(file: GltfFile, target: Mapping[str, Any]) -> list[tuple[int, str]] | None:
+    """Nodes and their properties that a channel moves; None where it moves something else."""
+    if "node" in target and target["path"] in PATHS:
+        return [(target["node"], target["path"])]
+    if target["path"] != "pointer":
+        return []
+    kind, number, path, *rest = (*target["extensions"][POINTER]["pointer"].split("/")[1:], "", "", "")[:4]
+    if kind == "nodes" and path in PATHS and number.isdecimal() and rest == [""]:
+        return [(int(number), path)]
+    if kind == "meshes" and path == "weights" and number.isdecimal():
+        # Weights of a mesh are those of its nodes that have none of their own.
+        nodes = enumerate(file.listed("nodes"))
+        return [(node, path) for node, entry in nodes if entry.get("mesh") == int(number) and path not in entry]
+    return None
 
 
 def _sampler(file: GltfFile, stored: Mapping[str, Any], path: str) -> Sampler:
@@ -150,11 +178,7 @@ class Nodes:
         move = self._property(index, "translation", times, (0.0, 0.0, 0.0))
         turn = self._property(index, "rotation", times, (0.0, 0.0, 0.0, 1.0))
         scale = self._property(index, "scale", times, (1.0, 1.0, 1.0))
-        matrices = np.zeros((times.size, 4, 4))
-        matrices[:, :3, :3] = scale[:, :, None] * _rotations(turn)
-        matrices[:, 3, :3] = move
-        matrices[:, 3, 3] = 1
-        return matrices
+        return placed_at(move, turn, scale)
 
     def _property(self, index: int, path: str, times: Float64Array, default: Sequence[float]) -> Float64Array:
         sampler = None if self._clip is None else self._clip.samplers.get((index, path))
@@ -185,6 +209,15 @@ class Pose:
             above = self._worlds[node]
         assert above is not None
         return above
+
+
+def placed_at(move: Float64Array, turn: Float64Array, scale: Float64Array) -> Float64Array:
+    """(n, 4, 4) matrices for points that are rows, of translations (n, 3), quaternions (n, 4) and scales (n, 3)."""
+    matrices = np.zeros((len(move), 4, 4))
+    matrices[:, :3, :3] = scale[:, :, None] * _rotations(turn)
+    matrices[:, 3, :3] = move
+    matrices[:, 3, 3] = 1
+    return matrices
 
 
 def _rotations(quaternions: Float64Array) -> Float64Array:

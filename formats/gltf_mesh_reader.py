@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import COLOR, MATERIAL, UV, role_name
+from pdecodec.formats.gltf_compression import DRACO, DracoMesh, decode_draco
 from pdecodec.formats.gltf_file import (
     LINE_LOOP,
     LINES,
@@ -22,10 +23,16 @@ from pdecodec.formats.gltf_file import (
     TRIANGLE_STRIP,
     TRIANGLES,
     GltfFile,
+    as_declared,
+    fingerprint,
     flipped,
+    read_integers,
 )
 from pdecodec.formats.normals import normal_group
 from pdecodec.sequence import Attribute, Connectivity, Float32Array, Float64Array, Int32Array
+
+MOST_UNUSED = 2**22
+"""Numbers that may be noted beyond one for each corner that is drawn: single points, rows of UVs that no corner has."""
 
 
 @dataclass(frozen=True)
@@ -61,22 +68,67 @@ def read_mesh(file: GltfFile, index: int) -> GltfMesh:
         raise InputError(f"mesh {index} is damaged ({error}); export the file again") from error
 
 
+class _Rows:
+    """The attributes of a primitive by their names, compressed or not."""
+
+    def __init__(self, file: GltfFile, primitive: Mapping[str, Any]) -> None:
+        self._file = file
+        self.accessors: Mapping[str, int] = primitive["attributes"]
+        extensions = primitive.get("extensions", {})
+        self.mode = primitive.get("mode", TRIANGLES)
+        self._indices = primitive.get("indices")
+        self._packed: DracoMesh | None = None
+        self._packed_as: Mapping[str, int] = {}
+        if DRACO in extensions:
+            self._packed = decode_draco(file.view_bytes(extensions[DRACO]["bufferView"]))
+            self._packed_as = extensions[DRACO]["attributes"]
+            # Strips are triangles when they come out.
+            self.mode = TRIANGLES
+        elif extensions and not {"bufferView", "sparse"} & file.listed("accessors")[self.accessors["POSITION"]].keys():
+            raise InputError(f"holds geometry in {', '.join(extensions)}, which is not read; export it without")
+
+    def read(self, name: str) -> NDArray[Any]:
+        """Numbers of an attribute, (vertices,) or (vertices, k)."""
+        index = self.accessors[name]
+        if self._packed is None or name not in self._packed_as:
+            return self._file.accessor(index)
+        values, entry = self._packed.attributes[self._packed_as[name]], self._file.listed("accessors")[index]
+        if len(values) != entry["count"]:
+            raise ValueError(f"{len(values)} vertices were compressed, {entry['count']} are declared")
+        return as_declared(values, entry)
+
+    def indices(self, rows: int) -> NDArray[np.int64]:
+        """(corners,) int64, below `rows`."""
+        if self._packed is not None:
+            indices = self._packed.indices
+        elif self._indices is None:
+            return np.arange(rows, dtype=np.int64)
+        else:
+            indices = self._file.accessor(self._indices).astype(np.int64)
+        if indices.size and int(indices.max()) >= rows:
+            raise ValueError(f"an index is {int(indices.max())}, there are {rows} vertices")
+        return indices
+
+
 class _Reader:
     def __init__(self, file: GltfFile, entry: Mapping[str, Any]) -> None:
         self._file, self._entry = file, entry
         self._known: dict[str, tuple[int, int]] = {}
         self._blocks: list[Block] = []
         self._rows = 0
-        self._sources: list[Mapping[str, int]] = []
+        self._sources: list[_Rows] = []
         self._left_out: dict[str, None] = {}
 
     def read(self) -> GltfMesh:
         faces: list[Int32Array] = []
         materials: list[NDArray[np.int64]] = []
         lines: list[Int32Array] = []
+        drawn: list[tuple[int, NDArray[np.int64]]] = []
         for primitive in self._entry["primitives"]:
-            indices = self._indices(primitive, *self._block(primitive))
-            mode = primitive.get("mode", TRIANGLES)
+            rows = _Rows(self._file, primitive)
+            start, count = self._block(primitive, rows)
+            indices, mode = rows.indices(count) + start, rows.mode
+            drawn.append((mode, indices))
             if mode in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
                 triangles = _triangles(mode, indices)
                 faces.append(triangles)
@@ -95,16 +147,18 @@ class _Reader:
         weights = np.array(self._entry.get("weights", [0.0] * targets), np.float64)
         own = self._entry.get("extras", {}).get("pdecodec")
         if isinstance(own, dict):
-            return self._restored(own, weights)
+            if own.get("of") == fingerprint(self._rows, drawn):
+                return self._restored(own, weights, sum(indices.size for _, indices in drawn))
+            self._left_out["what pdecodec noted of faces and seams (another program changed the mesh)"] = None
         attributes = [*self._vertex_attributes(connectivity), *self._materials(materials)]
         return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), None, weights, tuple(self._left_out))
 
-    def _block(self, primitive: Mapping[str, Any]) -> tuple[int, int]:
+    def _block(self, primitive: Mapping[str, Any], rows: _Rows) -> tuple[int, int]:
         """First row and number of the vertices of a primitive; those of an earlier one where they are the same."""
-        accessors = primitive["attributes"]
-        key = repr((sorted(accessors.items()), primitive.get("targets")))
+        packed = primitive.get("extensions", {}).get(DRACO)
+        key = repr((sorted(rows.accessors.items()), primitive.get("targets"), packed))
         if key not in self._known:
-            positions = self._file.accessor(accessors["POSITION"]).astype(np.float32).reshape(-1, 3)
+            positions = rows.read("POSITION").astype(np.float32).reshape(-1, 3)
             targets = tuple(
                 self._file.accessor(target["POSITION"]).astype(np.float32).reshape(-1, 3)
                 if "POSITION" in target
@@ -113,61 +167,50 @@ class _Reader:
             )
             if any(len(target) != len(positions) for target in targets):
                 raise ValueError("a morph target has another number of vertices")
-            joints, weights = self._influences(accessors, len(positions))
+            joints, weights = _influences(rows, len(positions))
             self._known[key] = (self._rows, len(positions))
             self._blocks.append(Block(positions, targets, joints, weights))
-            self._sources.append(accessors)
+            self._sources.append(rows)
             self._rows += len(positions)
-            if "TANGENT" in accessors:
+            if "TANGENT" in rows.accessors:
                 self._left_out["tangents"] = None
         return self._known[key]
 
-    def _influences(
-        self, accessors: Mapping[str, int], rows: int
-    ) -> tuple[NDArray[np.int64] | None, Float64Array | None]:
-        joints, weights = [], []
-        number = 0
-        while f"JOINTS_{number}" in accessors and f"WEIGHTS_{number}" in accessors:
-            joints.append(self._file.accessor(accessors[f"JOINTS_{number}"]).astype(np.int64))
-            weights.append(self._file.accessor(accessors[f"WEIGHTS_{number}"]).astype(np.float64))
-            number += 1
-        if not joints:
-            return None, None
-        every_joint, every_weight = np.concatenate(joints, axis=1), np.concatenate(weights, axis=1)
-        if every_joint.shape != every_weight.shape or len(every_joint) != rows:
-            raise ValueError("its joints do not fit its vertices")
-        return every_joint, every_weight
-
-    def _indices(self, primitive: Mapping[str, Any], start: int, rows: int) -> NDArray[np.int64]:
-        if "indices" not in primitive:
-            return np.arange(start, start + rows, dtype=np.int64)
-        indices = self._file.accessor(primitive["indices"]).astype(np.int64)
-        if indices.size and int(indices.max()) >= rows:
-            raise ValueError(f"an index is {int(indices.max())}, there are {rows} vertices")
-        return indices + start
-
     def _vertex_attributes(self, connectivity: Connectivity) -> list[Attribute]:
-        """UVs, colours and normals that every primitive has."""
+        """UVs, colours and normals, of those primitives that have them."""
         found = []
-        for name in sorted({name for source in self._sources for name in source}):
+        for name in sorted({name for source in self._sources for name in source.accessors}):
+            if name.startswith("_"):
+                self._left_out[name] = None
             if not name.startswith(("TEXCOORD_", "COLOR_", "NORMAL")):
                 continue
-            if not all(name in source for source in self._sources):
-                self._left_out[f"{name} (some primitives have none)"] = None
-            elif name == "NORMAL":
-                found += [normal_group(connectivity, None)] if connectivity.face_count else []
+            has = np.concatenate(
+                [
+                    np.full(len(block.positions), name in source.accessors)
+                    for block, source in zip(self._blocks, self._sources, strict=True)
+                ]
+            )
+            if name == "NORMAL":
+                if connectivity.face_count:
+                    # Triangles without normals are flat.
+                    of_corner = np.repeat(np.arange(1, connectivity.face_count + 1), connectivity.face_counts)
+                    keys = np.where(has[connectivity.face_indices], 0, of_corner)
+                    found.append(normal_group(connectivity, None if has.all() else keys))
+                continue
+            parts = [source.read(name).astype(np.float32) for source in self._sources if name in source.accessors]
+            width = max(part.shape[1] for part in parts)
+            values = np.concatenate(
+                [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=1) for part in parts]
+            )
+            # Of each vertex, the row, or none.
+            rows = np.where(has, np.cumsum(has) - 1, -1).astype(np.int32)
+            role, main = (UV, "TEXCOORD_0") if name.startswith("TEXCOORD_") else (COLOR, "COLOR_0")
+            name = role_name(role, name, (main,))
+            if role == UV:
+                found.append(Attribute(name, "corner", flipped(values), rows[connectivity.face_indices]))
             else:
-                values = np.concatenate([self._numbers(source[name]) for source in self._sources])
-                role, main = (UV, "TEXCOORD_0") if name.startswith("TEXCOORD_") else (COLOR, "COLOR_0")
-                name = role_name(role, name, (main,))
-                if role == UV:
-                    found.append(Attribute(name, "corner", flipped(values), connectivity.face_indices.copy()))
-                else:
-                    found.append(Attribute(name, "vertex", values))
+                found.append(Attribute(name, "vertex", values, None if has.all() else rows))
         return found
-
-    def _numbers(self, index: int) -> Float32Array:
-        return self._file.accessor(index).astype(np.float32)
 
     def _materials(self, of_primitives: list[NDArray[np.int64]]) -> list[Attribute]:
         of_faces = np.concatenate([np.zeros(0, np.int64), *of_primitives])
@@ -179,42 +222,72 @@ class _Reader:
         values = np.where(of_faces >= 0, np.searchsorted(used, of_faces), -1).astype(np.int32)
         return [Attribute(MATERIAL, "face", values, labels=labels)]
 
-    def _restored(self, own: Mapping[str, Any], weights: Float64Array) -> GltfMesh:
-        """The object as it was before our writer cut it at seams and into triangles."""
-        file, vertices = self._file, int(own["vertices"])
+    def _restored(self, own: Mapping[str, Any], weights: Float64Array, corners: int) -> GltfMesh:
+        """The object as it was before our writer cut it at seams and into triangles, of so many corners."""
+        vertices = int(own["vertices"])
         if not 0 < vertices <= self._rows or len(self._blocks) != 1:
             raise ValueError("what pdecodec noted does not fit it")
 
         def array(name: str) -> Int32Array:
-            return file.accessor(own[name]).astype(np.int32) if name in own else np.zeros(0, np.int32)
+            return read_integers(own[name], corners + MOST_UNUSED) if name in own else np.zeros(0, np.int32)
 
         connectivity = Connectivity(
             vertices, array("faceCounts"), array("faceIndices"), array("lineCounts"), array("lineIndices")
         )
         rows = array("cornerRows") if "cornerRows" in own else connectivity.face_indices
         attributes: list[Attribute] = []
+        there = self._sources[0].accessors
         for name, uv in own.get("uvs", {}).items():
-            by_corner = flipped(self._numbers(self._sources[0][uv["accessor"]]))[rows]
-            attributes.append(self._as_noted(name, by_corner, uv))
-        for name in own.get("colors", {}):
-            values = self._numbers(self._sources[0][own["colors"][name]["accessor"]])
+            if uv["accessor"] not in there:
+                self._left_out[name] = None
+                continue
+            by_corner = flipped(self._sources[0].read(uv["accessor"]).astype(np.float32))[rows]
+            attributes.append(_as_noted(name, by_corner, uv))
+        for name, color in own.get("colors", {}).items():
+            if color["accessor"] not in there:
+                self._left_out[name] = None
+                continue
+            values = self._sources[0].read(color["accessor"]).astype(np.float32)
             attributes.append(Attribute(name, "vertex", values[:vertices]))
         if "materials" in own:
             labels = tuple(map(str, own["materials"]))
             attributes.append(Attribute(MATERIAL, "face", array("faceMaterials") - np.int32(1), labels=labels))
-        if "NORMAL" in self._sources[0] and connectivity.face_count:
+        if "NORMAL" in there and connectivity.face_count and own.get("normals") != "added":
             attributes.append(normal_group(connectivity, array("normalGroups") if "normalGroups" in own else None))
         gather = None if vertices == self._rows else np.arange(vertices, dtype=np.int64)
-        return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), gather, weights, ())
+        return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), gather, weights, tuple(self._left_out))
 
-    def _as_noted(self, name: str, by_corner: Float32Array, uv: Mapping[str, Any]) -> Attribute:
-        """A UV set with the rows that corners shared before, where they were noted."""
-        if "indices" not in uv:
-            return Attribute(name, "corner", by_corner)
-        indices = self._file.accessor(uv["indices"]).astype(np.int64) - 1
-        values = np.zeros((int(uv["rows"]), by_corner.shape[1]), np.float32)
-        values[indices[indices >= 0]] = by_corner[indices >= 0]
-        return Attribute(name, "corner", values, indices.astype(np.int32))
+
+def _as_noted(name: str, by_corner: Float32Array, uv: Mapping[str, Any]) -> Attribute:
+    """A UV set with the rows that corners shared before, where they were noted."""
+    if "indices" not in uv:
+        return Attribute(name, "corner", by_corner)
+    indices, rows = read_integers(uv["indices"], len(by_corner)) - np.int32(1), int(uv["rows"])
+    if not 0 <= rows <= len(by_corner) + MOST_UNUSED or indices.size != len(by_corner):
+        raise ValueError(f"{rows} rows of {name} are noted for {len(by_corner)} corners")
+    values = np.zeros((rows, by_corner.shape[1]), np.float32)
+    values[indices[indices >= 0]] = by_corner[indices >= 0]
+    return Attribute(name, "corner", values, indices)
+
+
+def _influences(source: _Rows, rows: int) -> tuple[NDArray[np.int64] | None, Float64Array | None]:
+    """Joints of each vertex and their shares, (vertices, k), which sum to one."""
+    joints, weights = [], []
+    number = 0
+    while f"JOINTS_{number}" in source.accessors and f"WEIGHTS_{number}" in source.accessors:
+        joints.append(source.read(f"JOINTS_{number}").astype(np.int64))
+        weights.append(source.read(f"WEIGHTS_{number}").astype(np.float64))
+        number += 1
+    if not joints:
+        return None, None
+    every_joint, every_weight = np.concatenate(joints, axis=1), np.concatenate(weights, axis=1)
+    if every_joint.shape != every_weight.shape or len(every_joint) != rows:
+        raise ValueError("its joints do not fit its vertices")
+    total = every_weight.sum(axis=1, keepdims=True)
+    # As viewers do: weights are shares, and a vertex without any goes with its first joint.
+    shares = np.divide(every_weight, total, out=np.zeros_like(every_weight), where=total > 0)
+    shares[total[:, 0] <= 0, 0] = 1
+    return every_joint, shares
 
 
 def _triangles(mode: int, indices: NDArray[np.int64]) -> Int32Array:

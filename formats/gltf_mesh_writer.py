@@ -2,12 +2,13 @@
 
 A motion is few shapes times functions of time, where that is exact, or a shape a frame. Displacements from the first
 frame are rows of a matrix, a frame each. Where its rank is small in float32, as that of a motion made of few functions
-of time is, the leading singular vectors give the whole of it. Normals are moved by the same functions, and by further
-ones where those do not turn them far enough.
+of time is, the leading singular vectors give the whole of it, brought between 0 and 1: programs clamp weights to that.
+Normals are moved by the same functions, and by further ones where those do not turn them far enough.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.formats.attribute_roles import MATERIAL, colors, indexed_rows, uv_sets
-from pdecodec.formats.gltf_file import INDEX_DATA, LINES, POINTS, TRIANGLES, VERTEX_DATA, GltfBuilder, flipped
+from pdecodec.formats.gltf_file import (
+    INDEX_DATA,
+    LINES,
+    POINTS,
+    QUANTIZATION,
+    TRIANGLES,
+    VERTEX_DATA,
+    GltfBuilder,
+    fingerprint,
+    flipped,
+    noted_integers,
+)
 from pdecodec.formats.normals import NormalRows, group_attribute
 from pdecodec.sequence import Attribute, Connectivity, Float32Array, Float64Array, MeshObject
 
@@ -29,21 +41,27 @@ NORMAL_ERRORS = (5e-4, 5e-3, 5e-2)
 MOST_NORMAL_FUNCTIONS = 8
 """Functions of time beside those of the positions that normals may take, or as many as the positions have."""
 
+SHORTEST_NORMAL = 1e-4
+"""Length below which the normal that targets add to is not made longer, so that they stay far from overflow."""
+
 
 @dataclass(frozen=True)
 class Motion:
-    """Displacements of an object from its first frame, as targets and their weights.
+    """Positions of an object as a shape, targets that are added to it, and their weights.
 
     Attributes
     ----------
     rest : (vertices, 3) float32
     targets : (count, vertices, 3) float32
     functions : (samples, count) float64 or None
-        Samples stand at the frames, or with two between each where the motion is cubic. None: a target each frame.
+        Weights, between 0 and 1: programs clamp others. Samples stand at the frames, or with two between each where
+        the motion is cubic. None: the first frame is at rest, and each later one is a target.
     normals : (rows, 3) float32 or None
         At rest, a row each as :class:`NormalRows` has them.
     normal_targets : (count, rows, 3) float32 or None
         What targets add to them, before they are made unit vectors again.
+    normal_error : float
+        Largest angle at a sample between a normal and what comes out [degrees].
     """
 
     rest: Float32Array
@@ -51,6 +69,7 @@ class Motion:
     functions: Float64Array | None
     normals: Float32Array | None = None
     normal_targets: Float32Array | None = None
+    normal_error: float = 0.0
 
 
 def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRows | None) -> Motion:
@@ -64,46 +83,62 @@ def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRo
     rows : NormalRows or None
     """
     count, bound = len(frames), EXACT * float(np.abs(frames).max())
-    # Displacements are what targets are in the file: float32, added to a float32 rest.
-    rest, points = frames[0], frames if between is None else np.concatenate([frames, between])
-    found = find_functions(points - rest, bound, most=count - 2)
-    if found is None and between is not None:
-        points = frames
-        found = find_functions(points - rest, bound, most=count - 2)
-    functions, shapes = (None, points[1:count] - rest) if found is None else found
-    normals = turned = None
-    if rows is not None:
-        every = rows.of(points if found is not None else frames)
-        normals, turned = every[0], every - every[0]
-        if functions is None:
-            turned = turned[1:]
-        else:
-            functions, turned = _turning(functions, turned)
-            shapes = np.pad(shapes, ((0, len(turned) - len(shapes)), (0, 0), (0, 0)))
-    if functions is not None and len(points) > count:
-        functions = np.concatenate([functions[:1], _woven(functions, count)])
-    return Motion(rest, shapes, functions, normals, turned)
+    tries = [(frames, False)]
+    if between is not None:
+        thirds = between.reshape(count - 1, 2, *between.shape[1:])
+        in_order = np.concatenate([thirds, frames[1:, None]], axis=1).reshape(-1, *frames.shape[1:])
+        tries.insert(0, (np.concatenate([frames[:1], in_order]), True))
+    for points, cubic in tries:
+        found = find_functions(points, bound, most=count - 2, cubic=cubic)
+        if found is None:
+            continue
+        functions, rest, shapes = found
+        if rows is None:
+            return Motion(rest, shapes, functions)
+        if not len(shapes):
+            return Motion(rest, shapes, functions, rows.of(points[:1])[0], np.zeros((0, rows.count, 3), np.float32))
+        functions, normals, turned, error = _turning(functions, rows.of(points), cubic=cubic)
+        shapes = np.pad(shapes, ((0, functions.shape[1] - len(shapes)), (0, 0), (0, 0)))
+        return Motion(rest, shapes, functions, normals, turned, error)
+    rest, shapes = frames[0], frames[1:] - frames[0]
+    if rows is None:
+        return Motion(rest, shapes, None)
+    every = rows.of(frames)
+    return Motion(rest, shapes, None, every[0], every[1:] - every[0])
 
 
-def _turning(functions: Float64Array, turned: Float32Array) -> tuple[Float64Array, Float32Array]:
-    """Functions of time that turn normals too, and what each adds to the normals: (functions, rows, 3)."""
-    flat = turned.reshape(len(turned), -1).astype(np.float64)
-    shapes = np.linalg.solve(functions.T @ functions, functions.T @ flat)
-    left = (flat - functions @ shapes).astype(np.float32).reshape(turned.shape)
+def _turning(
+    functions: Float64Array, every: Float32Array, *, cubic: bool
+) -> tuple[Float64Array, Float32Array, Float32Array, float]:
+    """Functions of time that turn normals (samples, rows, 3) too; normals at rest, what each adds, and the error."""
+    flat = every.reshape(len(every), -1).astype(np.float64)
+    rest, shapes = _fit(functions, flat)
+    left = flat - rest - functions @ shapes
     if np.abs(left).max(initial=0) > NORMAL_ERRORS[0]:
         most = max(MOST_NORMAL_FUNCTIONS, functions.shape[1])
-        tried = (find_functions(left, error, most=most) for error in NORMAL_ERRORS)
+        turned = left.reshape(every.shape)
+        tried = (find_functions(turned, error, most=most, cubic=cubic) for error in NORMAL_ERRORS)
         more = next((one for one in tried if one is not None), None)
         if more is not None:
             functions = np.column_stack([functions, more[0]])
-            shapes = np.concatenate([shapes, more[1].reshape(len(more[1]), -1)])
-    return functions, shapes.astype(np.float32).reshape(-1, *turned.shape[1:])
+            rest, shapes = _fit(functions, flat)
+    # Programs make the sum a unit vector: rows may have any length, but that at rest must have length 1.
+    start = rest.reshape(-1, 3)
+    lengths = np.linalg.norm(start, axis=1, keepdims=True)
+    start = np.where(lengths > 0, start / np.where(lengths > 0, lengths, 1), every[0])
+    steps = shapes.reshape(-1, *every.shape[1:]) / np.maximum(lengths, SHORTEST_NORMAL)
+    normals, targets = start.astype(np.float32), steps.astype(np.float32)
+    sums = normals + np.tensordot(functions, targets, 1)
+    sums /= np.maximum(np.linalg.norm(sums, axis=2, keepdims=True), np.finfo(np.float64).tiny)
+    # By the chord, which is exact where angles are small.
+    chord = float(np.linalg.norm(sums - every, axis=2).max(initial=0))
+    return functions, normals, targets, float(np.degrees(2 * np.arcsin(min(1.0, chord / 2))))
 
 
-def _woven(functions: Float64Array, frames: int) -> Float64Array:
-    """Samples in the order of time: of each interval its two thirds, then its end."""
-    thirds = functions[frames:].reshape(frames - 1, 2, -1)
-    return np.concatenate([thirds, functions[1:frames, None]], axis=1).reshape(3 * (frames - 1), -1)
+def _fit(functions: Float64Array, rows: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """The row at rest and what functions add to it, by least squares: ``rest + functions @ shapes``."""
+    found = np.linalg.pinv(np.column_stack([np.ones(len(functions)), functions])) @ rows
+    return found[0], found[1:]
 
 
 def cubic_keys(samples: Float64Array, times: Float64Array) -> NDArray[np.float64]:
@@ -125,48 +160,92 @@ def cubic_keys(samples: Float64Array, times: Float64Array) -> NDArray[np.float64
     keys = np.zeros((frames, 3, samples.shape[1]))
     keys[:, 1] = samples[::3]
     if frames > 1:
-        start, third, two_thirds, end = (samples[offset::3][: frames - 1] for offset in range(4))
+        start, third, two_thirds, end = _intervals(samples)
         steps = np.diff(times)[:, None]
         keys[:-1, 2] = (-11 * start + 18 * third - 9 * two_thirds + 2 * end) / 2 / steps
         keys[1:, 0] = (-2 * start + 9 * third - 18 * two_thirds + 11 * end) / 2 / steps
     return keys
 
 
-def find_functions(displacements: Float32Array, bound: float, *, most: int) -> tuple[Float64Array, Float32Array] | None:
-    """The fewest functions of time that give displacements, ``functions @ shapes``, within a bound.
+def _intervals(samples: Float64Array) -> list[Float64Array]:
+    """Start, third, second third and end of every interval, each (frames - 1, count)."""
+    return [samples[offset::3][: len(samples) // 3] for offset in range(4)]
+
+
+def _ranges(samples: Float64Array, *, cubic: bool) -> tuple[Float64Array, Float64Array]:
+    """Lowest and highest value (count,) of each function: of the samples, or of the cubics through them."""
+    low, high = samples.min(axis=0), samples.max(axis=0)
+    if not cubic:
+        return low, high
+    start, third, two_thirds, end = _intervals(samples)
+    # c0 + c1 s + c2 s^2 + c3 s^3 between 0 and 1, and where its slope is zero.
+    c1 = (-11 * start + 18 * third - 9 * two_thirds + 2 * end) / 2
+    c2 = (18 * start - 45 * third + 36 * two_thirds - 9 * end) / 2
+    c3 = (-9 * start + 27 * third - 27 * two_thirds + 9 * end) / 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        root = np.sqrt(np.maximum(c2 * c2 - 3 * c1 * c3, 0))
+        turns = [(-c2 + root) / (3 * c3), (-c2 - root) / (3 * c3), -c1 / (2 * c2)]
+    for turn in turns:
+        s = np.clip(np.nan_to_num(turn, posinf=0, neginf=0), 0, 1)
+        values = start + s * (c1 + s * (c2 + s * c3))
+        low, high = np.minimum(low, values.min(axis=0)), np.maximum(high, values.max(axis=0))
+    return low, high
+
+
+def find_functions(
+    points: NDArray[np.floating], bound: float, *, most: int, cubic: bool = False
+) -> tuple[Float64Array, Float32Array, Float32Array] | None:
+    """The fewest functions of time that give positions, ``rest + functions @ shapes``, within a bound.
 
     Parameters
     ----------
-    displacements : (frames, vertices, 3) float32
+    points : (samples, vertices, 3)
     bound : float
         Largest error of a coordinate.
     most : int
         None is given where more functions are needed.
+    cubic : bool
+        Whether samples stand at frames and at the thirds between them, and cubics go through them.
 
     Returns
     -------
-    functions : (frames, count) float64
+    functions : (samples, count) float64
+        Numbers that float32 holds, between 0 and 1, between samples too.
+    rest : (vertices, 3) float32
     shapes : (count, vertices, 3) float32
     """
-    frames = len(displacements)
-    rows = displacements.reshape(frames, -1)
-    if not rows.any():
-        return np.zeros((frames, 0)), np.zeros((0, *displacements.shape[1:]), np.float32)
-    wide = rows.astype(np.float64)
+    samples = len(points)
+    rows = points.reshape(samples, -1).astype(np.float64)
+    wide = rows - rows[0]
+    if not wide.any():
+        none = np.zeros((0, *points.shape[1:]), np.float32)
+        return np.zeros((samples, 0)), points[0].astype(np.float32), none
     energies, vectors = np.linalg.eigh(wide @ wide.T)
     energies, vectors = np.maximum(energies[::-1], 0), vectors[:, ::-1]
     # What is left after each: sqrt of the sum of the energies behind it, spread over all numbers.
-    left = np.sqrt(np.maximum(np.cumsum(energies[::-1])[::-1], 0) / rows.size)
-    count = max(1, int(np.count_nonzero(left > bound / 2)))
-    while count <= most:
-        scale = np.abs(vectors[:, :count]).max(axis=0)
-        functions = (vectors[:, :count] / scale).astype(np.float32).astype(np.float64)
-        # Scaled eigenvectors stay orthogonal but for rounding, so that the normal equations are well conditioned.
-        shapes = np.linalg.solve(functions.T @ functions, functions.T @ wide).astype(np.float32)
-        if np.abs(functions @ shapes.astype(np.float64) - wide).max() <= bound:
-            return functions, shapes.reshape(count, *displacements.shape[1:])
-        count += max(1, count // 8)
-    return None
+    left = np.sqrt(np.maximum(np.cumsum(energies[::-1])[::-1], 0) / wide.size)
+
+    def tried(count: int) -> tuple[Float64Array, Float32Array, Float32Array] | None:
+        low, high = _ranges(vectors[:, :count], cubic=cubic)
+        functions = np.clip((vectors[:, :count] - low) / (high - low), 0, 1).astype(np.float32).astype(np.float64)
+        rest, shapes = (one.astype(np.float32) for one in _fit(functions, rows))
+        if np.abs(rest + functions @ shapes.astype(np.float64) - rows).max() > bound:
+            return None
+        return functions, rest.reshape(points.shape[1:]), shapes.reshape(count, *points.shape[1:])
+
+    few = max(1, int(np.count_nonzero(left > bound / 2)))
+    too_few, step = few - 1, 1
+    found: tuple[Float64Array, Float32Array, Float32Array] | None = None
+    while few <= most:
+        found = tried(few)
+        if found is not None or few == most:
+            break
+        too_few, few, step = few, min(few + step, most), 2 * step
+    while found is not None and few - too_few > 1:
+        middle = (few + too_few) // 2
+        better = tried(middle)
+        found, few, too_few = (found, few, middle) if better is None else (better, middle, too_few)
+    return found
 
 
 def held_by_mesh(item: MeshObject, attribute: Attribute) -> bool:
@@ -188,17 +267,79 @@ def _held_colors(item: MeshObject) -> list[Attribute]:
     return found
 
 
+@dataclass(frozen=True)
+class Lattice:
+    """Where 16-bit positions stand: ``offset + scale * fraction``, fractions between -1 and 1.
+
+    Attributes
+    ----------
+    scale : float [scene units]
+    offset : (3,) float64 [scene units]
+    error : float [scene units]
+        Largest distance along an axis that a vertex is moved by, at a sample.
+    """
+
+    scale: float
+    offset: Float64Array
+    error: float
+
+    def fractions(self, points: Float32Array) -> Float64Array:
+        """Of positions (vertices, 3)."""
+        return np.clip((points.astype(np.float64) - self.offset) / self.scale, -1, 1)
+
+
+def lattice_of(motion: Motion, *, centred: bool) -> Lattice:
+    """The finest lattice for a motion's shapes, which are multiples of its scale; `centred` about the origin."""
+    low, high = motion.rest.min(axis=0).astype(np.float64), motion.rest.max(axis=0).astype(np.float64)
+    offset = np.zeros(3) if centred else ((low + high) / 2).astype(np.float32).astype(np.float64)
+    reach = max(float(np.abs(one).max(initial=0)) for one in (low - offset, high - offset, motion.targets))
+    scale = float(np.nextafter(np.float32(reach), np.float32(np.inf))) or 1.0
+    step = scale / np.iinfo(np.int16).max
+
+    def rounding(shapes: NDArray[np.floating]) -> Float64Array:
+        return np.asarray(np.rint(shapes / step) * step - shapes)
+
+    rest, targets = rounding(motion.rest - offset), rounding(motion.targets.astype(np.float64))
+    if motion.functions is None:
+        moved = rest + np.concatenate([np.zeros((1, *rest.shape)), targets])
+    else:
+        functions = motion.functions if len(targets) else np.zeros((1, 0))
+        moved = rest + np.tensordot(functions, targets, 1)
+    return Lattice(scale, offset, float(np.abs(moved).max(initial=0)))
+
+
 def write_mesh(
-    builder: GltfBuilder, item: MeshObject, motion: Motion, rows: NormalRows | None, material: Callable[[str], int]
+    builder: GltfBuilder,
+    item: MeshObject,
+    motion: Motion,
+    rows: NormalRows | None,
+    material: Callable[[str], int],
+    lattice: Lattice | None = None,
 ) -> int:
-    """Write a mesh; its index. `material` gives the index of the material of a name."""
+    """Write a mesh; its index. `material` gives the index of the material of a name.
+
+    On a lattice, positions are 16-bit fractions and normals 8-bit ones where they are small enough.
+    """
     connectivity = item.connectivity
     sets = uv_sets(item)
     columns = [uv.values if uv.indices is None else uv.indices for uv in sets]
     if rows is not None:
         columns.append(rows.corner_rows)
     sources, corner_rows = _cut(connectivity, columns)
-    attributes = {"POSITION": builder.floats(motion.rest[sources], target=VERTEX_DATA, bounds=True)}
+    if lattice is not None:
+        builder.require(QUANTIZATION)
+
+    def positions(points: Float32Array, steps: Lattice | None) -> int:
+        if steps is None:
+            return builder.floats(points[sources], target=VERTEX_DATA, bounds=True)
+        return builder.fractions(steps.fractions(points[sources]), "<i2", target=VERTEX_DATA, bounds=True)
+
+    def directions(vectors: Float32Array) -> int:
+        if lattice is None or np.abs(vectors).max(initial=0) > 1:
+            return builder.floats(vectors, target=VERTEX_DATA)
+        return builder.fractions(vectors, "<i1", target=VERTEX_DATA)
+
+    attributes = {"POSITION": positions(motion.rest, lattice)}
     notes: dict[str, Any] = {"vertices": item.vertex_count}
     for number, uv in enumerate(sets):
         attributes[f"TEXCOORD_{number}"] = _write_uv(builder, uv, corner_rows, sources.size, notes)
@@ -207,36 +348,42 @@ def write_mesh(
         values, _, _ = indexed_rows(color)
         attributes[f"COLOR_{number}"] = builder.floats(values[sources], target=VERTEX_DATA)
         notes.setdefault("colors", {})[color.name] = {"accessor": f"COLOR_{number}"}
-    morphs = []
-    for shape in motion.targets:
-        moved = builder.floats(shape[sources], target=VERTEX_DATA, bounds=True) if shape.any() else None
-        morphs.append({"POSITION": builder.zeros(sources.size) if moved is None else moved})
+    # What targets add has no offset.
+    added = None if lattice is None else dataclasses.replace(lattice, offset=np.zeros(3))
+    morphs = [
+        {"POSITION": positions(shape, added) if shape.any() else builder.zeros(sources.size)}
+        for shape in motion.targets
+    ]
     if rows is not None and motion.normals is not None and motion.normal_targets is not None:
         # A vertex that is in no face has the row of its number.
         normals = sources.copy()
         normals[corner_rows] = rows.corner_rows
-        attributes["NORMAL"] = builder.floats(motion.normals[normals], target=VERTEX_DATA)
+        attributes["NORMAL"] = directions(motion.normals[normals])
         for morph, shape in zip(morphs, motion.normal_targets, strict=True):
-            morph["NORMAL"] = builder.floats(shape[normals], target=VERTEX_DATA)
-        if not rows.is_smooth:
-            notes["normalGroups"] = builder.integers(rows.groups)
+            morph["NORMAL"] = directions(shape[normals])
+        if group_attribute(item) is None:
+            notes["normals"] = "added"
+        elif not rows.is_smooth:
+            notes["normalGroups"] = noted_integers(rows.groups)
     primitives: list[dict[str, Any]] = []
+    drawn: list[tuple[int, NDArray[Any]]] = []
 
     def add(mode: int, indices: NDArray[Any] | None, label: str | None = None) -> None:
         primitive: dict[str, Any] = {"attributes": attributes, "mode": mode}
+        drawn.append((mode, np.arange(sources.size) if indices is None else indices))
         if indices is not None:
-            primitive["indices"] = builder.integers(indices, target=INDEX_DATA)
+            primitive["indices"] = builder.integers(indices, target=INDEX_DATA, triangles=mode == TRIANGLES)
         if label is not None:
             primitive["material"] = material(label)
         if morphs:
             primitive["targets"] = morphs
         primitives.append(primitive)
 
-    _note_connectivity(builder, connectivity, corner_rows, notes)
+    _note_connectivity(connectivity, corner_rows, notes)
     triangles, faces = _fans(connectivity, corner_rows)
     labels, of_faces = _materials_of(item)
     if labels:
-        notes["materials"], notes["faceMaterials"] = list(labels), builder.integers(of_faces + 1)
+        notes["materials"], notes["faceMaterials"] = list(labels), noted_integers(of_faces + 1)
     for number in range(-1, len(labels)):
         chosen = triangles[of_faces[faces] == number]
         if len(chosen):
@@ -246,9 +393,10 @@ def write_mesh(
         add(LINES, segments)
     if not primitives:
         add(POINTS, None)
+    notes["of"] = fingerprint(sources.size, drawn)
     mesh: dict[str, Any] = {"primitives": primitives, "extras": {"pdecodec": notes}}
     if morphs:
-        mesh["weights"] = [0.0] * len(morphs)
+        mesh["weights"] = [0.0] * len(morphs) if motion.functions is None else motion.functions[0].tolist()
     return builder.add("meshes", mesh)
 
 
@@ -291,22 +439,20 @@ def _write_uv(
     by_row[corner_rows] = by_corner
     note: dict[str, Any] = {"rows": len(uv.values)}
     if uv.indices is not None:
-        note["indices"] = builder.integers(uv.indices.astype(np.int64) + 1)
+        note["indices"] = noted_integers(uv.indices.astype(np.int64) + 1)
     notes.setdefault("uvs", {})[uv.name] = note
     return builder.floats(flipped(by_row), target=VERTEX_DATA)
 
 
-def _note_connectivity(
-    builder: GltfBuilder, connectivity: Connectivity, corner_rows: NDArray[np.int64], notes: dict[str, Any]
-) -> None:
+def _note_connectivity(connectivity: Connectivity, corner_rows: NDArray[np.int64], notes: dict[str, Any]) -> None:
     if connectivity.face_count:
-        notes["faceCounts"] = builder.integers(connectivity.face_counts)
-        notes["faceIndices"] = builder.integers(connectivity.face_indices)
+        notes["faceCounts"] = noted_integers(connectivity.face_counts)
+        notes["faceIndices"] = noted_integers(connectivity.face_indices)
         if not np.array_equal(corner_rows, connectivity.face_indices):
-            notes["cornerRows"] = builder.integers(corner_rows)
+            notes["cornerRows"] = noted_integers(corner_rows)
     if connectivity.line_count:
-        notes["lineCounts"] = builder.integers(connectivity.line_counts)
-        notes["lineIndices"] = builder.integers(connectivity.line_indices)
+        notes["lineCounts"] = noted_integers(connectivity.line_counts)
+        notes["lineIndices"] = noted_integers(connectivity.line_indices)
 
 
 def _fans(connectivity: Connectivity, corner_rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

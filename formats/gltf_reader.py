@@ -1,29 +1,42 @@
 """glTF scenes: morph targets, skins and moving nodes, evaluated at a frame rate that is asked for.
 
 A glTF animation is curves over time, not frames. Frames are taken at `fps` from the clip's first key to its last;
-files of our own writer say which times were frames. The scene is Y-up and in metres, as glTF has it; UVs are turned to
+a last key between frames is one more.
+Files of our own writer say which times were frames. The scene is Y-up and in metres, as glTF has it; UVs are turned to
 count from the bottom, as everywhere else here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError, SettingsError
-from pdecodec.formats.gltf_animation import Clip, Nodes, Pose, read_clip
-from pdecodec.formats.gltf_file import GltfFile, read_gltf
+from pdecodec.errors import InputError
+from pdecodec.formats.gltf_animation import Clip, Nodes, Pose, placed_at, read_clip
+from pdecodec.formats.gltf_file import INSTANCING, VISIBILITY, GltfFile, read_gltf
 from pdecodec.formats.gltf_mesh_reader import Block, GltfMesh, read_mesh
 from pdecodec.formats.registry import Transforms
-from pdecodec.formats.scene_reading import SceneSequence, Shape
+from pdecodec.formats.scene_reading import MOST_INSTANCED, SceneSequence, Shape, hidden_notices
 from pdecodec.formats.scene_space import UNIT, UP_AXIS
-from pdecodec.formats.times import FLOAT32_ROUNDING, Timing, merged_times, rate_or_default, snapped_times
-from pdecodec.resample import times_at_rate
+from pdecodec.formats.times import (
+    FLOAT32_ROUNDING,
+    SAME_TIME,
+    Timing,
+    frames_at_rate,
+    merged_times,
+    rate_or_default,
+    snapped_times,
+)
 from pdecodec.sequence import Float32Array, Float64Array
+
+TINY = 1e-30
+"""Lengths below are none: they are not divided by."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +54,8 @@ class _Part(Shape):
     node: int
     mesh: GltfMesh
     skin: _Skin | None
+    instance: Float64Array | None = None
+    """(4, 4): where this one of several instances is in the node's space."""
 
 
 class GltfSequence(SceneSequence):
@@ -72,7 +87,7 @@ class GltfSequence(SceneSequence):
         if not parts:
             raise InputError(f"holds no mesh: there are {len(self._nodes.entries)} nodes without one", path=path)
         self.times, self.fps, time_notices = _timing(chosen, fps)
-        self._pose = Pose(self._nodes, self.times)
+        self._posed: tuple[int, int, Pose] | None = None
         self._take(parts, transforms)
         noted = file.root.get("asset", {}).get("extras", {})
         own = noted.get("pdecodec", {}) if isinstance(noted, dict) else {}
@@ -80,19 +95,26 @@ class GltfSequence(SceneSequence):
         # Our writer notes an empty unit where nobody knew it.
         self.metadata = {key: text for key, text in found.items() if text}
         left_out = dict.fromkeys(name for part in parts for name in part.left_out)
+        left_out |= dict.fromkeys(() if chosen is None else chosen.left_out)
         kept = (f"not kept: {', '.join(left_out)}",) if left_out else ()
-        self.notices = (*clip_notices, *time_notices, *kept)
+        self.notices = (*clip_notices, *time_notices, *kept, *hidden_notices(parts))
 
-    def read_frames(self, start: int, stop: int) -> Float32Array:
-        self._pose = Pose(self._nodes, self.times[start:stop])
-        return super().read_frames(start, stop)
+    def _pose(self, start: int, stop: int) -> Pose:
+        """Where nodes are at some frames, which shapes have in common."""
+        if self._posed is None or self._posed[:2] != (start, stop):
+            self._posed = start, stop, Pose(self._nodes, self.times[start:stop])
+        return self._posed[2]
 
     def _matrices(self, shape: _Part, start: int, stop: int) -> Float64Array | None:
-        return None if shape.skin is not None else self._pose.world(shape.node)
+        if shape.skin is not None:
+            return None
+        world = self._pose(start, stop).world(shape.node)
+        return world if shape.instance is None else shape.instance @ world
 
     def _read(self, shape: _Part, start: int, stop: int, out: Float32Array) -> None:
         weights = self._nodes.weights(shape.node, self.times[start:stop], shape.mesh.weights)
-        blocks = [_moved(block, weights, shape.skin, self._pose) for block in shape.mesh.blocks]
+        pose = self._pose(start, stop)
+        blocks = [_moved(block, weights, shape.skin, pose) for block in shape.mesh.blocks]
         points = blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=1)
         out[:] = points if shape.gather is None else points[:, shape.gather]
 
@@ -135,13 +157,12 @@ def _timing(clip: Clip | None, fps: float | None) -> Timing:
     noted = clip.extras.get("fps")
     if isinstance(noted, (int, float)) and noted > 0 and fps is None:
         times = merged_times(keys)
+        if times.size != clip.extras.get("frames"):
+            # Another program took keys out: they are no longer the frames.
+            times = frames_at_rate(float(times[0]), float(times[-1]), float(noted))
         return snapped_times(times, float(noted), FLOAT32_ROUNDING * float(times[-1]) + 1e-9), float(noted), ()
     first, last = min(float(one[0]) for one in keys), max(float(one[-1]) for one in keys)
-    try:
-        return times_at_rate(first, last + FLOAT32_ROUNDING * last, rate), rate, notices
-    except SettingsError as error:
-        # Nobody asked for so many frames: the file's own times do.
-        raise InputError(error.message) from error
+    return frames_at_rate(first, last, rate, max(SAME_TIME, FLOAT32_ROUNDING * last)), rate, notices
 
 
 def _choose_clip(file: GltfFile, name: str | None) -> tuple[Clip | None, tuple[str, ...]]:
@@ -173,19 +194,53 @@ def _parts_of(file: GltfFile, nodes: Nodes) -> list[_Part]:
             meshes[node["mesh"]] = read_mesh(file, node["mesh"])
         mesh = meshes[node["mesh"]]
         if mesh.connectivity.vertex_count:
-            parts.append(
-                _Part(
-                    name="/".join(_node_name(file, nodes, one) for one in reversed(above)),
-                    connectivity=mesh.connectivity,
-                    attributes=mesh.attributes,
-                    gather=mesh.gather,
-                    left_out=mesh.left_out,
-                    node=number,
-                    mesh=mesh,
-                    skin=_read_skin(file, node["skin"], nodes) if "skin" in node else None,
-                )
+            name = "/".join(_node_name(file, nodes, one) for one in reversed(above))
+            part = _Part(
+                name=name,
+                connectivity=mesh.connectivity,
+                attributes=mesh.attributes,
+                gather=mesh.gather,
+                left_out=mesh.left_out,
+                hidden=any(not _is_visible(nodes.entries[one]) for one in above),
+                node=number,
+                mesh=mesh,
+                skin=_read_skin(file, node["skin"], nodes) if "skin" in node else None,
             )
+            instances = node.get("extensions", {}).get(INSTANCING)
+            if instances is not None and part.skin is not None:
+                # Joints say where it is, and once.
+                part.left_out = [*part.left_out, "instances of skinned meshes"]
+                instances = None
+            parts += [part] if instances is None else _instances_of(file, part, instances)
+            vertices = sum(one.connectivity.vertex_count for one in parts)
+            if vertices > MOST_INSTANCED:
+                raise InputError(
+                    f"its instances have {vertices:,} vertices, more than {MOST_INSTANCED:,}; thin them out"
+                )
     return parts
+
+
+def _instances_of(file: GltfFile, part: _Part, entry: Mapping[str, Any]) -> list[_Part]:
+    """One part for each instance, numbered."""
+    stored = {path: file.accessor(index).astype(np.float64) for path, index in entry["attributes"].items()}
+    count = max((len(values) for values in stored.values()), default=0)
+    if count * part.connectivity.vertex_count > MOST_INSTANCED:
+        raise InputError(f"{part.name!r} has {count:,} instances, more vertices than {MOST_INSTANCED:,}; thin them out")
+    defaults = {"TRANSLATION": (0.0,) * 3, "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE": (1.0,) * 3}
+    rows = {path: stored.get(path, np.tile(default, (count, 1))) for path, default in defaults.items()}
+    if any(rows[path].shape != (count, len(default)) for path, default in defaults.items()):
+        raise InputError(f"instances of {part.name!r} do not fit each other; export the file again")
+    rows["ROTATION"] = rows["ROTATION"] / np.maximum(np.linalg.norm(rows["ROTATION"], axis=1, keepdims=True), TINY)
+    left_out = [*part.left_out, *(path for path in stored if path not in defaults)]
+    matrices = placed_at(rows["TRANSLATION"], rows["ROTATION"], rows["SCALE"])
+    return [
+        dataclasses.replace(part, name=f"{part.name}/{number}", instance=matrix, left_out=left_out)
+        for number, matrix in enumerate(matrices)
+    ]
+
+
+def _is_visible(node: Mapping[str, Any]) -> bool:
+    return bool(node.get("extensions", {}).get(VISIBILITY, {}).get("visible", True))
 
 
 def _node_name(file: GltfFile, nodes: Nodes, index: int) -> str:

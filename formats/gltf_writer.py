@@ -1,8 +1,10 @@
-"""glTF scenes out: each object a mesh whose motion is morph targets and the curves of their weights.
+"""glTF scenes out: each object a mesh whose motion is morph targets and the curves of their weights,
+or its node's.
 
 Where the motion is few functions of time, exactly, each is a target, and its curve is the function: for a decoded
 animation a cubic spline through and between its frames, for other sequences straight lines from frame to frame.
-Otherwise each frame is a target, and weights pass from one to the next in straight lines.
+Otherwise each frame is a target, and weights pass from one to the next in straight lines. An object that moves rigidly
+has no targets: its node moves.
 
 Faces become triangles, and vertices are cut where UVs have seams; the first rows are the vertices as they were, and
 what they were part of is noted in the mesh's ``extras``, so that everything comes back. The scene is turned Y-up.
@@ -19,15 +21,26 @@ from pdecodec.decoder import Animation
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import left_out
 from pdecodec.formats.gltf_file import GltfBuilder
-from pdecodec.formats.gltf_mesh_writer import Motion, cubic_keys, held_by_mesh, motion_of, write_mesh
-from pdecodec.formats.normals import normal_rows
+from pdecodec.formats.gltf_mesh_writer import (
+    Motion,
+    cubic_keys,
+    held_by_mesh,
+    lattice_of,
+    motion_of,
+    write_mesh,
+)
+from pdecodec.formats.normals import normal_rows, smooth_rows
 from pdecodec.formats.registry import Output
+from pdecodec.formats.rigid_motion import rigid_keys
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, metres_per_unit, place, up_axis_of
 from pdecodec.formats.scene_writing import DEFAULT_NAME, steps_of
 from pdecodec.sequence import Float32Array, MeshSequence
 
-MOST_TARGETS = 2048
-"""Layers of a texture on common graphics hardware: viewers keep a target in each."""
+MOST_TARGETS = 256
+"""What Filament, which plays glTF on Android, keeps of a mesh; others keep a layer of a texture for each, 2048."""
+
+SEEN_ANGLE = 1.0
+"""Degrees that normals may be off before a notice says so."""
 
 MOST_MEMORY = 4 * 2**30
 """Bytes of positions that are held at once: a glTF file that large plays nowhere."""
@@ -44,7 +57,7 @@ def write_gltf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     InputError
         If the place is taken or cannot be written to, the positions are not finite, or too many for one file.
     """
-    rows = sum(0 if one is None else one.count for one in map(normal_rows, sequence.objects))
+    rows = sum(item.vertex_count for item in sequence.objects if item.connectivity.face_count)
     needed = 12 * sequence.frame_count * (sequence.vertex_count + rows)
     if needed > MOST_MEMORY:
         raise InputError(
@@ -57,13 +70,13 @@ def write_gltf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     elif axis != "Y":
         notices.append(f"the scene is turned from {axis}-up to Y-up, as glTF has it")
     if metres is None:
-        notices.append("the length of a unit is not recorded: taken as a metre, as glTF has it")
+        notices.append("the length of a unit is not recorded: taken as a metre, as glTF has it (--unit says it)")
     elif metres != 1.0:
         notices.append(
             f"glTF counts in metres: it shows a unit of {metres:g} m as one (--scale {metres:g} makes it so)"
         )
     with output.whole_file() as partial:
-        builder = GltfBuilder()
+        builder = GltfBuilder(meshopt=output.meshopt)
         notices += _Scene(builder, sequence, output, turn=axis not in (None, "Y")).write()
         partial.write_bytes(builder.to_gltf() if output.path.suffix.lower() == ".gltf" else builder.to_glb())
     return (*notices, *left_out(sequence, "glTF", held_by_mesh, metadata=tuple(sequence.metadata)))
@@ -84,20 +97,42 @@ class _Scene:
         frames = self._read()
         between = self._between()
         key_times: int | None = None
-        baked = 0
-        first = 0
+        baked = targets = first = 0
+        angle = coarsest = 0.0
+        smoothed = 0
         for item in sequence.objects:
             own = slice(first, first + item.vertex_count)
             first = own.stop
+            if not item.vertex_count:
+                # glTF has no mesh of nothing: its node keeps the name.
+                self._node(item.name, {})
+                continue
+            # A mesh without normals is faceted in glTF.
             rows = normal_rows(item)
-            motion = motion_of(frames[:, own], None if between is None else between[:, own], rows)
+            if rows is None and item.connectivity.face_count:
+                rows = smooth_rows(item)
+                smoothed += 1
+            part, thirds = frames[:, own], None if between is None else between[:, own]
+            turns = rigid_keys(part, thirds) if item.connectivity.face_count else None
+            place: dict[str, Any] = {}
+            if turns is not None:
+                part, thirds = part[:1] - turns.centre, None
+                place = {"translation": turns.centre.tolist()}
+            motion = motion_of(part, thirds, rows)
+            lattice = lattice_of(motion, centred=turns is not None) if self._output.quantize else None
+            if lattice is not None:
+                place = {"translation": lattice.offset.tolist(), **place, "scale": [lattice.scale] * 3}
+                coarsest = max(coarsest, lattice.error)
             baked = max(baked, len(motion.targets) if motion.functions is None else 0)
-            mesh = write_mesh(builder, item, motion, rows, self._material)
-            node = self._node(item.name, mesh)
-            if len(motion.targets):
-                if key_times is None:
-                    key_times = builder.floats(sequence.times, bounds=True)
+            targets, angle = max(targets, len(motion.targets)), max(angle, motion.normal_error)
+            mesh = write_mesh(builder, item, motion, rows, self._material, lattice)
+            node = self._node(item.name, {"mesh": mesh, **place})
+            if key_times is None and (len(motion.targets) or turns):
+                key_times = builder.floats(sequence.times, bounds=True)
+            if len(motion.targets) and key_times is not None:
                 self._animate(node, key_times, motion)
+            for path, values in turns.keys.items() if turns else ():
+                self._channel(node, path, key_times, builder.floats(values), "LINEAR")
         noted = {key: text for key, text in sequence.metadata.items() if key != UP_AXIS}
         if metres_per_unit(sequence) is None:
             noted.setdefault(UNIT, "")
@@ -105,7 +140,7 @@ class _Scene:
         if not self._channels and (sequence.frame_count > 1 or sequence.times[0] != 0):
             self._hold_still()
         if self._channels:
-            extras = {"pdecodec": {"fps": self._output.rate}}
+            extras = {"pdecodec": {"fps": self._output.rate, "frames": sequence.frame_count}}
             animation = {"name": "motion", "samplers": self._samplers, "channels": self._channels, "extras": extras}
             builder.add("animations", animation)
         builder.add("scenes", {"nodes": self._roots})
@@ -114,8 +149,17 @@ class _Scene:
             self._notices.append(
                 f"motion of too many functions of time to be exact between frames: {baked} targets, a frame each"
             )
-        if baked > MOST_TARGETS:
-            self._notices.append(f"viewers keep up to {MOST_TARGETS} targets on common hardware; take fewer --frames")
+        if targets > MOST_TARGETS:
+            self._notices.append(
+                f"{targets} targets: some viewers keep {MOST_TARGETS} (Filament), most 2048; take fewer --frames"
+            )
+        if self._output.quantize:
+            self._notices.append(f"positions are rounded to 16 bits: up to {coarsest:.2g} off along an axis")
+        if angle > SEEN_ANGLE:
+            self._notices.append(f"normals are up to {angle:.2g} degrees off, as functions of time give them")
+        if smoothed:
+            objects = f"{smoothed} object{'s' * (smoothed > 1)}"
+            self._notices.append(f"normals of {objects} are not recorded: written as of smooth surfaces")
         return self._notices
 
     def _read(self) -> Float32Array:
@@ -148,24 +192,26 @@ class _Scene:
         if motion.functions is None:
             output, interpolation = self._builder.unit_rows(frames), "LINEAR"
         elif len(motion.functions) == frames:
-            output, interpolation = self._builder.floats(motion.functions.reshape(-1)), "LINEAR"
+            weights = motion.functions.reshape(-1)
+            quantize, interpolation = self._output.quantize, "LINEAR"
+            output = self._builder.fractions(weights, "<u2") if quantize else self._builder.floats(weights)
         else:
             splines = cubic_keys(motion.functions, self._sequence.times)
             output, interpolation = self._builder.floats(splines.reshape(-1)), "CUBICSPLINE"
-        self._samplers.append({"input": key_times, "output": output, "interpolation": interpolation})
-        target = {"node": node, "path": "weights"}
-        self._channels.append({"sampler": len(self._samplers) - 1, "target": target})
+        self._channel(node, "weights", key_times, output, interpolation)
+
+    def _channel(self, node: int, path: str, keys: int | None, output: int, interpolation: str) -> None:
+        self._samplers.append({"input": keys, "output": output, "interpolation": interpolation})
+        self._channels.append({"sampler": len(self._samplers) - 1, "target": {"node": node, "path": path}})
 
     def _hold_still(self) -> None:
         """An animation that moves nothing, so that frames and times of a still sequence come back."""
         keys = self._builder.floats(self._sequence.times, bounds=True)
         still = self._builder.floats(np.zeros((self._sequence.frame_count, 3)))
-        node = self._roots[0]
-        self._samplers.append({"input": keys, "output": still, "interpolation": "LINEAR"})
-        self._channels.append({"sampler": 0, "target": {"node": node, "path": "translation"}})
+        self._channel(self._roots[0], "translation", keys, still, "LINEAR")
 
-    def _node(self, name: str, mesh: int) -> int:
-        """A node of a mesh, and those above it."""
+    def _node(self, name: str, entry: dict[str, Any]) -> int:
+        """A node of an object, and those above it."""
         steps = steps_of(name) or (DEFAULT_NAME,)
         parent: int | None = None
         for length in range(1, len(steps)):
@@ -173,7 +219,7 @@ class _Scene:
             if branch not in self._branches:
                 self._branches[branch] = self._attach({"name": branch[-1]}, parent)
             parent = self._branches[branch]
-        return self._attach({"name": steps[-1], "mesh": mesh}, parent)
+        return self._attach({"name": steps[-1], **entry}, parent)
 
     def _attach(self, entry: dict[str, Any], parent: int | None) -> int:
         index = self._builder.add("nodes", entry)

@@ -6,7 +6,8 @@ The datasets are those of :mod:`pdecodec.formats.object_arrays`, text as UTF-8 o
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import io
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -61,13 +62,66 @@ def write_hdf5(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     chunk = chunk_shape(frames, vertices)
     # As many frames at a time as a block holds, but no chunk in two pieces.
     at_a_time = max(chunk[0], sequence.frames_per_block // chunk[0] * chunk[0])
-    with output.whole_file() as partial, h5py.File(partial, "w") as file:
+    with output.whole_file() as partial, new_hdf5(partial) as (file, check):
         points = file.create_dataset("points", (frames, vertices, 3), "<f4", chunks=chunk, track_times=False)
         for start, block in output.blocks(sequence, "HDF5", at_a_time):
             points[start : start + len(block)] = block
+            check()
         for name, array in arrays_of(sequence, output.rate).items():
             _write(file, name, array)
     return ()
+
+
+class _PatientFile(io.FileIO):
+    """A file that takes what is written, though there be no room: HDF5 ends the process where a write fails.
+
+    Attributes
+    ----------
+    failure : OSError or None
+        What went wrong first.
+    """
+
+    failure: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        left = memoryview(data).cast("B")
+        size = len(left)
+        try:
+            while left and self.failure is None:
+                left = left[super().write(left) or 0 :]
+        except OSError as error:
+            self.failure = error
+        return size
+
+    def truncate(self, size: int | None = None) -> int:
+        try:
+            return super().truncate(size)
+        except OSError as error:
+            self.failure = self.failure or error
+            return size or 0
+
+    def readinto(self, buffer: Any) -> int:
+        view = memoryview(buffer).cast("B")
+        count = super().readinto(view) or 0
+        if self.failure is not None:
+            # What could not be written is not there to be read.
+            view[count:] = bytes(len(view) - count)
+            count = len(view)
+        return count
+
+
+@contextmanager
+def new_hdf5(path: Path) -> Iterator[tuple[Any, Callable[[], None]]]:
+    """A new HDF5 file, and what raises the OSError that a write met; so does closing it."""
+    with _PatientFile(path, "w+") as written:
+
+        def check() -> None:
+            if written.failure is not None:
+                raise written.failure
+
+        with h5py.File(written, "w") as file:
+            yield file, check
+        check()
 
 
 def chunk_shape(frames: int, vertices: int) -> tuple[int, int, int]:

@@ -2,7 +2,8 @@
 
 The attribute ``normal_group`` of domain ``corner``, int32, numbers the normals of each vertex from 0 in the order of
 their first corners. A vertex whose corners all have number 0 is smooth. The attribute is absent where the source had no
-normals. Normals themselves are not kept: they are computed anew from the positions of each frame.
+normals; OBJ's smoothing groups say the same then. Normals themselves are not kept: they are computed anew from the
+positions of each frame.
 """
 
 from __future__ import annotations
@@ -21,9 +22,10 @@ from pdecodec.sequence import (
     Float64Array,
     Int32Array,
     MeshObject,
+    MeshSequence,
 )
 
-NORMAL_GROUP = "normal_group"
+NORMAL_GROUP, SMOOTHING = "normal_group", "smoothing"
 
 SAME_NORMAL = 1e-3
 """Largest difference of the coordinates of two unit normals that are one: a twentieth of a degree shows no edge."""
@@ -149,9 +151,56 @@ class NormalRows:
 
 
 def normal_rows(item: MeshObject) -> NormalRows | None:
-    """Rows of an object's normals; None where its source had none."""
+    """Rows of an object's normals, by its hard edges or its smoothing groups; None where its source had neither."""
     found = group_attribute(item)
-    return None if found is None else NormalRows(item.connectivity, expanded(found))
+    if found is not None:
+        return NormalRows(item.connectivity, expanded(found))
+    smoothing = next((one for one in item.attributes if one.name == SMOOTHING and one.domain == "face"), None)
+    if smoothing is None or smoothing.values.ndim != 1 or not item.connectivity.face_count:
+        return None
+    numbers = expanded(smoothing).astype(np.int64)
+    # A face in no group is smooth with no other.
+    keys = np.where(numbers > 0, numbers, -1 - np.arange(numbers.size))
+    groups = normal_group(item.connectivity, np.repeat(keys, item.connectivity.face_counts))
+    return NormalRows(item.connectivity, groups.values)
+
+
+def smooth_rows(item: MeshObject) -> NormalRows | None:
+    """Rows of normals of an object without hard edges; None where it has no faces."""
+    corners = item.connectivity.face_indices
+    return NormalRows(item.connectivity, np.zeros_like(corners)) if corners.size else None
+
+
+class VertexNormals:
+    """Normals of the vertices of all objects, for formats that have one for each vertex.
+
+    Attributes
+    ----------
+    held : bool
+        Whether there are any: every object with faces has normals, and no hard edges.
+    """
+
+    def __init__(self, sequence: MeshSequence) -> None:
+        self._rows = [normal_rows(item) for item in sequence.objects]
+        self._counts = [item.vertex_count for item in sequence.objects]
+        self.held = any(self._rows) and all(
+            rows.is_smooth if rows is not None else not item.connectivity.face_count
+            for item, rows in zip(sequence.objects, self._rows, strict=True)
+        )
+
+    def holds(self, item: MeshObject, attribute: Attribute) -> bool:
+        """Whether an attribute is what is written."""
+        return self.held and attribute is group_attribute(item)
+
+    def at(self, points: Float32Array) -> Float32Array:
+        """(vertices, 3) float32 at positions (vertices, 3)."""
+        normals = np.tile(np.array(_NOWHERE, np.float32), (len(points), 1))
+        first = 0
+        for rows, count in zip(self._rows, self._counts, strict=True):
+            if rows is not None:
+                normals[first : first + count] = rows.of(points[None, first : first + count])[0]
+            first += count
+        return normals
 
 
 def group_attribute(item: MeshObject) -> Attribute | None:

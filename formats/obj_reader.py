@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -269,11 +270,17 @@ class _Model:
             for (name, vertex, element), (_, vertex_end, element_end) in pairwise(marks)
             if vertex < vertex_end or element < element_end
         ]
+        whole = (0, scan.vertex_sizes.size)
         if self._are_separate(parts):
             self.objects = tuple(self._build(part, alone=len(parts) == 1) for part in parts)
         else:
-            self.objects = (self._build_whole(parts),)
-        self.notices = self._notices(left_out)
+            self.objects = (self._build_whole(parts, whole),)
+        # A part of every vertex and nothing else names the whole, as our writer leaves it.
+        named = [part for part in parts if part.elements[0] < part.elements[1] or part.vertices != whole]
+        counts = Counter(part.name or DEFAULT_NAME for part in named)
+        several = [repr(name) for name, count in counts.items() if count > 1]
+        merged = (f"several objects are called {', '.join(several)}: the file is one object",) if several else ()
+        self.notices = merged + self._notices(left_out)
 
     def _are_separate(self, parts: list[_Part]) -> bool:
         names = [part.name or DEFAULT_NAME for part in parts]
@@ -285,9 +292,8 @@ class _Model:
                 return False
         return True
 
-    def _build_whole(self, parts: list[_Part]) -> MeshObject:
+    def _build_whole(self, parts: list[_Part], vertices: tuple[int, int]) -> MeshObject:
         """The file as one object, named by the part that declares every vertex or by the only name there is."""
-        vertices = (0, self._scan.vertex_sizes.size)
         name = next((part.name for part in parts if part.vertices == vertices), None)
         names = np.unique(self._states["object"])
         only_name = names.size == 1 and names[0] >= 0 and name is None

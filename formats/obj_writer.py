@@ -122,7 +122,8 @@ class _ObjectText:
         unnamed = alone and item.name == DEFAULT_NAME and ("object", "face") in attributes
         self.before = b"" if unnamed else f"o {_one_line(item.name)}\n".encode()
         self.color = _color_rows(vertex_color(item))
-        self.normals = normal_rows(item)
+        # Smoothing groups are statements of their own.
+        self.normals = None if group_attribute(item) is None else normal_rows(item)
         uv = next(iter(uv_sets(item)), None)
         uv_text, uv_indices, self.texture_count = _texture(uv, item.connectivity.face_indices.size)
         corners = list(map(str, (item.connectivity.face_indices.astype(np.int64) + first_vertex + 1).tolist()))

@@ -1,7 +1,7 @@
 """PLY out; STL and OFF in, without meshio: it joins the vertices of an STL file anew in every frame, and refuses OFF
 files whose faces are not all triangles.
 
-PLY is written binary and little-endian: vertices, faces of any size, colours. Vertices of STL stay as they are
+PLY is written binary and little-endian: vertices, faces of any size, normals, colours. Vertices of STL stay as they are
 written, three to a triangle; sequences of them have one connectivity then.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,8 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import joined_colors, lost_by_joining
 from pdecodec.formats.frame_files import MeshFile, open_frames, write_frames
+from pdecodec.formats.normals import VertexNormals
 from pdecodec.formats.registry import Output, read_errors
-from pdecodec.formats.vtk_files import read_with_meshio
 from pdecodec.sequence import Connectivity, Float32Array, MeshSequence
 
 STL_HEADER_BYTES, STL_FACET = 84, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -26,16 +27,14 @@ STL_HEADER_BYTES, STL_FACET = 84, np.dtype([("normal", "<f4", 3), ("corners", "<
 _STL_VERTEX = re.compile(rb"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", re.MULTILINE)
 
 
-def open_ply(path: Path, *, fps: float | None) -> MeshSequence:
-    """Open PLY files, one a frame; read by meshio."""
-    return open_frames(path, ".ply", read_with_meshio, fps)
-
-
 def write_ply(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     """Write PLY files; objects are joined to one mesh."""
     connectivity = sequence.connectivity
     head = ["ply", "format binary_little_endian 1.0", f"element vertex {sequence.vertex_count}"]
     head += [f"property float {axis}" for axis in "xyz"]
+    normals = VertexNormals(sequence)
+    if normals.held:
+        head += [f"property float n{axis}" for axis in "xyz"]
     colors, channels = joined_colors(sequence), 0
     if colors is not None:
         channels = 3 if colors.shape[1] == 3 or (colors[:, 3] == 1).all() else 4
@@ -45,16 +44,19 @@ def write_ply(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         head += [f"element face {connectivity.face_count}", f"property list {size} int vertex_indices"]
     before = ("\n".join([*head, "end_header"]) + "\n").encode("ascii")
     after = _polygons(connectivity.face_counts, connectivity.face_indices)
-    rows = np.empty(sequence.vertex_count, np.dtype([("position", "<f4", 3), ("color", "u1", channels)]))
+    fields = [("position", "<f4", 3), ("normal", "<f4", 3 if normals.held else 0), ("color", "u1", channels)]
+    rows = np.empty(sequence.vertex_count, np.dtype(fields))
     if colors is not None:
         rows["color"] = np.rint(np.clip(colors[:, :channels], 0, 1) * 255)
 
     def frame_bytes(points: Float32Array, frame: int) -> bytes:
         rows["position"] = points
+        if normals.held:
+            rows["normal"] = normals.at(points)
         return before + rows.tobytes() + after
 
     write_frames(sequence, output, "PLY", frame_bytes)
-    notices = lost_by_joining(sequence, "PLY", "mesh", colors)
+    notices = lost_by_joining(sequence, "PLY", "mesh", colors, normals.holds)
     if connectivity.line_count:
         notices += ("lines are left out: readers of PLY take its edges for damage",)
     return (*notices, "PLY has no times: frames are numbered")
@@ -113,18 +115,23 @@ def _read_off(path: Path) -> MeshFile:
     body = words[1:] if words[0][1:] else words[2:]
     try:
         vertices, faces = int(head[0]), int(head[1])
-        rows, polygons = body[:vertices], body[vertices : vertices + faces]
-        if len(rows) < vertices or len(polygons) < faces:
+        rows, polygons = body[: max(0, vertices)], body[max(0, vertices) : max(0, vertices) + max(0, faces)]
+        if len(rows) != vertices or len(polygons) != faces:
             raise ValueError(f"{vertices} vertices and {faces} faces are declared")
-        points = _numbers([number for row in rows for number in row[:3]], path).reshape(-1, 3)
+        short = next((number for number, row in enumerate(rows) if len(row) < 3), None)
+        if short is not None:
+            raise ValueError(f"vertex {short} has fewer than three numbers")
         counts = [int(row[0]) for row in polygons]
+        short = next((k for k, row in enumerate(polygons) if not 1 <= counts[k] < len(row)), None)
+        if short is not None:
+            raise ValueError(f"face {short} does not have the {counts[short]} corners that it declares")
+        sizes = np.array(counts, np.int32)
         corners = [int(index) for row, count in zip(polygons, counts, strict=True) for index in row[1 : 1 + count]]
-        if len(points) != vertices:
-            raise ValueError("a vertex has fewer than three numbers")
-    except (IndexError, ValueError) as error:
+        flat: NDArray[Any] = np.array(corners, np.int64)
+    except (IndexError, OverflowError, ValueError) as error:
         raise InputError(f"is a damaged OFF file ({error}); export it again", path=path) from error
-    is_face = np.array([count >= 3 for count in counts], bool)
-    sizes, flat = np.array(counts, np.int32), np.array(corners, np.int64)
+    points = _numbers([number for row in rows for number in row[:3]], path).reshape(-1, 3)
+    is_face = sizes >= 3
     on_face = np.repeat(is_face, sizes)
     connectivity = Connectivity(vertices, sizes[is_face], flat[on_face], sizes[~is_face], flat[~on_face])
     return MeshFile(points, connectivity)

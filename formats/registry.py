@@ -12,8 +12,9 @@ from typing import Any, Literal
 
 from pdecodec.errors import InputError, MissingExtraError, SettingsError, naming_file
 from pdecodec.formats.scene_space import bake_transforms
+from pdecodec.formats.times import times_kept
 from pdecodec.sequence import Float32Array, MeshSequence, Progress
-from pdecodec.whole_output import whole_file
+from pdecodec.whole_output import finish_interrupted, whole_file
 
 Transforms = Literal["bake", "keep"]
 """What becomes of transforms above an object: applied to its positions, or kept as its attribute ``transform``."""
@@ -40,6 +41,8 @@ class Output:
     velocities : MeshSequence or None
         [scene units / s] at the same times; only for formats that hold them.
     progress : callable or None
+    quantize, meshopt : bool
+        Smaller files, of formats that list these options.
     """
 
     path: Path
@@ -47,6 +50,8 @@ class Output:
     overwrite: bool = False
     velocities: MeshSequence | None = None
     progress: Progress | None = None
+    quantize: bool = False
+    meshopt: bool = False
 
     def whole_file(self) -> AbstractContextManager[Path]:
         """A path to write to, which becomes :attr:`path` when the block ends well."""
@@ -56,6 +61,8 @@ class Output:
         self, sequence: MeshSequence, what: str, frames: int | None = None
     ) -> Iterator[tuple[int, Float32Array]]:
         """The sequence's blocks, at most `frames` long; progress is reported as each is done with."""
+        if self.progress is not None:
+            self.progress(0, sequence.frame_count, f"writing {what}")
         for start, block in sequence.blocks(frames):
             yield start, block
             if self.progress is not None:
@@ -88,8 +95,13 @@ class Format:
         Whether a sequence is a file a frame, given as a pattern or a folder.
     options : tuple of str
         Options of :func:`open_sequence` beside ``fps`` that the reader takes.
-    holds_transforms, holds_velocities : bool
-        Whether the writer can put transforms above objects, and velocities beside positions.
+    write_options : tuple of str
+        Options of :func:`write_sequence` that not every writer takes, but this one.
+    holds_transforms, holds_velocities, holds_nothing : bool
+        Whether the writer can put transforms above objects, velocities beside positions, and keep objects without
+        vertices.
+    times : {"exact", "float32", "microseconds"}
+        How the writer's times come back: as they were, rounded to float32, or only where they are further apart.
     keeps, loses : str
         What comes back after writing and reading, beside positions; what does not.
     """
@@ -105,8 +117,11 @@ class Format:
     extra: str | None = None
     frame_per_file: bool = False
     options: tuple[str, ...] = ()
+    write_options: tuple[str, ...] = ()
     holds_transforms: bool = False
     holds_velocities: bool = False
+    holds_nothing: bool = False
+    times: Literal["exact", "float32", "microseconds"] = "exact"
     keeps: str = ""
     loses: str = ""
 
@@ -119,7 +134,37 @@ class Format:
         return self.writer is not None
 
 
-_formats: dict[str, Format] = {}
+LONGEST_MAGIC = 64
+"""Bytes of a file that are looked at to tell its format."""
+
+ENTRY_POINTS = "pdecodec.formats"
+"""Group of the entry points by which other packages name formats: each a :class:`Format`, or several."""
+
+
+class _Formats(dict[str, Format]):
+    """Formats by name; those of other packages are looked up at first use."""
+
+    failed: dict[str, str]
+    _is_whole = False
+
+    def whole(self) -> _Formats:
+        """Itself, with what other packages add; a package that fails is left out, and :attr:`failed` says why."""
+        if not self._is_whole:
+            # It loads much, and most runs need no format but ours.
+            from importlib.metadata import entry_points
+
+            self._is_whole, self.failed = True, {}
+            for entry in entry_points(group=ENTRY_POINTS):
+                try:
+                    found = entry.load()
+                    for one in (found,) if isinstance(found, Format) else tuple(found):
+                        register_format(one)
+                except Exception as error:  # what another package raises is not ours to know
+                    self.failed[entry.name] = f"{type(error).__name__}: {error}"
+        return self
+
+
+_formats = _Formats()
 
 
 def register_format(entry: Format) -> None:
@@ -139,7 +184,7 @@ def register_format(entry: Format) -> None:
 
 def list_formats() -> tuple[Format, ...]:
     """Every registered format, in order of registration."""
-    return tuple(_formats.values())
+    return tuple(_formats.whole().values())
 
 
 def open_sequence(
@@ -150,6 +195,7 @@ def open_sequence(
     clip: str | None = None,
     transforms: Transforms = "bake",
     skip_unsupported: bool = False,
+    isolate: bool = False,
 ) -> MeshSequence:
     """Open a mesh sequence of any registered format.
 
@@ -160,7 +206,8 @@ def open_sequence(
         ``name.10-20####.obj`` for some frames of it), or a folder of numbered frames.
     fps : float, optional
         Frames per second of a source that does not store its times. Where times are stored they are kept,
-        and `fps` is only the nominal rate; a notice says so. Formats whose animation has no frames are sampled at it.
+        and `fps` is only the nominal rate; a notice says so. Scenes have a value at any time (Alembic, USD, glTF):
+        they are sampled at it, from their first key to their last.
     mesh : path, optional
         Where names, faces and attributes are of a point cache that has only positions (MDD, PC2): any file that can
         be opened here, of as many vertices.
@@ -171,6 +218,9 @@ def open_sequence(
         ``transform`` (:mod:`pdecodec.formats.scene_space`). Others have none.
     skip_unsupported : bool
         Leave out objects that cannot be read, with a notice each, instead of refusing the file.
+    isolate : bool
+        Read in a process of its own: a file that is damaged on purpose can end the libraries that read Alembic, USD
+        and VTK, and the process with them. Costs half a second, and the way of every frame.
 
     Returns
     -------
@@ -188,12 +238,20 @@ def open_sequence(
     """
     where = Path(path)
     _check_fps(fps)
+    finish_interrupted(where if where.is_dir() else where.parent)
     entry = _format_to_read(where)
     for name, value in (("mesh", mesh), ("clip", clip)):
         if value is not None and name not in entry.options:
-            users = ", ".join(other.title for other in _formats.values() if name in other.options)
+            users = ", ".join(other.title for other in _formats.whole().values() if name in other.options)
             raise SettingsError(f"--{name} is for {users}; leave it out", path=where)
     given = {"mesh": mesh, "clip": clip, "transforms": transforms, "skip_unsupported": skip_unsupported}
+    if isolate:
+        # It opens sequences itself, in another process.
+        from pdecodec.formats.isolated import IsolatedSequence
+
+        with naming_file(where):
+            files = {"mesh": None if mesh is None else os.path.abspath(mesh)}
+            return IsolatedSequence(where, {**given, **files, "fps": fps})
     reader: Reader = _load(entry, entry.reader, "read", where)
     with naming_file(where):
         return reader(where, fps=fps, **{name: given[name] for name in entry.options})
@@ -207,6 +265,8 @@ def write_sequence(
     fps: float | None = None,
     velocities: MeshSequence | None = None,
     progress: Progress | None = None,
+    quantize: bool = False,
+    meshopt: bool = False,
 ) -> tuple[str, ...]:
     """Write a mesh sequence in the format that the path's extension names, block by block.
 
@@ -225,6 +285,10 @@ def write_sequence(
         [scene units / s] at the same times, for formats that hold them (Alembic, USD).
     progress : callable, optional
         Called as ``progress(done, total, what)``.
+    quantize : bool
+        glTF: positions and weights of 16 bits, normals of 8 (KHR_mesh_quantization); how far off that is, is told.
+    meshopt : bool
+        glTF: compressed without loss (EXT_meshopt_compression), for viewers that know it.
 
     Returns
     -------
@@ -235,6 +299,8 @@ def write_sequence(
     ------
     InputError
         If the place is taken or cannot be written to, or the format cannot hold the sequence.
+    SettingsError
+        If an option is not one of the format's.
     MissingExtraError
         If the format needs a package that is not installed.
     """
@@ -243,13 +309,22 @@ def write_sequence(
     entry = _format_to_write(where, is_folder=os.fspath(path).endswith(("/", os.sep)))
     writer: Writer = _load(entry, entry.writer, "written", where)
     if velocities is not None and not entry.holds_velocities:
-        users = ", ".join(other.title for other in _formats.values() if other.holds_velocities)
+        users = ", ".join(other.title for other in _formats.whole().values() if other.holds_velocities)
         raise SettingsError(f"velocities are held by {users}; leave them out, or write them apart", path=where)
+    asked = {"quantize": quantize, "meshopt": meshopt}
+    for name in (name for name, value in asked.items() if value and name not in entry.write_options):
+        users = ", ".join(other.title for other in _formats.whole().values() if name in other.write_options)
+        raise SettingsError(f"--{name} is for {users}; leave it out", path=where)
     placed = sequence if entry.holds_transforms else bake_transforms(sequence)
     rate = sequence.fps if fps is None else fps
-    output = Output(path=where, rate=rate, overwrite=overwrite, velocities=velocities, progress=progress)
+    output = Output(path=where, rate=rate, overwrite=overwrite, velocities=velocities, progress=progress, **asked)
+    empty = ", ".join(item.name for item in sequence.objects if not item.vertex_count and not entry.holds_nothing)
     with naming_file(where):
-        return writer(placed, output)
+        rounded: tuple[str, ...] = ()
+        if entry.times != "exact":
+            rounded = times_kept(sequence.times, as_float32=entry.times == "float32", title=entry.title)
+        lost = (*rounded, *writer(placed, output))
+    return (*lost, f"objects without vertices do not come back: {empty}") if empty else lost
 
 
 @contextmanager
@@ -270,18 +345,34 @@ def _check_fps(fps: float | None) -> None:
 
 def _by_extension(path: Path) -> Format | None:
     suffix = path.suffix.lower()
-    return next((entry for entry in _formats.values() if suffix in entry.extensions), None)
+    return _first(lambda entry: suffix in entry.extensions)
 
 
 def _by_magic(path: Path) -> Format | None:
-    longest = max(len(magic) for entry in _formats.values() for magic in (*entry.magic, b""))
     with read_errors(path), path.open("rb") as file:
-        head = file.read(longest)
-    return next((entry for entry in _formats.values() if any(head.startswith(magic) for magic in entry.magic)), None)
+        head = file.read(LONGEST_MAGIC)
+    return _first(lambda entry: any(head.startswith(magic) for magic in entry.magic))
+
+
+def _first(chosen: Callable[[Format], bool]) -> Format | None:
+    """The first format that fits, of ours if there is one."""
+    for of_others in (False, True):
+        known = _formats.whole() if of_others else _formats
+        found = next((entry for entry in known.values() if chosen(entry)), None)
+        if found is not None:
+            return found
+    return None
 
 
 def _extensions(chosen: Callable[[Format], bool]) -> str:
-    return ", ".join(extension for entry in _formats.values() if chosen(entry) for extension in entry.extensions)
+    formats = _formats.whole().values()
+    return ", ".join(extension for entry in formats if chosen(entry) for extension in entry.extensions)
+
+
+def _failures() -> str:
+    """What to add where a format is missing: which of other packages could not be loaded."""
+    failed = "; ".join(f"{name} could not be loaded ({reason})" for name, reason in _formats.whole().failed.items())
+    return f"; {failed}" if failed else ""
 
 
 def _format_to_read(path: Path) -> Format:
@@ -301,14 +392,15 @@ def _format_to_read(path: Path) -> Format:
     elif entry is None or not entry.frame_per_file:
         raise InputError("there is no such file; check the name", path=path)
     if entry is None:
-        raise InputError(f"its format is not known; readable are {_extensions(lambda item: item.reads)}", path=path)
+        known = _extensions(lambda item: item.reads)
+        raise InputError(f"its format is not known; readable are {known}{_failures()}", path=path)
     return entry
 
 
 def _format_of_folder(folder: Path) -> Format:
     with read_errors(folder):
         suffixes = {item.suffix.lower() for item in folder.iterdir()}
-    found = [entry for entry in _formats.values() if entry.frame_per_file and suffixes & set(entry.extensions)]
+    found = [entry for entry in _formats.whole().values() if entry.frame_per_file and suffixes & set(entry.extensions)]
     if not found:
         wanted = _extensions(lambda item: item.frame_per_file)
         raise InputError(f"this folder holds no frames ({wanted}); name the file itself", path=folder)
@@ -321,10 +413,12 @@ def _format_of_folder(folder: Path) -> Format:
 def _format_to_write(path: Path, *, is_folder: bool) -> Format:
     entry = _by_extension(path)
     if is_folder or not path.suffix or (entry is None and path.is_dir()):
-        return next(entry for entry in _formats.values() if entry.frame_per_file and entry.writes)
+        return next(entry for entry in _formats.whole().values() if entry.frame_per_file and entry.writes)
     if entry is None:
         known = _extensions(lambda item: item.writes)
-        raise InputError(f"no format is written as {path.suffix!r}; use {known}, or name/ for a folder", path=path)
+        raise InputError(
+            f"no format is written as {path.suffix!r}; use {known}, or name/ for a folder{_failures()}", path=path
+        )
     return entry
 
 

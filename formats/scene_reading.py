@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import GROUP, MATERIAL, UV, face_groups
 from pdecodec.formats.normals import read_normal_group
-from pdecodec.formats.scene_space import apply_matrices, transform_attribute
+from pdecodec.formats.scene_space import apply_matrices, mirrors, transform_attribute, turned_around
 from pdecodec.sequence import (
     Attribute,
     AttributeDomain,
@@ -28,6 +29,13 @@ from pdecodec.sequence import (
     Unsupported,
     check_frame_range,
 )
+
+MOST_NAMES = 8
+"""Objects that a notice names; it counts the others."""
+
+
+MOST_INSTANCED = 2**25
+"""Vertices that instances may become: 400 MB a frame."""
 
 
 class Refusals:
@@ -44,6 +52,8 @@ class Refusals:
         self.found: list[Unsupported] = []
         self.others: Counter[str] = Counter()
         """What there is that is no geometry, by kind."""
+        self.tessellated: Counter[str] = Counter()
+        """Shapes without vertices that became polygons, by kind."""
 
     def refuse(self, name: str, feature: str, frame: int | None = None) -> None:
         """Note an object that cannot be read; raises InputError unless such objects are left out."""
@@ -64,15 +74,27 @@ class Refusals:
             first = self.found[0]
             raise InputError(f"nothing is left of it: object {first.name!r} has {first.feature}", frame=first.frame)
         if not shapes:
-            raise InputError(f"holds no mesh, curve or point animation: there is {there or 'nothing at all'}")
+            verb = "are" if next(iter(self.others.values()), 0) > 1 else "is"
+            raise InputError(f"holds no mesh, curve or point animation: there {verb} {there or 'nothing at all'}")
         notices = []
         for item in self.found:
             at = "" if item.frame is None else f" at frame {item.frame}"
             notices.append(f"object {item.name!r} is left out: it has {item.feature}{at}")
         names = dict.fromkeys(name for shape in shapes for name in shape.left_out)
         notices += [f"not read: {there}"] if there else []
+        if self.tessellated:
+            kinds = ", ".join(f"{count} {kind}" for kind, count in self.tessellated.items())
+            notices.append(f"shapes without vertices became polygons: {kinds}")
         notices += [f"not kept: {', '.join(names)}"] if names else []
-        return tuple(notices)
+        return (*notices, *hidden_notices(shapes))
+
+
+def hidden_notices(shapes: Sequence[Shape]) -> tuple[str, ...]:
+    """A line that names shapes that the file hides: there is no place for it here."""
+    names = [repr(shape.name) for shape in shapes if shape.hidden]
+    more = [f"{len(names) - MOST_NAMES} more"] if len(names) > MOST_NAMES else []
+    listed = ", ".join([*names[:MOST_NAMES], *more])
+    return (f"hidden in the file, always or at times, and there all the time here: {listed}",) if names else ()
 
 
 @dataclass(kw_only=True, eq=False)
@@ -89,6 +111,8 @@ class Shape:
         Which of the file's points its vertices are, where that is not all of them in order.
     left_out : list of str
         Names of what is not kept.
+    hidden : bool
+        Whether the file hides it, always or at times.
     """
 
     name: str
@@ -96,6 +120,7 @@ class Shape:
     attributes: Sequence[Attribute]
     gather: NDArray[np.int64] | None = None
     left_out: Sequence[str] = ()
+    hidden: bool = False
 
     def fitted(self, points: Float32Array, path: Path, frame: int) -> Float32Array:
         """(vertices, 3) float32 of the points that the file has at a frame."""
@@ -131,11 +156,18 @@ class SceneSequence(MeshSequence):
         self.objects = tuple(self._object(shape) for shape in shapes)
 
     def _object(self, shape: Shape) -> MeshObject:
-        attributes = tuple(shape.attributes)
-        matrices = self._matrices(shape, 0, self.frame_count) if self._keep else None
-        if matrices is not None and not np.array_equal(matrices, np.broadcast_to(np.eye(4), matrices.shape)):
-            attributes = (*attributes, transform_attribute(self.times, matrices))
-        return MeshObject(shape.name, shape.connectivity, attributes)
+        item = MeshObject(shape.name, shape.connectivity, tuple(shape.attributes))
+        if self._keep:
+            matrices = self._matrices(shape, 0, self.frame_count)
+            if matrices is not None and not np.array_equal(matrices, np.broadcast_to(np.eye(4), matrices.shape)):
+                transform = transform_attribute(self.times, matrices)
+                item = dataclasses.replace(item, attributes=(*item.attributes, transform))
+        elif shape.connectivity.face_count:
+            # The last frame is looked at where all is flat in the first.
+            ends = (self._matrices(shape, frame, frame + 1) for frame in (0, self.frame_count - 1))
+            if mirrors(one[0] for one in ends if one is not None):
+                item = turned_around(item)
+        return item
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)

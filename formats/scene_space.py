@@ -6,19 +6,30 @@ The metadata ``up_axis`` is ``X``, ``Y`` or ``Z``; ``unit`` is ``mm``, ``cm``, `
 An object whose transform was kept has positions in its own space, and the attribute ``transform`` of domain
 ``object``: rows of 17 float64, a time [s] and the 16 numbers of a matrix row by row. A point is a row:
 ``world = [x y z 1] M``, so the translation stands in the last row. Between its times a matrix is the straight line
-of its numbers, as Alembic and USD have it; before the first and after the last it stands still.
+of its numbers, as Alembic and USD have it; before the first and after the last it stands still. A matrix that mirrors
+turns faces inside out; where it is applied, they are turned around too.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError, SettingsError
-from pdecodec.sequence import Attribute, Float32Array, Float64Array, MeshObject, MeshSequence, check_frame_range
+from pdecodec.formats.attribute_roles import reversed_corners
+from pdecodec.sequence import (
+    Attribute,
+    Connectivity,
+    Float32Array,
+    Float64Array,
+    MeshObject,
+    MeshSequence,
+    check_frame_range,
+)
 
 UP_AXIS, UNIT = "up_axis", "unit"
 
@@ -39,7 +50,7 @@ _TO_Y: Mapping[str, NDArray[np.int64]] = {
 """Quarter turns that bring an axis up to Y, for points that are rows: ``point @ turn``."""
 
 
-class _DerivedSequence(MeshSequence):
+class DerivedSequence(MeshSequence):
     """Another sequence, changed."""
 
     def __init__(self, source: MeshSequence) -> None:
@@ -60,7 +71,11 @@ def up_axis_of(sequence: MeshSequence) -> str | None:
 
 def metres_per_unit(sequence: MeshSequence) -> float | None:
     """Length of a unit [m], or None where nobody said."""
-    text = sequence.metadata.get(UNIT, "").strip()
+    return _metres(sequence.metadata.get(UNIT, ""))
+
+
+def _metres(text: str) -> float | None:
+    text = text.strip()
     if text in UNITS:
         return UNITS[text]
     number, _, metre = text.partition(" ")
@@ -79,7 +94,9 @@ def unit_text(metres: float) -> str:
     return f"{metres!r} m"
 
 
-def place(sequence: MeshSequence, *, up_axis: str | None = None, scale: float = 1.0) -> MeshSequence:
+def place(
+    sequence: MeshSequence, *, up_axis: str | None = None, scale: float = 1.0, unit: str | None = None
+) -> MeshSequence:
     """A sequence turned and scaled.
 
     Parameters
@@ -90,29 +107,35 @@ def place(sequence: MeshSequence, *, up_axis: str | None = None, scale: float = 
         be this one, and a notice says so.
     scale : float
         Positions are multiplied by it; the unit, where it is known, is divided by it.
+    unit : str, optional
+        The length of a unit of `sequence`, ``cm`` or ``2.5 m``, where it does not say it, or says it wrongly.
 
     Raises
     ------
     SettingsError
-        If the scale is not a positive number, or there is no such axis.
+        If the scale is not a positive number, or there is no such axis or unit.
     """
     if not 0 < scale < math.inf:
         raise SettingsError(f"the scale must be a positive number, not {scale}")
     if up_axis is not None and up_axis.upper() not in _TO_Y:
         raise SettingsError(f"the up axis is X, Y or Z, not {up_axis!r}")
-    if up_axis is None and scale == 1.0:
+    if unit is not None and _metres(unit) is None:
+        raise SettingsError(f"a unit is {', '.join(UNITS)} or a number of metres, as '2.5 m', not {unit!r}")
+    if up_axis is None and scale == 1.0 and unit is None:
         return sequence
-    return PlacedSequence(sequence, None if up_axis is None else up_axis.upper(), scale)
+    return PlacedSequence(sequence, None if up_axis is None else up_axis.upper(), scale, unit)
 
 
-class PlacedSequence(_DerivedSequence):
+class PlacedSequence(DerivedSequence):
     """Another sequence, turned by quarters and scaled; made by :func:`place`."""
 
-    def __init__(self, source: MeshSequence, up_axis: str | None, scale: float) -> None:
+    def __init__(self, source: MeshSequence, up_axis: str | None, scale: float, unit: str | None) -> None:
         super().__init__(source)
-        known, metres = up_axis_of(source), metres_per_unit(source)
+        known, metres = up_axis_of(source), metres_per_unit(source) if unit is None else _metres(unit)
         turn = np.eye(3, dtype=np.int64)
         metadata = dict(source.metadata)
+        if unit is not None:
+            metadata[UNIT] = unit
         if up_axis is not None:
             metadata[UP_AXIS] = up_axis
             if known is not None:
@@ -206,9 +229,33 @@ def apply_matrices(points: Float32Array, matrices: Float64Array) -> Float32Array
     """
     if np.array_equal(matrices, np.broadcast_to(np.eye(4), matrices.shape)):
         return points
-    moved = points.astype(np.float64) @ matrices[:, :3, :3] + matrices[:, None, 3, :3]
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved = points.astype(np.float64) @ matrices[:, :3, :3] + matrices[:, None, 3, :3]
         return moved.astype(np.float32)
+
+
+def mirrors(matrices: Iterable[Float64Array]) -> bool:
+    """Whether the first of some matrices (4, 4) that does not flatten mirrors."""
+    signs = (float(np.linalg.slogdet(matrix[:3, :3])[0]) for matrix in matrices)
+    with np.errstate(invalid="ignore"):
+        return next((sign for sign in signs if sign), 1.0) < 0
+
+
+def turned_around(item: MeshObject) -> MeshObject:
+    """An object with its faces the other way round, and what belongs to their corners with them."""
+    old = item.connectivity
+    order = reversed_corners(old.face_counts)
+    connectivity = Connectivity(
+        old.vertex_count, old.face_counts, old.face_indices[order], old.line_counts, old.line_indices
+    )
+    attributes = (_reordered(one, order) if one.domain == "corner" else one for one in item.attributes)
+    return MeshObject(item.name, connectivity, tuple(attributes))
+
+
+def _reordered(attribute: Attribute, order: NDArray[np.int64]) -> Attribute:
+    if attribute.indices is None:
+        return dataclasses.replace(attribute, values=attribute.values[order])
+    return dataclasses.replace(attribute, indices=attribute.indices[order])
 
 
 def bake_transforms(sequence: MeshSequence) -> MeshSequence:
@@ -216,16 +263,22 @@ def bake_transforms(sequence: MeshSequence) -> MeshSequence:
     return BakedTransforms(sequence) if any(transform_of(item) for item in sequence.objects) else sequence
 
 
-class BakedTransforms(_DerivedSequence):
+class BakedTransforms(DerivedSequence):
     """Another sequence in the space of the scene: kept transforms are applied, and no longer attributes."""
 
     def __init__(self, source: MeshSequence) -> None:
         super().__init__(source)
         self._transforms = [transform_of(item) for item in source.objects]
         self.objects = tuple(
-            MeshObject(item.name, item.connectivity, tuple(one for one in item.attributes if one is not transform))
-            for item, transform in zip(source.objects, self._transforms, strict=True)
+            self._baked(item, transform) for item, transform in zip(source.objects, self._transforms, strict=True)
         )
+
+    def _baked(self, item: MeshObject, transform: Attribute | None) -> MeshObject:
+        if transform is None:
+            return item
+        attributes = tuple(one for one in item.attributes if one is not transform)
+        baked = MeshObject(item.name, item.connectivity, attributes)
+        return turned_around(baked) if mirrors(matrices_at(transform, self.times[[0, -1]])) else baked
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -249,7 +302,7 @@ def velocities_of(sequence: MeshSequence) -> MeshSequence:
     return DifferencedVelocities(sequence)
 
 
-class DifferencedVelocities(_DerivedSequence):
+class DifferencedVelocities(DerivedSequence):
     """Velocities of another sequence at its frames, exact where vertices move by quadratics of time.
 
     Inside, the slope at a frame of the parabola through it and its neighbours; at the ends, of the line to the next

@@ -142,10 +142,18 @@ class ShapeWriter(ABC):
 
 
 def write_shapes(
-    sequence: MeshSequence, output: Output, title: str, shapes: Sequence[ShapeWriter]
+    sequence: MeshSequence,
+    output: Output,
+    title: str,
+    shapes: Sequence[ShapeWriter],
+    before: Callable[[int], None] = lambda frames: None,
 ) -> Iterator[Float64Array]:
-    """Write samples of all shapes block by block; the times [s] of each block, when it is written."""
+    """Write samples of all shapes block by block; the times [s] of each block, when it is written.
+
+    `before` is called with the number of frames of a block that is about to be written.
+    """
     for start, block in output.blocks(sequence, title):
+        before(len(block))
         times = sequence.times[start : start + len(block)]
         moving = None if output.velocities is None else output.velocities.read_frames(start, start + len(block))
         first = 0

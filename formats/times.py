@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, SettingsError
+from pdecodec.resample import MOST_TIMES, times_at_rate
 from pdecodec.sequence import DEFAULT_FPS, Float64Array, check_times
 
 SAME_TIME = 1e-6
@@ -19,6 +20,9 @@ RATE_SLACK = 1e-6
 
 FLOAT32_ROUNDING = 2.0**-23
 """Relative error of a time after float32, with a bit to spare."""
+
+FRAME_SLACK = 1e-3
+"""Share of a frame by which times in files are rounded: that near, a key stands on a frame."""
 
 Timing = tuple[Float64Array, float, tuple[str, ...]]
 """Times [s], nominal frame rate [1/s], and notices about them."""
@@ -63,12 +67,99 @@ def regular_rate(times: Float64Array, fps: float) -> float | None:
     return None
 
 
+def times_kept(times: Float64Array, *, as_float32: bool, title: str) -> tuple[str, ...]:
+    """A line that says how far the times [s] of a sequence are off in a format that rounds them.
+
+    Parameters
+    ----------
+    times : (frames,) float64 [s]
+    as_float32 : bool
+        Whether the format keeps float32; else programs take times within :data:`SAME_TIME` for one.
+    title : str
+        Of the format.
+
+    Raises
+    ------
+    InputError
+        If frames would fall together.
+    """
+    # A time beyond float32 is infinite, as is the next one.
+    with np.errstate(over="ignore"):
+        kept = times.astype(np.float32).astype(np.float64) if as_float32 else times
+    together = np.flatnonzero(~(np.diff(kept) > (0 if as_float32 else SAME_TIME)))
+    if together.size:
+        frame = int(together[0]) + 1
+        raise InputError(
+            f"its time {float(times[frame])!r} s and the one before are one in {title}; "
+            "write .npz or .h5, which keep them apart",
+            frame=frame,
+        )
+    steps = np.diff(times)
+    off = float(np.abs(kept - times).max())
+    if steps.size == 0 or off <= FRAME_SLACK * float(steps.min()):
+        return ()
+    return (f"{title} keeps times as float32: they are up to {off:.1g} s off",)
+
+
 def rate_or_default(stored: float | None, asked: float | None) -> tuple[float, tuple[str, ...]]:
     """Frame rate that the caller asked for, else that of the file, else 24, and notices about it."""
     if asked is not None:
         differs = stored is not None and abs(stored - asked) > RATE_SLACK * stored
         return asked, (_KEPT.format(asked),) if differs else ()
     return (DEFAULT_FPS, (_ASSUMED,)) if stored is None else (stored, ())
+
+
+def frames_at_rate(first: float, last: float, rate: float, slack: float = SAME_TIME) -> Float64Array:
+    """Times [s] from the first key of an animation to its last at a rate [1/s], and the last where it falls between.
+
+    The slack [s] is by how much the last key may be rounded.
+
+    Raises
+    ------
+    InputError
+        If they are too many: nobody asked for so many frames, the file's own times do.
+    """
+    try:
+        times = times_at_rate(first, last + slack, rate)
+    except SettingsError as error:
+        raise InputError(error.message) from error
+    return times if last - times[-1] <= slack else np.append(times, last)
+
+
+def resampled(stored: Float64Array, rate: float) -> tuple[Float64Array, tuple[str, ...]]:
+    """Frames at a rate [1/s] that was asked for, from the first stored time [s] to the last, and a notice.
+
+    Frames that fall on stored times are these, exactly; the notice counts stored times that no frame falls on.
+    """
+    slack = FRAME_SLACK / rate
+    times = frames_at_rate(float(stored[0]), float(stored[-1]), rate, slack)
+    nearest = np.rint((stored - stored[0]) * rate).astype(np.int64)
+    nearest[-1] = times.size - 1
+    found = np.abs(times[np.minimum(nearest, times.size - 1)] - stored) <= slack
+    times[nearest[found]] = stored[found]
+    missed = int(stored.size - found.sum())
+    between = f"sampled at {rate:g} frames per second: {missed} of {stored.size} times in the file fall between frames"
+    return times, (between,) if missed else ()
+
+
+def without_gaps(keys: Float64Array, rate: float) -> Float64Array:
+    """Times [s] of keys, and as many evenly between two as leave no gap longer than a frame at a rate [1/s].
+
+    Raises
+    ------
+    InputError
+        If they are too many.
+    """
+    steps = np.maximum(1, np.ceil(np.diff(keys) * rate - FRAME_SLACK))
+    if steps.sum() >= MOST_TIMES:
+        raise InputError(
+            f"its keys from {keys[0]:g} to {keys[-1]:g} s are {steps.sum():.3g} frames at {rate:g} a second, more than "
+            f"{MOST_TIMES:,}; take a lower rate (--fps)"
+        )
+    counts = steps.astype(np.int64)
+    starts = np.repeat(np.arange(counts.size), counts)
+    share = (np.arange(starts.size) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[starts]
+    return np.append(keys[starts] + share * np.diff(keys)[starts], keys[-1])
 
 
 def timing_of_stored(times: Float64Array, fps: float | None) -> Timing:

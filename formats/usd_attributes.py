@@ -29,8 +29,8 @@ OWN = "pdecodec"
 NAME, ADDED = f"{OWN}:name", f"{OWN}:added"
 """Custom data of a prim: the name it stands for where USD could not hold it; whether the tree did not have it."""
 
-METADATA, ASSUMED = f"{OWN}Metadata", f"{OWN}Assumed"
-"""Custom data of a layer: metadata that USD has no place for; what of the stage nobody said, but USD asks for."""
+METADATA = f"{OWN}Metadata"
+"""Custom data of a layer: metadata that USD has no place for."""
 
 _DOMAINS: dict[str, AttributeDomain] = {
     "constant": "object",
@@ -47,6 +47,9 @@ _UV_NAMES = ("st", "uv", "UVMap", "map1")
 
 NORMALS = "normals"
 """Name of the primvar that goes before the attribute of that name."""
+
+SAMPLED = f"{OWN}Sampled"
+"""Custom data of a layer: whether every frame is a sample, so that nothing lies between samples."""
 
 _OTHERS_OWN = ("skel:",)
 """Beginnings of primvars that belong to something else: what they do is in the points."""
@@ -98,19 +101,23 @@ def int_array(values: NDArray[np.integer]) -> Any:
     return Vt.IntArray.FromNumpy(np.ascontiguousarray(values, np.int32))
 
 
-def read_extras(prim: Any, connectivity: Connectivity, order: NDArray[np.int64]) -> Extras:
-    """Everything constant that the prim carries; `order` as of :class:`Extras`."""
+def read_extras(prim: Any, connectivity: Connectivity, order: NDArray[np.int64], *, moves: bool = False) -> Extras:
+    """Everything constant that the prim carries; `order` as of :class:`Extras`, `moves` whether its points do."""
     extras = Extras(connectivity, order)
-    for primvar in UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithAuthoredValues():
+    for primvar in UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance():
+        if not primvar.HasAuthoredValue():
+            continue
         name = str(primvar.GetPrimvarName())
         if not name.startswith(_OTHERS_OWN) and not (name == NORMALS and connectivity.face_count):
-            _read_primvar(primvar, name, extras)
+            _read_primvar(primvar, name, extras, moves)
     for attribute in prim.GetAuthoredAttributes():
         if attribute.GetNamespace() == OWN:
             extras.own[attribute.GetBaseName()] = np.array(attribute.Get(), np.int32)
     if connectivity.face_count:
         _read_normals(UsdGeom.Mesh(prim), extras)
         _read_subsets(prim, extras)
+    elif _material_name(prim):
+        extras.left_out.append("material")
     return extras
 
 
@@ -132,11 +139,15 @@ def _read_normals(mesh: Any, extras: Extras) -> None:
         extras.add_normals(_DOMAINS.get(str(interpolation), "object"), np.array(found, np.float32), indices)
 
 
-def _read_primvar(primvar: Any, name: str, extras: Extras) -> None:
+def _read_primvar(primvar: Any, name: str, extras: Extras, moves: bool) -> None:
+    type_name = primvar.GetTypeName()
     if primvar.ValueMightBeTimeVarying():
         extras.left_out.append(f"{name} (it changes with time)")
         return
-    stored, type_name = primvar.Get(), primvar.GetTypeName()
+    if moves and type_name.role == Sdf.ValueRoleNames.Normal:
+        extras.left_out.append(f"{name} (normals that would stand still)")
+        return
+    stored = primvar.Get()
     labels: tuple[str, ...] = ()
     if type_name.scalarType in (Sdf.ValueTypeNames.String, Sdf.ValueTypeNames.Token):
         texts = [stored] if isinstance(stored, str) else list(stored or ())
@@ -173,8 +184,14 @@ def _read_subsets(prim: Any, extras: Extras) -> None:
         else:
             found.append((GROUP, name, members))
     bound = _material_name(prim)
-    if bound and not any(role == MATERIAL for role, _, _ in found):
-        found.append((MATERIAL, bound, np.arange(faces)))
+    if bound:
+        own = [members for role, _, members in found if role == MATERIAL]
+        rest = np.setdiff1d(np.arange(faces), np.concatenate(own) if own else [])
+        same = next((index for index, (role, label, _) in enumerate(found) if (role, label) == (MATERIAL, bound)), None)
+        if same is not None:
+            found[same] = (MATERIAL, bound, np.union1d(found[same][2], rest))
+        elif rest.size:
+            found.append((MATERIAL, bound, rest))
     extras.add_face_sets(found)
 
 

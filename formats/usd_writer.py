@@ -5,7 +5,6 @@ A file is saved after every block of frames, so that memory does not grow with t
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,28 +14,29 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import CURVE_BASIS, CURVE_WRAP, SUBDIVISION, label_of
 from pdecodec.formats.registry import Output
+from pdecodec.formats.rigid_motion import rigid_parts
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, matrices_at, metres_per_unit, transform_of, up_axis_of
 from pdecodec.formats.scene_writing import ShapeWriter, drawn_as, steps_of, tree_paths, write_shapes
 from pdecodec.formats.usd_attributes import (
     ADDED,
-    ASSUMED,
     METADATA,
     NAME,
     NORMALS,
     OWN,
+    SAMPLED,
     int_array,
     valid_name,
     write_extras,
 )
 from pdecodec.formats.usd_reader import SUBDIVISION_SCHEMES
 from pdecodec.sequence import Float32Array, Float64Array, MeshObject, MeshSequence
-from pdecodec.whole_output import check_writable, partial_folder, write_errors
+from pdecodec.whole_output import check_writable, failure_of, move_into, partial_folder, write_errors
 
 ROOT = "scene"
 """Name of the prim above all others where the tree has several roots: a stage has one default prim."""
 
-USD_UP, USD_METRES = "Y", 0.01
-"""What a stage is taken to be where it does not say."""
+USD_METRES = 0.01
+"""Length of a unit of a stage that does not say it [m], by USD's rule."""
 
 _SCHEMAS = {"mesh": UsdGeom.Mesh, "curves": UsdGeom.BasisCurves, "points": UsdGeom.Points}
 
@@ -46,6 +46,8 @@ _BASES = {"bezier": "bezier", "bspline": "bspline", "catmullrom": "catmullRom"}
 def write_usd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     """Write a stage: text where the name ends in ``.usda``, else binary; in a package for ``.usdz``."""
     path = output.path
+    if output.velocities is None:
+        sequence = rigid_parts(sequence)
     check_writable(path, overwrite=output.overwrite)
     with partial_folder(path) as folder, write_errors(path):
         packed = path.suffix.lower() == ".usdz"
@@ -59,8 +61,9 @@ def write_usd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
                 file = package
         except Tf.ErrorException as error:
             reason = str(error).strip().splitlines()[-1].strip()
-            raise InputError(f"USD cannot write this ({reason}); check the folder and the free space") from error
-        os.replace(file, path)
+            reason = failure_of(folder, f"USD says {reason}")
+            raise InputError(f"cannot be written ({reason}); check the folder and the free space") from error
+        move_into(file, path, overwrite=output.overwrite)
     return notices
 
 
@@ -87,25 +90,27 @@ class _Stage:
         sequence, stage = self._sequence, self._stage
         codes = _codes(sequence.times, self._output.rate)
         stage.SetTimeCodesPerSecond(self._output.rate)
+        stage.SetMetadataByDictKey("customLayerData", SAMPLED, True)
         stage.SetFramesPerSecond(self._output.rate)
         stage.SetStartTimeCode(float(codes[0]))
         stage.SetEndTimeCode(float(codes[-1]))
         axis, metres = up_axis_of(sequence), metres_per_unit(sequence)
         if axis == "X":
-            self.notices.append("USD has no up axis X: written as Y, nothing is turned (--up-axis turns)")
-        UsdGeom.SetStageUpAxis(stage, axis if axis in ("Y", "Z") else USD_UP)
-        UsdGeom.SetStageMetersPerUnit(stage, USD_METRES if metres is None else metres)
-        assumed = []
-        if axis is None:
-            assumed.append(UP_AXIS)
-            self.notices.append(f"which axis is up is not recorded: written as {USD_UP}, USD's own (--up-axis says it)")
-        if metres is None:
-            assumed.append(UNIT)
-            self.notices.append(f"the length of a unit is not recorded: written as {USD_METRES} m, USD's own")
+            self.notices.append("USD has no up axis X: none is written, programs take it as Y (--up-axis turns)")
+        # What nobody stated is not authored: a reader would take it for a fact.
+        if axis in ("Y", "Z"):
+            UsdGeom.SetStageUpAxis(stage, axis)
+        elif axis is None:
+            self.notices.append("which axis is up is not recorded: programs take it as Y (--up-axis says it)")
+        if metres is not None:
+            UsdGeom.SetStageMetersPerUnit(stage, metres)
+        else:
+            self.notices.append(
+                f"the length of a unit is not recorded: programs take it as {USD_METRES} m, a metre as its hundredth "
+                "(--unit m says it)"
+            )
         layer = stage.GetRootLayer()
         data = dict(layer.customLayerData)
-        if assumed:
-            data[ASSUMED] = " ".join(assumed)
         known = {UP_AXIS} if axis in ("Y", "Z") else set()
         known |= {UNIT} if metres is not None else set()
         rest = {key: text for key, text in sequence.metadata.items() if key not in known}
@@ -180,6 +185,9 @@ class _PrimWriter(ShapeWriter):
         self.notices += write_extras(prim, item, self.drawn, self.in_samples)
 
     def write(self, points: Float32Array, speeds: Float32Array | None, times: Float64Array) -> None:
+        if not points.shape[1]:
+            self._points.Set(Vt.Vec3fArray())
+            return
         # Coordinate by coordinate: minima along rows of three are ten times as slow.
         axes = np.ascontiguousarray(points.transpose(0, 2, 1))
         extents = np.stack([axes.min(axis=2), axes.max(axis=2)], axis=1)

@@ -1,9 +1,10 @@
 """VTK's files: VTU and the PVD lists of them in and out, VTP and legacy VTK in.
 
-Unstructured grids (``.vtu``) and legacy files (``.vtk``) are read by meshio, guarded: its ``read`` may print, end the
-process, or raise whatever its parsers meet; here each is one line that names the file. Points and cells keep the order
-that meshio gives them, block after block. Polygonal data (``.vtp``), which meshio does not read, may stand as text, as
-base64, or appended (base64 or raw), and be compressed by zlib.
+Unstructured grids (``.vtu``) and legacy files (``.vtk``) are read by meshio, or what it refuses by VTK (extra ``vtk``);
+meshio is guarded: its ``read`` may print, end the process, or raise whatever its parsers meet; here each is one line
+that names the file. Points and cells keep the order that meshio gives them, block after block. Polygonal data
+(``.vtp``), which meshio does not read, may stand as text, as base64, or appended (base64 or raw), and be compressed by
+zlib.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import io
 import math
 import struct
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -24,11 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.attribute_roles import COLOR, joined_colors, lost_by_joining
-from pdecodec.formats.frame_files import FOLDER_PADDING, FrameSequence, MeshFile, join_cells, open_frames, write_frames
+from pdecodec.formats.attribute_roles import joined_colors, lost_by_joining
+from pdecodec.formats.cells import Cells, left_out_notice, node_attribute
+from pdecodec.formats.frame_files import FOLDER_PADDING, FrameSequence, MeshFile, open_frames, write_frames
+from pdecodec.formats.normals import VertexNormals
 from pdecodec.formats.registry import Output
 from pdecodec.formats.times import timing_of_stored
-from pdecodec.sequence import Attribute, Connectivity, Float32Array, MeshSequence
+from pdecodec.formats.vtk_library import else_vtk
+from pdecodec.sequence import Connectivity, Float32Array, MeshSequence
 from pdecodec.whole_output import check_writable
 
 VERTEX, POLY_LINE, TRIANGLE, POLYGON, QUAD = 1, 4, 5, 7, 9
@@ -46,10 +51,8 @@ _RAW_BEGIN, _RAW_END = b"<AppendedData", b"</AppendedData>"
 _DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, SyntaxError, TypeError, ValueError, zlib.error)
 """What ElementTree, base64, zlib and NumPy raise on damaged or missing parts."""
 
-FACES = frozenset({"triangle", "quad", "polygon"})
-"""Cells that are faces; ``polygon5`` and its like too."""
-
-LINES = frozenset({"line", "vertex"})
+KINDS = frozenset({"line", "triangle", "quad", "polygon", "tetra", "pyramid", "wedge", "hexahedron"})
+"""meshio's names of kinds of cells, without numbers of nodes."""
 
 _MESHIO_RAISES = (SystemExit, AssertionError, EOFError, MemoryError, NameError, RuntimeError, struct.error)
 """What meshio's parsers raise beside that."""
@@ -57,12 +60,12 @@ _MESHIO_RAISES = (SystemExit, AssertionError, EOFError, MemoryError, NameError, 
 
 def open_vtu(path: Path, *, fps: float | None) -> MeshSequence:
     """Open VTK's XML unstructured grids, one a frame; InputError where the first one cannot be used."""
-    return open_frames(path, ".vtu", read_with_meshio, fps)
+    return open_frames(path, ".vtu", else_vtk(_read_vtu), fps)
 
 
 def open_vtk(path: Path, *, fps: float | None) -> MeshSequence:
     """Open legacy VTK files, one a frame; errors as of :func:`open_vtu`."""
-    return open_frames(path, ".vtk", read_with_meshio, fps)
+    return open_frames(path, ".vtk", else_vtk(read_with_meshio), fps)
 
 
 def read_with_meshio(path: Path) -> MeshFile:
@@ -88,52 +91,59 @@ def read_with_meshio(path: Path) -> MeshFile:
 def _mesh_file(mesh: Any, path: Path) -> MeshFile:
     points = np.zeros((len(mesh.points), 3), np.float32)
     points[:, : mesh.points.shape[1]] = mesh.points
-    faces: list[np.ndarray[Any, Any]] = []
-    lines: list[np.ndarray[Any, Any]] = []
+    cells = Cells(vtk=True)
     for block in mesh.cells:
         kind = block.type.rstrip("0123456789")
-        if kind not in FACES | LINES or block.type in ("triangle6", "quad8", "quad9", "line3"):
-            raise InputError(f"holds cells of type {block.type}; extract the surface as polygons first", path=path)
-        rows = [np.asarray(row) for row in block.data] if kind == "polygon" else [np.asarray(block.data)]
-        (faces if kind in FACES else lines).extend(rows)
-    connectivity = join_cells(len(points), faces, lines)
-    attributes, left_out = _attributes(mesh)
-    names = [*left_out, *mesh.cell_data]
-    notices = (f"not kept: {', '.join(names)}",) if names else ()
-    return MeshFile(points, connectivity, attributes, notices)
-
-
-def _attributes(mesh: Any) -> tuple[tuple[Attribute, ...], list[str]]:
-    """Colours by vertex, as PLY has them; other data belongs to a frame, not to the sequence."""
-    data = dict(mesh.point_data)
-    if not {"red", "green", "blue"} <= set(data):
-        return (), list(data)
-    channels = ["red", "green", "blue", *(["alpha"] if "alpha" in data else [])]
-    values = np.stack([np.asarray(data.pop(channel)) for channel in channels], axis=1)
-    # meshio takes PLY's uchar for a signed byte.
-    kept = values.view(np.uint8) if values.dtype.itemsize == 1 else values.astype(np.float32)
-    return (Attribute(COLOR, "vertex", np.ascontiguousarray(kept)),), list(data)
+        if kind == "polygon":
+            for row in block.data:
+                cells.add(kind, np.atleast_2d(row))
+        elif kind in KINDS or kind == "vertex":
+            cells.add("line" if kind == "vertex" else kind, np.asarray(block.data))
+        else:
+            raise InputError(f"holds cells of type {block.type}, which are not read", path=path)
+    connectivity, gather = cells.connectivity(points)
+    names = [*mesh.point_data, *mesh.cell_data]
+    notices = (*((f"not kept: {', '.join(names)}",) if names else ()), *left_out_notice(gather, len(points)))
+    if gather is None:
+        return MeshFile(points, connectivity, (), notices)
+    return MeshFile(points[gather], connectivity, (node_attribute(gather),), notices)
 
 
 def open_pvd(path: Path, *, fps: float | None) -> MeshSequence:
-    """Open a list of VTU files; `fps` is the nominal rate.
+    """Open a list of VTU and VTP files; `fps` is the nominal rate. Parts of one time are joined, in their order.
 
     Raises
     ------
     InputError
-        If it is damaged, its times do not increase, a step has several parts, or the first file cannot be used.
+        If it is damaged, or the first file cannot be used.
     """
     try:
         entries = ElementTree.parse(path).getroot().findall("./Collection/DataSet")
-        steps = sorted((float(entry.get("timestep", "nan")), entry.get("file", "")) for entry in entries)
+        listed = [(float(entry.get("timestep", "nan")), entry.get("file", "")) for entry in entries]
     except (ElementTree.ParseError, ValueError) as error:
         raise InputError(f"is no PVD file, or a damaged one ({error}); write it again", path=path) from error
-    if not steps or any(not math.isfinite(time) or not file for time, file in steps):
+    if not listed or any(not math.isfinite(time) or not file for time, file in listed):
         raise InputError("lists no files with times; write it again", path=path)
-    if len({time for time, _ in steps}) < len(steps):
-        raise InputError("lists several files for one time; join the parts first", path=path)
-    timing = timing_of_stored(np.array([time for time, _ in steps]), fps)
-    return FrameSequence([path.parent / file for _, file in steps], timing, read_with_meshio)
+    parts: dict[float, list[Path]] = {}
+    for time, file in listed:
+        parts.setdefault(time, []).append(path.parent / file)
+    times = sorted(parts)
+    return FrameSequence([parts[time] for time in times], timing_of_stored(np.array(times), fps), _read_part)
+
+
+def _read_part(path: Path) -> MeshFile:
+    return else_vtk(_read_vtp if path.suffix.lower() == ".vtp" else _read_vtu)(path)
+
+
+def _read_vtu(path: Path) -> MeshFile:
+    try:
+        return read_with_meshio(path)
+    except InputError as refused:
+        # meshio takes points without cells for damage.
+        try:
+            return _XmlFile(path, "UnstructuredGrid").mesh
+        except (*_DAMAGE, InputError):
+            raise refused from None
 
 
 def write_vtu(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
@@ -149,13 +159,16 @@ def write_pvd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     check_writable(path, overwrite=output.overwrite)
     grid = _Grid(sequence)
     frames = dataclasses.replace(output, path=path.with_name(f"{path.stem}.{FOLDER_PADDING}.vtu"))
-    rows = "".join(
-        f'    <DataSet timestep="{float(time)!r}" file={quoteattr(file.name)}/>\n'
-        for time, file in zip(sequence.times, write_frames(sequence, frames, "VTU", grid.of_frame), strict=True)
-    )
-    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
-    with output.whole_file() as partial:
-        partial.write_text(f"{head}{rows}  </Collection>\n</VTKFile>\n", encoding="utf-8")
+
+    def listed(files: Sequence[Path]) -> bytes:
+        rows = "".join(
+            f'    <DataSet timestep="{float(time)!r}" file={quoteattr(file.name)}/>\n'
+            for time, file in zip(sequence.times, files, strict=True)
+        )
+        head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+        return f"{head}{rows}  </Collection>\n</VTKFile>\n".encode()
+
+    write_frames(sequence, frames, "VTU", grid.of_frame, index=(path, listed))
     return grid.notices
 
 
@@ -175,16 +188,21 @@ class _Grid:
         colors = joined_colors(sequence)
         if colors is not None:
             point_data += _array("color", colors)
+        self._normals = VertexNormals(sequence)
+        kind = ' Normals="Normals"' if self._normals.held else ""
         self._pieces = (
             f'    <Piece NumberOfPoints="{whole.vertex_count}" NumberOfCells="{counts.size}">\n'
-            f"      <PointData>{point_data}</PointData>\n      <Points>",
+            f"      <PointData{kind}>{point_data}",
+            "</PointData>\n      <Points>",
             "</Points>\n      <Cells>"
             + _array("connectivity", np.concatenate([whole.face_indices, whole.line_indices]))
             + _array("offsets", np.cumsum(counts, dtype=np.int32))
             + _array("types", kinds)
             + "</Cells>\n    </Piece>\n  </UnstructuredGrid>\n</VTKFile>\n",
         )
-        self.notices = lost_by_joining(sequence, "VTU", "grid, their numbers are the point data 'object'", colors)
+        self.notices = lost_by_joining(
+            sequence, "VTU", "grid, their numbers are the point data 'object'", colors, self._normals.holds
+        )
 
     def of_frame(self, points: Float32Array, frame: int) -> bytes:
         head = (
@@ -193,7 +211,9 @@ class _Grid:
             + _array("TimeValue", self._times[frame : frame + 1], tuples=True)
             + "</FieldData>\n"
         )
-        return (head + self._pieces[0] + _array("Points", points) + self._pieces[1]).encode("utf-8")
+        normals = _array("Normals", self._normals.at(points)) if self._normals.held else ""
+        before, between, after = self._pieces
+        return (head + before + normals + between + _array("Points", points) + after).encode("utf-8")
 
 
 def _array(name: str, values: NDArray[np.generic], *, tuples: bool = False) -> str:
@@ -209,20 +229,20 @@ def _array(name: str, values: NDArray[np.generic], *, tuples: bool = False) -> s
 
 def open_vtp(path: Path, *, fps: float | None) -> MeshSequence:
     """Open VTP files, one a frame; InputError where frames are missing or the first one cannot be used."""
-    return open_frames(path, ".vtp", _read_vtp, fps)
+    return open_frames(path, ".vtp", else_vtk(_read_vtp), fps)
 
 
 def _read_vtp(path: Path) -> MeshFile:
     try:
-        return _VtpFile(path).mesh
+        return _XmlFile(path, "PolyData").mesh
     except _DAMAGE as error:
         raise InputError(f"is no VTP file, or a damaged one ({error}); export it again", path=path) from error
 
 
-class _VtpFile:
-    """One VTP file, read."""
+class _XmlFile:
+    """One VTP file, or one VTU file that holds points alone, read."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, kind: str) -> None:
         text = path.read_bytes()
         self._appended, self._is_raw = b"", False
         begin = text.find(_RAW_BEGIN)
@@ -232,12 +252,14 @@ class _VtpFile:
             self._appended, self._is_raw = text[start:end], b'encoding="raw"' in text[begin : begin + 200]
             text = text[:begin] + text[end + len(_RAW_END) :]
         root = ElementTree.fromstring(text)
-        if root.get("type") != "PolyData":
+        if root.get("type") != kind:
             raise ValueError(f"its type is {root.get('type')}")
         self._order = ">" if root.get("byte_order") == "BigEndian" else "<"
         self._header = np.dtype(self._order + _TYPES[root.get("header_type", "UInt32")])
         self._compressed = root.get("compressor") is not None
-        pieces = root.findall("./PolyData/Piece")
+        pieces = root.findall(f"./{kind}/Piece")
+        if pieces and int(pieces[0].get("NumberOfCells", "0")):
+            raise ValueError("it has cells")
         if len(pieces) != 1:
             raise InputError(f"holds {len(pieces)} pieces; join them to one first", path=path)
         if int(pieces[0].get("NumberOfStrips", "0")):

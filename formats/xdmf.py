@@ -2,12 +2,12 @@
 
 Read: temporal collections of uniform grids whose geometry, and topology, lie in HDF5 or stand in the XML; geometry of
 each time, or one geometry and a vector ``displacement``. Topologies of triangles, quadrilaterals, polygons of one
-size, lines, points, and mixed ones. Written: one topology, a dataset of positions for every frame.
+size, lines, points, solids (their surface), and mixed ones. Written: one topology, a dataset of positions for every
+frame.
 """
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -19,19 +19,68 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import lost_by_joining
-from pdecodec.formats.frame_files import join_cells
+from pdecodec.formats.cells import Cells, left_out_notice, node_attribute
+from pdecodec.formats.hdf5 import new_hdf5
+from pdecodec.formats.normals import VertexNormals
 from pdecodec.formats.registry import Output
 from pdecodec.formats.times import rate_or_default, timing_of_stored
 from pdecodec.sequence import Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range, check_times
-from pdecodec.whole_output import check_writable, partial_folder, write_errors
+from pdecodec.whole_output import check_writable, partial_folder, publish, write_errors
 
-_SIZES = {"triangle": 3, "quadrilateral": 4}
+_KINDS = {
+    "triangle": ("triangle", 3),
+    "quadrilateral": ("quad", 4),
+    "tetrahedron": ("tetra", 4),
+    "pyramid": ("pyramid", 5),
+    "wedge": ("wedge", 6),
+    "hexahedron": ("hexahedron", 8),
+    "edge_3": ("line", 3),
+    "triangle_6": ("triangle", 6),
+    "tri_6": ("triangle", 6),
+    "quadrilateral_8": ("quad", 8),
+    "quad_8": ("quad", 8),
+    "quadrilateral_9": ("quad", 9),
+    "quad_9": ("quad", 9),
+    "tetrahedron_10": ("tetra", 10),
+    "tet_10": ("tetra", 10),
+    "pyramid_13": ("pyramid", 13),
+    "wedge_15": ("wedge", 15),
+    "wedge_18": ("wedge", 18),
+    "hexahedron_20": ("hexahedron", 20),
+    "hex_20": ("hexahedron", 20),
+    "hexahedron_24": ("hexahedron", 24),
+    "hex_24": ("hexahedron", 24),
+    "hexahedron_27": ("hexahedron", 27),
+    "hex_27": ("hexahedron", 27),
+}
+"""Kind and nodes of each cell of a topology, by its name."""
 
-_MIXED_SIZES = {4: 3, 5: 4}
-"""Corners of cells of a mixed topology whose number says them: triangle, quadrilateral."""
+_MIXED_KINDS = {
+    4: ("triangle", 3),
+    5: ("quad", 4),
+    6: ("tetra", 4),
+    7: ("pyramid", 5),
+    8: ("wedge", 6),
+    9: ("hexahedron", 8),
+    34: ("line", 3),
+    35: ("quad", 9),
+    36: ("triangle", 6),
+    37: ("quad", 8),
+    38: ("tetra", 10),
+    39: ("pyramid", 13),
+    40: ("wedge", 15),
+    41: ("wedge", 18),
+    48: ("hexahedron", 20),
+    49: ("hexahedron", 24),
+    50: ("hexahedron", 27),
+}
+"""Kind and nodes of cells of a mixed topology, by the number before them."""
 
-_MIXED_COUNTED = {1: "point", 2: "line", 3: "polygon"}
-"""Cells of a mixed topology that are followed by their number of points."""
+_MIXED_SOLIDS = frozenset({6, 7, 8, 9, *range(38, 51)})
+"""Those of them that are solids: added together, for there may be many."""
+
+_MIXED_COUNTED = {1: "polyline", 2: "polyline", 3: "polygon"}
+"""Points, lines and polygons of a mixed topology, which their number of nodes follows."""
 
 DISPLACEMENTS = ("displacement", "displacements", "disp", "u")
 """Names of vectors that are added to a geometry that stays."""
@@ -81,14 +130,16 @@ class XdmfSequence(MeshSequence):
         # Time steps may refer to a grid beside their collection (xi:include); there is one, then.
         self._shared, self._shared_geometry = root.find(".//Topology"), root.find(".//Geometry")
         first = self._points(0)
-        connectivity = self._connectivity(self._grids[0], len(first))
-        self._topology = self._source(self._grids[0].find("Topology"))
-        self.objects = (MeshObject("mesh", connectivity),)
+        connectivity, self._gather = self._cells(self._grids[0], first)
+        self._topology, self._nodes = self._source(self._grids[0].find("Topology")), len(first)
+        attributes = () if self._gather is None else (node_attribute(self._gather),)
+        self.objects = (MeshObject("mesh", connectivity, attributes),)
         self.metadata = {}
         names = dict.fromkeys(
             str(one.get("Name")) for one in self._grids[0].findall("Attribute") if one is not self._moving(0)
         )
-        self.notices = (*notices, *([f"not kept: {', '.join(names)}"] if names else []))
+        kept = [f"not kept: {', '.join(names)}"] if names else []
+        self.notices = (*notices, *kept, *left_out_notice(self._gather, len(first)))
 
     def _time(self, grid: ElementTree.Element) -> float | None:
         time = grid.find("Time")
@@ -134,24 +185,29 @@ class XdmfSequence(MeshSequence):
             self._files[name] = h5py.File(self._path.parent / name, "r")
         return np.asarray(self._files[name][place])
 
-    def _connectivity(self, grid: ElementTree.Element, vertices: int) -> Connectivity:
-        topology = grid.find("Topology")
+    def _cells(self, grid: ElementTree.Element, points: Float32Array) -> tuple[Connectivity, NDArray[np.int64] | None]:
+        """Faces and lines of a grid with points (nodes, 3), and which of these are vertices: None where all are."""
+        topology, cells = grid.find("Topology"), Cells()
         if topology is None:
             topology = self._shared
         if topology is None:
-            return Connectivity(vertices)
+            return cells.connectivity(points)
         kind = str(topology.get("TopologyType", topology.get("Type", ""))).lower()
         if kind == "polyvertex" and topology.find("DataItem") is None:
-            return Connectivity(vertices)
+            return cells.connectivity(points)
         indices: NDArray[Any] = self._numbers(topology.find("DataItem")).astype(np.int64).reshape(-1)
-        size = _SIZES.get(kind) or int(topology.get("NodesPerElement", "0"))
+        size = int(topology.get("NodesPerElement", "0"))
         if kind == "mixed":
-            return _mixed(indices, vertices, self._path)
-        if kind in ("triangle", "quadrilateral", "polygon") and size >= 3:
-            return join_cells(vertices, [indices.reshape(-1, size)], [])
-        if kind in ("polyline", "polyvertex"):
-            return join_cells(vertices, [], [indices.reshape(-1, size or 1)])
-        raise InputError(f"topology of type {kind} is not read; extract the surface as polygons", path=self._path)
+            _add_mixed(cells, indices, self._path)
+        elif kind in _KINDS:
+            cells.add(_KINDS[kind][0], indices.reshape(-1, _KINDS[kind][1]))
+        elif kind == "polygon" and size >= 3:
+            cells.add(kind, indices.reshape(-1, size))
+        elif kind in ("polyline", "polyvertex"):
+            cells.add("polyline", indices.reshape(-1, size or 1))
+        else:
+            raise InputError(f"topology of type {kind} is not read; extract the surface as polygons", path=self._path)
+        return cells.connectivity(points)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -160,14 +216,14 @@ class XdmfSequence(MeshSequence):
             try:
                 points = self._points(frame)
                 same = self._source(self._grids[frame].find("Topology")) in ("", self._topology)
-                if len(points) != self.vertex_count or not (
-                    same or self._connectivity(self._grids[frame], len(points)).same_as(self.connectivity)
+                if len(points) != self._nodes or not (
+                    same or self._cells(self._grids[frame], points)[0].same_as(self.connectivity)
                 ):
                     message = "its connectivity is another; every frame must have that of the first"
                     raise InputError(message, path=self._path, frame=frame)
             except _DAMAGE as error:
                 raise InputError(f"this frame cannot be read ({error})", path=self._path, frame=frame) from error
-            found[frame - start] = points
+            found[frame - start] = points if self._gather is None else points[self._gather]
         return found
 
     def close(self) -> None:
@@ -184,24 +240,27 @@ def _grids(root: ElementTree.Element) -> list[ElementTree.Element]:
     return [grid for grid in root.iter("Grid") if grid.get("GridType", "Uniform") == "Uniform"][:1]
 
 
-def _mixed(numbers: NDArray[np.int64], vertices: int, path: Path) -> Connectivity:
-    """Cells of a mixed topology: each a type, for some a number of points, and points."""
-    faces: list[NDArray[np.int64]] = []
-    lines: list[NDArray[np.int64]] = []
+def _add_mixed(cells: Cells, numbers: NDArray[np.int64], path: Path) -> None:
+    """Add the cells of a mixed topology: each a number for its kind, for some their number of nodes, and nodes."""
     at = 0
+    solids: dict[str, list[NDArray[np.int64]]] = {}
     while at < numbers.size:
-        kind = int(numbers[at])
-        if kind in _MIXED_SIZES:
-            size, at = _MIXED_SIZES[kind], at + 1
-        elif kind in _MIXED_COUNTED and at + 1 < numbers.size:
-            size, at = int(numbers[at + 1]), at + 2
+        number = int(numbers[at])
+        if number in _MIXED_KINDS:
+            (kind, size), at = _MIXED_KINDS[number], at + 1
+        elif number in _MIXED_COUNTED and at + 1 < numbers.size:
+            kind, size, at = _MIXED_COUNTED[number], int(numbers[at + 1]), at + 2
         else:
-            raise InputError(f"cells of number {kind} in a mixed topology are not read", path=path)
+            raise InputError(f"cells of number {number} in a mixed topology are not read", path=path)
         if size < 1 or at + size > numbers.size:
             raise InputError("its mixed topology ends inside a cell", path=path)
-        (faces if kind in (3, 4, 5) else lines).append(numbers[at : at + size])
+        if number in _MIXED_SOLIDS:
+            solids.setdefault(f"{kind}{size}", []).append(numbers[at : at + size])
+        else:
+            cells.add(kind, numbers[None, at : at + size])
         at += size
-    return join_cells(vertices, faces, lines)
+    for name, rows in solids.items():
+        cells.add(name.rstrip("0123456789"), np.stack(rows))
 
 
 def write_xdmf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
@@ -211,18 +270,22 @@ def write_xdmf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     for one in (path, data_path):
         check_writable(one, overwrite=output.overwrite)
     with partial_folder(path) as folder, write_errors(path):
-        with h5py.File(folder / data_path.name, "w") as file:
+        with new_hdf5(folder / data_path.name) as (file, check):
             topology = _write_topology(file, sequence.connectivity, data_path.name)
-            rows = []
+            rows, normals = [], VertexNormals(sequence)
             for start, block in output.blocks(sequence, "XDMF"):
                 for frame, points in enumerate(block, start):
                     name = f"points/{frame:06d}"
+                    check()
                     file.create_dataset(name, data=np.ascontiguousarray(points, "<f4"), track_times=False)
-                    rows.append(_grid_text(topology, name, data_path.name, len(points), float(sequence.times[frame])))
+                    shading = f"normals/{frame:06d}" if normals.held else None
+                    if shading is not None:
+                        file.create_dataset(shading, data=normals.at(points).astype("<f4"), track_times=False)
+                    time = float(sequence.times[frame])
+                    rows.append(_grid_text(topology, name, shading, data_path.name, len(points), time))
         (folder / path.name).write_text(_HEAD + "".join(rows) + _TAIL, encoding="utf-8")
-        os.replace(folder / data_path.name, data_path)
-        os.replace(folder / path.name, path)
-    return lost_by_joining(sequence, "XDMF", "grid")
+        publish(folder, [data_path.name, path.name], overwrite=output.overwrite)
+    return lost_by_joining(sequence, "XDMF", "grid", held=normals.holds)
 
 
 _HEAD = (
@@ -239,7 +302,7 @@ def _write_topology(file: Any, whole: Connectivity, data_name: str) -> str:
         return f'        <Topology TopologyType="Polyvertex" NumberOfElements="{whole.vertex_count}"/>\n'
     if not whole.line_count and len(sizes) == 1 and sizes <= {3, 4}:
         kind = "Triangle" if sizes == {3} else "Quadrilateral"
-        numbers, count = whole.face_indices, whole.face_count
+        numbers, count = whole.face_indices.reshape(whole.face_count, -1), whole.face_count
     else:
         kind, count = "Mixed", whole.face_count + whole.line_count
         cells: list[NDArray[np.int32]] = []
@@ -250,20 +313,30 @@ def _write_topology(file: Any, whole: Connectivity, data_name: str) -> str:
             ends = np.cumsum(counts, dtype=np.int64)
             for size, end in zip(counts.tolist(), ends.tolist(), strict=True):
                 number = (1 if size == 1 else 2) if line else {3: 4, 4: 5}.get(size, 3)
-                head = [number] if number in _MIXED_SIZES else [number, size]
+                head = [number] if number in _MIXED_KINDS else [number, size]
                 cells += [np.array(head, np.int32), indices[end - size : end]]
         numbers = np.concatenate(cells)
     file.create_dataset("topology", data=np.ascontiguousarray(numbers, "<i4"), track_times=False)
+    shape = " ".join(map(str, numbers.shape))
     return (
         f'        <Topology TopologyType="{kind}" NumberOfElements="{count}">\n'
-        f'          <DataItem Dimensions="{numbers.size}" NumberType="Int" Precision="4" Format="HDF">'
+        f'          <DataItem Dimensions="{shape}" NumberType="Int" Precision="4" Format="HDF">'
         f"{escape(data_name)}:/topology</DataItem>\n        </Topology>\n"
     )
 
 
-def _grid_text(topology: str, name: str, data_name: str, points: int, time: float) -> str:
+def _grid_text(topology: str, name: str, normals: str | None, data_name: str, points: int, time: float) -> str:
+    def vectors(dataset: str) -> str:
+        return (
+            f'          <DataItem Dimensions="{points} 3" NumberType="Float" Precision="4" Format="HDF">'
+            f"{escape(data_name)}:/{dataset}</DataItem>\n"
+        )
+
+    shading = ""
+    if normals is not None:
+        head = '        <Attribute Name="Normals" AttributeType="Vector" Center="Node">\n'
+        shading = f"{head}{vectors(normals)}        </Attribute>\n"
     return (
         f'      <Grid Name="mesh" GridType="Uniform">\n        <Time Value="{time!r}"/>\n{topology}'
-        f'        <Geometry GeometryType="XYZ">\n          <DataItem Dimensions="{points} 3" NumberType="Float" '
-        f'Precision="4" Format="HDF">{escape(data_name)}:/{name}</DataItem>\n        </Geometry>\n      </Grid>\n'
+        f'        <Geometry GeometryType="XYZ">\n{vectors(name)}        </Geometry>\n{shading}      </Grid>\n'
     )

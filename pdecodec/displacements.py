@@ -90,10 +90,12 @@ class Displacements:
         alike: Displacements | None = None,
         beside: Displacements | None = None,
     ) -> None:
-        self._points, self._shape, self._unit, self._alike, self._beside = points, shape, unit, alike, beside
+        self._points, self._shape, self._unit = points, np.ascontiguousarray(shape), unit
+        self._alike, self._beside = alike, beside
         self._frames, self._vertices = len(points), len(shape)
         self._least = (TAIL * unit) ** 2 * self._vertices * self._frames
         self._coefficients: dict[TimeFunctions, Float64Array] = {}
+        self._settled: dict[TimeFunctions, tuple[Float64Array, Float64Array]] = {}
         self._time_costs: dict[TimeFunctions, TimeFunctionCost] = {}
 
     @cached_property
@@ -121,12 +123,13 @@ class Displacements:
 
     @property
     def largest(self) -> float:
-        """The largest magnitude of a coordinate."""
-        return self._alike.largest if self._alike is not None else self._taken[1]
+        """The largest magnitude of a coordinate, or of displacements from a shape that is all but the same."""
+        other = self._alike or self._beside
+        return other.largest if other is not None else self._taken[1]
 
     @property
     def _precision(self) -> type[np.floating[Any]]:
-        largest = self._taken[1]
+        largest = self.largest
         is_within = 1.0 / LARGEST_SINGLE <= largest <= LARGEST_SINGLE
         return np.float32 if is_within and self._unit >= SINGLE_SQUARES * largest else np.float64
 
@@ -186,6 +189,20 @@ class Displacements:
         order = np.argsort(-energies, kind="stable")
         return energies[order], (weights / lengths)[:, order]
 
+    def settle(self, kind: TimeFunctions) -> None:
+        """Keep functions of one kind, their coefficients and rows of displacements; forget all else."""
+        if kind != "cosines":
+            self._settled = {one: self.functions(one) for one in {kind, principal(kind)}}
+        kept = {kind: self.coefficients(kind)}
+        _ = self._total
+        item: Displacements | None = self
+        while item is not None:
+            item._coefficients = {}
+            for name in ("_squares", "_squares_by_axis", "_trajectories", "_shapes", "_poses"):
+                item.__dict__.pop(name, None)
+            item = item._alike or item._beside
+        self._coefficients = kept
+
     @property
     def has_poses(self) -> bool:
         """Whether few frames span all others."""
@@ -196,6 +213,8 @@ class Displacements:
 
         Functions have as many numbers as frames, those of trajectories three times as many.
         """
+        if kind in self._settled:
+            return self._settled[kind]
         if self._alike is not None:
             return self._alike.functions(kind)
         if kind == "trajectories":
@@ -222,41 +241,17 @@ class Displacements:
             self._coefficients[kind] = self._found(kind)
         return self._coefficients[kind]
 
-    def off(self, kind: TimeFunctions) -> tuple[Displacements, Float64Array, Float64Array] | None:
-        """By what coefficients differ from those of displacements that are alike: what is constant in time.
-
-        Returns
-        -------
-        alike : Displacements
-        shape : (vertices, 3) float64 [scene units]
-            One less the other.
-        sums : (3, functions or 3 functions) float64
-            Of the functions of time; coefficients differ by ``shape @ sums``.
-        """
-        if self._alike is None:
-            return None
-        if kind == "trajectories":
-            sums = self.functions(kind)[1].reshape(self._frames, 3, -1).sum(axis=0)
-        elif kind == "cosines":
-            sums = np.kron(math.sqrt(self._frames) * (np.arange(min(self._frames, MOST_FUNCTIONS)) == 0), np.eye(3))
-        else:
-            functions = self.functions(kind)[1]
-            sums = np.kron((dual_functions(functions) if kind == "poses" else functions).sum(axis=0), np.eye(3))
-        return self._alike, self._alike._shape - self._shape, sums
-
     def _found(self, kind: TimeFunctions) -> Float64Array:
-        off = self.off(kind)
-        if off is not None:
-            alike, shape, sums = off
-            found: Float64Array = alike.coefficients(kind) + shape @ sums
-            return found
-        if kind == "cosines":
-            return self._cosines()
-        functions = self.functions(kind)[1]
-        return self._along(dual_functions(functions) if kind == "poses" else functions, kind)
+        if self._alike is not None:
+            return self._alike.coefficients(kind) + self._shifted(self._alike, self._dual(kind), kind)
+        return self._along(self._dual(kind), kind)
 
-    def _cosines(self) -> Float64Array:
-        return self._along(cosines(self._frames, min(self._frames, MOST_FUNCTIONS)), "cosines")
+    def _dual(self, kind: TimeFunctions) -> Float64Array:
+        """What displacements are multiplied with, to have coefficients of functions of a kind."""
+        if kind == "cosines":
+            return cosines(self._frames, min(self._frames, MOST_FUNCTIONS))
+        functions = self.functions(kind)[1]
+        return dual_functions(functions) if kind == "poses" else functions
 
     def along(self, functions: Float64Array, kind: TimeFunctions) -> Float64Array:
         """Coefficients of unit functions of time by least squares: one each, or one for each axis after another.
@@ -265,8 +260,20 @@ class Displacements:
         """
         return self._along(dual_functions(functions), kind)
 
+    def _shifted(self, other: Displacements, dual: Float64Array, kind: TimeFunctions) -> Float64Array:
+        """By how much sums of displacements times functions differ from those of another shape, which is constant."""
+        if kind == "trajectories":
+            sums = dual.reshape(self._frames, 3, -1).sum(axis=0)
+        else:
+            sums = np.kron(dual.sum(axis=0), np.eye(3))
+        found: Float64Array = (other._shape - self._shape) @ sums
+        return found
+
     def _along(self, dual: Float64Array, kind: TimeFunctions) -> Float64Array:
         """Sums of displacements times functions, rows in blocks that do not depend on the number of threads."""
+        other = self._alike or self._beside
+        if other is not None:
+            return other._along(dual, kind) + self._shifted(other, dual, kind)
         rows = self._moved
         dual = np.ascontiguousarray(dual, rows.dtype)
         axes = 1 if kind == "trajectories" else 3
@@ -301,11 +308,21 @@ class Displacements:
             energies, each = self.functions(kind)[0], self._vertices * (1 if kind == "trajectories" else 3)
         return float(0.5 * each * np.log2(1.0 + energies / (each * step * step)).sum())
 
+    @cached_property
+    def _total(self) -> float:
+        if self._alike is not None:
+            return self._alike._total
+        return float(np.trace(self._squares_by_axis))
+
     def explained(self, functions: int, kind: TimeFunctions) -> float:
         """Share of the motion's energy that the leading principal trajectories or shapes carry."""
-        total = float(np.einsum("vf,vf->", self._moved, self._moved, dtype=np.float64))
-        kind = "trajectories" if kind == "trajectories" else "shapes"
-        return float(self.functions(kind)[0][:functions].sum()) / total if total > 0 else 1.0
+        energies, _ = self.functions(principal(kind))
+        return float(energies[:functions].sum()) / self._total if self._total > 0 else 1.0
+
+
+def principal(kind: TimeFunctions) -> TimeFunctions:
+    """The principal functions whose energies tell what those of a kind carry."""
+    return "trajectories" if kind == "trajectories" else "shapes"
 
 
 def spanning(products: Float64Array, least: float, most: int) -> NDArray[np.int64] | None:
@@ -314,7 +331,8 @@ def spanning(products: Float64Array, least: float, most: int) -> NDArray[np.int6
     Each is the farthest from what those before it span: a Cholesky decomposition with pivots. None where it takes more
     than `most`.
     """
-    left, rows, pivots = products.diagonal().copy(), np.zeros((most, len(products))), []
+    left, rows = products.diagonal().copy(), np.zeros((most, len(products)))
+    pivots: list[int] = []
     while (farthest := int(np.argmax(left))) not in pivots and left[farthest] > least:
         count = len(pivots)
         if count == most:

@@ -63,7 +63,8 @@ SMALL_CLIP = 2**16
 
 EFFORTS: dict[EffortName, Effort] = {
     "fast": Effort(
-        space_bases=(("patch", 64),),
+        space_bases=(("patch", 64), ("patch", 128)),
+        larger_must_save=0.02,
         time_bases=False,
         reference_steps=False,
         fine_steps=False,
@@ -72,7 +73,7 @@ EFFORTS: dict[EffortName, Effort] = {
     "default": Effort(
         space_bases=(("patch", 64), ("patch", 32), ("patch", 128)),
         more_of_small=(("patch", 256), ("patch", 8)),
-        larger_must_save=0.08,
+        larger_must_save=0.02,
         rounding_passes=3,
         tighter_bounds=(1.1, 1.21),
     ),

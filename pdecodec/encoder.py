@@ -159,6 +159,7 @@ class Encoder(ABC):
             for fitter, fitted in self._groups():
                 self._write_group(fitter, fitted, spools)
                 frames += fitter.frames
+                del fitter, fitted
                 if self._progress:
                     self._progress(frames, self._sequence.frame_count, "encoding")
             sections = self._sections(spools)
@@ -195,7 +196,7 @@ class Encoder(ABC):
     def _read(self, begin: int, end: int) -> Float32Array:
         block = self._sequence.frames_per_block
         parts = [checked_frames(self._sequence, at, min(at + block, end)) for at in range(begin, end, block)]
-        return np.concatenate(parts)
+        return np.ascontiguousarray(np.concatenate(parts) if len(parts) > 1 else parts[0])
 
     def _write_group(self, fitter: GroupFitter, fitted: FittedGroup, spools: Sequence[Spool]) -> None:
         encoded = fitter.encode(fitted, self._space)
@@ -292,8 +293,10 @@ class AutoEncoder(Encoder):
                 fitter = GroupFitter(points, self._reference.points, self._first, times=times[begin:end], **steps)
                 parts = self._divided(fitter, usual)
             usual = parts[-1].choice
-            for part in parts:
+            while parts:  # none is kept: the next ones take as much memory again
+                part = parts.pop(0)
                 yield part.fitter, part.fitted
+                del part
 
     def _choose_model(self, points: Float32Array, steps: Mapping[str, float]) -> list[FinishedGroup]:
         """Reference frame and space basis; the groups that the first frames are divided into."""
@@ -323,7 +326,9 @@ class AutoEncoder(Encoder):
         groups = divided(group, basis) if effort.division else [group]
         if effort.fine_steps:
             groups = [group.tuned() for group in groups]
-        return [finished(group, basis, effort) for group in groups]
+        chosen = [(item.fitter, item.choice) for item in groups]
+        del search, group, groups  # and with them all that was found out on the way
+        return [finished(item, basis, effort) for item in chosen]
 
     def _group_ranges(self) -> list[tuple[int, int]]:
         frames = self._sequence.frame_count

@@ -83,10 +83,10 @@ class MissingExtraError(PdecodecError):
 
 @contextmanager
 def naming_file(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Name the file in input errors of code that knows only arrays and positions."""
+    """Name the file in errors of code that knows only arrays and positions."""
     try:
         yield
-    except InputError as error:
+    except (InputError, MissingExtraError) as error:
         if error.path is not None:
             raise
-        raise InputError(error.message, path=path, frame=error.frame, offset=error.offset) from error
+        raise type(error)(error.message, path=path, frame=error.frame, offset=error.offset) from error

@@ -33,7 +33,7 @@ Float64Array = NDArray[np.float64]
 Int64Array = NDArray[np.int64]
 
 SAMPLED_SHARE, FEWEST_VERTICES = 1 / 8, 1024
-"""Of a larger mesh, residuals are found on this share of the vertices, and on so many at least."""
+"""Of a larger mesh, elements are looked at that have this share of the vertices, and so many at least."""
 
 
 class BitCounter(Protocol):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -234,7 +234,13 @@ class GroupFitter:
             residual_step=self.residual_step,
         )
 
-    @property
+    def settle(self, choice: GroupChoice) -> None:
+        """Forget what fits of other functions of time, or from another origin, would need."""
+        _ = self.is_single
+        self.displacements(choice.origin).settle(choice.time)
+        self._displacements = {choice.origin: self.displacements(choice.origin)}
+
+    @cached_property
     def is_single(self) -> bool:
         """Whether positions are added up in float32."""
         return self.unit >= SINGLE_IS_ENOUGH * self.displacements("reference").largest

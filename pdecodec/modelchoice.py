@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,9 +54,10 @@ class FinishedGroup:
     fitted: FittedGroup
 
 
-def finished(group: ChosenGroup, basis: SpaceBasis, effort: Effort) -> FinishedGroup:
+def finished(group: tuple[GroupFitter, GroupChoice], basis: SpaceBasis, effort: Effort) -> FinishedGroup:
     """A group fitted in full: of the effort's steps about the chosen one, with that which costs least."""
-    fitter, choice = group.fitter, group.choice
+    fitter, choice = group
+    fitter.settle(choice)
     if len(effort.last_steps) > 1 and fitter.moves:
         tried = [replace(choice, step=choice.step + more) for more in effort.last_steps]
         choice = min(tried, key=lambda other: fitter.fit(basis, other, effort.first_passes).bits)
@@ -100,8 +101,19 @@ class _Spaces:
     """Space bases on one reference frame and searches in them, each made once."""
 
     def __init__(self, build: Callable[[tuple[SpaceKind, int]], SpaceBasis]) -> None:
-        self.basis = cache(build)
-        self.search = cache(lambda fitter, space: GroupSearch(fitter, self.basis(space)))
+        self._build = build
+        self._bases: dict[tuple[SpaceKind, int], SpaceBasis] = {}
+        self._searches: dict[tuple[GroupFitter, tuple[SpaceKind, int]], GroupSearch] = {}
+
+    def basis(self, space: tuple[SpaceKind, int]) -> SpaceBasis:
+        if space not in self._bases:
+            self._bases[space] = self._build(space)
+        return self._bases[space]
+
+    def search(self, fitter: GroupFitter, space: tuple[SpaceKind, int]) -> GroupSearch:
+        if (fitter, space) not in self._searches:
+            self._searches[fitter, space] = GroupSearch(fitter, self.basis(space))
+        return self._searches[fitter, space]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -161,16 +173,24 @@ class ModelSearch:
         steps = reference_steps(self.points[0], self.unit) if self.times.size > 1 else [OF_ONE_FRAME * self.unit]
         usual = min(range(len(steps)), key=lambda k: abs(steps[k] - USUAL * self.unit))
         model = self._with_reference(steps[usual])
-        if not model.moves:
-            return self._finished(model)
-        if self.effort.reference_steps:
-            better = self._with_best_reference(model, steps, usual)
-            if self._cost(better) < WORTH_A_NEW_LOOK * self._cost(model):
-                better = min(better, self._with_reference(better.reference.step), key=self._cost)
-            model = better
+        if model.moves and self.effort.reference_steps:
+            model = self._with_better_reference(model, steps, usual)
         if self.effort.fine_steps:
             model = replace(model, groups=[group.tuned() for group in model.groups])
-        return self._finished(model)
+        reference, basis, groups = (
+            model.reference,
+            model.basis,
+            [(group.fitter, group.choice) for group in model.groups],
+        )
+        del model  # and with it all that was found out on the way
+        finished_groups = [finished(group, basis, self.effort) for group in groups]
+        return FinishedModel(reference, self._reference_data(reference), basis, finished_groups)
+
+    def _with_better_reference(self, model: _Model, steps: Sequence[float], usual: int) -> _Model:
+        better = self._with_best_reference(model, steps, usual)
+        if self._cost(better) < WORTH_A_NEW_LOOK * self._cost(model):
+            better = min(better, self._with_reference(better.reference.step), key=self._cost)
+        return better
 
     def _with_best_reference(self, usual: _Model, steps: Sequence[float], start: int) -> _Model:
         """The model with the reference frame, finer or else coarser, that costs least while all else is as it is."""
@@ -211,12 +231,6 @@ class ModelSearch:
         if reference.step not in self.references:
             self.references[reference.step] = encode_reference(reference, self.objects)
         return self.references[reference.step]
-
-    def _finished(self, model: _Model) -> FinishedModel:
-        """All of it fitted and measured."""
-        basis = model.basis
-        groups = [finished(group, basis, self.effort) for group in model.groups]
-        return FinishedModel(model.reference, self._reference_data(model.reference), basis, groups)
 
     def _with_reference(self, step: float) -> _Model:
         reference = quantise_reference(self.points[0], step)

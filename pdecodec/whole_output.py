@@ -1,42 +1,71 @@
-"""Outputs that appear whole or not at all: written beside their place, then renamed into it."""
+"""Outputs that appear whole or not at all: written beside their place, then moved into it.
+
+What is written stands in a hidden file or folder whose name says which process makes it. Several files, such as frames,
+become visible together: their folder is renamed to one that is ready, and its files are moved. A run that is killed
+leaves what it was writing, or what was ready: the next run that reads or writes there removes the one and finishes the
+other.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import hashlib
+import json
 import os
+import platform
+import re
 import shutil
-from collections.abc import Iterator
+import stat
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from pdecodec.errors import InputError
+
+PARTIAL, READY = ".partial", ".ready"
+"""Ends of names: of what is being written, and of what is whole and has to be moved."""
+
+MANIFEST = ".manifest.json"
+"""In a folder that is ready: the names of files that its own replace, and of those that go."""
+
+PROBE_BYTES = 2**16
+"""What is written to learn whether a disk is full."""
+
+_OWN = re.compile(r"\..+\.(?P<host>[0-9a-f]{8})-(?P<process>\d+)-[0-9a-f]{8}(\.partial|\.ready)", re.DOTALL)
 
 
 def check_writable(path: Path, *, overwrite: bool) -> None:
     """Raise InputError if `path` cannot become an output file; worth calling before long work starts."""
     if path.is_dir():
         raise InputError("is a folder; name a file in it", path=path)
-    if path.exists() and not overwrite:
-        raise InputError("exists already; choose another name, or overwrite it (--overwrite)", path=path)
-    _check_folder(path.parent)
-    if not os.access(path.parent, os.W_OK):
-        raise InputError("this folder is not writable; choose another, or change its permissions", path=path.parent)
+    if os.path.lexists(path) and not overwrite:
+        raise _taken(path)
+    place = _place(path).parent
+    _check_folder(place)
+    if not os.access(place, os.W_OK):
+        raise InputError("this folder is not writable; choose another, or change its permissions", path=place)
 
 
 @contextmanager
 def whole_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
     """A path to write to that becomes `path` when the block ends well and vanishes when it does not.
 
+    A link is written through, and a file that is replaced keeps its mode.
+
     Raises
     ------
     InputError
-        If `path` exists and `overwrite` is false, is a folder, or cannot be written.
+        If `path` exists, or appears meanwhile, and `overwrite` is false, is a folder, or cannot be written.
     """
     check_writable(path, overwrite=overwrite)
-    partial = partial_path(path)
+    place = _place(path)
+    finish_interrupted(place.parent)
+    partial = partial_path(place)
     try:
         with write_errors(path):
             yield partial
-            os.replace(partial, path)
+            move_into(partial, path, overwrite=overwrite)
     finally:
         partial.unlink(missing_ok=True)
 
@@ -51,6 +80,7 @@ def partial_folder(beside: Path) -> Iterator[Path]:
         If it cannot be made.
     """
     _check_folder(beside.parent)
+    finish_interrupted(beside.parent)
     partial = partial_path(beside)
     with write_errors(beside):
         partial.mkdir()
@@ -60,9 +90,60 @@ def partial_folder(beside: Path) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
+def publish(partial: Path, names: Sequence[str], *, overwrite: bool, remove: Sequence[str] = ()) -> None:
+    """Move files of a partial folder to the folder it is in, all of them, whatever happens in between.
+
+    Parameters
+    ----------
+    partial : pathlib.Path
+    names : sequence of str
+        Of files in it; those that are there already are replaced, if `overwrite` says so.
+    overwrite : bool
+    remove : sequence of str
+        Of files beside it that go.
+
+    Raises
+    ------
+    InputError
+        If a file is there, and may not be replaced; nothing is moved then.
+    """
+    folder = partial.parent
+    taken = [] if overwrite else [name for name in names if os.path.lexists(folder / name)]
+    if taken:
+        raise _taken(folder / taken[0])
+    (partial / MANIFEST).write_text(json.dumps({"move": list(names), "remove": list(remove)}), encoding="utf-8")
+    ready = partial.with_name(partial.name.removesuffix(PARTIAL) + READY)
+    os.replace(partial, ready)
+    _finish(ready)
+
+
+def finish_interrupted(folder: Path) -> None:
+    """Finish or remove what killed runs of this machine and user left in a folder."""
+    try:
+        left = [entry for entry in os.scandir(folder) if entry.name.startswith(".")]
+    except OSError:
+        return
+    for entry in left:
+        found = _OWN.fullmatch(entry.name)
+        if found is None or found["host"] != _host() or _is_alive(int(found["process"])):
+            continue
+        path = Path(entry.path)
+        # Others may write here: what is not ours moves and removes nothing.
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+            information = entry.stat(follow_symlinks=False)
+            if information.st_uid != os.geteuid() or stat.S_ISLNK(information.st_mode):
+                continue
+            if not stat.S_ISDIR(information.st_mode):
+                path.unlink(missing_ok=True)
+            elif entry.name.endswith(READY):
+                _finish(path)
+            else:
+                shutil.rmtree(path, ignore_errors=True)
+
+
 def partial_path(path: Path) -> Path:
     """A hidden name beside `path` that no other writer takes."""
-    return path.with_name(f".{path.name}.{os.urandom(6).hex()}.partial")
+    return path.with_name(f".{path.name}.{_host()}-{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}")
 
 
 @contextmanager
@@ -75,6 +156,98 @@ def write_errors(path: Path) -> Iterator[None]:
         raise InputError(f"cannot be written ({reason}); check the folder and the free space", path=path) from error
 
 
+def is_full(folder: Path) -> bool:
+    """Whether there is no space left where a folder is: libraries do not say why they could not write."""
+    probe = partial_path(folder / "probe")
+    try:
+        with probe.open("wb", buffering=0) as file:
+            file.write(bytes(PROBE_BYTES))
+            os.fsync(file.fileno())
+            return file.tell() < PROBE_BYTES
+    except OSError as error:
+        return error.errno in (errno.ENOSPC, errno.EDQUOT)
+    finally:
+        probe.unlink(missing_ok=True)
+
+
+def failure_of(folder: Path, said: str) -> str:
+    """Why a library could not write into a folder: a full disk, else what it said."""
+    return os.strerror(errno.ENOSPC) if is_full(folder) else said
+
+
+def _finish(ready: Path) -> None:
+    manifest: Mapping[str, list[str]] = json.loads((ready / MANIFEST).read_text(encoding="utf-8"))
+    for name in (*manifest["move"], *manifest["remove"]):
+        if Path(name).name != name or name == MANIFEST:
+            raise ValueError(f"{name!r} is no name of a file here")
+    for name in manifest["move"]:
+        # What is no longer there was moved before the run was killed.
+        if (ready / name).exists():
+            _replace(ready / name, ready.parent / name)
+    for name in manifest["remove"]:
+        (ready.parent / name).unlink(missing_ok=True)
+    shutil.rmtree(ready, ignore_errors=True)
+
+
+def move_into(partial: Path, path: Path, *, overwrite: bool) -> None:
+    """Put a file where it is to be; InputError where there is one that may not be replaced."""
+    if overwrite:
+        _replace(partial, path)
+        return
+    try:
+        # A link is made only where there is nothing, whoever was here meanwhile.
+        os.link(partial, path)
+    except FileExistsError as error:
+        raise _taken(path) from error
+    except OSError:
+        # Some file systems have no links: an empty file keeps the place.
+        try:
+            path.open("xb").close()
+        except FileExistsError as error:
+            raise _taken(path) from error
+        os.replace(partial, path)
+
+
+def _replace(new: Path, path: Path) -> None:
+    """Put a file in the place of another, through links, with its mode."""
+    place = _place(path)
+    with contextlib.suppress(FileNotFoundError):
+        os.chmod(new, stat.S_IMODE(place.stat().st_mode))
+    if place.parent == path.parent or new.stat().st_dev == place.parent.stat().st_dev:
+        os.replace(new, place)
+    else:
+        beside = partial_path(place)
+        shutil.copy2(new, beside)
+        os.replace(beside, place)
+        new.unlink()
+
+
+def _place(path: Path) -> Path:
+    """Where a path leads: of a link, what it is a link to."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def _taken(path: Path) -> InputError:
+    return InputError("exists already; choose another name, or overwrite it (--overwrite)", path=path)
+
+
 def _check_folder(folder: Path) -> None:
     if not folder.is_dir():
         raise InputError("this folder does not exist; make it first", path=folder)
+
+
+def _host() -> str:
+    return hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+
+
+def _is_alive(process: int) -> bool:
+    if os.name == "nt":
+        # A signal is no question there.
+        return True
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True
+    return True

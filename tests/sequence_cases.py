@@ -46,7 +46,7 @@ def assert_same_sequence(read: MeshSequence, written: MeshSequence) -> None:
     assert np.array_equal(read.times, written.times)
     assert read.fps == written.fps
     assert dict(read.metadata) == dict(written.metadata)
-    assert read.notices == ()
+    assert read.notices == written.notices
     assert [item.name for item in read.objects] == [item.name for item in written.objects]
     for mine, other in zip(read.objects, written.objects, strict=True):
         assert mine.connectivity.same_as(other.connectivity)

@@ -15,6 +15,8 @@ import pytest
 
 from pdecodec import CorruptFileError, InputError, LimitError, MissingExtraError, PdecodecError, SettingsError
 from pdecodec.cli.main import run
+from pdecodec.formats import write_sequence
+from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -130,11 +132,10 @@ ENCODE, DECODE = "encode a.npz -o a.pdeanim", "decode a.pdeanim -o a.npz"
     [
         ("encode a.npz -o a.npz", "pdecodec convert"),
         (f"{ENCODE} --tolerance -1", "tolerance"),
-        (f"{ENCODE} --profile paper --segment-frames 1", "segment_frames must be from 2 to 64"),
+        (f"{ENCODE} --profile paper --segment-frames 1", "--segment-frames must be from 2 to 64"),
         (f"{ENCODE} --alpha 2", "are settings of the profile paper; take it"),
         (f"{ENCODE} --tolerance 1 --rms 1", "give one of --tolerance, --max-error, --rms and --size"),
         (f"{ENCODE} --max-error 1 --size 1", "give one of --tolerance, --max-error, --rms and --size"),
-        ("convert a.npz -o a.pdeanim", "pdecodec encode"),
         ("simulate cloth -o a.pdeanim", "pdecodec encode"),
         ("decode a.pdeanim -o b.pdeanim", "pdecodec encode"),
         (f"{DECODE} --at 1 --fps 30", "exclude each other"),
@@ -183,7 +184,9 @@ def test_rates_times_and_limits_that_are_none_are_refused_without_a_frame(
     for content in (b"", b"0.1 later", b"0.1 nan", b"\xff\xfe\x00"):
         times.write_bytes(content)
         assert str(times) in error_of(capsys, 3, *decode, "--times", times)
-    assert "the limit is 2048" in error_of(capsys, 4, *decode, "--max-memory", "2k")
+    line = error_of(capsys, 4, *decode, "--max-memory", "2k")
+    assert "the limit is 2048" in line
+    assert line.endswith("; --max-memory raises the limit")
     assert not (tmp_path / "out.npz").exists()
 
 
@@ -239,6 +242,45 @@ def test_inputs_under_a_wrong_name_are_called_what_they_are_and_never_replaced(
     (frames / "notes.txt").touch()
     assert "no frames" in error_of(capsys, 3, "info", frames)
     assert "takes a .pdeanim file" in error_of(capsys, 3, "decode", frames, "-o", tmp_path / "out.npz")
+
+
+def test_messages_name_the_file_and_the_option_that_they_are_about(
+    animation: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    source = save_line(tmp_path / "line.npz")
+    for command in ("convert", "encode", "decode"):
+        path, out = (animation, "x.npz") if command == "decode" else (source, "x.pdeanim")
+        line = error_of(capsys, 3, command, path, "-o", tmp_path / out, "--object", "Nope")
+        assert line.startswith(f"error: {path}: there is no object 'Nope'")
+    for option, words in (("--tolerance", "--tolerance must be"), ("--max-error", "--max-error must be")):
+        assert words in error_of(capsys, 2, "encode", source, "-o", tmp_path / "x.pdeanim", option, "-1")
+
+
+def test_what_files_say_never_reaches_the_terminal_as_control_characters(tmp_path: Path, capsys: Capture) -> None:
+    # OSC 52 writes the clipboard, C1 controls do the same in one character, and bidirectional marks turn text around.
+    name = "evil\x1b]52;c;cm0gLXJm\x07\x9b2J\u202ename\r"
+    item = MeshObject(name, Connectivity(4), (Attribute(name, "vertex", np.zeros(4, np.float32)),))
+    clip = ArraySequence(np.zeros((2, 4, 3)), objects=[item], metadata={name: name})
+    write_sequence(clip, tmp_path / "x.npz")
+    (tmp_path / f"{name[:5]}.npz").write_bytes(b"PK\x03\x04")
+    commands: list[list[object]] = [
+        ["info", tmp_path / "x.npz"],
+        ["info", tmp_path / "x.npz", "--tree"],
+        ["info", tmp_path / "x.npz", "--json"],
+        ["convert", tmp_path / "x.npz", tmp_path / "y.xdmf", "-v"],
+        ["convert", tmp_path / "x.npz", tmp_path / "z.npz", "--object", "Nope"],
+        ["convert", tmp_path / "x.npz", tmp_path / "z.npz", "--frames", name],
+        ["info", tmp_path / f"{name[:5]}.npz"],
+        ["info", tmp_path / "x.npz", f"--{name}"],
+    ]
+    for command in commands:
+        run([str(argument) for argument in command])
+        said = "".join(capsys.readouterr())
+        assert "evil" in said
+        assert [letter for letter in said if not letter.isprintable() and letter != "\n"] == []
+    assert "evil\\x1b]52;c;cm0gLXJm\\x07\\x9b2J\\u202ename\\r" in error_of(
+        capsys, 3, "convert", tmp_path / "x.npz", tmp_path / "z.npz", "--object", "Nope"
+    )
 
 
 def start(*arguments: str, **streams: int) -> subprocess.Popen[bytes]:

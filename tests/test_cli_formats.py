@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -52,7 +53,7 @@ def test_the_output_is_named_once_and_what_it_cannot_hold_by_name(capsys: pytest
     write_sequence(scene(), "a.npz")
     for arguments in ([], ["b.npz", "-o", "c.npz"]):
         assert run(["convert", "a.npz", *arguments]) == 2
-        assert "name one output" in capsys.readouterr().err
+        assert re.search("name an input and an output|name a folder", capsys.readouterr().err)
     assert run(["convert", "a.npz", "b.xdmf"]) == 0
     said = capsys.readouterr()
     assert said.out == ""
@@ -156,12 +157,12 @@ def test_info_lists_what_it_had_to_leave_out(capsys: pytest.CaptureFixture[str])
 
     write_sequence(scene([body()]), "x.usda")
     stage = Usd.Stage.Open("x.usda")
-    UsdGeom.Sphere.Define(stage, "/root/ball")
+    UsdGeom.NurbsPatch.Define(stage, "/root/ball")
     stage.Save()
     facts, _ = info_of(capsys, "x.usda")
     assert [item["name"] for item in facts["unsupported"]] == ["root/ball"]
     assert run(["convert", "x.usda", "y.npz"]) == 3
-    assert "object 'root/ball' has the type Sphere" in capsys.readouterr().err
+    assert "object 'root/ball' has the type NurbsPatch" in capsys.readouterr().err
     assert run(["convert", "x.usda", "y.npz", "--skip-unsupported"]) == 0
     assert "'root/ball' is left out" in capsys.readouterr().err
 
@@ -173,18 +174,30 @@ def test_info_measures_every_frame_when_asked(capsys: pytest.CaptureFixture[str]
     assert facts["bounds"] == [clip.points.min(axis=(0, 1)).tolist(), clip.points.max(axis=(0, 1)).tolist()]
 
 
+REFUSED = {
+    "files/abc": ["cortex_points.abc", "openusd_testAbcCamera.abc"],
+    "interop/abc": ["varTopo_bakedVelocity_0-1_30fps.abc", "variableTopoSubd.abc"],
+}
+"""Files of the shared data whose points or faces change, or that hold none."""
+
+
 @pytest.mark.data
-@pytest.mark.parametrize("folder", ["abc", "usd", "gltf"])
+@pytest.mark.parametrize(
+    "folder", [f"{place}/{kind}" for place in ("files", "interop") for kind in ("abc", "usd", "gltf")]
+)
 def test_every_file_of_the_shared_data_is_read_or_refused_by_one_clear_line(
     shared_data: Path, folder: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    needed(folder)
+    needed(folder.partition("/")[2])
     refused = []
-    for file in sorted((shared_data / "files" / folder).iterdir()):
+    found = [file for file in (shared_data / folder).rglob("*") if file.suffix not in (".bin", ".txt", ".json", "")]
+    for file in sorted(found):
         code = run(["info", str(file), "--fps", "30"])
         said = capsys.readouterr().err
+        if code == 5:
+            continue  # compressed glTF, whose package is not installed here
         if code:
             assert code == 3
             assert said.count("\n") == 1
             refused.append(file.name)
-    assert refused == {"abc": ["cortex_points.abc", "openusd_testAbcCamera.abc"]}.get(folder, [])
+    assert refused == REFUSED.get(folder, [])

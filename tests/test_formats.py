@@ -61,6 +61,20 @@ def assert_same_motion(read: MeshSequence, clip: MeshSequence, path: str) -> Non
         assert read.fps == pytest.approx(clip.fps, rel=1e-6)
 
 
+@for_each("x.mdd", "x.glb", "x.abc", "x.usdc")
+def test_times_that_would_fall_together_are_refused_and_rounding_is_told(path: str) -> None:
+    fine = 1e6 + np.arange(24) / 24 if path.endswith(("mdd", "glb")) else np.arange(24) * 1e-15
+    with pytest.raises(
+        InputError, match=r"frame \d: its time .* and the one before are one in .*; write \.npz or \.h5"
+    ):
+        write_sequence(scene(times=fine, frames=24, **SPACE), path)
+    if path.endswith(("mdd", "glb")):
+        far = 1e4 + np.arange(4) / 24
+        told = [line for line in write_sequence(scene(times=far, frames=4, **SPACE), path) if "keeps times" in line]
+        title = "glTF" if path.endswith("glb") else "MDD point cache"
+        assert told == [f"{title} keeps times as float32: they are up to 0.0003 s off"]
+
+
 @for_each(*EVERY)
 def test_positions_and_times_come_back_in_any_block(path: str) -> None:
     clip = scene(**SPACE)
@@ -84,7 +98,7 @@ def test_times_come_back_that_no_rate_counts(path: str, times: NDArray[np.float6
 
 @for_each(*TREES, "x.npz", "x.h5")
 def test_names_faces_attributes_and_metadata_of_a_scene_come_back(path: str) -> None:
-    clip = scene(times=IRREGULAR, artist="Bo", up_axis="Y" if ".gl" in path else "Z", unit="m")
+    clip = scene(times=IRREGULAR, artist="Bo", up_axis="Z" if ".usd" in path else "Y", unit="m")
     write_sequence(clip, path)
     with open_sequence(path) as read:
         assert dict(read.metadata) == dict(clip.metadata)
@@ -250,6 +264,14 @@ def test_what_is_lost_is_told_by_name(path: str, notices: list[str]) -> None:
         assert_same_motion(read, clip, path)
 
 
+@for_each("x.abc", "x.usdc", "x.glb", "x.npz")
+def test_several_uv_sets_come_back_beside_each_other(path: str) -> None:
+    sets = [uv_with_seam(), uv_with_seam("uv:second"), Attribute("uv:third", "corner", np.eye(7, 2, dtype=np.float32))]
+    write_sequence(scene([body("a", sets)], **SPACE), path)
+    with open_sequence(path) as read:
+        assert_has_attributes(read.objects[0], sets, error=1e-7)
+
+
 @for_each("x.abc", "x.usdc", "x.glb")
 def test_names_that_are_one_or_none_are_told_apart_in_a_tree(path: str) -> None:
     clip = scene([body(name, ()) for name in ("a", "a", "", "a/b")], **SPACE)
@@ -332,3 +354,17 @@ def test_a_format_needs_no_name_that_says_it(tmp_path: Path) -> None:
     (tmp_path / "x.abc").rename(tmp_path / "x")
     with open_sequence(tmp_path / "x") as read:
         assert read.vertex_count == 15
+
+
+@for_each(*EVERY)
+@pytest.mark.parametrize("first", [True, False])
+def test_objects_without_vertices_stand_in_nobodys_way_and_are_told(path: str, first: bool) -> None:
+    parts = [body("rig/full", ()), MeshObject("rig/empty", Connectivity(0))]
+    clip = scene(parts[:: -1 if first else 1], **SPACE)
+    told = write_sequence(clip, path)
+    kept = path.endswith(("npz", "h5"))
+    assert ("objects without vertices do not come back: rig/empty" in told) != kept
+    with open_sequence(path, fps=24) as read:
+        assert_same_motion(read, clip, path)
+        assert len(read.objects) == (2 if kept else 1)
+    assert_lawful(path)

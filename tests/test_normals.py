@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given
 from numpy.typing import NDArray
 
+from pdecodec.decoder import open_animation
+from pdecodec.encoder import encode
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.attribute_roles import reversed_corners
 from pdecodec.formats.gltf_file import read_gltf
 from pdecodec.formats.normals import NORMAL_GROUP, NormalRows, normal_group, normal_rows, read_normal_group
-from pdecodec.sequence import ArraySequence, Connectivity, MeshObject
+from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from tests.mesh_cases import connectivities, connectivity_of, grid
 from tests.scene_cases import needed
 
@@ -161,6 +165,75 @@ def test_normals_are_written_for_every_frame_and_their_edges_come_back(
         assert len(written) == 5
         for mine, other in zip(written, expected, strict=True):
             assert np.abs(mine - other).max() < 1e-3
+
+
+@pytest.mark.parametrize("extension", NORMALS)
+def test_a_decoded_animation_has_normals_of_its_own_shape_with_the_edges_of_the_source(
+    tmp_path: Path, extension: str
+) -> None:
+    needed(extension)
+    connectivity, _, groups = meshes()["crease"]
+    encode(moving("crease", 9), tmp_path / "x.pdeanim", tolerance=1e-2)
+    with open_animation(tmp_path / "x.pdeanim") as animation:
+        write_sequence(animation, tmp_path / f"x.{extension}")
+        expected = [plain_normals(points, connectivity, groups) for points in animation.read_frames(0, 9)]
+    written = list(NORMALS[extension](tmp_path / f"x.{extension}", connectivity))
+    # Keys of glTF's cubic splines stand between tangents.
+    written = written[1::3] if len(written) == 27 else written
+    for mine, other in zip(written, expected, strict=True):
+        assert np.abs(mine - other).max() < 2e-3
+
+
+@pytest.mark.parametrize("extension", ["abc", "usdc", "glb"])
+def test_smoothing_groups_are_edges_where_there_are_no_normals(tmp_path: Path, extension: str) -> None:
+    needed(extension)
+    connectivity, points, _ = meshes()["crease"]
+    numbers = np.where(np.arange(16) >= 8, 2, 1)
+    smoothing = Attribute("smoothing", "face", numbers.astype(np.int32))
+    clip = ArraySequence(np.stack([points, points * 2]), objects=[MeshObject("thing", connectivity, (smoothing,))])
+    write_sequence(clip, tmp_path / f"x.{extension}")
+    written = next(NORMALS[extension](tmp_path / f"x.{extension}", connectivity))
+    expected = plain_normals(clip.points[0], connectivity, meshes()["crease"][2])
+    assert np.abs(written - expected).max() < 1e-3
+    faceted = dataclasses.replace(smoothing, values=np.zeros(16, np.int32))
+    rows = normal_rows(MeshObject("thing", connectivity, (faceted,)))
+    assert rows is not None
+    assert rows.count == connectivity.face_indices.size
+
+
+def test_a_mesh_without_normals_is_smooth_in_gltf_and_comes_back_without(tmp_path: Path) -> None:
+    connectivity, points = sphere()
+    write_sequence(ArraySequence(points[None], objects=[MeshObject("thing", connectivity)]), tmp_path / "x.glb")
+    file = read_gltf(tmp_path / "x.glb")
+    normals = file.accessor(file.root["meshes"][0]["primitives"][0]["attributes"]["NORMAL"])
+    assert np.abs(normals - points).max() < 0.05
+    with open_sequence(tmp_path / "x.glb") as read:
+        assert read.objects[0].attributes == ()
+
+
+@pytest.mark.parametrize("name", ["x.####.ply", "x.pvd", "x.xdmf"])
+@pytest.mark.parametrize("shape", ["sphere", "crease"])
+def test_formats_with_a_normal_for_each_vertex_have_those_of_smooth_meshes(
+    tmp_path: Path, name: str, shape: str
+) -> None:
+    import meshio
+
+    clip = moving(shape, 2)
+    lost = [one for one in write_sequence(clip, tmp_path / name) if "normal_group" in one]
+    assert bool(lost) == (shape == "crease")
+    if name.endswith("xdmf"):
+        with h5py.File(tmp_path / "x.h5") as file:
+            found = np.asarray(file["normals/000001"]) if "normals" in file else None
+        assert ("normals/000001" in (tmp_path / "x.xdmf").read_text()) == (shape == "sphere")
+    else:
+        data = meshio.read(sorted(path for path in tmp_path.iterdir() if path.suffix != ".pvd")[1]).point_data
+        found = np.stack([data[axis] for axis in ("nx", "ny", "nz")], axis=1) if "nx" in data else data.get("Normals")
+    assert (found is None) == (shape == "crease")
+    if found is not None:
+        connectivity, _, groups = meshes()[shape]
+        assert (
+            np.abs(found[connectivity.face_indices] - plain_normals(clip.points[1], connectivity, groups)).max() < 1e-3
+        )
 
 
 @pytest.mark.parametrize("name", ["cube", "sphere", "crease"])

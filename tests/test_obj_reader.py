@@ -328,6 +328,28 @@ def test_numbers_without_padding_and_beyond_it_are_in_order(tmp_path: Path, numb
     assert first_coordinates(tmp_path / path) == numbers
 
 
+@pytest.mark.parametrize(
+    ("names", "path", "numbers"),
+    [
+        (["wolf-1", "wolf-2"], ".", [1, 2]),
+        ([f"wolf-{number}" for number in range(12)], "wolf-#.obj", list(range(12))),
+        (["jump-0001", "jump-0002"], "jump-####.obj", [1, 2]),
+        (["jump-0001", "jump-0002", "jump-0003"], "jump-2-3####.obj", [2, 3]),
+        (["a-1", "a-2", "b-1", "b0"], "a-#.obj", [1, 2]),
+        (["f-2", "f-1", "f0", "f1"], ".", [-2, -1, 0, 1]),
+        (["f.-2", "f.-1"], ".", [-2, -1]),
+        (["f_-001", "f_0000"], "f_####.obj", [-1, 0]),
+    ],
+)
+def test_a_hyphen_before_the_number_is_a_minus_sign_only_where_it_can_be_nothing_else(
+    tmp_path: Path, names: list[str], path: str, numbers: list[int]
+):
+    for name in names:
+        (tmp_path / f"{name}.obj").write_text(frame_text(1))
+    with open_sequence(tmp_path / path, fps=1) as sequence:
+        assert sequence.times.tolist() == numbers
+
+
 def test_a_range_in_the_pattern_takes_those_frames_and_a_missing_one_is_named(tmp_path: Path):
     make_frames(tmp_path, [1, 2, 3, 4, 5, 9])
     assert first_coordinates(tmp_path / "walk.1-5x2####.obj") == [1, 3, 5]
@@ -343,6 +365,12 @@ def test_several_sequences_in_a_folder_are_named_and_told_apart_by_a_pattern(tmp
         open_sequence(tmp_path)
     for name, numbers in (("run_#.obj", [1, 2]), ("walk.####.obj", [1, 2]), ("walk.#.obj", [1, 2, 3])):
         assert first_coordinates(tmp_path / name) == numbers
+
+
+def test_objects_of_one_name_become_one_and_a_line_says_so(tmp_path: Path):
+    one = read(tmp_path, f"o a\n{THREE}f 1 2 3\no a\n{THREE}f 4 5 6\n")
+    assert [item.vertex_count for item in one.objects] == [6]
+    assert one.notices == ("several objects are called 'a': the file is one object",)
 
 
 def test_times_are_frame_numbers_over_the_frame_rate_which_is_said_aloud_where_assumed(tmp_path: Path):

@@ -137,6 +137,27 @@ def test_frames_that_are_there_are_replaced_only_on_request_and_other_files_stay
 
 
 @pytest.mark.parametrize(
+    ("there", "stay"),
+    [
+        (["wolf-1.obj"], ["wolf-1.obj"]),
+        (["wolf-1.obj", "wolf0007.obj"], ["wolf-1.obj"]),
+        (["wolf-001.obj", "wolf0007.obj"], []),
+        (["wolf-0001.obj", "wolf-0002.obj"], ["wolf-0001.obj", "wolf-0002.obj"]),
+        (["wolf1.obj", "wolf0007.obj"], ["wolf1.obj"]),
+        (["wolf1.obj", "wolf10.obj"], []),
+    ],
+)
+def test_frames_of_another_name_stay_where_frames_are_replaced(tmp_path: Path, there: list[str], stay: list[str]):
+    for name in there:
+        (tmp_path / name).write_text("v 0 0 0\n")
+    write_sequence(moving(2, first_frame=1), tmp_path / "wolf####.obj", overwrite=True)
+    assert names_in(tmp_path) == sorted([*stay, "wolf0001.obj", "wolf0002.obj"])
+    assert open_sequence(tmp_path / "wolf####.obj").frame_count == 2
+    with pytest.raises(InputError, match="frames are there already"):
+        write_sequence(moving(2, first_frame=5), tmp_path / "wolf####.obj")
+
+
+@pytest.mark.parametrize(
     ("there", "target", "message"),
     [
         ([], "walk.obj", r"3 frames do not fit one OBJ file; name it walk\.####\.obj"),

@@ -21,7 +21,9 @@ TWO_FRAMES = ArraySequence(np.arange(18, dtype=np.float32).reshape(2, 3, 3), fps
 @pytest.fixture
 def own_formats(monkeypatch: pytest.MonkeyPatch) -> None:
     """Registrations that end with the test."""
-    monkeypatch.setattr(registry, "_formats", dict(registry._formats))
+    own = registry._Formats(registry._formats)
+    own.whole()
+    monkeypatch.setattr(registry, "_formats", own)
 
 
 @pytest.mark.parametrize(
@@ -158,3 +160,42 @@ def test_a_folder_of_two_formats_asks_for_a_pattern(tmp_path: Path):
     (tmp_path / "1.ply").write_text("ply\n")
     with pytest.raises(InputError, match=r"frames of several formats \(obj, ply\); give a frame pattern"):
         open_sequence(tmp_path)
+
+
+def test_packages_add_formats_by_entry_points_and_a_broken_one_is_named_where_it_is_missed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    package = tmp_path / "site"
+    (package / "studio-1.0.dist-info").mkdir(parents=True)
+    (package / "studio-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: studio\nVersion: 1.0\n")
+    (package / "studio-1.0.dist-info" / "entry_points.txt").write_text(
+        "[pdecodec.formats]\ncache = studio:CACHE\nbroken = studio:NOTHING\ntaken = studio:TAKEN\n"
+    )
+    (package / "studio.py").write_text(
+        "import numpy as np\n"
+        "from pdecodec.formats import Format\n"
+        "from pdecodec.sequence import ArraySequence\n"
+        "def read(path, *, fps):\n"
+        "    return ArraySequence(np.full((2, 3, 3), float(path.read_text())), fps=fps)\n"
+        "def write(sequence, output):\n"
+        "    with output.whole_file() as partial:\n"
+        "        partial.write_text(str(sequence.read_frames(0, 1)[0, 0, 0]))\n"
+        "    return ('one number is kept',)\n"
+        "CACHE = Format(name='studio', title='Cache', extensions=('.studio',), reader='studio:read',\n"
+        "               writer='studio:write')\n"
+        "TAKEN = Format(name='taken', title='Taken', extensions=('.obj',))\n"
+    )
+    code = (
+        "from pdecodec.formats import list_formats, open_sequence, write_sequence\n"
+        "from pdecodec.cli.main import run\n"
+        "print([entry.name for entry in list_formats()][-1])\n"
+        "from pdecodec.sequence import ArraySequence\n"
+        "print(write_sequence(ArraySequence([[[7, 7, 7]]]), 'x.studio'))\n"
+        "print(open_sequence('x.studio').read_frames(0, 1)[0, 0].tolist())\n"
+        "run(['convert', 'x.studio', 'x.other'])\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(package))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=True)
+    assert done.stdout.splitlines() == ["studio", "('one number is kept',)", "[7.0, 7.0, 7.0]"]
+    assert "broken could not be loaded (AttributeError: module 'studio' has no attribute 'NOTHING')" in done.stderr
+    assert "taken could not be loaded (SettingsError: format 'taken' collides with 'obj'" in done.stderr

@@ -20,7 +20,8 @@ from pdecodec.formats.scene_space import (
     unit_text,
 )
 from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject
-from tests.scene_cases import body, needed, scene, written
+from tests.mesh_cases import connectivity_of
+from tests.scene_cases import OUTWARD, TETRAHEDRON, body, needed, scene, volume, written
 
 POINT = np.array([[[1.0, 2.0, 3.0]]], np.float32)
 
@@ -125,6 +126,55 @@ def test_turning_and_scaling_reach_an_object_through_its_transform() -> None:
     assert np.array_equal(bake_transforms(placed).read_frames(0, 3), direct.read_frames(0, 3))
 
 
+@pytest.mark.parametrize("scales", [(-1.0, -2.0), (0.0, -1.0)])
+def test_faces_that_a_transform_mirrors_are_turned_around_with_their_corners(scales: tuple[float, float]) -> None:
+    mirror = np.stack([np.diag([scale, 1.0, 1.0, 1.0]) for scale in scales])
+    corners = np.arange(12, dtype=np.float32)
+    attributes = (
+        transform_attribute([0, 1], mirror),
+        Attribute("mine", "corner", corners),
+        Attribute("uv", "corner", np.stack([corners, corners], axis=1), np.arange(12, dtype=np.int32)[::-1].copy()),
+        Attribute("heat", "vertex", corners[:4]),
+    )
+    item = MeshObject("solid", connectivity_of(4, OUTWARD, [[0, 1, 2]]), attributes)
+    clip = ArraySequence(np.stack([TETRAHEDRON] * 2), objects=[item], times=[0, 1])
+    baked = bake_transforms(clip)
+    (solid,) = baked.objects
+    assert volume(clip) == pytest.approx(1 / 6)
+    assert volume(baked, 1) == pytest.approx(abs(scales[1]) / 6)
+    assert solid.connectivity.face_indices.tolist() == [corner for face in OUTWARD for corner in face[::-1]]
+    assert solid.connectivity.line_indices.tolist() == [0, 1, 2]
+    mine, uv, heat = solid.attributes
+    turned = [2, 1, 0, 5, 4, 3, 8, 7, 6, 11, 10, 9]
+    assert mine.values.tolist() == turned
+    assert uv.indices is not None
+    assert uv.indices.tolist() == [11 - corner for corner in turned]
+    assert heat.values.tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("scale", [np.inf, np.nan, 1e300])
+def test_a_transform_that_is_no_number_gives_positions_that_are_none_without_a_warning(scale: float) -> None:
+    transform = transform_attribute([0], np.diag([scale, 1.0, 1.0, 1.0])[None])
+    item = MeshObject("solid", connectivity_of(4, OUTWARD), (transform,))
+    baked = bake_transforms(ArraySequence(TETRAHEDRON[None], objects=[item]))
+    assert not np.isfinite(baked.read_frames(0, 1)[0, 1, 0])
+
+
+@pytest.mark.parametrize("extension", ["abc", "usdc"])
+def test_faces_under_a_transform_that_mirrors_face_outward_whether_it_is_applied_or_kept(
+    tmp_path: Path, extension: str
+) -> None:
+    needed(extension)
+    mirror = transform_attribute([0], np.diag([1.0, -1.0, 2.0, 1.0])[None])
+    solid = connectivity_of(4, OUTWARD)
+    clip = ArraySequence(TETRAHEDRON[None], objects=[MeshObject("solid", solid, (mirror,))])
+    with written(clip, tmp_path / f"x.{extension}") as read:
+        assert volume(read) == pytest.approx(2 / 6)
+    with open_sequence(tmp_path / f"x.{extension}", transforms="keep") as read:
+        assert read.connectivity.same_as(solid)
+        assert volume(bake_transforms(read)) == pytest.approx(2 / 6)
+
+
 def test_an_attribute_called_transform_that_is_none_is_refused() -> None:
     item = MeshObject("odd", Connectivity(1), (Attribute(TRANSFORM, "object", np.zeros(3)),))
     with pytest.raises(InputError, match="'transform' of object 'odd' is no list of times and matrices"):
@@ -166,12 +216,16 @@ def test_kept_transforms_come_back_and_bake_to_the_same_positions(tmp_path: Path
         assert np.array_equal(read.read_frames(3, 5), read.read_frames(0, 5)[3:])
 
 
-def test_an_alembic_object_at_the_top_has_its_transform_applied(tmp_path: Path) -> None:
+@pytest.mark.parametrize("names", ["a/one four", "a/one a/two"])
+def test_alembic_objects_at_the_top_or_side_by_side_keep_transforms_of_their_own(tmp_path: Path, names: str) -> None:
     needed("abc")
-    notices = write_sequence(clip := spun("a/one four", "a/one four"), tmp_path / "x.abc")
-    assert notices == ("transforms applied to positions, as there is no place for them: four",)
+    clip = spun(names, names.split()[1])
+    assert write_sequence(clip, tmp_path / "x.abc") == ()
     with open_sequence(tmp_path / "x.abc", transforms="keep") as read:
-        assert np.array_equal(read.read_frames(0, 5)[:, 5:], bake_transforms(clip).read_frames(0, 5)[:, 5:])
+        assert [item.name for item in read.objects] == names.split()
+        assert np.array_equal(read.read_frames(0, 5), clip.points)
+        expected = bake_transforms(clip).read_frames(0, 5)
+        assert np.allclose(bake_transforms(read).read_frames(0, 5), expected, atol=1e-6)
 
 
 def test_velocities_are_written_beside_positions(tmp_path: Path) -> None:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
-from pdecodec.sequence import Connectivity
-from tests.scene_cases import array_of, assert_same_scene, body, broken_rules, scene
+from pdecodec.formats.scene_space import place
+from pdecodec.sequence import ArraySequence, Connectivity
+from tests.scene_cases import OUTWARD, TETRAHEDRON, array_of, assert_same_scene, body, broken_rules, scene, volume
 
 pytest.importorskip("pxr", reason="USD is not installed here (pip install 'pdecodec[usd]')")
 
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdSkel, Vt
 
 
 def test_names_come_back_that_usd_cannot_hold_and_space_does_not_that_nobody_recorded(tmp_path: Path) -> None:
@@ -25,6 +28,16 @@ def test_names_come_back_that_usd_cannot_hold_and_space_does_not_that_nobody_rec
     with open_sequence(tmp_path / "x.usda") as read:
         assert [item.name for item in read.objects] == [item.name for item in parts]
         assert dict(read.metadata) == {}
+    stage = Usd.Stage.Open(str(tmp_path / "x.usda"))
+    assert not any(stage.HasAuthoredMetadata(name) for name in ("upAxis", "metersPerUnit"))
+
+
+def test_an_axis_and_a_unit_that_are_known_are_authored(tmp_path: Path) -> None:
+    write_sequence(place(scene(), up_axis="Z", unit="cm"), tmp_path / "x.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "x.usda"))
+    assert (UsdGeom.GetStageUpAxis(stage), UsdGeom.GetStageMetersPerUnit(stage)) == ("Z", 0.01)
+    with pytest.raises(SettingsError, match=r"a unit is mm, .* not 'furlong'"):
+        place(scene(), unit="furlong")
 
 
 def stage_at(path: Path, *, rate: float | None = 24.0) -> Usd.Stage:
@@ -71,6 +84,79 @@ def test_transforms_up_the_tree_are_applied_at_every_time_that_any_is_sampled_at
         assert read.read_frames(0, 4)[:, 0].tolist() == [[0, 1, 0], [1, 1, 0], [2, 2, 0], [2, 3, 0]]
 
 
+def turning(path: Path) -> None:
+    """A triangle that a quarter turn and a shift move, keys at codes 0, 3 and 10.5 of 24 a second."""
+    stage = stage_at(path)
+    mesh = triangle(stage, "/a")
+    turn = mesh.AddRotateZOp()
+    for code, angle in ((0, 0), (3, 90), (10.5, 90)):
+        turn.Set(angle, code)
+    stage.Save()
+
+
+def test_between_keys_of_what_turns_frames_stand_at_the_rate_of_the_stage(tmp_path: Path) -> None:
+    turning(tmp_path / "x.usda")
+    with open_sequence(tmp_path / "x.usda") as read:
+        codes = read.times * 24
+        assert codes[:4].tolist() == [0, 1, 2, 3]
+        assert codes[-1] == 10.5
+        assert np.diff(codes).max() <= 1
+        angle = np.radians(30)
+        assert np.allclose(read.read_frames(1, 2)[0, 1], [np.cos(angle), np.sin(angle), 0], atol=1e-6)
+        assert read.notices == ()
+
+
+def test_irregular_times_of_transforms_that_we_wrote_stay_what_they_were(tmp_path: Path) -> None:
+    turning(tmp_path / "x.usda")
+    with open_sequence(tmp_path / "x.usda", transforms="keep") as read:
+        some = [0, 2, 3, 7]
+        (item,) = read.objects
+        clip = ArraySequence(read.read_frames(0, 8)[some], objects=[item], times=read.times[some], fps=24)
+    write_sequence(clip, tmp_path / "y.usda")
+    with open_sequence(tmp_path / "y.usda") as again:
+        assert np.allclose(again.times, clip.times, rtol=0, atol=1e-9)
+
+
+def test_a_rate_that_is_asked_for_is_sampled_at_and_the_last_key_kept(tmp_path: Path) -> None:
+    turning(tmp_path / "x.usda")
+    with open_sequence(tmp_path / "x.usda", fps=16) as read:
+        assert (read.times * 16).tolist() == [0, 1, 2, 3, 4, 5, 6, 7]
+        assert read.fps == 16
+        assert np.allclose(read.read_frames(2, 3)[0, 1], [0, 1, 0], atol=1e-6)
+        assert read.notices == ()
+    with open_sequence(tmp_path / "x.usda", fps=10) as read:
+        assert np.allclose(read.times * 10, [0, 1, 2, 3, 4, 4.375])
+        assert read.notices == ("sampled at 10 frames per second: 1 of 3 times in the file fall between frames",)
+
+
+def test_keys_that_are_an_age_apart_are_refused_not_filled(tmp_path: Path) -> None:
+    stage = stage_at(tmp_path / "x.usda")
+    turn = triangle(stage, "/a").AddRotateZOp()
+    for code in (0, 1e9):
+        turn.Set(code, code)
+    stage.Save()
+    with pytest.raises(InputError, match=r"1e\+09 frames at 24 a second, more than 16,777,216; take a lower rate"):
+        open_sequence(tmp_path / "x.usda")
+
+
+@pytest.mark.data
+def test_straight_lines_between_frames_are_near_what_usd_shows_there(shared_data: Path) -> None:
+    path = shared_data / "interop" / "usd" / "AnimatedCube.usdz"
+    with open_sequence(path) as read:
+        assert (read.times * 24).tolist() == list(range(49))
+        points = read.read_frames(0, 49).astype(np.float64)
+        (item,) = read.objects
+    stage = Usd.Stage.Open(str(path))
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath(f"/{item.name}"))
+    rest = np.c_[np.array(mesh.GetPointsAttr().Get()), np.ones(len(points[0]))]
+    diagonal = np.linalg.norm(np.ptp(points[0], axis=0))
+    for code in np.arange(0, 48, 0.25):
+        shown = (rest @ np.array(mesh.ComputeLocalToWorldTransform(code)))[:, :3]
+        before, share = int(code), code % 1
+        found = (1 - share) * points[before] + share * points[min(before + 1, 48)]
+        assert np.linalg.norm(found - shown, axis=1).max() < (1e-6 if share == 0 else 0.01) * diagonal
+
+
 def test_joints_and_blend_shapes_deform_points(tmp_path: Path) -> None:
     stage = stage_at(tmp_path / "x.usda")
     UsdSkel.Root.Define(stage, "/root")
@@ -101,11 +187,84 @@ def test_joints_and_blend_shapes_deform_points(tmp_path: Path) -> None:
     UsdGeom.Xform(stage.GetPrimAtPath("/root")).AddTranslateOp().Set(Gf.Vec3d(0, 100, 0))
     stage.Save()
     with open_sequence(tmp_path / "x.usda") as read:
-        assert (read.times * 24).tolist() == [0, 10]
-        assert read.read_frames(0, 2).tolist() == [
+        assert (read.times * 24).tolist() == list(range(11))
+        assert read.read_frames(0, 11)[::10].tolist() == [
             [[0, 100, 0], [1, 100, 0], [0, 101, 0]],
             [[5, 100, 0], [6, 100, 2], [5, 101, 0]],
         ]
+
+
+@pytest.mark.parametrize("bound", [False, True])
+@pytest.mark.parametrize("mirrored", ["root", "root/mesh", "root/skeleton"])
+def test_faces_of_a_skinned_mesh_run_as_when_usd_bakes_it(tmp_path: Path, mirrored: str, bound: bool) -> None:
+    stage = stage_at(tmp_path / "x.usda")
+    root = UsdSkel.Root.Define(stage, "/root")
+    mesh = UsdGeom.Mesh.Define(stage, "/root/mesh")
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(TETRAHEDRON))
+    mesh.CreateFaceVertexCountsAttr([3] * 4)
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.array(OUTWARD, np.int32).reshape(-1)))
+    skeleton = UsdSkel.Skeleton.Define(stage, "/root/skeleton")
+    skeleton.CreateJointsAttr(["a"])
+    skeleton.CreateBindTransformsAttr(Vt.Matrix4dArray([Gf.Matrix4d(1)]))
+    skeleton.CreateRestTransformsAttr(Vt.Matrix4dArray([Gf.Matrix4d(1)]))
+    binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
+    binding.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
+    binding.CreateJointIndicesPrimvar(False, 1).Set([0] * 4)
+    binding.CreateJointWeightsPrimvar(False, 1).Set([1] * 4)
+    UsdGeom.Xformable(stage.GetPrimAtPath(f"/{mirrored}")).AddScaleOp().Set(Gf.Vec3f(-1, 1, 1))
+    if bound:
+        binding.CreateGeomBindTransformAttr(mesh.GetLocalTransformation())
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        found, faces, points = volume(read), read.connectivity, read.read_frames(0, 1)
+    assert UsdSkel.BakeSkinning(root, Gf.Interval.GetFullInterval())
+    stage.Export(str(tmp_path / "baked.usda"))
+    with open_sequence(tmp_path / "baked.usda") as baked:
+        assert np.allclose(points, baked.read_frames(0, 1))
+        assert faces.same_as(baked.connectivity)
+    assert found == pytest.approx(1 / 6 if mirrored == "root" or (bound and mirrored == "root/mesh") else -1 / 6)
+
+
+@pytest.mark.parametrize("kind", ["BasisCurves", "Points"])
+def test_joints_move_curves_and_points_too_and_normals_that_would_stand_still_are_told(
+    tmp_path: Path, kind: str
+) -> None:
+    stage = stage_at(tmp_path / "x.usda")
+    UsdSkel.Root.Define(stage, "/root")
+    shape = getattr(UsdGeom, kind).Define(stage, "/root/shape")
+    shape.CreatePointsAttr([(0, 0, 0), (1, 0, 0), (2, 0, 0)])
+    if kind == "BasisCurves":
+        shape.CreateCurveVertexCountsAttr([3])
+        shape.CreateTypeAttr("linear")
+    normals = UsdGeom.PrimvarsAPI(shape).CreatePrimvar("N", Sdf.ValueTypeNames.Normal3fArray, "vertex")
+    normals.Set([(0, 0, 1)] * 3)
+    skeleton = UsdSkel.Skeleton.Define(stage, "/root/skeleton")
+    skeleton.CreateJointsAttr(["a", "b"])
+    identity = Vt.Matrix4dArray([Gf.Matrix4d(1)] * 2)
+    skeleton.CreateBindTransformsAttr(identity)
+    skeleton.CreateRestTransformsAttr(identity)
+    animation = UsdSkel.Animation.Define(stage, "/root/skeleton/animation")
+    animation.CreateJointsAttr(["a", "b"])
+    for code in (0, 1):
+        animation.CreateTranslationsAttr().Set([(0, 0, 0), (0, 4 * code, 0)], code)
+    animation.CreateRotationsAttr([Gf.Quatf(1)] * 2)
+    animation.CreateScalesAttr([(1, 1, 1)] * 2)
+    UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
+    binding = UsdSkel.BindingAPI.Apply(shape.GetPrim())
+    binding.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
+    binding.CreateJointIndicesPrimvar(False, 2).Set([0, 1] * 3)
+    binding.CreateJointWeightsPrimvar(False, 2).Set([1, 0, 0.5, 0.5, 0, 1])
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        assert read.read_frames(0, 2)[1].tolist() == [[0, 0, 0], [1, 2, 0], [2, 4, 0]]
+        assert read.notices == ("not kept: N (normals that would stand still)",)
+    binding.CreateJointIndicesPrimvar(False, 2).Set([0, 1] * 2)
+    stage.Save()
+    with (
+        open_sequence(tmp_path / "x.usda") as read,
+        pytest.raises(InputError, match="joints of /root/shape do not fit"),
+    ):
+        read.read_frames(0, 1)
 
 
 def test_faces_that_change_are_refused_or_left_out_by_name(tmp_path: Path) -> None:
@@ -126,7 +285,7 @@ def test_faces_that_change_are_refused_or_left_out_by_name(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        *((one, f"object 'thing' has the type {one}") for one in ("Sphere", "PointInstancer", "NurbsPatch")),
+        ("NurbsPatch", "object 'thing' has the type NurbsPatch"),
         ("Camera", "no mesh, curve or point animation: there is 1 camera"),
     ],
 )
@@ -136,6 +295,172 @@ def test_shapes_beyond_meshes_are_refused_by_type(tmp_path: Path, kind: str, mes
     stage.Save()
     with pytest.raises(InputError, match=message):
         open_sequence(tmp_path / "x.usda")
+
+
+SOLIDS = {
+    "Sphere": ({"radius": 2}, 4 / 3 * np.pi * 8, (4, 4, 4)),
+    "Cube": ({"size": 3}, 27, (3, 3, 3)),
+    "Cylinder": ({"radius": 1, "height": 4, "axis": "X"}, 4 * np.pi, (4, 2, 2)),
+    "Cylinder_1": ({"radiusBottom": 1, "radiusTop": 2, "height": 3, "axis": "Z"}, np.pi * 7, (4, 4, 3)),
+    "Cone": ({"radius": 1, "height": 3, "axis": "Y"}, np.pi, (2, 3, 2)),
+    "Capsule": ({"radius": 1, "height": 2, "axis": "Z"}, (2 + 4 / 3) * np.pi, (2, 2, 4)),
+    "Plane": ({"width": 2, "length": 3, "axis": "Z"}, 0, (2, 3, 0)),
+}
+"""Implicit shapes, their sizes, volume, and the extent of their bounds."""
+
+
+@pytest.mark.parametrize("kind", SOLIDS)
+def test_implicit_shapes_become_closed_polygons_of_their_size(tmp_path: Path, kind: str) -> None:
+    sizes, volume, extent = SOLIDS[kind]
+    stage = stage_at(tmp_path / "x.usda")
+    shape = getattr(UsdGeom, kind).Define(stage, "/solid")
+    for name, size in sizes.items():
+        shape.GetPrim().GetAttribute(name).Set(size)
+    first = next(iter(sizes))
+    for code, scale in ((0, 1), (4, 2)):
+        shape.GetPrim().GetAttribute(first).Set(sizes[first] * scale, code)
+    shape.CreateDisplayColorAttr([(1, 0, 0)])
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        assert (read.times * 24).tolist() == [0, 4]
+        points = read.read_frames(0, 2).astype(np.float64)
+        assert np.allclose(np.ptp(points[0], axis=0), extent, atol=1e-6)
+        assert read.notices == (f"shapes without vertices became polygons: 1 {kind}",)
+        assert [one.name for one in read.objects[0].attributes] == ["color", "normal_group"]
+        whole = read.connectivity
+    if kind == "Sphere":
+        assert np.allclose(points[1], 2 * points[0], atol=1e-5)
+    starts = np.cumsum(whole.face_counts) - whole.face_counts
+    edges, six_volumes = set(), 0.0
+    for start, count in zip(starts, whole.face_counts, strict=True):
+        face = whole.face_indices[start : start + count].tolist()
+        edges |= set(zip(face, face[1:] + face[:1], strict=True))
+        for a, b in pairwise(face[1:]):
+            six_volumes += np.linalg.det(points[0][[face[0], a, b]])
+    assert len(edges) == whole.face_indices.size  # no edge twice the same way round
+    if kind != "Plane":
+        assert edges == {(b, a) for a, b in edges}
+        assert 0.97 * volume < six_volumes / 6 <= volume * 1.0001
+
+
+def instancer(path: Path) -> tuple[Usd.Stage, UsdGeom.PointInstancer]:
+    """Two prototypes, the second a tree, and three instances under a transform."""
+    stage = stage_at(path)
+    above = UsdGeom.Xform.Define(stage, "/up")
+    above.AddTranslateOp().Set(Gf.Vec3d(100, 0, 0))
+    made = UsdGeom.PointInstancer.Define(stage, "/up/many")
+    one = triangle(stage, "/up/many/one")
+    one.AddTranslateOp().Set(Gf.Vec3d(0, 0, 7))
+    UsdGeom.Xform.Define(stage, "/up/many/tree")
+    triangle(stage, "/up/many/tree/leaf").AddScaleOp().Set(Gf.Vec3f(2))
+    made.CreatePrototypesRel().SetTargets(["/up/many/one", "/up/many/tree"])
+    made.CreateProtoIndicesAttr([0, 1, 0])
+    for code in (0, 1):
+        made.CreatePositionsAttr().Set([(10 * code, 0, 0), (20, 0, 0), (30, 0, 0)], code)
+    turn = Gf.Quath(np.sqrt(0.5), 0, 0, np.sqrt(0.5))
+    made.CreateOrientationsAttr([Gf.Quath(1), Gf.Quath(1), turn])
+    return stage, made
+
+
+def test_instances_become_objects_and_prototypes_stand_nowhere_themselves(tmp_path: Path) -> None:
+    stage, made = instancer(tmp_path / "x.usda")
+    made.CreateInvisibleIdsAttr().Set([1], 1)
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        assert [item.name for item in read.objects] == ["up/many/0", "up/many/2"]
+    made.CreateInvisibleIdsAttr().Set([], 0)
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        assert [item.name for item in read.objects] == ["up/many/0", "up/many/1/leaf", "up/many/2"]
+        points = read.read_frames(0, 2)
+        assert points[0, :3].tolist() == [[100, 0, 7], [101, 0, 7], [100, 1, 7]]
+        assert points[1, 0].tolist() == [110, 0, 7]
+        assert points[1, 3:6].tolist() == [[120, 0, 0], [122, 0, 0], [120, 2, 0]]
+        assert np.allclose(points[1, 6:], [[130, 0, 7], [130, 1, 7], [129, 0, 7]], atol=0.01)
+        hidden = "hidden in the file, always or at times, and there all the time here: 'up/many/1/leaf'"
+        assert read.notices == (hidden,)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda made: made.GetProtoIndicesAttr().Set([1, 1, 5]), "instances of prototypes that are not there"),
+        (
+            lambda made: [made.GetIdsAttr().Set([k, 1, 2], k) for k in (0, 3)],
+            "instances that come, go or change places",
+        ),
+        (lambda made: made.GetProtoIndicesAttr().Set([0] * 6), "instances of 18 vertices, more than 17; thin them out"),
+    ],
+)
+def test_instances_that_cannot_be_placed_are_refused_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: Any, message: str
+) -> None:
+    monkeypatch.setattr("pdecodec.formats.usd_reader.MOST_INSTANCED", 17)
+    stage, made = instancer(tmp_path / "x.usda")
+    made.CreateIdsAttr()
+    change(made)
+    stage.Save()
+    with pytest.raises(InputError, match=f"object 'up/many' has {message}"):
+        open_sequence(tmp_path / "x.usda")
+
+
+def test_what_an_isolated_stage_leaves_out_is_told(tmp_path: Path) -> None:
+    stage = stage_at(tmp_path / "x.usda")
+    triangle(stage, "/a")
+    UsdGeom.NurbsPatch.Define(stage, "/b")
+    stage.Save()
+    with pytest.raises(InputError, match=r"x\.usda: object 'b' has the type NurbsPatch"):
+        open_sequence(tmp_path / "x.usda", isolate=True)
+    with open_sequence(tmp_path / "x.usda", isolate=True, skip_unsupported=True) as read:
+        assert [(one.name, one.frame) for one in read.unsupported] == [("b", None)]
+        assert read.read_frames(0, 1).shape == (1, 3, 3)
+
+
+def test_text_that_is_not_utf_8_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "x.usda").write_bytes('#usda 1.0\ndef Mesh "\xe9" {}\n'.encode("latin-1"))
+    with pytest.raises(InputError, match=r"is no USD file, or a damaged one \(its text is not UTF-8\)"):
+        open_sequence(tmp_path / "x.usda")
+
+
+def test_what_is_hidden_is_named_and_primvars_above_a_mesh_are_its_own(tmp_path: Path) -> None:
+    stage = stage_at(tmp_path / "x.usda")
+    above = UsdGeom.Xform.Define(stage, "/up")
+    color = UsdGeom.PrimvarsAPI(above).CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, "constant")
+    color.Set([(0.25, 0.5, 0.75)])
+    for name in ("a", "b", "c"):
+        triangle(stage, f"/up/{name}")
+    UsdGeom.Imageable(stage.GetPrimAtPath("/up/a")).MakeInvisible()
+    at_times = UsdGeom.Imageable(stage.GetPrimAtPath("/up/b")).CreateVisibilityAttr()
+    for code, value in ((0, "inherited"), (5, "invisible")):
+        at_times.Set(value, code)
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        hidden = "hidden in the file, always or at times, and there all the time here: 'up/a', 'up/b'"
+        assert read.notices == (hidden,)
+        for item in read.objects:
+            (found,) = (one for one in item.attributes if one.name == "color")
+            assert (found.domain, found.values.tolist()) == ("object", [[0.25, 0.5, 0.75]])
+
+
+def test_faces_that_no_subset_binds_have_the_material_of_the_mesh(tmp_path: Path) -> None:
+    stage = stage_at(tmp_path / "x.usda")
+    mesh = triangle(stage, "/a")
+    mesh.CreateFaceVertexCountsAttr([3, 3, 3])
+    mesh.CreateFaceVertexIndicesAttr([0, 1, 2] * 3)
+    curves = UsdGeom.BasisCurves.Define(stage, "/hair")
+    curves.CreatePointsAttr([(0, 0, 0), (1, 0, 0)])
+    curves.CreateCurveVertexCountsAttr([2])
+    skin, nail = (UsdShade.Material.Define(stage, f"/{name}") for name in ("skin", "nail"))
+    binding = UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim())
+    binding.Bind(skin)
+    UsdShade.MaterialBindingAPI.Apply(curves.GetPrim()).Bind(skin)
+    subset = binding.CreateMaterialBindSubset("tip", [1])
+    UsdShade.MaterialBindingAPI.Apply(subset.GetPrim()).Bind(nail)
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        (material,) = (one for one in read.objects[0].attributes if one.name == "material")
+        assert [material.labels[value] for value in material.values] == ["skin", "nail", "skin"]
+        assert read.notices == ("not kept: material",)
 
 
 def test_left_handed_faces_are_turned_around_and_primvars_that_change_are_told(tmp_path: Path) -> None:

@@ -1,0 +1,215 @@
+"""Inputs and outputs of a command line: several inputs, folders of outputs, standard input and output."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from pdecodec.cli.console import byte_size, extent, say, visible
+from pdecodec.cli.options import check_apart, check_output
+from pdecodec.errors import PdecodecError, SettingsError
+
+if TYPE_CHECKING:
+    from pdecodec.sequence import MeshSequence
+
+STREAM = "-"
+"""Standard input, or output."""
+
+SAMPLES = (4, 12)
+"""Frames that are written to tell how large a file becomes: its growth is taken to be even."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """An input and where it goes: paths, and what to call them; `in_folder` where the folder may be new."""
+
+    source: str
+    output: str
+    source_name: str
+    output_name: str
+    in_folder: bool = False
+
+    def check(self, outputs: Iterable[str], sources: Iterable[str | None], *, overwrite: bool, dry_run: bool) -> None:
+        """Refuse outputs that cannot be written, or where a file lies that is read."""
+        outputs = list(outputs)
+        for path in outputs:
+            if not (dry_run and self.in_folder and not Path(path).parent.exists()):
+                check_output(path, overwrite=overwrite)
+        check_apart([self.source, *sources], outputs)
+
+
+def job_options(command: Callable[..., None]) -> Callable[..., None]:
+    """``IN... OUT``, ``-o``, ``--to`` and ``--dry-run``."""
+    for option in (
+        click.option(
+            "--dry-run", is_flag=True, help="Say what would be read and written, and how large about; write nothing."
+        ),
+        click.option(
+            "--to", "extension", metavar="EXT", help="Format of OUT where it is a folder or -: glb, abc, npz."
+        ),
+        click.option(
+            "-o", "--output", metavar="OUT", help="File, folder/ or pattern to write, or - for standard output."
+        ),
+        click.argument("paths", metavar="IN... [OUT]", nargs=-1),
+    ):
+        command = option(command)
+    return command
+
+
+def jobs(paths: Sequence[str], output: str | None, *, extension: str | None, default: str = "") -> list[Job]:
+    """What is to be done, in order; frames of one sequence, as a shell lists them, are one input.
+
+    Parameters
+    ----------
+    paths : sequence of str
+        Inputs, and at the end the output where `output` is None.
+    output : str or None
+    extension : str or None
+        Of outputs in a folder, or on standard output.
+    default : str
+        The extension where there is none.
+
+    Raises
+    ------
+    click.UsageError
+        If there is no input or output, or several inputs are to go to one file.
+    SettingsError
+        If two inputs would go to one output.
+    """
+    if output is None:
+        *paths, output = paths if len(paths) > 1 else (*paths, "")
+    if not output or not paths:
+        raise _usage_error("name an input and an output: IN OUT, or IN -o OUT")
+    sources, ending = _gathered(paths), (extension or default).lstrip(".")
+    to_folder = output.endswith("/") or Path(output).is_dir()
+    if len(sources) > 1 and not to_folder:
+        raise _usage_error(f"{len(sources)} inputs do not go to one file, {output}; name a folder: -o folder/")
+    if extension and not to_folder and output != STREAM:
+        raise _usage_error(f"--to {extension} is for a folder or -, and {output} is a file; leave it out")
+    if not to_folder or (len(sources) == 1 and not ending):
+        return [Job(sources[0], output, sources[0], output)]
+    found: dict[str, Job] = {}
+    for source in sources:
+        name = str(Path(output) / (f"{_stem(source)}.{ending}" if ending else f"{_stem(source)}/"))
+        name = name if ending else f"{name}/"
+        if name in found:
+            raise SettingsError(f"{found[name].source} and {source} would both go to {name}; convert them one by one")
+        found[name] = Job(source, name, source, name, in_folder=True)
+    return list(found.values())
+
+
+def _usage_error(message: str) -> click.UsageError:
+    return click.UsageError(message, click.get_current_context(silent=True))
+
+
+def _gathered(paths: Sequence[str]) -> list[str]:
+    """Inputs, frames of one sequence joined to its pattern."""
+    from pdecodec.formats.companions import frame_extensions
+
+    frames = [path for path in paths if Path(path).suffix.lower() in frame_extensions() and Path(path).is_file()]
+    if len(paths) < 2 or len(frames) < 2:
+        return list(dict.fromkeys(paths))
+    from fileseq.constants import PAD_STYLE_HASH1
+    from fileseq.filesequence import FileSequence
+
+    patterns = {}
+    for found in FileSequence.findSequencesInList(frames, pad_style=PAD_STYLE_HASH1):
+        patterns.update(dict.fromkeys(map(str, found), str(found) if len(found) > 1 else found[0]))
+    return list(dict.fromkeys(patterns.get(path, path) for path in paths))
+
+
+def _stem(source: str) -> str:
+    """The name of an output in a folder."""
+    from pdecodec.formats.frame_files import is_frame_pattern, parse_pattern
+
+    path = Path(source)
+    if source == STREAM:
+        return "stdin"
+    if is_frame_pattern(path) and not path.exists():
+        return str(parse_pattern(path).basename()).rstrip("._- ") or "frames"
+    return path.resolve().name if path.is_dir() else path.stem
+
+
+@contextmanager
+def streamed(job: Job, *, extension: str, dry_run: bool = False) -> Iterator[Job]:
+    """The job with files in place of standard input and output, and the folder of its output made.
+
+    Raises
+    ------
+    SettingsError
+        If nobody says which format goes to standard output, or it is more than one file.
+    """
+    with ExitStack() as stack:
+        source, output = job.source, job.output
+        if STREAM in (source, output):
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pdecodec-")))
+        if source == STREAM:
+            source = str(folder / "stdin")
+            with Path(source).open("wb") as file:
+                shutil.copyfileobj(sys.stdin.buffer, file)
+        if output == STREAM:
+            if not extension:
+                raise SettingsError("-o -: say which format goes to standard output, as --to glb")
+            if sys.stdout.isatty() and not dry_run:
+                raise SettingsError("-o -: standard output is a terminal; name a file, or send it to a program")
+            (folder / "out").mkdir()
+            output = str(folder / "out" / f"stdout.{extension.lstrip('.')}")
+        elif job.in_folder and not dry_run:
+            _make_folder(Path(output).parent)
+        try:
+            yield dataclasses.replace(job, source=source, output=output)
+        except PdecodecError as error:
+            if job.source == STREAM and error.path == source:
+                raise type(error)(
+                    error.message, path="standard input", frame=error.frame, offset=error.offset
+                ) from error
+            raise
+        if job.output == STREAM and not dry_run:
+            found = [one for one in (folder / "out").rglob("*") if one.is_file()]
+            if len(found) != 1:
+                raise SettingsError(f"-o -: {len(found)} files do not go to standard output; name a folder")
+            with found[0].open("rb") as written:
+                shutil.copyfileobj(written, sys.stdout.buffer)
+            sys.stdout.buffer.flush()
+
+
+def _make_folder(folder: Path) -> None:
+    """Make the folder of an output where there is none, if the one above it is there."""
+    if not folder.exists() and folder.parent.is_dir():
+        folder.mkdir()
+
+
+def say_plan(
+    job: Job, sequence: MeshSequence, write: Callable[[MeshSequence, str], object], *, files: int, size: int
+) -> None:
+    """Print what a job would read, `files` of `size` bytes, and write, and how large about by writing some frames."""
+    from pdecodec.selection import FrameSelection
+
+    counts = sorted({min(count, sequence.frame_count) for count in SAMPLES})
+    sizes = []
+    for count in counts:
+        with tempfile.TemporaryDirectory(prefix="pdecodec-") as folder:
+            name = Path(job.output).name + ("/" if job.output.endswith("/") else "")
+            write(FrameSelection(sequence, range(count)), f"{folder}/{name}")
+            sizes.append(sum(one.stat().st_size for one in Path(folder).rglob("*") if one.is_file()))
+    growth = (sizes[-1] - sizes[0]) / max(1, counts[-1] - counts[0])
+    about = sizes[-1] + growth * (sequence.frame_count - counts[-1])
+    there = f"{files} file{'s' * (files != 1)}, {byte_size(size)}"
+    click.echo(visible(f"read {job.source_name} ({there}): {extent(sequence.frame_count, sequence.vertex_count)}"))
+    click.echo(visible(f"write {job.output_name}: about {byte_size(max(0, round(about)))}"))
+
+
+def say_start(job: Job, sequence: MeshSequence) -> None:
+    """What is read and written, for ``-v``."""
+    objects = f"{len(sequence.objects)} object{'s' * (len(sequence.objects) != 1)}"
+    size = extent(sequence.frame_count, sequence.vertex_count)
+    say(f"{job.source_name} -> {job.output_name}: {objects}, {size}, {sequence.fps:g} frames a second", level=1)

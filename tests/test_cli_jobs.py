@@ -1,0 +1,201 @@
+"""The command line in the hand: what it does by extensions, several inputs, pipes, dry runs, how much it says."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdecodec.cli.console import byte_size
+from pdecodec.cli.main import run
+from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.sequence import ArraySequence, MeshObject
+from tests.mesh_cases import connectivity_of, grid
+from tests.scene_cases import SPACE, body, needed, scene
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def clip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ArraySequence:
+    """A sheet that waves, in `a.npz` of the working directory."""
+    monkeypatch.chdir(tmp_path)
+    x, z = np.meshgrid(np.linspace(0, 1, 12), np.linspace(0, 2, 12), indexing="ij")
+    height = np.sin(3 * x + 0.4 * np.arange(20)[:, None, None])
+    points = np.stack(np.broadcast_arrays(x, height, z), axis=-1).reshape(20, -1, 3)
+    found = ArraySequence(points, objects=[MeshObject("sheet", grid(12, 12))], fps=24, metadata=SPACE)
+    write_sequence(found, "a.npz")
+    return found
+
+
+def test_a_line_of_two_paths_does_what_their_extensions_say(clip: ArraySequence, capsys: Capture) -> None:
+    assert run(["a.npz", "a.pdeanim", "--tolerance", "1e-3"]) == 0
+    assert " -> out " in capsys.readouterr().err
+    assert run(["a.pdeanim", "a.glb", "--fps", "48"]) == 0
+    with open_sequence("a.glb") as read:
+        assert read.frame_count == 39
+    assert run(["./a.npz", "a.h5", "--frames", "0:2"]) == 0
+    with open_sequence("a.h5") as read:
+        assert np.array_equal(read.read_frames(0, 2), clip.points[:2])
+    for number, line in enumerate(("convert a.npz b{}.pdeanim", "convert a.npz -o b{}.pdeanim --size 3kB")):
+        assert run(line.format(number).split()) == 0
+    assert Path("b1.pdeanim").stat().st_size <= 3000
+    assert run(["decode", "a.pdeanim", "c.npz"]) == 0
+    assert run(["nothing.npz", "x.pdeanim"]) == 3
+    assert "nothing.npz: there is no such file" in capsys.readouterr().err
+    assert run(["a.npz"]) == 2
+
+
+def test_several_inputs_go_to_a_folder_that_may_be_new(clip: ArraySequence, capsys: Capture) -> None:
+    write_sequence(clip, "b.h5")
+    assert run(["encode", "a.npz", "b.h5", "-o", "new/"]) == 0
+    assert sorted(os.listdir("new")) == ["a.pdeanim", "b.pdeanim"]
+    assert run(["new/a.pdeanim", "new/b.pdeanim", "-o", "glb/", "--to", "glb"]) == 0
+    assert sorted(os.listdir("glb")) == ["a.glb", "b.glb"]
+    assert run(["convert", "a.npz", "b.h5", "-o", "frames/", "--frames", "0:2"]) == 0
+    assert sorted(os.listdir("frames/b")) == ["b.0000.obj", "b.0001.obj"]
+    capsys.readouterr()
+    assert run(["convert", "a.npz", "b.h5", "-o", "x.glb"]) == 2
+    assert "2 inputs do not go to one file, x.glb; name a folder: -o folder/" in capsys.readouterr().err
+    assert run(["convert", "a.npz", "x.glb", "--to", "glb"]) == 2
+    assert "--to glb is for a folder or -, and x.glb is a file" in capsys.readouterr().err
+    Path("other").mkdir()
+    write_sequence(clip, "other/a.npz")
+    assert run(["encode", "a.npz", "other/a.npz", "-o", "new/", "-y"]) == 2
+    assert "would both go to new/a.pdeanim" in capsys.readouterr().err
+
+
+def test_frames_that_a_shell_lists_are_one_sequence(clip: ArraySequence) -> None:
+    write_sequence(clip, "walk.####.obj")
+    files = sorted(str(path) for path in Path().glob("walk.*.obj"))
+    assert run(["encode", *files[3:9], "walk.pdeanim"]) == 0
+    with open_sequence("walk.pdeanim") as read:
+        assert np.allclose(read.times * 24, np.arange(3, 9))
+    write_sequence(clip, "run.####.obj")
+    both = sorted(str(path) for path in Path().glob("*.obj"))
+    assert run(["convert", *both, "-o", "both/", "--to", ".npz"]) == 0
+    assert sorted(os.listdir("both")) == ["run.npz", "walk.npz"]
+
+
+def piped(arguments: list[str], data: bytes = b"") -> subprocess.CompletedProcess[bytes]:
+    command = [sys.executable, "-m", "pdecodec.cli", *arguments]
+    return subprocess.run(command, input=data, capture_output=True, check=False, timeout=120)
+
+
+def test_files_come_and_go_through_pipes(clip: ArraySequence) -> None:
+    encoded = piped(["encode", "-", "-o", "-"], Path("a.npz").read_bytes())
+    assert encoded.returncode == 0, encoded.stderr
+    assert encoded.stdout.startswith(b"\x89PDEANIM")
+    decoded = piped(["decode", "-", "-", "--to", "npz"], encoded.stdout)
+    Path("back.npz").write_bytes(decoded.stdout)
+    with open_sequence("back.npz") as read:
+        assert np.abs(read.read_frames(0, 20) - clip.points).max() < 5e-3
+    assert piped(["a.npz", "-", "--to", "glb"]).stdout.startswith(b"glTF")
+    for arguments, code, message in (
+        (["convert", "a.npz", "-"], 2, b"-o -: say which format goes to standard output, as --to glb"),
+        (["convert", "a.npz", "-o", "-", "--to", "xdmf"], 2, b"-o -: 2 files do not go to standard output"),
+        (["convert", "a.npz", "-o", "-", "--to", "npz", "--json"], 2, b"-o - and --json both want standard output"),
+        (["convert", "-", "x.npz"], 3, b"error: standard input: its format is not known"),
+    ):
+        done = piped(arguments, b"nonsense")
+        assert (done.returncode, done.stdout) == (code, b"")
+        assert message in done.stderr
+    assert not Path("x.npz").exists()
+
+
+@pytest.mark.parametrize("output", ["x.obj", "x.####.obj", "x.npz", "x.abc", "x.xdmf", "x.pvd", "x.glb"])
+def test_a_dry_run_says_how_large_about_and_writes_nothing(clip: ArraySequence, output: str, capsys: Capture) -> None:
+    needed(output.rpartition(".")[2])
+    frames = ["--frames", "5:6"] if output == "x.obj" else []
+    before = sorted(os.listdir())
+    assert run(["convert", "a.npz", output, "--dry-run", *frames]) == 0
+    said = capsys.readouterr()
+    assert sorted(os.listdir()) == before
+    read, write = said.out.splitlines()
+    count = 1 if frames else 20
+    assert read.startswith(f"read a.npz (1 file, {Path('a.npz').stat().st_size / 1e3:.1f} kB): {count} frame")
+    assert write.startswith(f"write {output}: about ")
+    number, unit = write.rpartition("about ")[2].split()
+    about = float(number) * {"bytes": 1, "kB": 1e3, "MB": 1e6}[unit]
+    assert run(["convert", "a.npz", output, *frames]) == 0
+    written = sum(path.stat().st_size for path in Path().glob("x.*"))
+    # Of glTF a few frames have a target each, where all together have few.
+    assert abs(about - written) < 0.05 * written or output == "x.glb"
+
+
+def test_an_encoding_that_is_dry_says_how_large_about(clip: ArraySequence, capsys: Capture) -> None:
+    assert run(["a.npz", "a.pdeanim", "--dry-run"]) == 0
+    assert capsys.readouterr().out.splitlines()[1].startswith("write a.pdeanim: about ")
+    assert not Path("a.pdeanim").exists()
+    assert run(["a.npz", "a.pdeanim", "-q"]) == 0
+    assert run(["decode", "a.pdeanim", "b.npz", "--dry-run"]) == 0
+    assert not Path("b.npz").exists()
+
+
+def test_quiet_says_nothing_but_errors_and_verbose_what_is_done(clip: ArraySequence, capsys: Capture) -> None:
+    assert run(["convert", "a.npz", "x.obj", "--frames", "0:1", "-q"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert run(["convert", "a.npz", "x.obj", "--frames", "0:1", "-q"]) == 3
+    assert capsys.readouterr().err.startswith("error: x.obj: exists already")
+    assert run(["convert", "a.npz", "x.obj", "--frames", "0:1", "-y", "-v"]) == 0
+    assert "a.npz -> x.obj: 1 object, 1 frame of 144 vertices, 24 frames a second" in capsys.readouterr().err
+    assert run(["convert", "a.npz", "x.obj", "--frames", "0:1", "-y"]) == 0
+    assert "24 frames a second" not in capsys.readouterr().err
+
+
+def test_a_tree_of_objects_is_shown_as_one(tmp_path: Path, capsys: Capture) -> None:
+    write_sequence(scene([body("rig/arm/hand", ()), body("rig/arm/nail", ()), body("alone", ())]), tmp_path / "x.npz")
+    assert run(["info", str(tmp_path / "x.npz"), "--tree"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.partition("  5 ")[0].rstrip() for line in lines[1:6]] == [
+        "rig/",
+        "  arm/",
+        "    hand",
+        "    nail",
+        "alone",
+    ]
+
+
+@pytest.mark.parametrize("name", ["x.xdmf", "x.pvd"])
+def test_sizes_count_every_file(clip: ArraySequence, name: str, capsys: Capture) -> None:
+    assert run(["a.npz", "a.pdeanim"]) == 0
+    capsys.readouterr()
+    assert run(["decode", "a.pdeanim", name]) == 0
+    size = sum(path.stat().st_size for path in Path().glob("x.*"))
+    assert f"-> out {byte_size(size)} " in capsys.readouterr().err
+    assert run(["info", name, "--json"]) == 0
+    assert f'"source_bytes": {size}' in capsys.readouterr().out
+
+
+def test_triangles_of_xdmf_stand_in_rows_of_three(tmp_path: Path) -> None:
+    import h5py
+
+    item = MeshObject("a", connectivity_of(3, [[0, 1, 2]]))
+    write_sequence(ArraySequence(np.eye(3)[None], objects=[item]), tmp_path / "x.xdmf")
+    assert 'Dimensions="1 3" NumberType="Int"' in (tmp_path / "x.xdmf").read_text()
+    with h5py.File(tmp_path / "x.h5") as file:
+        assert file["topology"].shape == (1, 3)
+
+
+def test_shells_complete_commands_and_options() -> None:
+    environment = {**os.environ, "_PDECODEC_COMPLETE": "bash_complete", "COMP_WORDS": "pdecodec con", "COMP_CWORD": "1"}
+    command = [sys.executable, "-m", "pdecodec.cli"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stdout) == (0, "plain,convert\n")
+
+
+def test_progress_begins_with_its_total(tmp_path: Path) -> None:
+    told: list[tuple[int, int]] = []
+    write_sequence(scene(), tmp_path / "x.npz", progress=lambda done, total, what: told.append((done, total)))
+    assert told == [(0, 5), (5, 5)]
+
+
+def test_what_is_no_geometry_is_counted_in_grammar(tmp_path: Path, capsys: Capture) -> None:
+    needed("usda")
+    (tmp_path / "x.usda").write_text('#usda 1.0\ndef Camera "a" {}\ndef Camera "b" {}\n')
+    assert run(["info", str(tmp_path / "x.usda")]) == 3
+    assert "there are 2 cameras" in capsys.readouterr().err
