@@ -26,6 +26,9 @@ from pdecodec.xpbd.system import System
 MAX_ITERATIONS = 10_000
 """More is a slip of the keyboard: small substeps serve better than iterations (Macklin et al. 2019)."""
 
+SUBSTEPS_AT_ONCE = 20
+"""After so many in compiled code an interrupt is heard."""
+
 
 class Solver:
     """The state of a system as it moves.
@@ -85,10 +88,12 @@ class Solver:
 
     def advance(self, substeps: int = 1) -> None:
         """Go on by `substeps` substeps."""
-        if isinstance(self._alone, _core.Sheets) and substeps > 0:
+        if isinstance(self._alone, _core.Sheets):
             state = (self.positions, self.previous, self.velocities, self._accelerations())
-            self._alone.advance(*state, self.substep, self._keep, substeps, self.iterations)
-            self.substeps_done += substeps
+            for done in range(0, substeps, SUBSTEPS_AT_ONCE):
+                count = min(substeps - done, SUBSTEPS_AT_ONCE)
+                self._alone.advance(*state, self.substep, self._keep, count, self.iterations)
+                self.substeps_done += count
         else:
             for _ in range(substeps):
                 self._advance_once()
