@@ -59,7 +59,7 @@ template <int count, class T> PDEANIM_INLINE const LanesInMemory<T, count> &lane
 // Values where what is tested is more than 0, else 0.
 template <class Row> PDEANIM_INLINE Row where_positive(const Row &tested, const Row &values) {
 #if defined(__GNUC__)
-    return tested > 0 ? values : Row{};
+    return tested > 0.0 ? values : Row{};
 #else
     Row found{};
     for (std::size_t i = 0; i < sizeof(Row) / sizeof(found[0]); ++i) {
