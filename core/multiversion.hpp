@@ -18,3 +18,10 @@
 #else
 #define PDEANIM_INLINE inline __attribute__((always_inline))
 #endif
+
+// For the lambdas within them.
+#if defined(__GNUC__)
+#define PDEANIM_INLINE_LAMBDA __attribute__((always_inline))
+#else
+#define PDEANIM_INLINE_LAMBDA
+#endif

@@ -192,15 +192,32 @@ def predict(
     substep: float,
     keep: float,
 ) -> None: ...
-def solve_distances(
-    state: State, pairs: Int32Array, lengths: Float64Array, multipliers: Float64Array, scaling: Scaling
-) -> None: ...
-def solve_chains(
-    state: State, chains: Int32Array, lengths: Float64Array, multipliers: Float64Array, scaling: Scaling
-) -> None: ...
-def solve_bending(
-    state: State, stencils: Int32Array, coefficients: Float64Array, multipliers: Float64Array, scaling: Scaling
-) -> None: ...
+
+class Sheets:
+    def __init__(self, inverse_masses: Float64Array) -> None: ...
+    def add_distances(
+        self, pairs: Int32Array, lengths: Float64Array, multipliers: Float64Array, scaling: Scaling
+    ) -> None: ...
+    def add_chains(
+        self, chains: Int32Array, lengths: Float64Array, multipliers: Float64Array, scaling: Scaling
+    ) -> None: ...
+    def add_bending(
+        self, stencils: Int32Array, coefficients: Float64Array, multipliers: Float64Array, scaling: Scaling
+    ) -> None: ...
+    def solve(self, positions: Float64Array, previous: Float64Array, is_first: bool) -> None: ...
+    def advance(
+        self,
+        positions: Float64Array,
+        previous: Float64Array,
+        velocities: Float64Array,
+        accelerations: Float64Array,
+        substep: float,
+        keep: float,
+        substeps: int,
+        iterations: int,
+    ) -> None: ...
+    def store(self) -> None: ...
+
 def solve_attachments(
     state: State, attached: Int32Array, targets: Float64Array, multipliers: Float64Array, scaling: Scaling
 ) -> None: ...

@@ -90,6 +90,36 @@ def test_compiled_sweeps_equal_the_plain_form(kind: str, method: Method, damping
     assert np.abs(results[0][0] - previous).max() > 0.01
 
 
+@pytest.mark.parametrize("damping", [0.0, 0.02])
+@pytest.mark.parametrize("kind", ["distance", "chain", "bending"])
+def test_constraints_that_are_taken_at_once_give_the_bits_of_one_after_another(kind: str, damping: float) -> None:
+    random = np.random.default_rng(7)
+    count, each = 60, {"distance": 2, "chain": 5, "bending": 4}[kind]
+    rest = random.normal(size=(count, 3))
+    # Some share particles with the one before, some with none for long.
+    particles = np.stack([random.choice(20 if i % 3 else count, each, replace=False) for i in range(150)])
+    make_batch = {
+        "distance": partial(DistanceConstraints.from_positions, compliance=0.02),
+        "chain": partial(ChainConstraints.from_positions, compliance=0.02),
+        "bending": partial(IsometricBendingConstraints.from_positions, rigidity=30.0),
+    }[kind]
+    inverse_masses = random.uniform(0.5, 2, size=count)
+    inverse_masses[::7] = 0
+    start = rest + 0.01 * random.normal(size=rest.shape)
+    found = []
+    for divided in ([particles], particles[:, None]):
+        positions = start.copy()
+        batches = [make_batch(rest, part, damping=damping) for part in divided]
+        multipliers = [batch.new_multipliers() for batch in batches]
+        for _ in range(2):
+            for batch, own in zip(batches, multipliers, strict=True):
+                batch.solve(State(positions, rest, inverse_masses), own, **ONCE)
+        found.append((positions, np.concatenate(multipliers)))
+    np.testing.assert_array_equal(found[0][0], found[1][0])
+    np.testing.assert_array_equal(found[0][1], found[1][1])
+    assert np.abs(found[0][0] - start).max() > 1e-4
+
+
 @pytest.mark.parametrize("kind", TYPES)
 def test_values_are_those_of_each_constraint_and_energy_is_half_their_square_over_the_compliance(kind: str) -> None:
     batch, rest = make(kind)

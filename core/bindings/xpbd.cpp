@@ -5,7 +5,7 @@
 #include <array>
 
 #include "bindings/bindings.hpp"
-#include "xpbd/sweeps.hpp"
+#include "xpbd/sheets.hpp"
 
 namespace pdeanim::bindings {
 
@@ -58,39 +58,57 @@ void py_predict(const ChangedPoints &positions, const ChangedPoints &previous, c
     predict(moved, noted, masses, speeds, pulls, substep, keep);
 }
 
-void py_solve_distances(const StateArrays &state, const Rows<i32, 2> &pairs, const Flat<double> &lengths,
-                        const ChangedNumbers &multipliers, const ScalingNumbers &scaling) {
-    const Particles particles = particles_of(state);
+// Batches of sheets know their callers' arrays of multipliers.
+i32 filler_of(const Sheets &sheets) { return static_cast<i32>(sheets.particles()); }
+
+void py_add_distances(Sheets &sheets, const Rows<i32, 2> &pairs, const Flat<double> &lengths,
+                      const ChangedNumbers &multipliers, const ScalingNumbers &scaling) {
     const std::size_t count = pairs.shape(0);
-    const auto members = members_of<2>(pairs, particles.positions.size());
+    members_of<2>(pairs, sheets.particles());
     const auto rest = items<const double>(lengths, count);
     const auto forces = items<double>(multipliers, count);
-    nb::gil_scoped_release release;
-    solve_distances(particles, members, rest, forces, scaling_of(scaling));
+    sheets.add(make_distances({pairs.data(), pairs.size()}, filler_of(sheets), rest, forces, scaling_of(scaling)));
 }
 
-void py_solve_chains(const StateArrays &state, const Array<const i32, nb::ndim<2>> &chains,
-                     const Array<const double, nb::ndim<2>> &lengths, const Array<double, nb::ndim<2>> &multipliers,
-                     const ScalingNumbers &scaling) {
-    const Particles particles = particles_of(state);
+void py_add_chains(Sheets &sheets, const Array<const i32, nb::ndim<2>> &chains,
+                   const Array<const double, nb::ndim<2>> &lengths, const Array<double, nb::ndim<2>> &multipliers,
+                   const ScalingNumbers &scaling) {
     if (chains.shape(1) < 2) throw nb::value_error("a chain has two points or more");
     const std::size_t links = chains.shape(1) - 1;
-    members_of<1>(chains, particles.positions.size());
+    members_of<1>(chains, sheets.particles());
     const auto rest = items<const double>(lengths, chains.shape(0) * links);
     const auto forces = items<double>(multipliers, chains.shape(0) * links);
-    nb::gil_scoped_release release;
-    solve_chains(particles, links, {chains.data(), chains.size()}, rest, forces, scaling_of(scaling));
+    sheets.add(
+        make_chains(links, {chains.data(), chains.size()}, filler_of(sheets), rest, forces, scaling_of(scaling)));
 }
 
-void py_solve_bending(const StateArrays &state, const Rows<i32, 4> &stencils, const Rows<double, 4> &coefficients,
-                      const ChangedPoints &multipliers, const ScalingNumbers &scaling) {
-    const Particles particles = particles_of(state);
+void py_add_bending(Sheets &sheets, const Rows<i32, 4> &stencils, const Rows<double, 4> &coefficients,
+                    const ChangedPoints &multipliers, const ScalingNumbers &scaling) {
     const std::size_t count = stencils.shape(0);
-    const auto members = members_of<4>(stencils, particles.positions.size());
-    const auto weights = items<const std::array<double, 4>>(coefficients, count);
-    const auto forces = items<Point>(multipliers, count);
+    members_of<4>(stencils, sheets.particles());
+    const auto weights = items<const double>(coefficients, 4 * count);
+    const auto forces = items<double>(multipliers, 3 * count);
+    sheets.add(make_bending({stencils.data(), stencils.size()}, filler_of(sheets), weights, forces,
+                            sheets.inverse_masses(), scaling_of(scaling)));
+}
+
+void py_solve_sheets(Sheets &sheets, const ChangedPoints &positions, const Points &previous, bool is_first) {
+    const std::size_t count = sheets.particles();
+    const auto moved = items<Point>(positions, count);
+    const auto before = items<const Point>(previous, count);
     nb::gil_scoped_release release;
-    solve_bending(particles, members, weights, forces, scaling_of(scaling));
+    sheets.solve(moved, before, is_first);
+}
+
+void py_advance_sheets(Sheets &sheets, const ChangedPoints &positions, const ChangedPoints &previous,
+                       const ChangedPoints &velocities, const Points &accelerations, double substep, double keep,
+                       i64 substeps, i64 iterations) {
+    const std::size_t count = sheets.particles();
+    const auto moved = items<Point>(positions, count), noted = items<Point>(previous, count);
+    const auto speeds = items<Point>(velocities, count);
+    const auto pulls = items<const Point>(accelerations, count);
+    nb::gil_scoped_release release;
+    sheets.advance(moved, noted, speeds, pulls, substep, keep, substeps, iterations);
 }
 
 void py_solve_attachments(const StateArrays &state, const Rows<i32, 1> &attached, const Points &targets,
@@ -157,12 +175,25 @@ void bind_xpbd(nb::module_ &module) {
     module.def("predict", &py_predict, changed("positions"), changed("previous"), nb::arg("inverse_masses"),
                nb::arg("velocities"), nb::arg("accelerations"), nb::arg("substep"), nb::arg("keep"),
                "Eq. 4, with the share `keep` of the velocities; what was there before goes to `previous`.");
-    module.def("solve_distances", &py_solve_distances, changed("state"), nb::arg("pairs"), nb::arg("lengths"),
-               changed("multipliers"), nb::arg("scaling"), "One sweep over distance constraints.");
-    module.def("solve_chains", &py_solve_chains, changed("state"), nb::arg("chains"), nb::arg("lengths"),
-               changed("multipliers"), nb::arg("scaling"), "One sweep over chains, the links of each at once.");
-    module.def("solve_bending", &py_solve_bending, changed("state"), nb::arg("stencils"), nb::arg("coefficients"),
-               changed("multipliers"), nb::arg("scaling"), "One sweep over isometric bending constraints.");
+    nb::class_<Sheets>(module, "Sheets", "Batches of sheets that are solved in turn.")
+        .def(
+            "__init__",
+            [](Sheets *self, const Flat<double> &inverse_masses) {
+                new (self) Sheets(items<const double>(inverse_masses, inverse_masses.shape(0)));
+            },
+            nb::arg("inverse_masses"))
+        .def("add_distances", &py_add_distances, nb::arg("pairs"), nb::arg("lengths"), changed("multipliers"),
+             nb::arg("scaling"), nb::keep_alive<1, 4>())
+        .def("add_chains", &py_add_chains, nb::arg("chains"), nb::arg("lengths"), changed("multipliers"),
+             nb::arg("scaling"), nb::keep_alive<1, 4>())
+        .def("add_bending", &py_add_bending, nb::arg("stencils"), nb::arg("coefficients"), changed("multipliers"),
+             nb::arg("scaling"), nb::keep_alive<1, 4>())
+        .def("solve", &py_solve_sheets, changed("positions"), nb::arg("previous"), nb::arg("is_first"),
+             "One iteration; where it is the first, multipliers start from 0.")
+        .def("advance", &py_advance_sheets, changed("positions"), changed("previous"), changed("velocities"),
+             nb::arg("accelerations"), nb::arg("substep"), nb::arg("keep"), nb::arg("substeps"), nb::arg("iterations"),
+             "Substeps of Algorithm 1 with nothing but these batches in it.")
+        .def("store", &Sheets::store, "Write multipliers to the arrays that they came from.");
     module.def("solve_attachments", &py_solve_attachments, changed("state"), nb::arg("attached"), nb::arg("targets"),
                changed("multipliers"), nb::arg("scaling"), "One sweep over springs to points.");
     module.def("solve_volumes", &py_solve_volumes, changed("state"), nb::arg("tetrahedra"), nb::arg("volumes"),

@@ -1,37 +1,96 @@
-#include "xpbd/sweeps.hpp"
+#include "xpbd/slots.hpp"
 
 namespace pdeanim::xpbd {
 
-void solve_bending(const Particles &particles, std::span<const Members<4>> stencils,
-                   std::span<const std::array<double, 4>> coefficients, std::span<Point> multipliers,
-                   const Scaling &scaling) {
-    const auto &[x, old, weights] = particles;
+namespace {
+
+struct BendingSlots {
+    const i32 *members;
+    const double *coefficients, *inverses;
+    double *multipliers;
+};
+
+// One constraint after another, the axes side by side; lanes of a slot only give the processor something to do meanwhile.
+template <bool is_damped> PDEANIM_INLINE void solve_slots(const Places &places, const BendingSlots &slots,
+                                                          std::size_t count, const Scaling &scaling) {
     const auto [compliance, damping, relaxation] = scaling;
-    for (std::size_t i = 0; i < stencils.size(); ++i) {
-        const auto [a, b, c, d] = stencils[i];
-        const auto [of_a, of_b, of_c, of_d] = coefficients[i];
-        const double step_a = weights[a] * of_a, step_b = weights[b] * of_b;
-        const double step_c = weights[c] * of_c, step_d = weights[d] * of_d;
-        const double slope = step_a * of_a + step_b * of_b + step_c * of_c + step_d * of_d;
-        if (slope == 0.0) continue;
-        const double inverse = 1.0 / ((1.0 + damping) * slope + compliance);
-        for (int axis = 0; axis < 3; ++axis) {
-            const double value = of_a * x[a][axis] + of_b * x[b][axis] + of_c * x[c][axis] + of_d * x[d][axis];
-            double right = -value - compliance * multipliers[i][axis];
-            if (damping > 0.0) {
-                const double before =
-                    of_a * old[a][axis] + of_b * old[b][axis] + of_c * old[c][axis] + of_d * old[d][axis];
+    for (std::size_t slot = 0; slot < count; ++slot) {
+        const i32 *members = slots.members + slot * 4 * slot_size;
+        const double *coefficients = slots.coefficients + slot * 4 * slot_size;
+        double *multipliers = slots.multipliers + slot * 3 * slot_size;
+        for (int lane = 0; lane < slot_size; ++lane) {
+            const i32 a = members[lane], b = members[slot_size + lane];
+            const i32 c = members[2 * slot_size + lane], d = members[3 * slot_size + lane];
+            const double of_a = coefficients[lane], of_b = coefficients[slot_size + lane];
+            const double of_c = coefficients[2 * slot_size + lane], of_d = coefficients[3 * slot_size + lane];
+            auto &x_a = lanes_at<4>(places.positions[a].at), &x_b = lanes_at<4>(places.positions[b].at);
+            auto &x_c = lanes_at<4>(places.positions[c].at), &x_d = lanes_at<4>(places.positions[d].at);
+            const Place &old_a = places.previous[a], &old_b = places.previous[b];
+            const Place &old_c = places.previous[c], &old_d = places.previous[d];
+            const Register value = of_a * x_a + of_b * x_b + of_c * x_c + of_d * x_d;
+            Register multiplier{};
+            for (int axis = 0; axis < 3; ++axis) multiplier[axis] = multipliers[axis * slot_size + lane];
+            Register right = -value - compliance * multiplier;
+            if constexpr (is_damped) {
+                const Register before = of_a * lanes_at<4>(old_a.at) + of_b * lanes_at<4>(old_b.at) +
+                                        of_c * lanes_at<4>(old_c.at) + of_d * lanes_at<4>(old_d.at);
                 right -= damping * (value - before);
             }
-            double change = right * inverse;  // Eq. 6
-            multipliers[i][axis] += change;
-            change *= relaxation;
-            x[a][axis] += step_a * change;  // Eq. 7
-            x[b][axis] += step_b * change;
-            x[c][axis] += step_c * change;
-            x[d][axis] += step_d * change;
+            Register change = right * slots.inverses[slot * slot_size + lane];  // Eq. 6
+            multiplier += change;
+            for (int axis = 0; axis < 3; ++axis) multipliers[axis * slot_size + lane] = multiplier[axis];
+            change = change * relaxation;
+            x_a += (old_a.at[3] * of_a) * change;  // Eq. 7
+            x_b += (old_b.at[3] * of_b) * change;
+            x_c += (old_c.at[3] * of_c) * change;
+            x_d += (old_d.at[3] * of_d) * change;
         }
     }
+}
+
+PDEANIM_MULTIVERSION void solve_damped(const Places &places, const BendingSlots &slots, std::size_t count,
+                                       const Scaling &scaling) {
+    solve_slots<true>(places, slots, count, scaling);
+}
+PDEANIM_MULTIVERSION void solve_undamped(const Places &places, const BendingSlots &slots, std::size_t count,
+                                         const Scaling &scaling) {
+    solve_slots<false>(places, slots, count, scaling);
+}
+
+class Bending : public SlottedBatch {
+public:
+    Bending(std::span<const i32> stencils, i32 filler, std::span<const double> coefficients,
+            std::span<double> multipliers, std::span<const double> inverses, const Scaling &scaling)
+        : SlottedBatch(stencils, 4, filler, multipliers, 3, scaling), coefficients_(slotted(coefficients, 4, 0.0)),
+          inverses_(slotted(inverses, 1, 0.0)) {}
+
+    void solve(const Places &places) override {
+        const BendingSlots slots{members_.data(), coefficients_.data(), inverses_.data(), multipliers_.data()};
+        const auto take = scaling_.damping > 0.0 ? solve_damped : solve_undamped;
+        take(places, slots, slot_count(), scaling_);
+    }
+
+private:
+    std::vector<double> coefficients_, inverses_;
+};
+
+}  // namespace
+
+std::unique_ptr<Batch> make_bending(std::span<const i32> stencils, i32 filler, std::span<const double> coefficients,
+                                    std::span<double> multipliers, std::span<const double> inverse_masses,
+                                    const Scaling &scaling) {
+    std::vector<double> inverses(stencils.size() / 4, 0.0);
+    for (std::size_t i = 0; i < inverses.size(); ++i) {
+        double slope = 0.0;
+        for (int k = 0; k < 4; ++k) {
+            const double coefficient = coefficients[4 * i + k];
+            const double term = inverse_masses[stencils[4 * i + k]] * coefficient * coefficient;
+            slope = k == 0 ? term : slope + term;
+        }
+        // Held particles have nothing to give.
+        if (slope != 0.0) inverses[i] = 1.0 / ((1.0 + scaling.damping) * slope + scaling.compliance);
+    }
+    return std::make_unique<Bending>(stencils, filler, coefficients, multipliers, inverses, scaling);
 }
 
 }  // namespace pdeanim::xpbd

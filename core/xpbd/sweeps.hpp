@@ -2,8 +2,8 @@
 //
 // A sweep takes the constraints of one batch one after another, in the given order, and changes positions and
 // multipliers in place (Eqs. 6 and 7). Everything runs on one thread, in the order of operations that is written here,
-// so that the same scene gives the same bits. What the constraints are is said in pdecodec/xpbd. Callers have checked
-// all indices.
+// so that the same scene gives the same bits; sheets.hpp takes several constraints at once and gives the same. What the
+// constraints are is said in pdecodec/xpbd. Callers have checked all indices.
 #pragma once
 
 #include <array>
@@ -41,17 +41,6 @@ using InverseRest = std::array<std::array<double, 3>, 3>;
 // velocities.
 void predict(std::span<Point> positions, std::span<Point> previous, std::span<const double> inverse_masses,
              std::span<const Point> velocities, std::span<const Point> accelerations, double substep, double keep);
-
-void solve_distances(const Particles &particles, std::span<const Members<2>> pairs, std::span<const double> lengths,
-                     std::span<double> multipliers, const Scaling &scaling);
-
-// Chains of `links` links each, all links of one chain at once; relaxation is not used.
-void solve_chains(const Particles &particles, std::size_t links, std::span<const i32> chains,
-                  std::span<const double> lengths, std::span<double> multipliers, const Scaling &scaling);
-
-void solve_bending(const Particles &particles, std::span<const Members<4>> stencils,
-                   std::span<const std::array<double, 4>> coefficients, std::span<Point> multipliers,
-                   const Scaling &scaling);
 
 void solve_attachments(const Particles &particles, std::span<const i32> attached, std::span<const Point> targets,
                        std::span<Point> multipliers, const Scaling &scaling);

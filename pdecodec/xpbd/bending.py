@@ -23,11 +23,11 @@ from numpy.typing import ArrayLike
 from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array, Int32Array
-from pdecodec.xpbd.constraints import Linear, Method, RowShapes, Scaling, State, UniformConstraints
+from pdecodec.xpbd.constraints import Linear, Method, RowShapes, SheetConstraints
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class IsometricBendingConstraints(UniformConstraints):
+class IsometricBendingConstraints(SheetConstraints):
     """Plates that are flat at rest. A curved rest shape is outside the model.
 
     Parameters
@@ -87,8 +87,8 @@ class IsometricBendingConstraints(UniformConstraints):
         material = {"compliance": 1 / rigidity, "damping": damping, "stiffness": stiffness}
         return cls(particles=members, coefficients=coefficients, **material)
 
-    def _sweep(self, state: State, multipliers: Float64Array, scaling: Scaling, time: float, method: Method) -> None:
-        _core.solve_bending(state, self.particles, self.coefficients, multipliers, scaling)
+    def add_to(self, sheets: _core.Sheets, multipliers: Float64Array, *, substep: float, method: Method) -> None:
+        sheets.add_bending(self.particles, self.coefficients, multipliers, self.scaling(substep, method))
 
     def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
         coefficients = self.coefficients[index]

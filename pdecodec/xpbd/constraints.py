@@ -16,6 +16,7 @@ from typing import ClassVar, Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array, Int32Array
 
@@ -212,16 +213,30 @@ class UniformConstraints(Constraints):
     def compliances(self) -> Float64Array:
         return np.full((1, 1), self.compliance)
 
-    def solve(self, state: State, multipliers: Float64Array, *, time: float, substep: float, method: Method) -> None:
-        scaling = Scaling(self.compliance / substep**2, self.damping / substep, 1.0)
+    def scaling(self, substep: float, method: Method) -> Scaling:
+        """How a substep of so many seconds scales the material."""
         if method == "pbd":
-            scaling = Scaling(0.0, 0.0, self.stiffness)
-        self._sweep(state, multipliers, scaling, time, method)
+            return Scaling(0.0, 0.0, self.stiffness)
+        return Scaling(self.compliance / substep**2, self.damping / substep, 1.0)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SheetConstraints(UniformConstraints):
+    """A batch that is swept together with others of its kind, with several constraints at once.
+
+    Those taken at once share no particle. So the bits are those of taking one after another, as
+    :meth:`solve_plainly` does.
+    """
 
     @abstractmethod
-    def _sweep(
-        self, state: State, multipliers: Float64Array, scaling: Scaling, time: float, method: Method
-    ) -> None: ...
+    def add_to(self, sheets: _core.Sheets, multipliers: Float64Array, *, substep: float, method: Method) -> None:
+        """Make this the next batch of `sheets`; `multipliers`, (constraints, rows), are where those are stored."""
+
+    def solve(self, state: State, multipliers: Float64Array, *, time: float, substep: float, method: Method) -> None:
+        sheets = _core.Sheets(state.inverse_masses)
+        self.add_to(sheets, multipliers, substep=substep, method=method)
+        sheets.solve(state.positions, state.previous, is_first=False)
+        sheets.store()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

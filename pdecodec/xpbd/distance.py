@@ -17,11 +17,11 @@ import numpy as np
 from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array, Int32Array
-from pdecodec.xpbd.constraints import Linear, MeasuredConstraints, Method, RowShapes, Scaling, State
+from pdecodec.xpbd.constraints import Linear, MeasuredConstraints, Method, RowShapes, SheetConstraints
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ChainConstraints(MeasuredConstraints):
+class ChainConstraints(MeasuredConstraints, SheetConstraints):
     """Polylines whose links keep their lengths; all links of one polyline are the rows of one constraint.
 
     Under PBD, which has no matrix to solve, the links are taken one by one.
@@ -54,11 +54,12 @@ class ChainConstraints(MeasuredConstraints):
         """The links one by one, (chains * rows, 2)."""
         return np.stack([self.particles[:, :-1], self.particles[:, 1:]], axis=-1).reshape(-1, 2)
 
-    def _sweep(self, state: State, multipliers: Float64Array, scaling: Scaling, time: float, method: Method) -> None:
+    def add_to(self, sheets: _core.Sheets, multipliers: Float64Array, *, substep: float, method: Method) -> None:
+        scaling = self.scaling(substep, method)
         if method == "pbd":
-            _core.solve_distances(state, self.pairs, self.lengths.reshape(-1), multipliers.reshape(-1), scaling)
+            sheets.add_distances(self.pairs, self.lengths.reshape(-1), multipliers.reshape(-1), scaling)
         else:
-            _core.solve_chains(state, self.particles, self.lengths, multipliers, scaling)
+            sheets.add_chains(self.particles, self.lengths, multipliers, scaling)
 
     def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
         difference = np.diff(positions[self.particles[index]], axis=0)
@@ -96,8 +97,9 @@ class DistanceConstraints(ChainConstraints):
     members: ClassVar[int] = 2
     arrays: ClassVar[RowShapes] = {"lengths": ()}
 
-    def _sweep(self, state: State, multipliers: Float64Array, scaling: Scaling, time: float, method: Method) -> None:
-        _core.solve_distances(state, self.particles, self.lengths, multipliers.reshape(-1), scaling)
+    def add_to(self, sheets: _core.Sheets, multipliers: Float64Array, *, substep: float, method: Method) -> None:
+        scaling = self.scaling(substep, method)
+        sheets.add_distances(self.particles, self.lengths, multipliers.reshape(-1), scaling)
 
     @staticmethod
     def measured(positions: Float64Array, particles: Int32Array) -> Float64Array:

@@ -20,11 +20,14 @@ import numpy as np
 from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array
-from pdecodec.xpbd.constraints import Method, State
+from pdecodec.xpbd.constraints import Constraints, Method, SheetConstraints, State
 from pdecodec.xpbd.system import System
 
 MAX_ITERATIONS = 10_000
 """More is a slip of the keyboard: small substeps serve better than iterations (Macklin et al. 2019)."""
+
+SUBSTEPS_AT_ONCE = 20
+"""After so many in compiled code an interrupt is heard."""
 
 
 class Solver:
@@ -43,8 +46,6 @@ class Solver:
     Attributes
     ----------
     positions, velocities : (particles, 3) float64 [m], [m/s]
-    multipliers : list of float64 arrays
-        Of each batch, after the last substep.
     substeps_done : int
     """
 
@@ -61,35 +62,76 @@ class Solver:
         self.method: Method = method
         self.positions = system.positions.copy()
         self.previous = system.positions.copy()
-        self.multipliers = [batch.new_multipliers() for batch in system.constraints]
+        self._multipliers = [batch.new_multipliers() for batch in system.constraints]
         self.substeps_done = 0
         assert system.velocities is not None  # the system has filled them in
         self.velocities = system.velocities.copy()
         movable = system.inverse_masses > 0
         self.velocities[movable] -= 0.5 * self.substep * self._accelerations()[movable]
+        self._parts = self._group()
+        # Nothing but one group, which then need not come back between substeps.
+        surroundings = (*system.colliders, *system.pins, *system.winds)
+        self._alone = self._parts[0] if len(self._parts) == 1 and not surroundings else None
 
     @property
     def time(self) -> float:
         """Seconds since the start."""
         return self.substeps_done * self.substep
 
+    @property
+    def multipliers(self) -> list[Float64Array]:
+        """Of each batch, (constraints, rows) float64, after the last substep."""
+        for part in self._parts:
+            if isinstance(part, _core.Sheets):
+                part.store()
+        return self._multipliers
+
     def advance(self, substeps: int = 1) -> None:
         """Go on by `substeps` substeps."""
-        for _ in range(substeps):
-            self._advance_once()
+        if isinstance(self._alone, _core.Sheets):
+            state = (self.positions, self.previous, self.velocities, self._accelerations())
+            for done in range(0, substeps, SUBSTEPS_AT_ONCE):
+                count = min(substeps - done, SUBSTEPS_AT_ONCE)
+                self._alone.advance(*state, self.substep, self._keep, count, self.iterations)
+                self.substeps_done += count
+        else:
+            for _ in range(substeps):
+                self._advance_once()
+
+    @property
+    def _keep(self) -> float:
+        """Share of the velocities that drag leaves in a substep."""
+        return math.exp(-self.system.drag * self.substep)
+
+    def _group(self) -> list[_core.Sheets | tuple[Constraints, Float64Array]]:
+        """Batches in their order, with their multipliers; those of sheets that follow each other together."""
+        parts: list[_core.Sheets | tuple[Constraints, Float64Array]] = []
+        for batch, multipliers in zip(self.system.constraints, self._multipliers, strict=True):
+            if not isinstance(batch, SheetConstraints):
+                parts.append((batch, multipliers))
+                continue
+            sheets = parts[-1] if parts else None
+            if not isinstance(sheets, _core.Sheets):
+                sheets = _core.Sheets(self.system.inverse_masses)
+                parts.append(sheets)
+            batch.add_to(sheets, multipliers, substep=self.substep, method=self.method)
+        return parts
 
     def _advance_once(self) -> None:
         system = self.system
         time = (self.substeps_done + 1) * self.substep
         state = State(self.positions, self.previous, system.inverse_masses)
-        keep = math.exp(-system.drag * self.substep)
-        _core.predict(*state, self.velocities, self._accelerations(), self.substep, keep)  # line 1
+        _core.predict(*state, self.velocities, self._accelerations(), self.substep, self._keep)  # line 1
         for pins in system.pins:
             self.positions[pins.particles] = pins.path(time)
-        for multipliers in self.multipliers:
-            multipliers.fill(0.0)  # line 1
-        for _ in range(self.iterations):  # line 2
-            for batch, multipliers in zip(system.constraints, self.multipliers, strict=True):  # lines 3 to 6
+        for iteration in range(self.iterations):  # line 2
+            for part in self._parts:  # lines 3 to 6
+                if isinstance(part, _core.Sheets):
+                    part.solve(self.positions, self.previous, is_first=iteration == 0)
+                    continue
+                batch, multipliers = part
+                if iteration == 0:
+                    multipliers.fill(0.0)  # line 1
                 batch.solve(state, multipliers, time=time, substep=self.substep, method=self.method)
             for collider in system.colliders:
                 collider.solve(state)

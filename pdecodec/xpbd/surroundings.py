@@ -23,7 +23,7 @@ import numpy as np
 from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array, Int32Array
-from pdecodec.xpbd.constraints import Linear, Method, Scaling, State, UniformConstraints, check_positive
+from pdecodec.xpbd.constraints import Linear, Method, State, UniformConstraints, check_positive
 
 Path = Callable[[float], Float64Array]
 """From time [s] to positions [m], (particles, 3) float64. Must depend on the time alone."""
@@ -64,9 +64,9 @@ class AttachmentConstraints(UniformConstraints):
     rows_of_each: ClassVar[int] = 3
     path: Path
 
-    def _sweep(self, state: State, multipliers: Float64Array, scaling: Scaling, time: float, method: Method) -> None:
+    def solve(self, state: State, multipliers: Float64Array, *, time: float, substep: float, method: Method) -> None:
         targets = np.ascontiguousarray(self.path(time), dtype=np.float64)
-        _core.solve_attachments(state, self.particles, targets, multipliers, scaling)
+        _core.solve_attachments(state, self.particles, targets, multipliers, self.scaling(substep, method))
 
     def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
         return positions[self.particles[index, 0]] - self.path(time)[index], np.eye(3)[:, None, :]

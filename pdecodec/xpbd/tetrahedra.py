@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array, Int32Array
-from pdecodec.xpbd.constraints import Constraints, Linear, MeasuredConstraints, Method, RowShapes, Scaling, State
+from pdecodec.xpbd.constraints import Constraints, Linear, MeasuredConstraints, Method, RowShapes, State
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -49,8 +49,8 @@ class VolumeConstraints(MeasuredConstraints):
     arrays: ClassVar[RowShapes] = {"volumes": ()}
     volumes: Float64Array
 
-    def _sweep(self, state: State, multipliers: Float64Array, scaling: Scaling, time: float, method: Method) -> None:
-        _core.solve_volumes(state, self.particles, self.volumes, multipliers.reshape(-1), scaling)
+    def solve(self, state: State, multipliers: Float64Array, *, time: float, substep: float, method: Method) -> None:
+        _core.solve_volumes(state, self.particles, self.volumes, multipliers.reshape(-1), self.scaling(substep, method))
 
     def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
         corners = positions[self.particles[index]]
