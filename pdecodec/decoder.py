@@ -51,9 +51,14 @@ class DecodeLimits:
     ----------
     max_memory : int [bytes]
         A file that declares more than fits is refused before memory is taken (LimitError).
+    max_output : int [bytes], optional
+        Positions of all frames together, 12 bytes for each vertex and frame: what it takes to decode all of a file, in
+        time as in space, of which two kilobytes can declare terabytes. A file that declares more is refused when it is
+        opened (LimitError). Default: none is.
     """
 
     max_memory: int = DEFAULT_MAX_MEMORY
+    max_output: int | None = None
 
 
 def open_animation(
@@ -143,6 +148,13 @@ class Animation(MeshSequence):
             self._core = _core.Animation(_core_source(file), limits.max_memory, thread_count(), CACHE_BYTES)
         self.times, self.fps = self._core.times, self._core.fps
         self._vertex_counts = self._core.vertex_counts
+        size = 12 * self.frame_count * self.vertex_count
+        if limits.max_output is not None and size > limits.max_output:
+            raise LimitError(
+                f"declares {self.frame_count} frames of {self.vertex_count} vertices, {size} bytes of positions; "
+                f"the limit is {limits.max_output}; raise it if you trust the file",
+                path=path,
+            )
 
     @contextmanager
     def _naming_the_file(self) -> Iterator[None]:
@@ -201,7 +213,7 @@ class Animation(MeshSequence):
                 return {}
             from pdecodec.description import decode_remarks
 
-            return decode_remarks(data)
+            return decode_remarks(data, self._limits.max_memory)
 
     @property
     def metadata(self) -> dict[str, str]:  # type: ignore[override]  # read when it is first needed
