@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
     from pdecodec.resample import Outside
     from pdecodec.sequence import MeshSequence
 
+MUCH_OUTPUT = 10 * 10**9
+"""Bytes of positions from which on a line is worth it: longer than most disks have room for, or a person waits for."""
+
 
 @click.command()
 @job_options
@@ -50,6 +54,12 @@ if TYPE_CHECKING:
 @write_options
 @place_options
 @click.option("--max-memory", callback=parse_bytes, metavar="BYTES", help="Refuse files that need more, such as 2G.")
+@click.option(
+    "--max-output",
+    callback=parse_bytes,
+    metavar="BYTES",
+    help="Refuse to decode more positions, such as 10GB.",
+)
 @overwrite_option
 @loudness_options
 @json_option
@@ -95,6 +105,7 @@ def _decode(
     scale: float,
     unit: str | None,
     max_memory: int | None,
+    max_output: int | None,
     dry_run: bool,
     overwrite: bool,
     as_json: bool,
@@ -128,6 +139,7 @@ def _decode(
             speeds = SampledAnimation(animation, chosen.times, quantity="velocities", outside=outside)
             speeds = place(select_objects(speeds, objects, job.source_name), up_axis=up_axis, scale=scale, unit=unit)
             sequences.append(speeds)
+        _check_output(sequences, max_output, animation.path)
         say_notices(positions)
         say_start(job, positions)
         if dry_run:
@@ -170,6 +182,19 @@ def _decode(
         f"({byte_size(result['raw_bytes'] * len(outputs))} of {values}), "
         f"{extent(result['frames'], result['vertices'])}, {result['seconds']:.1f} s"
     )
+
+
+def _check_output(sequences: Sequence[MeshSequence], most: int | None, path: str) -> None:
+    """Refuse what is more than is wanted; without a limit, say before it begins that it is a lot."""
+    size = sum(12 * sequence.frame_count * sequence.vertex_count for sequence in sequences)
+    what = f"{extent(sequences[0].frame_count, sequences[0].vertex_count)}, {byte_size(size)}"
+    if most is not None and size > most:
+        raise InputError(
+            f"declares {what}, and --max-output allows {byte_size(most)}; choose --frames or --object, or raise it",
+            path=path,
+        )
+    if most is None and size > MUCH_OUTPUT:
+        say(f"note: {path} declares {what} to be decoded; --max-output refuses files that declare more than you expect")
 
 
 def _holds_velocities(output: str) -> bool:

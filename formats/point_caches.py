@@ -151,6 +151,10 @@ def write_pc2(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     found = regular_rate(sequence.times, output.rate)
     start = float(sequence.times[0]) * output.rate
     step = 1.0 if found is None else output.rate / found
+    with np.errstate(over="ignore"):
+        held = np.array([start, step]).astype(np.float32)
+    if not (np.isfinite(held).all() and held[1] > 0):
+        raise InputError(f"PC2's float32 cannot count its frames at {output.rate:g} a second; give a usual rate")
     header = PC2_HEADER.pack(PC2_IDENTIFIER, PC2_VERSION, sequence.vertex_count, start, step, sequence.frame_count)
     notices = _write_cache(sequence, output, "PC2", header, "<f4")
     notices += (f"PC2 does not say its frame rate: read it with --fps {output.rate:.9g}",)

@@ -14,7 +14,7 @@ from pdecodec.errors import InputError, MissingExtraError, SettingsError, naming
 from pdecodec.formats.scene_space import bake_transforms
 from pdecodec.formats.times import times_kept
 from pdecodec.sequence import Float32Array, MeshSequence, Progress
-from pdecodec.whole_output import finish_interrupted, whole_file
+from pdecodec.whole_output import check_path, finish_interrupted, whole_file
 
 Transforms = Literal["bake", "keep"]
 """What becomes of transforms above an object: applied to its positions, or kept as its attribute ``transform``."""
@@ -305,6 +305,7 @@ def write_sequence(
         If the format needs a package that is not installed.
     """
     where = Path(path)
+    check_path(where)
     _check_fps(fps)
     entry = _format_to_write(where, is_folder=os.fspath(path).endswith(("/", os.sep)))
     writer: Writer = _load(entry, entry.writer, "written", where)

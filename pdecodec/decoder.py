@@ -5,6 +5,7 @@ All of it is native (`core/decoder/animation.hpp`); here are times, settings and
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -50,18 +51,26 @@ class DecodeLimits:
     ----------
     max_memory : int [bytes]
         A file that declares more than fits is refused before memory is taken (LimitError).
+    max_output : int [bytes], optional
+        Positions of all frames together, 12 bytes for each vertex and frame: what it takes to decode all of a file, in
+        time as in space, of which two kilobytes can declare terabytes. A file that declares more is refused when it is
+        opened (LimitError). Default: none is.
     """
 
     max_memory: int = DEFAULT_MAX_MEMORY
+    max_output: int | None = None
 
 
-def open_animation(source: str | os.PathLike[str] | bytes, *, limits: DecodeLimits | None = None) -> Animation:
+def open_animation(
+    source: str | os.PathLike[str] | bytes | BinaryIO, *, limits: DecodeLimits | None = None
+) -> Animation:
     """Open a `.pdeanim` file; ``pdecodec.open`` is the same.
 
     Parameters
     ----------
-    source : path-like or bytes
-        The file's path, or the whole file in memory.
+    source : path-like, bytes or binary file
+        The file's path, the whole file in memory, or a file that can seek. The latter stays the caller's: nobody else
+        may move it while the animation is open, unless it is a plain file of the system.
     limits : DecodeLimits, optional
 
     Returns
@@ -72,23 +81,40 @@ def open_animation(source: str | os.PathLike[str] | bytes, *, limits: DecodeLimi
     Raises
     ------
     InputError
-        If the file cannot be opened.
+        If the file cannot be opened or read.
     CorruptFileError
         If it is damaged, truncated, of another kind or a later major version.
     LimitError
         If it asks for more memory than `limits` allow.
     """
+    limits = limits or DecodeLimits()
     if isinstance(source, bytes):
-        return Animation(source, "bytes in memory", limits or DecodeLimits())
+        return Animation(source, "bytes in memory", limits)
+    if not isinstance(source, str | os.PathLike):
+        return Animation(source, str(getattr(source, "name", "a file in memory")), limits)
     try:
-        file = Path(source).open("rb")  # noqa: SIM115 - the animation keeps it open until it is closed
-    except OSError as error:
-        raise InputError(f"cannot be opened ({error.strerror})", path=source) from error
+        file = Path(source).open("rb", buffering=0)  # noqa: SIM115 - the animation keeps it open until it is closed
+    except (OSError, ValueError) as error:  # ValueError: a character that no path can have
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"cannot be opened ({reason})", path=source) from error
     try:
-        return Animation(file, os.fspath(source), limits or DecodeLimits())
+        return Animation(file, os.fspath(source), limits, origin=os.path.abspath(source))
     except BaseException:
         file.close()
         raise
+
+
+def _reopened(source: str | bytes, limits: DecodeLimits) -> Animation:
+    return open_animation(source, limits=limits)
+
+
+def _core_source(file: BinaryIO | bytes) -> BinaryIO | bytes | int:
+    """A plain file by its descriptor, where reads need not move it: threads and forked processes share its place."""
+    if os.name == "posix" and type(file) in (io.FileIO, io.BufferedReader):
+        raw = getattr(file, "raw", file)
+        if type(raw) is io.FileIO:
+            return raw.fileno()
+    return file
 
 
 def _writable(out: Any) -> NDArray[Any]:
@@ -108,16 +134,27 @@ class Animation(MeshSequence):
 
     Made by :func:`open_animation`. Opening reads headers alone, and the vertex counts that the mesh begins with; the
     mesh, attributes and groups of frames are decoded when they are first needed. At the time of a frame every method
-    gives the same bits. It may be used from several threads; they take turns.
+    gives the same bits.
+
+    It may be used from any number of threads, which take turns, and closed by any of them: calls under way end well,
+    later ones with InputError. It survives a fork (the child decodes anew what it needs), and is pickled by its path,
+    or with its bytes; one of a file object cannot be pickled.
     """
 
-    def __init__(self, file: BinaryIO | bytes, path: str, limits: DecodeLimits) -> None:
+    def __init__(self, file: BinaryIO | bytes, path: str, limits: DecodeLimits, *, origin: str | None = None) -> None:
         self.path, self.notices = path, ()
-        self._file = file
+        self._file, self._origin, self._limits = file, origin, limits
         with self._naming_the_file():
-            self._core = _core.Animation(file, limits.max_memory, thread_count(), CACHE_BYTES)
+            self._core = _core.Animation(_core_source(file), limits.max_memory, thread_count(), CACHE_BYTES)
         self.times, self.fps = self._core.times, self._core.fps
         self._vertex_counts = self._core.vertex_counts
+        size = 12 * self.frame_count * self.vertex_count
+        if limits.max_output is not None and size > limits.max_output:
+            raise LimitError(
+                f"declares {self.frame_count} frames of {self.vertex_count} vertices, {size} bytes of positions; "
+                f"the limit is {limits.max_output}; raise it if you trust the file",
+                path=path,
+            )
 
     @contextmanager
     def _naming_the_file(self) -> Iterator[None]:
@@ -127,6 +164,14 @@ class Animation(MeshSequence):
                 yield
         except CorruptFileError as error:
             raise type(error)(error.message, path=self.path, frame=error.frame, offset=error.offset) from error
+        except _core.ReadError as error:
+            raise InputError(str(error), path=self.path) from error
+        except OSError as error:
+            raise InputError(f"cannot be read ({error.strerror or error})", path=self.path) from error
+        except ValueError as error:
+            if not getattr(self._file, "closed", False):
+                raise
+            raise InputError("its file was closed; open both again", path=self.path) from error
         except MemoryError as error:
             raise LimitError("needs more memory than there is; lower the memory limit", path=self.path) from error
 
@@ -168,7 +213,7 @@ class Animation(MeshSequence):
                 return {}
             from pdecodec.description import decode_remarks
 
-            return decode_remarks(data)
+            return decode_remarks(data, self._limits.max_memory)
 
     @property
     def metadata(self) -> dict[str, str]:  # type: ignore[override]  # read when it is first needed
@@ -176,8 +221,18 @@ class Animation(MeshSequence):
         return {str(key): str(value) for key, value in found.items()} if isinstance(found, dict) else {}
 
     def close(self) -> None:
-        if not isinstance(self._file, bytes):
+        self._core.close()
+        if self._origin is not None:
+            assert not isinstance(self._file, bytes)
             self._file.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        source = self._origin or self._file
+        if not isinstance(source, str | bytes):
+            raise InputError(
+                "was opened as a file object, which cannot be pickled; open it by its path", path=self.path
+            )
+        return _reopened, (source, self._limits)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -298,12 +353,13 @@ class Animation(MeshSequence):
         SettingsError
             If the file was encoded with functions that are not the paper's 32, or there is no such group.
         """
-        groups = self._core.groups
+        with self._naming_the_file():
+            groups = self._core.groups
         if not 0 <= group < len(groups):
             raise SettingsError(f"there is no group {group}; the file has {len(groups)}, from 0 on")
         first, frames, functions, _, _, alpha = groups[group]
-        kind, points, most, threshold, rate, is_affine, _, masks = self._core.model
         with self._naming_the_file():
+            kind, points, most, threshold, rate, is_affine, _, masks = self._core.model
             grid, origin, step = self._core.reference()
             reference = ReferenceFrame(grid, np.array(origin), step)
             space = decode_space_basis(
@@ -318,12 +374,15 @@ class Animation(MeshSequence):
     @property
     def sections(self) -> dict[str, int]:
         """Bytes of each section, and of header and table as ``"container"``; the sum is the file."""
-        sizes = {name: length for name, _, length in self._core.sections}
-        return {"container": self._core.file_bytes - sum(sizes.values()), **sizes}
+        with self._naming_the_file():
+            sizes = {name: length for name, _, length in self._core.sections}
+            return {"container": self._core.file_bytes - sum(sizes.values()), **sizes}
 
     def info(self) -> dict[str, Any]:
         """What the headers say of the file, as a JSON object: sections, model, settings, and why this model."""
-        groups, remarks, file_bytes = self._core.groups, self._remarks, self._core.file_bytes
+        with self._naming_the_file():
+            groups, file_bytes, space_kind = self._core.groups, self._core.file_bytes, self._core.model[0]
+        remarks = self._remarks
         frames = [group[1] for group in groups]
         return {
             "file_bytes": file_bytes,
@@ -333,7 +392,7 @@ class Animation(MeshSequence):
             "generator": str(remarks.get("generator", "")),
             "settings": remarks.get("settings", {}),
             "time_bases": sorted({TIME_BASES[basis] for _, _, _, basis, _, _ in groups}),
-            "space_basis": SPACE_KINDS[self._core.model[0]],
+            "space_basis": SPACE_KINDS[space_kind],
             "functions_of_time": max(functions for _, _, functions, _, _, _ in groups),
             "groups": len(groups),
             "group_frames": [min(frames), max(frames)],

@@ -40,6 +40,12 @@ LARGEST_WHOLE = 2**53
 MAX_JSON_BYTES = 16 * 2**20
 """Bytes of a JSON text (metadata) after unpacking; a person's remarks are a few kilobytes."""
 
+JSON_MEMORY = 64
+"""Bytes of memory that a byte of JSON takes at most, as Python's objects (the worst are many small dictionaries)."""
+
+DEEPEST_JSON = 32
+"""Lists and objects in each other; programs that read JSON follow them by recursion."""
+
 
 @dataclass(frozen=True, eq=False)
 class SequenceDescription:
@@ -201,21 +207,54 @@ def _time_rule(times: Float64Array, fps: float) -> tuple[int, float, float]:
 
 
 def encode_remarks(remarks: Mapping[str, Any]) -> bytes:
-    """Section META: a JSON object, for people; a decoder may ignore it."""
+    """Section META: a JSON object, for people; a decoder may ignore it.
+
+    Raises
+    ------
+    InputError
+        If it is too large, or not what every reader of JSON understands.
+    """
+    if fault := _fault_of(remarks):
+        raise InputError(f"the metadata hold {fault}; leave it out")
     text = json.dumps(remarks, sort_keys=True, separators=(",", ":")).encode()
     if len(text) > MAX_JSON_BYTES:
         raise InputError(f"the metadata are {len(text)} bytes long; at most {MAX_JSON_BYTES} can be kept")
     return compress(text)
 
 
-def decode_remarks(data: bytes) -> dict[str, Any]:
-    """Undo :func:`encode_remarks`."""
+def decode_remarks(data: bytes, max_memory: int = MAX_JSON_BYTES * JSON_MEMORY) -> dict[str, Any]:
+    """Undo :func:`encode_remarks`, within so many bytes of memory."""
     if not data:
         return {}
     try:
-        remarks = json.loads(decompress(data, MAX_JSON_BYTES))
+        remarks = json.loads(decompress(data, min(MAX_JSON_BYTES, max_memory // JSON_MEMORY)))
     except (ValueError, RecursionError) as error:
         raise CorruptFileError("section META holds text that is not JSON") from error
     if not isinstance(remarks, dict):
         raise CorruptFileError("section META is not a JSON object")
+    if fault := _fault_of(remarks):
+        raise CorruptFileError(f"section META holds {fault}")
     return remarks
+
+
+def _fault_of(remarks: Mapping[str, Any]) -> str | None:
+    """What is in a JSON object that other programs, or a terminal, would stumble over."""
+    level: list[Any] = [remarks]
+    for _ in range(DEEPEST_JSON):
+        inside: list[Any] = []
+        for item in level:
+            if isinstance(item, str):
+                try:
+                    item.encode()
+                except UnicodeEncodeError:
+                    return "text that UTF-8 cannot hold"
+            elif isinstance(item, float) and not math.isfinite(item):
+                return "a number that is not finite"
+            elif isinstance(item, Mapping):
+                inside += [*item.keys(), *item.values()]
+            elif isinstance(item, list | tuple):
+                inside += item
+        if not inside:
+            return None
+        level = inside
+    return f"lists or objects nested more than {DEEPEST_JSON} deep"

@@ -63,6 +63,13 @@ FEWEST_FUNCTIONS = 16
 LONGEST_GROUP = 512
 """Frames of a group at most: principal trajectories take the cube of their number."""
 
+SEARCHED_GROUPS = 8
+"""Groups at the beginning of a clip, then one in twice as many, that are searched for how to divide and encode them.
+Others are taken as the one before was, unless they cost more by `WORTH_SEARCHING`: the search is most of the time."""
+
+WORTH_SEARCHING = 1.1
+"""How many times what a frame of the group before cost is reason to search."""
+
 SHORTEST_GROUP = 8
 """Frames of a group however large the mesh is."""
 
@@ -284,13 +291,23 @@ class AutoEncoder(Encoder):
     def _groups(self) -> Iterator[tuple[GroupFitter, FittedGroup]]:
         assert self._bound is not None  # checked before
         steps = {"bound": self._bound, "unit": self._unit, "residual_step": self._residual_step}
-        usual: GroupChoice | None = None
-        for begin, end in self._group_ranges():
-            if usual is None:
+        choices: list[tuple[int, GroupChoice]] = []  # of the group before: frames and choice of each of its parts
+        usual_bits = 0.0  # of a frame of the last group that was searched
+        for index, (begin, end) in enumerate(self._group_ranges()):
+            is_searched = index < SEARCHED_GROUPS or index % (2 * SEARCHED_GROUPS) == 0
+            if index == 0:
                 parts = self._choose_model(self._read(begin, end), steps)
             else:
-                parts = self._next(begin, end, usual, steps)
-            usual = parts[-1].choice
+                fitter = self._fitter(begin, end, steps)
+                parts = [] if is_searched else self._like(fitter, choices)
+                if is_searched or _bits(parts) > WORTH_SEARCHING * usual_bits * (end - begin):
+                    parts.clear()  # what they hold, the search takes again
+                    parts = self._divided(fitter, choices[-1][1])
+                    is_searched = True
+                del fitter
+            if is_searched:
+                usual_bits = _bits(parts) / (end - begin)
+            choices = [(part.fitter.frames, part.choice) for part in parts]
             while parts:  # none is kept: the next ones take as much memory again
                 part = parts.pop(0)
                 yield part.fitter, part.fitted
@@ -316,19 +333,21 @@ class AutoEncoder(Encoder):
             self._explained = moved.explained(first.fitted.entry.functions, first.choice.time)
         return self._model.groups
 
-    def _next(self, begin: int, end: int, usual: GroupChoice, steps: Mapping[str, float]) -> list[FinishedGroup]:
-        """The groups that frames after the first ones are divided into."""
-        effort, basis = self._effort, self._model.basis
-        points, times = self._read(begin, end), self._sequence.times[begin:end]
-        fitter = GroupFitter(
-            points,
+    def _fitter(self, begin: int, end: int, steps: Mapping[str, float]) -> GroupFitter:
+        """Frames after the first ones."""
+        return GroupFitter(
+            self._read(begin, end),
             self._reference.points,
             self._first,
-            times=times,
+            times=self._sequence.times[begin:end],
             bound=steps["bound"],
             unit=steps["unit"],
             residual_step=steps["residual_step"],
         )
+
+    def _divided(self, fitter: GroupFitter, usual: GroupChoice) -> list[FinishedGroup]:
+        """The groups that frames after the first ones are divided into."""
+        effort, basis = self._effort, self._model.basis
         search = GroupSearch(fitter, basis)
         group = search.choose(candidates(search, usual) if effort.time_bases else [usual])
         groups = divided(group, basis) if effort.division else [group]
@@ -337,6 +356,17 @@ class AutoEncoder(Encoder):
         chosen = [(item.fitter, item.choice) for item in groups]
         del search, group, groups  # and with them all that was found out on the way
         return [finished(item, basis, effort) for item in chosen]
+
+    def _like(self, fitter: GroupFitter, choices: Sequence[tuple[int, GroupChoice]]) -> list[FinishedGroup]:
+        """The groups that frames are divided into as those before were, encoded in the same way."""
+        ends = np.cumsum([frames for frames, _ in choices])
+        edges = [0, *(fitter.frames * int(end) // int(ends[-1]) for end in ends)]
+        parts = [(slice(*edge), choice) for edge, (_, choice) in zip(itertools.pairwise(edges), choices, strict=True)]
+        return [
+            finished((fitter.part(frames), choice), self._model.basis, self._effort)
+            for frames, choice in parts
+            if frames.stop > frames.start
+        ]
 
     def _group_ranges(self) -> list[tuple[int, int]]:
         frames = self._sequence.frame_count
@@ -363,6 +393,10 @@ class AutoEncoder(Encoder):
             carried = f"{most} functions of time"
         groups = "" if len(entries) == 1 else f" in {len(entries)} groups of frames"
         return f"{' and '.join(bases)} x {kind}: {carried}{groups}, on {where}"
+
+
+def _bits(parts: Sequence[FinishedGroup]) -> float:
+    return sum(part.fitted.bits for part in parts)
 
 
 def checked_frames(sequence: MeshSequence, start: int, stop: int) -> Float32Array:

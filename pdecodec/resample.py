@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,8 +74,10 @@ def times_inside(times: Float64Array, first: float, last: float, outside: Outsid
     Raises
     ------
     SettingsError
-        If one lies outside and that is refused.
+        If one lies outside and that is refused, one is infinite and looped, or `outside` is something else.
     """
+    if outside not in get_args(Outside):
+        raise SettingsError(f"outside must be one of {', '.join(get_args(Outside))}, not {outside!r}")
     beyond = (times < first - ROUNDING) | (times > last + ROUNDING)
     if not beyond.any():
         return np.clip(times, first, last)
@@ -86,6 +88,8 @@ def times_inside(times: Float64Array, first: float, last: float, outside: Outsid
         )
     if outside == "clamp" or first == last:
         return np.clip(times, first, last)
+    if np.isinf(times).any():
+        raise SettingsError("an infinite time has no place in a loop; ask for a finite one, or for clamping")
     return np.where(beyond, first + np.mod(times - first, last - first), np.clip(times, first, last))
 
 

@@ -35,8 +35,15 @@ PROBE_BYTES = 2**16
 _OWN = re.compile(r"\..+\.(?P<host>[0-9a-f]{8})-(?P<process>\d+)-[0-9a-f]{8}(\.partial|\.ready)", re.DOTALL)
 
 
+def check_path(path: Path) -> None:
+    """Raise InputError if no file can have this path."""
+    if "\0" in str(path):
+        raise InputError("holds a character that no path can have (NUL); give another name", path=path)
+
+
 def check_writable(path: Path, *, overwrite: bool) -> None:
     """Raise InputError if `path` cannot become an output file; worth calling before long work starts."""
+    check_path(path)
     if path.is_dir():
         raise InputError("is a folder; name a file in it", path=path)
     if os.path.lexists(path) and not overwrite:

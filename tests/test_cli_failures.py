@@ -7,16 +7,28 @@ import pty
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 import pytest
 
-from pdecodec import CorruptFileError, InputError, LimitError, MissingExtraError, PdecodecError, SettingsError
+from pdecodec import (
+    CorruptFileError,
+    DecodeLimits,
+    InputError,
+    LimitError,
+    MissingExtraError,
+    PdecodecError,
+    SettingsError,
+    encode,
+    open_animation,
+)
 from pdecodec.cli.main import run
 from pdecodec.formats import write_sequence
 from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject
+from spec.sealing import content, seal, sequence, take_apart, take_rows, with_section
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -181,13 +193,38 @@ def test_rates_times_and_limits_that_are_none_are_refused_without_a_frame(
     for time in ("nan", "inf", "-inf"):
         assert error_of(capsys, 2, *decode, f"--at={time}") == f"error: --at {time}: is no time; give seconds"
     times = tmp_path / "times.txt"
-    for content in (b"", b"0.1 later", b"0.1 nan", b"\xff\xfe\x00"):
-        times.write_bytes(content)
+    for listed in (b"", b"0.1 later", b"0.1 nan", b"\xff\xfe\x00"):
+        times.write_bytes(listed)
         assert str(times) in error_of(capsys, 3, *decode, "--times", times)
     line = error_of(capsys, 4, *decode, "--max-memory", "2k")
     assert "the limit is 2048" in line
     assert line.endswith("; --max-memory raises the limit")
+    line = error_of(capsys, 3, *decode, "--max-output", "200")
+    assert line.endswith(
+        "declares 6 frames of 4 vertices, 288 bytes, and --max-output allows 200 bytes; choose --frames or --object, "
+        "or raise it"
+    )
     assert not (tmp_path / "out.npz").exists()
+    assert run([*map(str, decode), "--max-output", "200", "--frames", "0:4"]) == 0
+
+
+def test_a_small_file_that_declares_much_is_announced(tmp_path: Path, capsys: Capture) -> None:
+    bomb = tmp_path / "bomb.pdeanim"
+    encode(ArraySequence(np.zeros((1, 1_000, 3))), bomb, effort="fast")
+    parts = take_apart(bomb.read_bytes())
+    (row,), _ = take_rows(content(parts, "GRUP"))
+    frames = 1_000_000
+    rows = [replace(row, frames=min(4096, frames - first)) for first in range(0, frames, 4096)]
+    parts = with_section(parts, "SEQN", sequence(frames, flags=28))
+    bomb.write_bytes(seal(with_section(parts, "GRUP", b"".join(group.pack() for group in rows))))
+    assert bomb.stat().st_size < 10_000
+    with pytest.raises(LimitError, match=r"1000 vertices, 12000000000 bytes of positions; the limit is"):
+        open_animation(bomb, limits=DecodeLimits(max_output=10**10))
+    command = ["decode", str(bomb), "-o", str(tmp_path / "out.npz"), "--dry-run"]
+    run(command)
+    note = capsys.readouterr().err.splitlines()[0]
+    assert note.startswith(f"note: {bomb} declares 1,000,000 frames of 1,000 vertices, 12,000.0 MB")
+    assert "--max-output refuses" in note
 
 
 @pytest.mark.parametrize(

@@ -176,7 +176,7 @@ def test_numbers_out_of_range_are_named(data: bytes, message: str) -> None:
 REMARKS = st.dictionaries(
     st.text(max_size=5),
     st.recursive(
-        st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=5),
+        st.none() | st.booleans() | st.integers() | st.floats(-1e300, 1e300) | st.text(max_size=5),
         lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3),
         max_leaves=5,
     ),
@@ -200,6 +200,31 @@ def test_no_remarks_are_an_empty_object() -> None:
 def test_remarks_that_are_no_object_are_refused(text: bytes) -> None:
     with pytest.raises(CorruptFileError, match="section META"):
         decode_remarks(compress(text))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"a":NaN}', "a number that is not finite"),
+        ('{"a":[-1e999]}', "a number that is not finite"),
+        ('{"a":{"\\ud800":1}}', "text that UTF-8 cannot hold"),
+        ('{"a":["\\udc1b"]}', "text that UTF-8 cannot hold"),
+        ('{"a":' + "[" * 900 + "]" * 900 + "}", "nested more than 32 deep"),
+        ('{"a":' * 40 + "1" + "}" * 40, "nested more than 32 deep"),
+    ],
+)
+def test_remarks_that_nobody_could_print_are_refused_on_both_ways(text: str, message: str) -> None:
+    with pytest.raises(CorruptFileError, match=message):
+        decode_remarks(compress(text.encode()))
+    with pytest.raises(InputError, match=message):
+        encode_remarks(json.loads(text))
+
+
+def test_remarks_stay_within_a_memory_limit() -> None:
+    data = compress(json.dumps({"a": [{}] * 100_000}).encode())
+    assert len(decode_remarks(data)["a"]) == 100_000
+    with pytest.raises(CorruptFileError, match="bytes where 1 to"):
+        decode_remarks(data, 2**20)
 
 
 def test_remarks_longer_than_anyone_writes_are_refused() -> None:

@@ -21,6 +21,9 @@ from pdecodec import (
     encode,
     open_animation,
 )
+from pdecodec.encoder import AutoEncoder
+from pdecodec.groupfit import GroupChoice, GroupFitter
+from pdecodec.modelchoice import FinishedGroup
 from spec.sealing import seal, take_apart, with_section
 
 Float32Array = NDArray[np.float32]
@@ -203,3 +206,25 @@ def test_velocities_are_the_slope_of_the_positions_and_accelerations_of_the_velo
             slope = (source(at + step).astype(np.float64) - source(at - step)) / (2 * step)
             np.testing.assert_allclose(found(at), slope, rtol=0, atol=2e-3 * np.abs(slope).max())
             assert np.abs(slope).max() > 1
+
+
+def test_a_long_clip_is_searched_at_its_beginning_and_where_it_costs_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """100,000 frames of 4 vertices end: most of their groups are encoded as the one before was."""
+    searched: list[int] = []
+    divided = AutoEncoder._divided
+
+    def count(self: AutoEncoder, fitter: GroupFitter, usual: GroupChoice) -> list[FinishedGroup]:
+        searched.append(round(float(fitter.times[0])))
+        return divided(self, fitter, usual)
+
+    monkeypatch.setattr("pdecodec.encoder.LONGEST_GROUP", 16)
+    monkeypatch.setattr(AutoEncoder, "_divided", count)
+    points = np.random.default_rng(2).normal(0, 0.01, (640, 4, 3)).astype(np.float32)
+    points[480:] *= 100
+    sequence = ArraySequence(points, fps=1)
+    _, animation = round_trip(sequence, max_error=0.01)
+    assert distances(sequence, animation).max() <= 0.01
+    groups = [time // 16 for time in searched]
+    assert groups[:7] == [1, 2, 3, 4, 5, 6, 7]
+    assert {16, 30, 32} <= set(groups)  # one in sixteen, and the first of those that move farther
+    assert len(groups) < 16

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import struct
 import sys
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import timedelta
 from functools import cache
@@ -17,7 +18,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pdecodec import ArraySequence, CorruptFileError, DecodeLimits, EncodeSettings, LimitError, encode, open_animation
+from pdecodec import (
+    ArraySequence,
+    Connectivity,
+    CorruptFileError,
+    DecodeLimits,
+    EncodeSettings,
+    LimitError,
+    MeshObject,
+    encode,
+    open_animation,
+)
 from spec.decoder.groups import TRAJECTORIES
 from spec.sealing import (
     CHUNKS,
@@ -72,6 +83,7 @@ def outcome(data: bytes) -> str:
         with open_animation(data, limits=DecodeLimits(max_memory=MEMORY)) as animation:
             animation.verify()
             animation.info()
+            _ = animation.objects
             first, last = float(animation.times[0]), float(animation.times[-1])
             animation.sample([first, first + 1e-3, (first + last) / 2, last])
             animation.velocities((first + last) / 2)
@@ -225,6 +237,64 @@ def test_hostile_sizes_are_refused_before_memory_is_taken() -> None:
             assert tracemalloc.get_traced_memory()[1] < 2 * MEMORY, name
         finally:
             tracemalloc.stop()
+
+
+def many_frames(frames: int, each: int) -> bytes:
+    """A file of one vertex and groups of so many frames, none of which holds anything."""
+    parts = points_only(1)
+    (row,), _ = take_rows(content(parts, "GRUP"))
+    parts = with_section(parts, "SEQN", b"\1" + count(frames) + content(parts, "SEQN")[2:])
+    rows = [replace(row, frames=min(each, frames - first)) for first in range(0, frames, each)]
+    return seal(with_section(parts, "GRUP", b"".join(row.pack() for row in rows)))
+
+
+def many_objects(objects: int) -> bytes:
+    """A file of one vertex and objects of which all others are empty."""
+    items = [MeshObject("a", Connectivity(1)), *(MeshObject("b", Connectivity(0)) for _ in range(objects - 1))]
+    return encode(ArraySequence(np.zeros((1, 1, 3)), objects=items), effort="fast").data or b""
+
+
+def one_name(size: int) -> bytes:
+    item = MeshObject("a" * size + "\U0001f600", Connectivity(1))  # with it Python takes four bytes a character
+    return encode(ArraySequence(np.zeros((1, 1, 3)), objects=[item]), effort="fast").data or b""
+
+
+MANY: dict[str, tuple[Callable[[], bytes], str]] = {
+    "as many frames as can be": (lambda: many_frames(260_000, 4096), SOUND),
+    "more frames": (lambda: many_frames(270_000, 4096), LIMIT),
+    "as many groups as can be": (lambda: many_frames(19_000, 1), SOUND),
+    "more groups": (lambda: many_frames(25_000, 1), LIMIT),
+    "as many objects as can be": (lambda: many_objects(5_500), SOUND),
+    "more objects": (lambda: many_objects(9_000), LIMIT),
+    "as long a name as can be": (lambda: one_name(5_000_000), SOUND),
+    "a longer name": (lambda: one_name(6_000_000), LIMIT),
+}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only there a process says how much memory it took")
+@pytest.mark.parametrize("name", MANY)
+def test_whatever_a_file_declares_many_of_stays_within_the_limit(name: str) -> None:
+    make, expected = MANY[name]
+    data = make()
+    read, write = os.pipe()
+    if (child := os.fork()) == 0:
+        # The peak counts from here on.
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+        before = resident("VmRSS")
+        os.write(write, f"{outcome(data)} {resident('VmHWM') - before}".encode())
+        os._exit(0)
+    os.close(write)
+    with os.fdopen(read) as answer:
+        found, taken = answer.read().split()
+    os.waitpid(child, 0)
+    assert found == expected
+    assert int(taken) < MEMORY
+
+
+def resident(field: str) -> int:
+    """Bytes in memory, now (VmRSS) or at most so far (VmHWM)."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    return 1024 * int(status.split(f"{field}:")[1].split()[0])
 
 
 @pytest.mark.parametrize("vertices", [1, 100, 20_000])

@@ -61,6 +61,13 @@ def test_pc2_says_that_irregular_times_are_lost(tmp_path: Path) -> None:
     assert any("irregular times are lost" in notice for notice in notices)
 
 
+@pytest.mark.parametrize("fps", [1e300, 1e-300])
+def test_a_rate_that_pc2_cannot_count_by_is_refused(tmp_path: Path, fps: float) -> None:
+    with pytest.raises(InputError, match="cannot count its frames at 1e"):
+        write_sequence(square(), tmp_path / "x.pc2", fps=fps)
+    assert not any(tmp_path.iterdir())
+
+
 def test_a_cache_without_a_mesh_is_points_and_says_so(tmp_path: Path) -> None:
     write_sequence(square(), tmp_path / "x.pc2")
     with open_sequence(tmp_path / "x.pc2") as read:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -63,6 +64,15 @@ def test_times_outside_stand_still_at_the_ends_when_clamped() -> None:
 def test_times_outside_begin_again_when_looped() -> None:
     assert times_inside(np.array([0.75, 1.0, 2.0, 2.25, 4.5]), 1.0, 2.0, "loop").tolist() == [1.75, 1.0, 2.0, 1.25, 1.5]
     assert times_inside(np.array([5.0]), 1.0, 1.0, "loop").tolist() == [1.0]
+
+
+def test_what_is_no_way_to_go_on_outside_and_times_without_a_place_in_a_loop_are_refused(animation: Animation) -> None:
+    for time in (math.inf, -math.inf):
+        with pytest.raises(SettingsError, match="infinite time has no place in a loop"):
+            animation.positions(time, outside="loop")
+    for time in (1.5, 9.0):
+        with pytest.raises(SettingsError, match="refuse, clamp, loop, not 'bogus'"):
+            animation.velocities(time, outside="bogus")  # type: ignore[arg-type]
 
 
 def test_times_that_rounding_put_outside_are_the_ends() -> None:

@@ -8,11 +8,13 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pdecodec import encode, open_animation
 from pdecodec.cli.main import run
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_sequence
@@ -191,3 +193,15 @@ def test_no_file_that_is_read_is_one_that_is_written(
         error = capsys.readouterr().err
         assert "which is read; choose another name" in error
         assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_path_that_no_file_can_have_is_refused() -> None:
+    writers = [partial(write_sequence, sheet()), partial(encode, sheet())]
+    for name in ("a\0.npz", "a\0/", "a\0.####.obj", "a\0.pdeanim"):
+        for write in writers:
+            with pytest.raises(InputError, match="NUL"):
+                write(name)
+        with pytest.raises(InputError):
+            open_sequence(name)
+    with pytest.raises(InputError, match="null"):
+        open_animation("a\0.pdeanim")

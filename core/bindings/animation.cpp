@@ -5,17 +5,73 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#ifndef _WIN32
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#endif
+
 #include "bindings/bindings.hpp"
+#include "errors.hpp"
 
 namespace pdeanim::bindings {
 
 namespace {
 
-// A file that Python has opened for reading; called with the interpreter lock released.
+#ifdef _WIN32
+int process_number() { return 0; }  // no process is a copy of another
+#else
+int process_number() { return ::getpid(); }
+
+// A file by its descriptor. No read moves the place that is read next, which threads and copies of the process share. The
+// descriptor is a duplicate: whoever closes the other one meanwhile does not hand a stranger's file to calls under way.
+class FileSource : public Source {
+public:
+    explicit FileSource(int descriptor)
+        : Source(size_of(descriptor)), descriptor_(::fcntl(descriptor, F_DUPFD_CLOEXEC, 0)) {
+        if (descriptor_ < 0) fail();
+    }
+    FileSource(const FileSource &) = delete;
+    FileSource &operator=(const FileSource &) = delete;
+    ~FileSource() override { ::close(descriptor_); }
+
+    std::size_t read(u64 offset, std::span<u8> into) override {
+        std::size_t done = 0;
+        while (done < into.size()) {
+            const ssize_t count =
+                ::pread(descriptor_, into.data() + done, into.size() - done, static_cast<off_t>(offset + done));
+            if (count < 0 && errno != EINTR) fail();
+            if (count == 0) break;
+            done += static_cast<std::size_t>(most<ssize_t>(count, 0));
+        }
+        return done;
+    }
+
+private:
+    [[noreturn]] static void fail() { throw ReadError(std::string("cannot be read (") + std::strerror(errno) + ")"); }
+
+    static u64 size_of(int descriptor) {
+        struct stat found;
+        if (::fstat(descriptor, &found) != 0) fail();
+        if (!S_ISREG(found.st_mode)) throw ReadError("is no file that can be read from any place on; copy it to one");
+        return static_cast<u64>(found.st_size);
+    }
+
+    int descriptor_;
+};
+#endif
+
+// Bytes, a file's descriptor, or a file that Python reads, which is called with the interpreter lock.
 std::unique_ptr<Source> source_of(const nb::object &file) {
     if (nb::isinstance<nb::bytes>(file)) {
         return std::make_unique<MemorySource>(view(nb::borrow<nb::bytes>(file)));
     }
+#ifndef _WIN32
+    if (nb::isinstance<nb::int_>(file)) return std::make_unique<FileSource>(nb::cast<int>(file));
+#endif
     const u64 size = nb::cast<u64>(file.attr("seek")(0, 2));
     return std::make_unique<CallbackSource>(size, [file = file.ptr()](u64 offset, std::span<u8> into) {
         const nb::gil_scoped_acquire acquire;
@@ -30,35 +86,69 @@ std::unique_ptr<Source> source_of(const nb::object &file) {
 
 class PyAnimation {
 public:
-    PyAnimation(nb::object file, u64 max_memory, int threads, i64 kept_bytes) : file_(std::move(file)) {
-        std::unique_ptr<Source> source = source_of(file_);
-        const nb::gil_scoped_release release;
-        animation_ =
-            std::make_unique<Animation>(std::move(source), Animation::Options{max_memory, threads, kept_bytes});
+    PyAnimation(nb::object file, u64 max_memory, int threads, i64 kept_bytes)
+        : file_(std::move(file)), options_{max_memory, threads, kept_bytes}, animation_(open()) {}
+    PyAnimation(const PyAnimation &) = delete;
+    PyAnimation &operator=(const PyAnimation &) = delete;
+    ~PyAnimation() {
+        if (process_ != process_number()) leave_alone();
+    }
+
+    // The animation, which stays while somebody uses it; ReadError once it is closed.
+    //
+    // A process may be copied while a thread that the copy lacks holds the animation's lock, half way through a change:
+    // the copy leaves all of it alone, and opens the file anew.
+    std::shared_ptr<Animation> animation() {
+        if (!animation_) throw ReadError("is closed; open it again");
+        if (process_ != process_number()) {
+            std::shared_ptr<Animation> anew = open();
+            if (process_ != process_number()) {  // no other thread was first
+                leave_alone();
+                animation_ = std::move(anew);
+                process_ = process_number();
+            }
+        }
+        return animation_;
     }
 
     // Run `work` on the animation with the interpreter lock released.
-    template <class Work> auto with(const Work &work) const {
+    template <class Work> auto with(const Work &work) {
+        const std::shared_ptr<Animation> own = animation();
         const nb::gil_scoped_release release;
-        return work(*animation_);
+        return work(*own);
     }
 
-    const Animation &animation() const { return *animation_; }
+    // Calls that are under way end as they would have.
+    void close() {
+        if (process_ != process_number()) leave_alone();
+        animation_.reset();
+    }
 
 private:
+    std::shared_ptr<Animation> open() const {
+        std::unique_ptr<Source> source = source_of(file_);
+        const nb::gil_scoped_release release;
+        return std::make_shared<Animation>(std::move(source), options_);
+    }
+
+    void leave_alone() { new std::shared_ptr<Animation>(std::move(animation_)); }
+
     nb::object file_;  // outlives the animation
-    std::unique_ptr<Animation> animation_;
+    Animation::Options options_;
+    int process_ = process_number();
+    std::shared_ptr<Animation> animation_;
 };
 
-nb::list vertex_counts(const PyAnimation &self) {
+nb::list vertex_counts(PyAnimation &self) {
+    const auto own = self.animation();
     nb::list found;
-    for (i64 object = 0; object < self.animation().objects(); ++object) {
-        found.append(self.animation().first_vertex(object + 1) - self.animation().first_vertex(object));
+    for (i64 object = 0; object < own->objects(); ++object) {
+        found.append(own->first_vertex(object + 1) - own->first_vertex(object));
     }
     return found;
 }
 
-nb::list connectivity(const PyAnimation &self) {
+nb::list connectivity(PyAnimation &self) {
     const auto parts = self.with([](Animation &animation) { return animation.shared_connectivity(); });
     const nb::capsule owner = owner_of(parts);
     nb::list found;
@@ -69,11 +159,11 @@ nb::list connectivity(const PyAnimation &self) {
     return found;
 }
 
-nb::list attributes(const PyAnimation &self) {
+nb::list attributes(PyAnimation &self) {
     return to_list(self.with([](Animation &animation) { return animation.shared_attributes(); }));
 }
 
-nb::tuple reference(const PyAnimation &self) {
+nb::tuple reference(PyAnimation &self) {
     const Reference found = self.with([](Animation &animation) { return animation.reference(); });
     std::vector<i64> grid;
     for (const GridPoint &point : found.grid) grid.insert(grid.end(), point.begin(), point.end());
@@ -81,32 +171,36 @@ nb::tuple reference(const PyAnimation &self) {
                           nb::make_tuple(found.origin[0], found.origin[1], found.origin[2]), found.step);
 }
 
-nb::tuple model(const PyAnimation &self) {
-    const Model &own = self.animation().model();
+nb::tuple model(PyAnimation &self) {
+    const auto animation = self.animation();
+    const Model &own = animation->model();
     const SpaceForm &form = own.form;
     return nb::make_tuple(static_cast<int>(form.kind), form.points, form.functions, form.threshold, form.rate,
                           form.is_affine, own.residual_step, to_bytes(own.masks));
 }
 
-nb::list groups(const PyAnimation &self) {
+nb::list groups(PyAnimation &self) {
+    const auto own = self.animation();
     nb::list found;
-    for (const Group &group : self.animation().table().groups()) {
+    for (const Group &group : own->table().groups()) {
         found.append(nb::make_tuple(group.first, group.frames, group.functions, static_cast<int>(group.basis),
                                     group.step, group.alpha));
     }
     return found;
 }
 
-nb::list sections(const PyAnimation &self) {
+nb::list sections(PyAnimation &self) {
+    const auto own = self.animation();
     nb::list found;
-    for (const SectionEntry &entry : self.animation().container().entries()) {
+    for (const SectionEntry &entry : own->container().entries()) {
         found.append(nb::make_tuple(entry.type, entry.offset, entry.length));
     }
     return found;
 }
 
-nb::object coefficients(const PyAnimation &self, std::size_t index) {
-    const std::vector<Group> &groups = self.animation().table().groups();
+nb::object coefficients(PyAnimation &self, std::size_t index) {
+    const auto own = self.animation();
+    const std::vector<Group> &groups = own->table().groups();
     if (index >= groups.size()) throw nb::index_error("there is no such group");
     std::vector<double> found = self.with([&](Animation &animation) { return animation.coefficients(index); });
     return to_rows(std::move(found), static_cast<std::size_t>(most<i64>(groups[index].channels(), 1)));
@@ -127,10 +221,10 @@ nb::object writable_view(const nb::ndarray<float, nb::device::cpu> &array) {
 
 using Positions3 = nb::ndarray<float, nb::shape<-1, -1, 3>, nb::c_contig, nb::device::cpu>;
 
-void evaluate(const PyAnimation &self, int quantity, const Flat<double> &times, std::optional<i64> object,
+void evaluate(PyAnimation &self, int quantity, const Flat<double> &times, std::optional<i64> object,
               const Positions3 &out) {
     if (quantity < 0 || quantity > 2) throw nb::value_error("an unknown quantity");
-    if (object && (*object < 0 || *object >= self.animation().objects()))
+    if (object && (*object < 0 || *object >= self.animation()->objects()))
         throw nb::index_error("there is no such object");
     self.with([&](Animation &animation) {
         animation.evaluate(static_cast<Quantity>(quantity), view(times), object, {out.data(), out.size()});
@@ -146,24 +240,25 @@ void bind_animation(nb::module_ &module) {
         .def(nb::init<nb::object, u64, int, i64>(), nb::arg("file"), nb::arg("max_memory"), nb::arg("threads"),
              nb::arg("kept_bytes"))
         .def_prop_ro("times",
-                     [](const PyAnimation &self) { return to_array(std::vector<double>(self.animation().times())); })
-        .def_prop_ro("fps", [](const PyAnimation &self) { return self.animation().fps(); })
+                     [](PyAnimation &self) { return to_array(std::vector<double>(self.animation()->times())); })
+        .def_prop_ro("fps", [](PyAnimation &self) { return self.animation()->fps(); })
         .def_prop_ro("vertex_counts", &vertex_counts)
         .def_prop_ro("sections", &sections)
-        .def_prop_ro("file_bytes", [](const PyAnimation &self) { return self.animation().container().file_bytes(); })
+        .def_prop_ro("file_bytes", [](PyAnimation &self) { return self.animation()->container().file_bytes(); })
         .def_prop_ro("groups", &groups)
         .def_prop_ro("model", &model)
-        .def("names", [](const PyAnimation &self) { return self.with([](Animation &own) { return own.names(); }); })
+        .def("names", [](PyAnimation &self) { return self.with([](Animation &own) { return own.names(); }); })
         .def("connectivity", &connectivity)
         .def("attributes", &attributes)
         .def("reference", &reference)
         .def("remarks",
-             [](const PyAnimation &self) { return to_bytes(self.with([](Animation &own) { return own.remarks(); })); })
+             [](PyAnimation &self) { return to_bytes(self.with([](Animation &own) { return own.remarks(); })); })
         .def("coefficients", &coefficients, nb::arg("group"))
         .def("evaluate", &evaluate, nb::arg("quantity"), nb::arg("times"), nb::arg("object").none(),
              nb::arg("out").noconvert())
+        .def("close", &PyAnimation::close)
         .def("verify",
-             [](const PyAnimation &self) {
+             [](PyAnimation &self) {
                  self.with([](Animation &own) {
                      own.verify();
                      return 0;

@@ -23,6 +23,7 @@ NB_MODULE(_core, module) {
         }
     });
     nb::exception<LimitError>(module, "LimitError");
+    nb::exception<ReadError>(module, "ReadError");
     bind_connectivity(module);
     bind_reference(module);
     bind_coefficients(module);

@@ -17,11 +17,18 @@ namespace pdeanim {
 namespace {
 
 // Peak memory of what a file declares: of a mesh for each vertex (curves, reference frame, and twelve functions each,
-// twice); of opening for each frame (times, their spline, a row of the table); of connectivity for each corner; of a group
-// for each coefficient (quantised, its value, its share of the affine functions, and the value on a vertex) and for each
-// value of a function of time.
-constexpr u64 bytes_per_vertex = 600, bytes_per_frame = 96, bytes_per_corner = 128;
+// twice); of each frame (its time, as it is stored, here and as Python has it, and a row of the spline); of connectivity
+// for each corner; of a group for each coefficient (quantised, its value, its share of the affine functions, and the value
+// on a vertex) and for each value of a function of time.
+constexpr u64 bytes_per_vertex = 600, bytes_per_frame = 128, bytes_per_corner = 128;
 constexpr u64 bytes_per_coefficient = 40, bytes_per_time_value = 120;
+
+// Of a group and of an object that hold nothing: a row of the table with the place that the table grows into, what is kept
+// of a decoded group, and the numbers that Python makes of it; lists, a name and arrays, most of it Python's.
+constexpr u64 bytes_per_group = 1536, bytes_per_object = 4096;
+
+// Of a byte of a name: the place that a text grows into, and Python's four bytes of each character.
+constexpr u64 bytes_per_name_byte = 6;
 
 constexpr i64 most_vertices = (i64{1} << 31) - 1;
 constexpr i64 frames_between_looks = 64;  // frames that are evaluated before a cancel is noticed
@@ -69,10 +76,12 @@ Animation::Animation(std::unique_ptr<Source> source, const Options &options)
       most_kept_(options.kept_bytes) {
     container_.check_known();
     sequence_ = SequenceDescription::of_bytes(container_.read("SEQN"), static_cast<i64>(max_memory_ / bytes_per_frame));
+    take(bytes_per_frame * frames(), std::to_string(frames()) + " frames");
     polygons_ = container_.read("CONN");
     FieldReader fields(polygons_, "CONN");
-    const i64 count = fields.count();
+    const i64 count = fields.count(), most_objects = static_cast<i64>(left_ / bytes_per_object);
     for (i64 object = 0; object < count; ++object) {
+        if (object == most_objects) take(left_ + 1, "more than " + std::to_string(most_objects) + " objects");
         const i64 own = fields.count(), before = first_vertices_.back();
         first_vertices_.push_back(own > most_vertices - before ? most_vertices + 1 : before + own);
     }
@@ -82,10 +91,11 @@ Animation::Animation(std::unique_ptr<Source> source, const Options &options)
     }
     const std::span<const u8> rest = fields.rest();
     polygons_ = std::vector<u8>(rest.begin(), rest.end());
-    table_.emplace(container_, frames());
-    model_ = Model::of_bytes(container_.read("MODL"));
-    take(bytes_per_frame * frames(), std::to_string(frames()) + " frames");
     take(bytes_per_vertex * vertices(), std::to_string(vertices()) + " vertices");
+    take(bytes_per_object * objects(), std::to_string(objects()) + " objects");
+    table_.emplace(container_, frames(), static_cast<i64>(left_ / bytes_per_group));
+    take(bytes_per_group * table_->groups().size(), std::to_string(table_->groups().size()) + " groups of frames");
+    model_ = Model::of_bytes(container_.read("MODL"));
 }
 
 void Animation::take(u64 bytes, const std::string &what) {
@@ -112,7 +122,8 @@ void Animation::check_cancelled() const {
 const std::vector<std::string> &Animation::names() {
     const std::lock_guard guard(lock_);
     if (!names_) {
-        names_ = sequence_.names(objects(), [&](i64 size) { take(static_cast<u64>(size), "names of objects"); });
+        names_ = sequence_.names(
+            objects(), [&](i64 size) { take(bytes_per_name_byte * static_cast<u64>(size), "names of objects"); });
     }
     return *names_;
 }
@@ -218,6 +229,12 @@ const SpaceBasis &Animation::space() {
     return *space_;
 }
 
+// What it takes at most to decode so many coefficients of a function of space, and values of functions of time. Both are
+// bounded: 4,096 frames a group, 3 functions a frame, 3 axes.
+u64 Animation::motion_bytes(u64 channels, u64 time_values) const {
+    return bytes_per_coefficient * vertices() * channels + bytes_per_time_value * time_values;
+}
+
 // The memory that the largest group needs must be there before any is decoded.
 void Animation::take_motion() {
     if (has_motion_memory_) return;
@@ -226,8 +243,7 @@ void Animation::take_motion() {
         widest = most(widest, static_cast<u64>(group.channels()));
         longest = most(longest, static_cast<u64>(group.frames * group.functions));
     }
-    // Both are bounded: 4,096 frames a group, 3 functions a frame, 3 axes.
-    take(bytes_per_coefficient * vertices() * widest + bytes_per_time_value * longest,
+    take(motion_bytes(widest, longest),
          std::to_string(widest) + " functions of time on " + std::to_string(vertices()) + " vertices");
     has_motion_memory_ = true;
 }
@@ -273,12 +289,13 @@ ClosedForm Animation::closed_form(std::size_t index) const {
     return ClosedForm(own, group.alpha, group.functions);
 }
 
-DecodedGroup Animation::decode(std::size_t index, int threads, std::optional<std::vector<double>> values) const {
+DecodedGroup Animation::decode(std::size_t index, int threads, std::optional<std::vector<double>> values,
+                               std::size_t at_once) const {
     const Group &group = table_->groups()[index];
     try {
         const std::span<const double> own(times().data() + group.first, static_cast<std::size_t>(group.frames));
         return decode_group(group, table_->chunks(container_, index), *space_, own,
-                            static_cast<i64>(least<u64>(left_, INT64_MAX)), threads, std::move(values));
+                            static_cast<i64>(least<u64>(left_ / at_once, INT64_MAX)), threads, std::move(values));
     } catch (const CorruptError &error) {
         if (error.frame >= 0) throw;
         throw CorruptError(error.what(), error.offset, group.first);
@@ -288,33 +305,35 @@ DecodedGroup Animation::decode(std::size_t index, int threads, std::optional<std
 void Animation::keep(std::size_t index, DecodedGroup group) {
     kept_bytes_ += group.bytes();
     kept_.emplace_front(index, std::move(group));
-    while (kept_bytes_ > most_kept_ && kept_.size() > 1) {
+    kept_places_[index] = kept_.begin();
+    const i64 most_bytes = static_cast<i64>(least(static_cast<u64>(most_kept_), left_));
+    while (kept_bytes_ > most_bytes && kept_.size() > 1) {
         kept_bytes_ -= kept_.back().second.bytes();
+        kept_places_.erase(kept_.back().first);
         kept_.pop_back();
     }
 }
 
 const DecodedGroup &Animation::group(std::size_t index) {
-    const auto found = std::find_if(kept_.begin(), kept_.end(), [&](const auto &item) { return item.first == index; });
-    if (found != kept_.end()) {
-        kept_.splice(kept_.begin(), kept_, found);
+    const auto found = kept_places_.find(index);
+    if (found != kept_places_.end()) {
+        kept_.splice(kept_.begin(), kept_, found->second);
         return kept_.front().second;
     }
     check_cancelled();
     TimesAhead values = make_space({&index, 1});
-    keep(index, decode(index, threads_, std::move(values[0])));
+    keep(index, decode(index, threads_, std::move(values[0]), 1));
     return kept_.front().second;
 }
 
-bool Animation::is_kept(std::size_t index) const {
-    return std::any_of(kept_.begin(), kept_.end(), [&](const auto &item) { return item.first == index; });
-}
+bool Animation::is_kept(std::size_t index) const { return kept_places_.contains(index); }
 
 // Decode the groups that frames at increasing times need first, as many at once as there are threads; fewer where they
-// would not be kept together.
+// would not be kept together, or the memory limit has no room for all at once.
 void Animation::decode_ahead(std::span<const double> sorted) {
     std::vector<std::size_t> wanted;
     i64 expected_bytes = 0;
+    u64 bytes_at_once = 0;
     for (const double time : sorted) {
         if (time > times().back() || static_cast<int>(wanted.size()) == threads_) break;
         const std::size_t index = table_->group_of(frame_at(most(time, times().front())));
@@ -322,14 +341,19 @@ void Animation::decode_ahead(std::span<const double> sorted) {
         const Group &own = table_->groups()[index];
         expected_bytes +=
             own.channels() * vertices() * static_cast<i64>(own.is_single ? sizeof(float) : sizeof(double));
-        if (is_kept(index) || (!wanted.empty() && expected_bytes > most_kept_)) break;
+        if (is_kept(index)) break;
+        if (!wanted.empty()) {  // the first one has the memory that the largest group needs
+            bytes_at_once +=
+                motion_bytes(static_cast<u64>(own.channels()), static_cast<u64>(own.frames * own.functions));
+            if (expected_bytes > most_kept_ || bytes_at_once > left_) break;
+        }
         wanted.push_back(index);
     }
     if (wanted.size() < 2) return;
     TimesAhead values = make_space(wanted);
     std::vector<std::optional<DecodedGroup>> found(wanted.size());
     in_shares(static_cast<i64>(wanted.size()), threads_, [&](i64 first, i64 end) {
-        for (i64 k = first; k < end; ++k) found[k] = decode(wanted[k], 1, std::move(values[k]));
+        for (i64 k = first; k < end; ++k) found[k] = decode(wanted[k], 1, std::move(values[k]), wanted.size());
     });
     for (std::size_t k = wanted.size(); k-- > 0;) keep(wanted[k], std::move(*found[k]));
 }
@@ -425,6 +449,7 @@ std::vector<double> Animation::displacement(double time, int derivative) {
     };
     if (table_->groups()[0].basis == TimeBasis::closed_form) {
         if (closed_forms_.empty()) {
+            closed_forms_.reserve(table_->groups().size());
             for (std::size_t k = 0; k < table_->groups().size(); ++k) closed_forms_.push_back(closed_form(k));
         }
         for (const GroupWeights &own : closed_form_weights(closed_forms_, time, derivative)) {

@@ -10,6 +10,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <unordered_map>
 #include <vector>
 
 #include "attributes/attributes.hpp"
@@ -109,6 +110,7 @@ private:
     std::unique_lock<std::recursive_mutex> begin_call();
     void check_cancelled() const;
     std::vector<ConnectivityView> views();
+    u64 motion_bytes(u64 channels, u64 time_values) const;
     void take_motion();
     void decode_ahead(std::span<const double> sorted);
     bool is_kept(std::size_t index) const;
@@ -116,7 +118,8 @@ private:
     // Functions of time of some groups as their chunks have them, where they were decoded ahead.
     using TimesAhead = std::vector<std::optional<std::vector<double>>>;
     TimesAhead make_space(std::span<const std::size_t> groups);
-    DecodedGroup decode(std::size_t index, int threads, std::optional<std::vector<double>> values) const;
+    DecodedGroup decode(std::size_t index, int threads, std::optional<std::vector<double>> values,
+                        std::size_t at_once) const;
     void keep(std::size_t index, DecodedGroup group);
     ResidualScale residual_scale();
     template <class Real> const AnchoredReference<Real> &anchored();
@@ -160,6 +163,7 @@ private:
 
     // Decoded groups, the latest first.
     std::list<std::pair<std::size_t, DecodedGroup>> kept_;
+    std::unordered_map<std::size_t, std::list<std::pair<std::size_t, DecodedGroup>>::iterator> kept_places_;
     i64 kept_bytes_ = 0;
 };
 

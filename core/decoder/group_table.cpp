@@ -57,12 +57,16 @@ Group read_group(FieldReader &fields) {
 
 }  // namespace
 
-GroupTable::GroupTable(const Container &container, i64 frames) {
+GroupTable::GroupTable(const Container &container, i64 frames, i64 most_groups) {
     const std::vector<u8> data = container.read("GRUP");
     FieldReader fields(data, "GRUP");
     std::array<u64, 3> ends{};
     i64 left = frames;
     while (left > 0) {
+        if (static_cast<i64>(groups_.size()) == most_groups) {
+            throw LimitError("section GRUP has more than " + std::to_string(most_groups) +
+                             " groups of frames, more than the memory limit allows");
+        }
         Group group = read_group(fields);
         group.first = frames - left;
         group.offsets = ends;

@@ -39,8 +39,9 @@ struct Group {
 
 class GroupTable {
 public:
-    // Read section GRUP of a clip of so many frames; the chunks must fill their sections.
-    GroupTable(const Container &container, i64 frames);
+    // Read section GRUP of a clip of so many frames; the chunks must fill their sections. LimitError for more groups than
+    // there is room for.
+    GroupTable(const Container &container, i64 frames, i64 most_groups);
 
     const std::vector<Group> &groups() const { return groups_; }
 

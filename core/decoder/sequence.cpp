@@ -66,6 +66,7 @@ SequenceDescription SequenceDescription::of_bytes(std::span<const u8> data, i64 
         const double start = read_real(fields, flags & whole_start);
         const double rate = flags & at_frame_rate ? found.fps : fields.real();
         keep(fields.rest());
+        found.times.reserve(frames);
         for (i64 frame = 0; rate > 0.0 && frame < frames; ++frame) {
             found.times.push_back(ruled_time(rule, start, rate, frame));
         }

@@ -33,6 +33,7 @@ std::array<double, 4> hermite(double u, double step, int derivative) {
 }  // namespace
 
 FrameSpline::FrameSpline(std::vector<double> times) : times_(std::move(times)) {
+    steps_.reserve(frames());
     for (i64 i = 1; i < frames(); ++i) steps_.push_back(times_[i] - times_[i - 1]);
     const auto [shortest, longest] = std::minmax_element(steps_.begin(), steps_.end());
     half_ = steps_.empty() || *longest <= even * *shortest ? half_window : half_window_uneven;
