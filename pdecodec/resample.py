@@ -56,6 +56,8 @@ ROUNDING = 1e-6
 Outside = Literal["refuse", "clamp", "loop"]
 """What a time before the first frame or after the last one means."""
 
+OUTSIDES: tuple[Outside, ...] = get_args(Outside)
+
 
 def times_inside(times: Float64Array, first: float, last: float, outside: Outside) -> Float64Array:
     """Times brought between `first` and `last`.
@@ -76,8 +78,8 @@ def times_inside(times: Float64Array, first: float, last: float, outside: Outsid
     SettingsError
         If one lies outside and that is refused, one is infinite and looped, or `outside` is something else.
     """
-    if outside not in get_args(Outside):
-        raise SettingsError(f"outside must be one of {', '.join(get_args(Outside))}, not {outside!r}")
+    if outside not in OUTSIDES:
+        raise SettingsError(f"outside must be one of {', '.join(OUTSIDES)}, not {outside!r}")
     beyond = (times < first - ROUNDING) | (times > last + ROUNDING)
     if not beyond.any():
         return np.clip(times, first, last)
