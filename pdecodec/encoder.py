@@ -340,9 +340,7 @@ class AutoEncoder(Encoder):
             self._reference.points,
             self._first,
             times=self._sequence.times[begin:end],
-            bound=steps["bound"],
-            unit=steps["unit"],
-            residual_step=steps["residual_step"],
+            **steps,
         )
 
     def _divided(self, fitter: GroupFitter, usual: GroupChoice) -> list[FinishedGroup]:

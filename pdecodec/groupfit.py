@@ -280,13 +280,11 @@ class GroupFitter:
         if choice.time == "cosines":
             count = cosines_needed(largest)
             quantised, values = np.ascontiguousarray(quantised[:, : axes * count]), values[:, : axes * count]
-            dual = cosines(self.frames, count)
         else:
             time_functions, quantised, values = self._fit_time_functions(
                 moved, basis, choice.time, largest, step, time_step
             )
             count = quantised.shape[1] // axes
-            dual = dual_functions(unit_functions(time_functions))
         entry = GroupEntry(
             frames=self.frames,
             functions=count,
@@ -295,9 +293,12 @@ class GroupFitter:
             step=step,
             time_step=0.0 if choice.time == "cosines" else time_step,
         )
+        if not passes or not count:
+            return self.fitted(basis, entry, quantised, time_functions)
+        dual = dual_functions(unit_functions(time_functions)) if time_functions else cosines(self.frames, count)
         excess, push = Excess(), PUSH
         best = self.fitted(basis, entry, quantised, time_functions, excess)
-        for _ in range(passes if count else 0):
+        for _ in range(passes):
             farther, beyond = values.copy(), Excess()
             excess.add_to(farther, dual, axes, push)
             quantised, _ = quantise_sparsely(basis.project(farther), step, axes)
@@ -368,7 +369,7 @@ class GroupFitter:
         return group_functions(entry, functions_of_time(entry, decoded, self.times), quantised, basis)
 
     def _model(self, functions: GroupFunctions, basis: SpaceBasis) -> GroupModel:
-        """Functions held against the positions; with the residuals of those that may miss the bound elsewhere."""
+        """Functions held against all positions."""
         return self.held(functions, self.points, basis.order)
 
     def held(self, functions: GroupFunctions, points: Float32Array, order: Int32Array) -> GroupModel:
@@ -408,10 +409,8 @@ def axes_of(time: TimeFunctions) -> int:
     return 1 if time == "trajectories" else 3
 
 
-def unit_functions(time_functions: QuantisedTimeFunctions | None) -> Float64Array:
+def unit_functions(time_functions: QuantisedTimeFunctions) -> Float64Array:
     """Decoded functions of time at unit length: (frames or 3 frames, functions)."""
-    if time_functions is None:
-        return np.zeros((0, 0))
     return normalised(time_functions.decoded).reshape(-1, time_functions.decoded.shape[2])
 
 
