@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
 from dataclasses import dataclass
 from itertools import pairwise
@@ -112,7 +113,23 @@ def read_remarks(stream: bytes) -> dict[str, Any]:
     """Section 18."""
     try:
         remarks = json.loads(decompress(stream, 2**24)) if stream else {}
-    except ValueError:
+    except (ValueError, RecursionError):
         raise CorruptFileError("META is not JSON") from None
     require(isinstance(remarks, dict), "META is not a JSON object")
+    check_value(remarks, 1)
     return dict(remarks)
+
+
+def check_value(value: object, depth: int) -> None:
+    """Section 18: what values of META may be."""
+    require(depth <= 32, "META is nested too deep")
+    if isinstance(value, str):
+        require(not any("\ud800" <= letter <= "\udfff" for letter in value), "META holds half a character")
+    elif isinstance(value, float):
+        require(math.isfinite(value), "META holds a number that is not finite")
+    elif isinstance(value, dict):
+        for member in (*value, *value.values()):
+            check_value(member, depth + 1)
+    elif isinstance(value, list):
+        for member in value:
+            check_value(member, depth + 1)
