@@ -16,10 +16,10 @@ from pdecodec.sequence import Float32Array, Float64Array, MeshObject
 
 
 class ChangingAnimation(ChangingSequence, Animation):
-    """A `.pdeanim` file whose connectivity changes: an :class:`Animation` for each of its :attr:`runs`, on one timeline.
+    """A `.pdeanim` file whose connectivity changes: one timeline, and each of its :attr:`runs` an :class:`Animation`.
 
-    Made by :func:`pdecodec.open`. Opening reads where the runs are; of a run that is asked for, nothing but its own bytes
-    are read. At a time between two runs the earlier one stands still.
+    Made by :func:`pdecodec.open`. Opening reads where the runs are; of a run that is asked for, no other bytes than its
+    own are read. At a time between two runs the earlier one stands still.
     """
 
     __init__ = Animation.__init__
@@ -85,7 +85,7 @@ class ChangingAnimation(ChangingSequence, Animation):
         return {"container": beside, **dict(sorted(sizes.items()))}
 
     def info(self) -> dict[str, Any]:
-        """What the headers say of the file, as of other animations; of runs how many, how long and how large they are."""
+        """What the headers say of the file, as of other animations; how many runs, how long and how large."""
         remarks, file_bytes = self._remarks, self._core.file_bytes
         return {
             "file_bytes": file_bytes,

@@ -43,7 +43,9 @@ class OpenedRuns(Sequence[MeshSequence]):
     def __getitem__(self, index: slice) -> Sequence[MeshSequence]: ...
     def __getitem__(self, index: int | slice) -> MeshSequence | Sequence[MeshSequence]:
         chosen = range(self._count)[index]
-        return self._open(chosen) if isinstance(chosen, int) else OpenedRuns(lambda k: self._open(chosen[k]), len(chosen))
+        return (
+            self._open(chosen) if isinstance(chosen, int) else OpenedRuns(lambda k: self._open(chosen[k]), len(chosen))
+        )
 
     def forget(self) -> None:
         """Let go of runs that are open."""

@@ -43,7 +43,9 @@ File::File(std::unique_ptr<Source> source, u64 max_memory)
         throw CorruptError("section SEQN declares " + std::to_string(sequence_.run_frames.size()) +
                            " runs of frames, and there is no section RUNS");
     }
-    if (container_.find(data)) throw CorruptError("has section RDAT, and no section RUNS");
+    for (const std::string_view type : {data, of_run[names_at]}) {
+        if (container_.find(type)) throw CorruptError("has section " + std::string(type) + ", and no section RUNS");
+    }
     runs_.push_back({.first = 0, .frames = frames()});
 }
 
