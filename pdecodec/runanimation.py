@@ -48,7 +48,8 @@ class ChangingAnimation(ChangingSequence, Animation):
 
     @property
     def meshes(self) -> tuple[MeshObject, ...]:  # type: ignore[override]  # each run has its own
-        raise self._several("objects")
+        self._only_run()
+        return super().meshes
 
     def sample(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
         """Positions at several times of one run, as of other animations.

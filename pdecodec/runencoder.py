@@ -163,4 +163,4 @@ def _summary(sequence: ChangingSequence) -> str:
         for values in (sequence.run_frames, sequence.run_vertices)
     )
     count = counted(len(sequence.runs), "run")
-    return f"{count} of frames, each with faces of its own: {frames} frames and {vertices} vertices in each"
+    return f"{count} of frames that have faces of their own; frames of each: {frames}, vertices: {vertices}"

@@ -104,7 +104,7 @@ class ChangingSequence(MeshSequence):
         self._runs = runs
         self.run_frames: NDArray[np.int64] = np.array(frames, np.int64)
         self.run_vertices: NDArray[np.int64] = np.array(vertices, np.int64)
-        self.run_starts: NDArray[np.int64] = np.cumsum(self.run_frames) - self.run_frames
+        self._starts: NDArray[np.int64] = np.cumsum(self.run_frames) - self.run_frames
 
     @property
     def runs(self) -> Sequence[MeshSequence]:
@@ -119,37 +119,49 @@ class ChangingSequence(MeshSequence):
         return self.run_number_of(max(frame, 0))
 
     def run_number_of(self, frame: int) -> int:
-        """The number of the run that has a frame."""
-        return int(np.searchsorted(self.run_starts, frame, side="right")) - 1
+        return int(np.searchsorted(self._starts, frame, side="right")) - 1
+
+    @property
+    def run_starts(self) -> NDArray[np.int64]:
+        return self._starts
+
+    @property
+    def most_vertices(self) -> int:
+        return int(self.run_vertices.max())
 
     @property
     def objects(self) -> tuple[MeshObject, ...]:  # type: ignore[override]  # each run has its own
-        raise self._several("objects")
+        return self._only_run().objects
 
     @property
     def vertex_count(self) -> int:
-        raise self._several("vertices")
+        return self._only_run().vertex_count
 
-    def _several(self, what: str) -> InputError:
-        if len(self.run_starts) == 1:
-            return InputError(f"is one run of frames, whose {what} are those of runs[0]")
-        return InputError(
-            "its connectivity changes, and this takes constant connectivity; choose frames that have one (--frames)",
-            frame=int(self.run_starts[1]),
-        )
+    def _only_run(self) -> MeshSequence:
+        if len(self._starts) > 1:
+            raise InputError(
+                "its connectivity changes, and this takes one that does not; choose frames that have the same (--frames)",
+                frame=int(self._starts[1]),
+            )
+        return self.runs[0]
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
-        """Positions of frames of one run; errors as of other sequences, and InputError where they are of several."""
+        """Positions of frames, all of which must have as many vertices; else InputError, and errors as of runs."""
         check_frame_range(self, start, stop)
-        number = self.run_number_of(min(start, self.frame_count - 1))
-        first = int(self.run_starts[number])
-        if stop > first + self.run_frames[number]:
-            raise self._several("vertices")
-        return self.runs[number].read_frames(start - first, stop - first)
+        first = self.run_number_of(min(start, self.frame_count - 1))
+        last = max(first, self.run_number_of(stop - 1))
+        if (self.run_vertices[first : last + 1] != self.run_vertices[first]).any():
+            self._only_run()
+        parts = []
+        for number in range(first, last + 1):
+            begin, count = int(self._starts[number]), int(self.run_frames[number])
+            within = max(start - begin, 0), min(stop - begin, count)
+            parts.append(self.runs[number].read_frames(*within))
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def blocks(self, frames: int | None = None) -> Iterator[tuple[int, Float32Array]]:
         """Blocks of frames as of other sequences, none of frames of two runs."""
-        for first, run in zip(self.run_starts.tolist(), self.runs, strict=True):
+        for first, run in zip(self._starts.tolist(), self.runs, strict=True):
             for start, block in run.blocks(frames):
                 yield first + start, block
 
