@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
@@ -46,6 +47,7 @@ def compare(
     """
     from pdecodec.formats import open_sequence
     from pdecodec.formats.scene_space import bake_transforms
+    from pdecodec.runs import changed
 
     for name, value in (("--tolerance", tolerance), ("--max-error", max_error)):
         if value is not None and not value >= 0:
@@ -58,7 +60,7 @@ def compare(
         say_notices(second)
         other_frames = _at_times_of(first, second) if at_frames else second
         # Transforms that were kept, here or there, are part of where vertices are.
-        result = _compare(bake_transforms(first), bake_transforms(other_frames))
+        result = _compare(changed(first, bake_transforms), changed(other_frames, bake_transforms))
     failures = _failures(result, tolerance, max_error)
     if as_json:
         print_json({**result, "passed": not failures, "failures": failures})
@@ -77,11 +79,11 @@ def _rate_for(path: str, fps: float | None) -> float | None:
 
 def _at_times_of(first: MeshSequence, second: MeshSequence) -> MeshSequence:
     from pdecodec.decoder import Animation
-    from pdecodec.resample import SampledAnimation
+    from pdecodec.resample import sampled
 
     if not isinstance(second, Animation):
         raise SettingsError("--at-frames evaluates B between its frames, so B must be a .pdeanim file")
-    return SampledAnimation(second, first.times)
+    return sampled(second, first.times)
 
 
 def _compare(first: MeshSequence, second: MeshSequence) -> dict[str, Any]:
@@ -91,14 +93,16 @@ def _compare(first: MeshSequence, second: MeshSequence) -> dict[str, Any]:
 
     result: dict[str, Any] = {
         "frames": [first.frame_count, second.frame_count],
-        "vertices": [first.vertex_count, second.vertex_count],
-        "connectivity_equal": first.connectivity.same_as(second.connectivity),
-        "objects_equal": [item.name for item in first.objects] == [item.name for item in second.objects],
+        "vertices": [first.most_vertices, second.most_vertices],
+        "connectivity_equal": _are_alike(first, second, lambda a, b: a.connectivity.same_as(b.connectivity)),
+        "objects_equal": _are_alike(first, second, lambda a, b: _names(a) == _names(b)),
         "times_equal": first.frame_count == second.frame_count
         and bool(np.allclose(first.times, second.times, rtol=0.0, atol=TIME_TOLERANCE)),
     }
     measures: dict[str, Any] = dict.fromkeys(field.name for field in fields(Distortion))
-    if (first.frame_count, first.vertex_count) == (second.frame_count, second.vertex_count):
+    if first.frame_count == second.frame_count and _are_alike(
+        first, second, lambda a, b: a.vertex_count == b.vertex_count
+    ):
         with progress_bar() as progress:
             measures = measure_distortion(first, second, progress=progress).to_dict()
     for left_out in ("frames", "vertices", "within"):
@@ -121,6 +125,18 @@ def _failures(result: dict[str, Any], tolerance: float | None, max_error: float 
         if max_error is not None and result["max_error"] > max_error:
             failures.append(f"maximum error {result['max_error']:.6g} is above {max_error:g}")
     return failures
+
+
+def _are_alike(first: MeshSequence, second: MeshSequence, test: Callable[[MeshSequence, MeshSequence], bool]) -> bool:
+    """Whether runs at the same frames are alike, for each frame at which one of either begins."""
+    frames = sorted({*first.run_starts.tolist(), *second.run_starts.tolist()})
+    return frames[-1] < min(first.frame_count, second.frame_count) and all(
+        test(first.runs[first.run_number_of(frame)], second.runs[second.run_number_of(frame)]) for frame in frames
+    )
+
+
+def _names(sequence: MeshSequence) -> list[str]:
+    return [item.name for item in sequence.objects]
 
 
 def _print(result: dict[str, Any]) -> None:

@@ -112,6 +112,8 @@ def ratio(raw: int, coded: int) -> str:
     return f"{digits}:1"
 
 
-def extent(frames: int, vertices: int) -> str:
-    """``60 frames of 19,968 vertices``, ``1 frame of 1 vertex``."""
-    return f"{counted(frames, 'frame')} of {vertices:,} {'vertex' if vertices == 1 else 'vertices'}"
+def extent(sequence: MeshSequence) -> str:
+    """``60 frames of 19,968 vertices``, ``1 frame of 1 vertex``, ``60 frames of at most 300 vertices in 12 runs``."""
+    frames, vertices, runs = sequence.frame_count, sequence.most_vertices, len(sequence.runs)
+    most, of_runs = ("at most ", f" in {runs:,} runs") if runs > 1 else ("", "")
+    return f"{counted(frames, 'frame')} of {most}{vertices:,} {'vertex' if vertices == 1 else 'vertices'}{of_runs}"

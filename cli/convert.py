@@ -105,10 +105,11 @@ def _convert(
             return
         with progress_bar() as progress:
             notices = write(sequence, written, overwrite=overwrite, progress=progress)
-        counts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
+        counts = {"frames": sequence.frame_count, "vertices": sequence.most_vertices, "runs": len(sequence.runs)}
+        size = extent(sequence)
     for notice in notices:
         say(f"note: {notice}")
     seconds = time.perf_counter() - started
     if as_json:
         print_json({"output": written, **counts, "seconds": seconds, "notices": list(notices)})
-    say(f"{job.output_name}: {extent(**counts)}, {seconds:.1f} s")
+    say(f"{job.output_name}: {size}, {seconds:.1f} s")

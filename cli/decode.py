@@ -114,7 +114,7 @@ def _decode(
     from pdecodec.formats import write_sequence
     from pdecodec.formats.companions import output_files
     from pdecodec.formats.scene_space import place
-    from pdecodec.resample import SampledAnimation
+    from pdecodec.resample import sampled
 
     started = time.perf_counter()
     source, output = job.source, job.output
@@ -136,7 +136,7 @@ def _decode(
         sequences = [positions]
         speeds: MeshSequence | None = None
         if velocities:
-            speeds = SampledAnimation(animation, chosen.times, quantity="velocities", outside=outside)
+            speeds = sampled(animation, chosen.times, quantity="velocities", outside=outside)
             speeds = place(select_objects(speeds, objects, job.source_name), up_axis=up_axis, scale=scale, unit=unit)
             sequences.append(speeds)
         _check_output(sequences, max_output, animation.path)
@@ -165,11 +165,13 @@ def _decode(
             notices.update(dict.fromkeys(found))
         for notice in notices:
             say(f"note: {notice}")
+        size = extent(positions)
         result: dict[str, Any] = {
             "outputs": outputs,
             "frames": positions.frame_count,
-            "vertices": positions.vertex_count,
-            "raw_bytes": 12 * positions.frame_count * positions.vertex_count,
+            "vertices": positions.most_vertices,
+            "runs": len(positions.runs),
+            "raw_bytes": 12 * positions.position_count,
             "seconds": time.perf_counter() - started,
         }
     if as_json:
@@ -180,14 +182,14 @@ def _decode(
         f"{' and '.join([job.output_name, *outputs[1:]])}: "
         f"in {byte_size(Path(source).stat().st_size)} -> out {byte_size(written)} "
         f"({byte_size(result['raw_bytes'] * len(outputs))} of {values}), "
-        f"{extent(result['frames'], result['vertices'])}, {result['seconds']:.1f} s"
+        f"{size}, {result['seconds']:.1f} s"
     )
 
 
 def _check_output(sequences: Sequence[MeshSequence], most: int | None, path: str) -> None:
     """Refuse what is more than is wanted; without a limit, say before it begins that it is a lot."""
-    size = sum(12 * sequence.frame_count * sequence.vertex_count for sequence in sequences)
-    what = f"{extent(sequences[0].frame_count, sequences[0].vertex_count)}, {byte_size(size)}"
+    size = sum(12 * sequence.position_count for sequence in sequences)
+    what = f"{extent(sequences[0])}, {byte_size(size)}"
     if most is not None and size > most:
         raise InputError(
             f"declares {what}, and --max-output allows {byte_size(most)}; choose --frames or --object, or raise it",
@@ -229,16 +231,16 @@ def _chosen(
     outside: Outside,
 ) -> MeshSequence:
     """The animation at the times or frames asked for."""
-    from pdecodec.resample import SampledAnimation, times_at_rate
+    from pdecodec.resample import sampled, times_at_rate
 
     if fps is not None:
-        return SampledAnimation(animation, times_at_rate(float(animation.times[0]), float(animation.times[-1]), fps))
+        return sampled(animation, times_at_rate(float(animation.times[0]), float(animation.times[-1]), fps))
     for time_asked in at:
         if not math.isfinite(time_asked):
             raise SettingsError(f"--at {time_asked}: is no time; give seconds")
     wanted = list(at) if times is None else _read_times(times)
     if wanted:
-        return SampledAnimation(animation, sorted(set(wanted)), outside=outside)
+        return sampled(animation, sorted(set(wanted)), outside=outside)
     return select_frames(animation, frames)
 
 

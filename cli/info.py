@@ -27,9 +27,9 @@ def info(
 ) -> None:
     """Tell what a mesh sequence or a .pdeanim file holds.
 
-    Objects, faces, frames, times, attributes and bounds, and whether connectivity is constant: objects whose is not
-    are listed with the first frame that changes it. Of a .pdeanim file its sections, settings and model too; its
-    positions and attributes are decoded for --all-frames alone.
+    Objects, faces, frames, times, attributes and bounds, and whether connectivity is constant: where it is not, the
+    first frame that changes it, how many runs of frames have one each, and the objects of the first run. Of a .pdeanim
+    file its sections, settings and model too; its positions and attributes are decoded for --all-frames alone.
     """
     from pdecodec.formats import open_sequence
     from pdecodec.formats.companions import input_files
@@ -57,7 +57,9 @@ def _connectivity_facts(sequence: MeshSequence, files: int) -> dict[str, Any]:
         {"name": item.name, "feature": item.feature, "first_changed_frame": item.frame} for item in sequence.unsupported
     ]
     changed = next((item.frame for item in sequence.unsupported if item.frame is not None), None)
-    if files > 1:
+    if len(sequence.runs) > 1:
+        changed = int(sequence.run_starts[1])
+    elif files > 1:
         with progress_bar() as progress:
             changed = _first_changed_frame(sequence, progress)
     return {"connectivity_constant": changed is None, "first_changed_frame": changed, "unsupported": left_out}
@@ -91,19 +93,27 @@ def _bounds(sequence: MeshSequence) -> list[list[float]]:
 
 def _facts(sequence: MeshSequence, *, all_frames: bool) -> dict[str, Any]:
     from pdecodec.decoder import Animation
+    from pdecodec.runs import ChangingSequence
 
     is_decoded = all_frames or not isinstance(sequence, Animation)
-    objects = sequence.objects if is_decoded or not isinstance(sequence, Animation) else sequence.meshes
+    first = sequence.runs[0]
+    objects = first.objects if is_decoded or not isinstance(first, Animation) else first.meshes
+    runs: dict[str, Any] = {}
+    if isinstance(sequence, ChangingSequence):
+        runs["runs"] = len(sequence.runs)
+        for name, values in (("run_frames", sequence.run_frames), ("run_vertices", sequence.run_vertices)):
+            runs[name] = [int(values.min()), int(values.max())]
     facts: dict[str, Any] = {
         "frames": sequence.frame_count,
         "fps": sequence.fps,
         "first_time": float(sequence.times[0]),
         "last_time": float(sequence.times[-1]),
         "duration": float(sequence.times[-1] - sequence.times[0]),
-        "vertices": sequence.vertex_count,
+        "vertices": sequence.most_vertices,
         "faces": sum(item.connectivity.face_count for item in objects),
         "lines": sum(item.connectivity.line_count for item in objects),
-        "raw_bytes": 12 * sequence.frame_count * sequence.vertex_count,
+        "raw_bytes": 12 * sequence.position_count,
+        **runs,
         **_first_frame(sequence, is_read=is_decoded),
         "metadata": dict(sequence.metadata),
         "objects": [_object_facts(item, has_attributes=is_decoded) for item in objects],

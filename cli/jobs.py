@@ -192,24 +192,27 @@ def say_plan(
     job: Job, sequence: MeshSequence, write: Callable[[MeshSequence, str], object], *, files: int, size: int
 ) -> None:
     """Print what a job would read, `files` of `size` bytes, and write, and how large about by writing some frames."""
-    from pdecodec.selection import FrameSelection
+    from pdecodec.selection import select
 
     counts = sorted({min(count, sequence.frame_count) for count in SAMPLES})
     sizes = []
     for count in counts:
         with tempfile.TemporaryDirectory(prefix="pdecodec-") as folder:
             name = Path(job.output).name + ("/" if job.output.endswith("/") else "")
-            write(FrameSelection(sequence, range(count)), f"{folder}/{name}")
+            write(select(sequence, range(count)), f"{folder}/{name}")
             sizes.append(sum(one.stat().st_size for one in Path(folder).rglob("*") if one.is_file()))
     growth = (sizes[-1] - sizes[0]) / max(1, counts[-1] - counts[0])
     about = sizes[-1] + growth * (sequence.frame_count - counts[-1])
     there = f"{files} file{'s' * (files != 1)}, {byte_size(size)}"
-    click.echo(visible(f"read {job.source_name} ({there}): {extent(sequence.frame_count, sequence.vertex_count)}"))
+    click.echo(visible(f"read {job.source_name} ({there}): {extent(sequence)}"))
     click.echo(visible(f"write {job.output_name}: about {byte_size(max(0, round(about)))}"))
 
 
 def say_start(job: Job, sequence: MeshSequence) -> None:
     """What is read and written, for ``-v``."""
-    objects = f"{len(sequence.objects)} object{'s' * (len(sequence.objects) != 1)}"
-    size = extent(sequence.frame_count, sequence.vertex_count)
-    say(f"{job.source_name} -> {job.output_name}: {objects}, {size}, {sequence.fps:g} frames a second", level=1)
+    count = len(sequence.runs[0].objects)
+    objects = f"{count} object{'s' * (count != 1)}"
+    say(
+        f"{job.source_name} -> {job.output_name}: {objects}, {extent(sequence)}, {sequence.fps:g} frames a second",
+        level=1,
+    )

@@ -164,6 +164,8 @@ def select_objects(sequence: MeshSequence, names: Sequence[str], source: str) ->
 
     if not names:
         return sequence
+    if len(sequence.runs) > 1:
+        raise SettingsError("--object is for sequences whose connectivity is constant, and this one's changes")
     known = [item.name for item in sequence.objects]
     # A name that nothing matches goes on as it is: the selection says which names there are.
     chosen = [full for name in names for full in _matching(name.strip("/"), known) or [name]]
@@ -187,20 +189,20 @@ def select_frames(sequence: MeshSequence, text: str | None) -> MeshSequence:
     SettingsError
         If the text is neither notation, a frame number does not exist, or nothing is left.
     """
-    from pdecodec.selection import FrameSelection
+    from pdecodec.selection import select
 
     if text is None:
         return sequence
     found = FRAME_SLICE.fullmatch(text.strip())
     if found is None:
-        return FrameSelection(sequence, _positions_of_numbers(sequence, text))
+        return select(sequence, _positions_of_numbers(sequence, text))
     start, stop, step = (int(part) if part else None for part in found.groups())
     if step == 0:
         raise SettingsError(f"--frames {text}: the step must be at least 1")
     chosen = range(sequence.frame_count)[start:stop:step]
     if not chosen:
         raise SettingsError(f"--frames {text}: none of the {sequence.frame_count} frames is left")
-    return FrameSelection(sequence, chosen)
+    return select(sequence, chosen)
 
 
 def _positions_of_numbers(sequence: MeshSequence, text: str) -> list[int]:

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from pdecodec.sequence import Attribute, Connectivity, Float32Array, Int32Array, MeshObject, MeshSequence
 
-UV, COLOR, GROUP, MATERIAL = "uv", "color", "group", "material"
+UV, COLOR, GROUP, MATERIAL, ID = "uv", "color", "group", "material", "id"
 SUBDIVISION, CURVE_BASIS, CURVE_WRAP = "subdivision", "curve_basis", "curve_wrap"
 
 

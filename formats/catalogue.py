@@ -20,9 +20,10 @@ BUILT_IN = (
         name="obj",
         title="Wavefront OBJ, one file a frame",
         extensions=(".obj",),
-        reader="pdecodec.formats.obj_reader:ObjSequence",
+        reader="pdecodec.formats.obj_reader:open_obj",
         writer="pdecodec.formats.obj_writer:write_obj",
         frame_per_file=True,
+        holds_runs=True,
         keeps="objects, faces, lines, main UV set with seams, vertex colours, hard edges, groups, materials, smoothing "
         "groups, times (in a comment)",
         loses="other attributes, up axis and unit",
@@ -142,6 +143,7 @@ BUILT_IN = (
         extensions=(".pvd",),
         reader="pdecodec.formats.vtk_files:open_pvd",
         writer="pdecodec.formats.vtk_files:write_pvd",
+        holds_runs=True,
         keeps="faces, lines, times, vertex colours (written), normals of smooth meshes (written), the surface of "
         "solids; parts are joined",
         loses="names of objects (numbers stay, as point data), other attributes, up axis and unit",
@@ -152,6 +154,7 @@ BUILT_IN = (
         extensions=(".vtu",),
         reader="pdecodec.formats.vtk_files:open_vtu",
         writer="pdecodec.formats.vtk_files:write_vtu",
+        holds_runs=True,
         frame_per_file=True,
         keeps="faces, lines, vertex colours (written), normals of smooth meshes (written), the surface of solids; what "
         "is not read otherwise VTK reads (pip install 'pdecodec[vtk]')",
@@ -194,6 +197,7 @@ BUILT_IN = (
         extensions=(".ply",),
         reader="pdecodec.formats.ply_reader:open_ply",
         writer="pdecodec.formats.ply_stl_off:write_ply",
+        holds_runs=True,
         frame_per_file=True,
         keeps="faces, vertex colours (8 bits), normals of smooth meshes; UVs, edges as lines and strips are read",
         loses="names of objects, UVs, lines, other attributes, times (frames are numbered)",

@@ -13,9 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
+from pdecodec.formats.attribute_roles import ID
 from pdecodec.formats.registry import Output
 from pdecodec.formats.times import Timing, timing_of_numbers
-from pdecodec.sequence import Attribute, Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range
+from pdecodec.runs import ChangingSequence, OpenedRuns
+from pdecodec.sequence import (
+    BLOCK_BYTES,
+    Attribute,
+    Connectivity,
+    Float32Array,
+    MeshObject,
+    MeshSequence,
+    check_frame_range,
+)
 from pdecodec.whole_output import partial_folder, publish, write_errors
 
 FRAME_FIELD = re.compile(r"#+|@+|%0?\d*d|\$F\d*")
@@ -185,6 +195,14 @@ class MeshFile:
     attributes: tuple[Attribute, ...] = ()
     notices: tuple[str, ...] = ()
 
+    def continues(self, other: MeshFile) -> bool:
+        """Whether another mesh has the same faces and lines, and the same vertices where they have ids."""
+        mine, theirs = (next((one.values for one in mesh.attributes if one.name == ID), None) for mesh in (self, other))
+        if (mine is None) != (theirs is None):
+            return False
+        is_same = mine is None or theirs is None or np.array_equal(mine, theirs)
+        return is_same and self.connectivity.same_as(other.connectivity)
+
 
 def _joined(parts: list[MeshFile]) -> MeshFile:
     """Several meshes as one, their points one after the other; what belongs to points of one alone is left out."""
@@ -205,46 +223,137 @@ def _joined(parts: list[MeshFile]) -> MeshFile:
     return MeshFile(np.concatenate([part.points for part in parts]), connectivity, (), (*notices, *lost))
 
 
-class FrameSequence(MeshSequence):
-    """Files whose frames are read, and compared with the first, when they are asked for.
+class FrameMeshes:
+    """The meshes of the files of frames.
 
-    `files` has those of each frame, mostly one; `read` gives the mesh of a file, or raises InputError.
+    Parameters
+    ----------
+    files : sequence of sequences of pathlib.Path
+        Of each frame, mostly one.
+    read : callable
+        Gives the mesh of a file, or raises InputError.
     """
 
-    def __init__(self, files: Sequence[Sequence[Path]], timing: Timing, read: Callable[[Path], MeshFile]) -> None:
-        self._files, self._read = tuple(map(tuple, files)), read
-        first = self._frame(0)
-        if len(first.points) == 0:
-            raise InputError("there are no vertices; check the file", path=self._files[0][0])
-        self._connectivity = first.connectivity
-        self.objects = (MeshObject("mesh", first.connectivity, first.attributes),)
+    def __init__(self, files: Sequence[Sequence[Path]], read: Callable[[Path], MeshFile]) -> None:
+        self.files, self._read = tuple(map(tuple, files)), read
+        self._kept = KeptPositions()
+
+    def mesh(self, frame: int) -> MeshFile:
+        return _joined([self._read(path) for path in self.files[frame]])
+
+    def points(self, frame: int, connectivity: Connectivity) -> Float32Array:
+        """Positions of a frame; InputError where it has another connectivity."""
+        found = self._kept.get(frame)
+        if found is None or len(found) != connectivity.vertex_count:
+            mesh = self.mesh(frame)
+            if not mesh.connectivity.same_as(connectivity):
+                raise InputError(
+                    f"{_difference(mesh.connectivity, connectivity)}; the file changed while it was read",
+                    path=self.files[frame][0],
+                    frame=frame,
+                )
+            found = mesh.points
+        return found
+
+    def run_starts(self) -> list[tuple[int, int]]:
+        """The first frame of each run of frames that have the same faces, lines and ids, and its vertices.
+
+        A frame that cannot be read is told of when it is asked for.
+        """
+        starts: list[tuple[int, int]] = []
+        before: MeshFile | None = None
+        for frame in range(len(self.files)):
+            try:
+                mesh = self.mesh(frame)
+            except InputError:
+                if frame == 0:
+                    raise
+                continue
+            if not len(mesh.points):
+                raise no_vertices(self.files[frame][0], frame)
+            if before is None or not mesh.continues(before):
+                starts.append((frame, len(mesh.points)))
+                before = mesh
+            self._kept.keep(frame, mesh.points)
+        return starts
+
+
+class KeptPositions(dict[int, Float32Array]):
+    """Positions of frames that were read to compare them, as many as fit in a block."""
+
+    _room = BLOCK_BYTES
+
+    def keep(self, frame: int, points: Float32Array) -> None:
+        if points.nbytes <= self._room:
+            self._room -= points.nbytes
+            self[frame] = points
+
+
+class FrameSequence(MeshSequence):
+    """Frames of one connectivity, from one on, that are read when they are asked for."""
+
+    def __init__(self, meshes: FrameMeshes, first: int, timing: Timing) -> None:
+        self._meshes, self._first = meshes, first
+        mesh = meshes.mesh(first)
+        self.objects = (MeshObject("mesh", mesh.connectivity, mesh.attributes),)
         self.times, self.fps, notices = timing
         self.metadata = {}
-        self.notices = (*notices, *first.notices)
-
-    def _frame(self, frame: int) -> MeshFile:
-        return _joined([self._read(path) for path in self._files[frame]])
+        self.notices = (*notices, *mesh.notices)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
         points = np.empty((stop - start, self.vertex_count, 3), np.float32)
         for frame in range(start, stop):
-            found = self._frame(frame)
-            if not found.connectivity.same_as(self._connectivity):
-                raise InputError(
-                    f"{_difference(found.connectivity, self._connectivity)}; every frame must have the connectivity of "
-                    "the first",
-                    path=self._files[frame][0],
-                    frame=frame,
-                )
-            points[frame - start] = found.points
+            points[frame - start] = self._meshes.points(self._first + frame, self.objects[0].connectivity)
         return points
+
+
+def no_vertices(path: Path, frame: int) -> InputError:
+    """What is said of a frame without vertices, which no sequence has."""
+    return InputError("there are no vertices; check the file, or choose frames that have some (--frames)", path=path,
+                      frame=frame)  # fmt: skip
 
 
 def open_frames(path: Path, extension: str, read: Callable[[Path], MeshFile], fps: float | None) -> MeshSequence:
     """A file, a frame pattern or a folder as a sequence; errors as of :func:`find_frames` and the first frame."""
     files = find_frames(path, extension)
-    return FrameSequence([[file] for file in files.paths], timing_of_numbers(files.numbers, fps), read)
+    return sequence_of_files([[file] for file in files.paths], timing_of_numbers(files.numbers, fps), read)
+
+
+def sequence_of_files(
+    files: Sequence[Sequence[Path]], timing: Timing, read: Callable[[Path], MeshFile]
+) -> MeshSequence:
+    """The sequence of files of frames, of several runs where connectivity changes; parameters as :class:`FrameMeshes`.
+
+    Every file is read once to learn whether it does; positions are kept while they fit in a block.
+    """
+    meshes = FrameMeshes(files, read)
+    return runs_of_frames(meshes.run_starts(), timing, lambda first, own: FrameSequence(meshes, first, own))
+
+
+def runs_of_frames(
+    starts: Sequence[tuple[int, int]], timing: Timing, open_run: Callable[[int, Timing], MeshSequence]
+) -> MeshSequence:
+    """One run, or a sequence of several: first frame and vertices of each; a run is opened by its first frame."""
+    times, fps, notices = timing
+    if len(starts) == 1:
+        return open_run(0, timing)
+    firsts, vertices = zip(*starts, strict=True)
+    ends = [*firsts[1:], times.size]
+    first = open_run(0, (times[: ends[0]], fps, notices))
+
+    def of(number: int) -> MeshSequence:
+        return first if number == 0 else open_run(firsts[number], (times[firsts[number] : ends[number]], fps, ()))
+
+    return ChangingSequence(
+        OpenedRuns(of, len(firsts)),
+        times=times,
+        frames=[end - begin for begin, end in zip(firsts, ends, strict=True)],
+        vertices=vertices,
+        fps=fps,
+        metadata=first.metadata,
+        notices=first.notices,
+    )
 
 
 def _difference(mine: Connectivity, first: Connectivity) -> str:
@@ -267,11 +376,15 @@ def join_cells(
     return Connectivity(vertices, *joined)
 
 
+FrameBytes = Callable[[Float32Array, int], bytes]
+"""The bytes of a file: of positions (vertices, 3), and the index of the frame in its run."""
+
+
 def write_frames(
     sequence: MeshSequence,
     output: Output,
     what: str,
-    frame_bytes: Callable[[Float32Array, int], bytes],
+    frame_bytes: Callable[[MeshSequence, int], FrameBytes],
     *,
     new_folder: bool = False,
     index: tuple[Path, Callable[[Sequence[Path]], bytes]] | None = None,
@@ -290,7 +403,7 @@ def write_frames(
     what : str
         The format.
     frame_bytes : callable
-        The bytes of a file: of positions (vertices, 3) and the index of the frame.
+        Gives, of a run of the sequence and its first frame, what gives the bytes of its files.
     new_folder : bool
         Whether the pattern's folder is new, and appears at once when all is written.
     index : tuple of a path and a callable, optional
@@ -307,7 +420,7 @@ def write_frames(
             name = f"{pattern.stem}.{FOLDER_PADDING}{pattern.suffix}"
             raise InputError(f"{sequence.frame_count} frames do not fit one {what} file; name it {name}", path=pattern)
         with output.whole_file() as partial:
-            partial.write_bytes(frame_bytes(sequence.read_frames(0, 1)[0], 0))
+            partial.write_bytes(frame_bytes(sequence.runs[0], 0)(sequence.read_frames(0, 1)[0], 0))
         return [pattern]
     old = frames_there(pattern)
     if old and not output.overwrite:
@@ -323,9 +436,11 @@ def write_frames(
     paths = [pattern.with_name(Path(parsed.frame(int(number))).name) for number in numbers]
     place = pattern.parent if new_folder else pattern
     with partial_folder(place) as partial, write_errors(place):
-        for start, block in output.blocks(sequence, what):
+        for run, first, start, block in output.blocks_of_runs(sequence, what):
+            if start == first:
+                bytes_of = frame_bytes(run, first)
             for frame, points in enumerate(block, start):
-                (partial / paths[frame].name).write_bytes(frame_bytes(points, frame))
+                (partial / paths[frame].name).write_bytes(bytes_of(points, frame - first))
         if new_folder:
             os.replace(partial, place)
             return paths

@@ -1,7 +1,7 @@
-"""OBJ sequences: one Wavefront OBJ file a frame, read in parallel and only as far as asked for.
+"""OBJ sequences: one Wavefront OBJ file a frame, read in parallel.
 
-Connectivity, names, UVs, colours and hard edges are those of the first frame. In every other frame the positions are
-read, and faces, lines and UV indices must be the same; names may differ, as exporters number them.
+Frames of the same faces, lines and UV indices are a run. Names, UVs, colours and hard edges are those of its first
+frame; of every other one positions are read, and names may differ, as exporters number them.
 
 Names of faces are states in OBJ: each holds until the next statement of its kind. Here they become one integer
 a face. Names that mean "none" in OBJ (``g default``, a bare ``usemtl``, ``s off``) are -1, and 0 for ``s``.
@@ -16,9 +16,10 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 
 from pdecodec._core import ObjScan, ObjStructure
 from pdecodec.errors import InputError
-from pdecodec.formats.frame_files import FrameFiles, find_frames
+from pdecodec.formats.frame_files import FrameFiles, KeptPositions, find_frames, no_vertices, runs_of_frames
 from pdecodec.formats.normals import normal_group, read_normal_group
 from pdecodec.formats.obj_text import ObjText, read_text, scan
 from pdecodec.formats.registry import read_errors
@@ -61,8 +62,8 @@ GEOMETRY_NOT_READ = frozenset({"curv", "curv2", "surf", "fo", "bzp", "bsp", "cdc
 _STATEMENT = re.compile(r"[A-Za-z_]\w*", re.ASCII)
 
 
-class ObjSequence(MeshSequence):
-    """An OBJ file, frame pattern or folder; frames are read, and compared with the first, when they are asked for.
+def open_obj(path: Path, *, fps: float | None = None, threads: int | None = None) -> MeshSequence:
+    """Open an OBJ file, frame pattern or folder: every frame is read once, to learn where faces change.
 
     Parameters
     ----------
@@ -79,33 +80,96 @@ class ObjSequence(MeshSequence):
     InputError
         If frames are missing, or the first one cannot be used.
     """
+    files = find_frames(path, ".obj")
+    timing = _timing(files, fps)
+    frames = _ObjFrames(files.paths, threads)
+    return runs_of_frames(frames.run_starts(), timing, lambda first, own: ObjSequence(frames, first, own))
 
-    def __init__(self, path: Path, *, fps: float | None = None, threads: int | None = None) -> None:
-        files = find_frames(path, ".obj")
-        self._paths = files.paths
-        self.times, self.fps, notices = _timing(files, fps)
-        text = read_text(self._paths[0], 0)
-        useful = min(MOST_THREADS, os.cpu_count() or 1) if len(text.data) >= PARALLEL_BYTES else 1
-        self._threads = threads or useful
-        first = scan(text)
-        model = _Model(text, first)
-        self.objects = model.objects
-        self.metadata = model.metadata
+
+class _ObjFrames:
+    """Files of frames, how many are read at a time, and positions that were read to compare them."""
+
+    def __init__(self, paths: Sequence[Path], threads: int | None) -> None:
+        self.paths, self._kept = paths, KeptPositions()
+        with read_errors(paths[0]):
+            is_large = paths[0].stat().st_size >= PARALLEL_BYTES
+        self.threads = threads or (min(MOST_THREADS, os.cpu_count() or 1) if is_large else 1)
+
+    def run_starts(self) -> list[tuple[int, int]]:
+        """The first frame of each run, and its vertices. Frames that cannot be read are told of when they are needed."""
+        starts: list[tuple[int, int]] = []
+        structure: _Structure | None = None
+        frame, at_once = 0, 1
+        with ThreadPoolExecutor(self.threads) as pool:
+            while frame < len(self.paths):
+                if structure is None:
+                    text = read_text(self.paths[frame], frame)
+                    structure, at_once = _Structure(text, scan(text)), 1
+                    if not structure.vertices:
+                        raise no_vertices(self.paths[frame], frame)
+                    starts.append((frame, structure.vertices))
+                    self._kept.keep(frame, structure.positions)
+                    frame += 1
+                    continue
+                batch = range(frame, min(frame + at_once, len(self.paths)))
+                for index, points in zip(batch, pool.map(partial(self._compared, structure), batch), strict=True):
+                    if points is None:
+                        structure = None
+                        break
+                    self._kept.keep(index, points)
+                    frame += 1
+                at_once = min(2 * at_once, 2 * self.threads)
+        return starts
+
+    def _compared(self, structure: _Structure, frame: int) -> Float32Array | None:
+        """Positions of a frame, none where they cannot be read; None where its faces are others."""
+        points = np.empty((structure.vertices, 3), np.float32)
+        try:
+            structure.read_positions(self.paths[frame], frame, points)
+        except _ChangedError:
+            return None
+        except InputError:
+            return points[:0]
+        return points
+
+    def read(self, structure: _Structure, frame: int, points: Float32Array) -> None:
+        """Read a frame's positions into `points`, (vertices, 3) float32; errors as of `structure`."""
+        kept = self._kept.get(frame)
+        if kept is None or len(kept) != len(points):
+            structure.read_positions(self.paths[frame], frame, points)
+        else:
+            points[:] = kept
+
+
+class ObjSequence(MeshSequence):
+    """Frames of one connectivity, from one on, that are read when they are asked for."""
+
+    def __init__(self, frames: _ObjFrames, first: int, timing: Timing) -> None:
+        self._frames, self._first = frames, first
+        text = read_text(frames.paths[first], first)
+        scanned = scan(text)
+        model = _Model(text, scanned)
+        self.times, self.fps, notices = timing
+        self.objects, self.metadata = model.objects, model.metadata
         self.notices = notices + model.notices
-        self._first = _Structure(text, first)
+        self._structure = _Structure(text, scanned)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
         points = np.empty((stop - start, self.vertex_count, 3), np.float32)
 
         def read(frame: int) -> None:
-            self._first.read_positions(self._paths[frame], frame, points[frame - start])
+            self._frames.read(self._structure, self._first + frame, points[frame - start])
 
-        with ThreadPoolExecutor(max_workers=min(self._threads, max(1, stop - start))) as pool:
+        with ThreadPoolExecutor(max_workers=min(self._frames.threads, max(1, stop - start))) as pool:
             # map gives results in order, so the error raised is that of the first bad frame
             for _ in pool.map(read, range(start, stop)):
                 pass
         return points
+
+
+class _ChangedError(InputError):
+    """A frame has other faces than the one before."""
 
 
 class _Structure:
@@ -113,6 +177,13 @@ class _Structure:
 
     def __init__(self, text: ObjText, first: ObjScan) -> None:
         self._lines, self._first = ObjStructure(text.data), first
+        self.vertices: int = first.vertex_count
+
+    @property
+    def positions(self) -> Float32Array:
+        """Of the first frame, (vertices, 3)."""
+        found: Float32Array = self._first.positions
+        return found
 
     def read_positions(self, path: Path, frame: int, points: Float32Array) -> None:
         """Read a frame's positions into `points`, (vertices, 3) float32.
@@ -132,9 +203,7 @@ class _Structure:
         _Model(text, other)  # refuses statements that carry geometry
         difference = self._difference(other)
         if difference:
-            raise InputError(
-                f"{difference}; every frame must have the connectivity of the first", path=path, frame=frame
-            )
+            raise _ChangedError(f"{difference}; the file changed while it was read", path=path, frame=frame)
         points[:] = other.positions
 
     def _difference(self, other: ObjScan) -> str | None:

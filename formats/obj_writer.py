@@ -19,7 +19,13 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import indexed_rows, left_out, uv_sets, vertex_color
-from pdecodec.formats.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern, write_frames
+from pdecodec.formats.frame_files import (
+    FOLDER_PADDING,
+    FrameBytes,
+    frames_there,
+    is_frame_pattern,
+    write_frames,
+)
 from pdecodec.formats.normals import group_attribute, normal_rows
 from pdecodec.formats.registry import Output
 from pdecodec.formats.scene_writing import DEFAULT_NAME
@@ -50,9 +56,14 @@ def write_obj(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
             raise InputError(
                 f"this folder holds other OBJ files ({foreign[0]}); choose an empty one or a pattern", path=folder
             )
-    text = _FrameText(sequence, output.rate)
-    write_frames(sequence, dataclasses.replace(output, path=path), "OBJ", text.of_frame, new_folder=new_folder)
-    return left_out(sequence, "OBJ", _is_written, metadata=("mtllib",))
+    notices: dict[str, None] = {}
+
+    def frame_bytes(run: MeshSequence, first: int) -> FrameBytes:
+        notices.update(dict.fromkeys(left_out(run, "OBJ", _is_written, metadata=("mtllib",))))
+        return _FrameText(run, output.rate, first).of_frame
+
+    write_frames(sequence, dataclasses.replace(output, path=path), "OBJ", frame_bytes, new_folder=new_folder)
+    return tuple(notices)
 
 
 def _is_written(item: MeshObject, attribute: Attribute) -> bool:
@@ -69,8 +80,8 @@ def _one_line(name: str) -> str:
 class _FrameText:
     """Makes the text of frames: what is the same in every frame is made once."""
 
-    def __init__(self, sequence: MeshSequence, rate: float) -> None:
-        self._times, self._rate = sequence.times, rate
+    def __init__(self, sequence: MeshSequence, rate: float, first: int) -> None:
+        self._times, self._rate, self._first = sequence.times, rate, first
         library = sequence.metadata.get("mtllib")
         self._head = f"mtllib {_one_line(library)}\n".encode() if library else b""
         self._objects: list[_ObjectText] = []
@@ -90,7 +101,7 @@ class _FrameText:
             raise InputError(
                 f"vertex {bad[0]} is not finite ({points[bad[0]].tolist()}), OBJ has no text for it; "
                 "repair the sequence",
-                frame=frame,
+                frame=self._first + frame,
             )
         # Both numbers read back exactly.
         noted = f"# time {float(self._times[frame])!r} s at {float(self._rate)!r} frames per second\n"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import joined_colors, lost_by_joining
-from pdecodec.formats.frame_files import MeshFile, open_frames, write_frames
+from pdecodec.formats.frame_files import FrameBytes, MeshFile, open_frames, write_frames
 from pdecodec.formats.normals import VertexNormals
 from pdecodec.formats.registry import Output, read_errors
 from pdecodec.sequence import Connectivity, Float32Array, MeshSequence
@@ -29,6 +29,19 @@ _STL_VERTEX = re.compile(rb"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", re.MULTILIN
 
 def write_ply(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     """Write PLY files; objects are joined to one mesh."""
+    notices: dict[str, None] = {}
+
+    def frame_bytes(run: MeshSequence, first: int) -> FrameBytes:
+        made, own = _run_bytes(run)
+        notices.update(dict.fromkeys(own))
+        return made
+
+    write_frames(sequence, output, "PLY", frame_bytes)
+    return (*notices, "PLY has no times: frames are numbered")
+
+
+def _run_bytes(sequence: MeshSequence) -> tuple[FrameBytes, tuple[str, ...]]:
+    """The bytes of the files of a run, and lines about what they cannot hold."""
     connectivity = sequence.connectivity
     head = ["ply", "format binary_little_endian 1.0", f"element vertex {sequence.vertex_count}"]
     head += [f"property float {axis}" for axis in "xyz"]
@@ -55,11 +68,10 @@ def write_ply(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
             rows["normal"] = normals.at(points)
         return before + rows.tobytes() + after
 
-    write_frames(sequence, output, "PLY", frame_bytes)
     notices = lost_by_joining(sequence, "PLY", "mesh", colors, normals.holds)
     if connectivity.line_count:
         notices += ("lines are left out: readers of PLY take its edges for damage",)
-    return (*notices, "PLY has no times: frames are numbered")
+    return frame_bytes, notices
 
 
 def _polygons(counts: NDArray[np.int32], indices: NDArray[np.int32]) -> bytes:

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from pdecodec.errors import InputError, MissingExtraError, SettingsError, naming_file
 from pdecodec.formats.scene_space import bake_transforms
 from pdecodec.formats.times import times_kept
+from pdecodec.runs import changed
 from pdecodec.sequence import Float32Array, MeshSequence, Progress
 from pdecodec.whole_output import check_path, finish_interrupted, whole_file
 
@@ -61,12 +62,22 @@ class Output:
         self, sequence: MeshSequence, what: str, frames: int | None = None
     ) -> Iterator[tuple[int, Float32Array]]:
         """The sequence's blocks, at most `frames` long; progress is reported as each is done with."""
+        for _, _, start, block in self.blocks_of_runs(sequence, what, frames):
+            yield start, block
+
+    def blocks_of_runs(
+        self, sequence: MeshSequence, what: str, frames: int | None = None
+    ) -> Iterator[tuple[MeshSequence, int, int, Float32Array]]:
+        """The same with the run that a block is of, and its first frame: ``(run, its first, first, positions)``."""
+        first = 0
         if self.progress is not None:
             self.progress(0, sequence.frame_count, f"writing {what}")
-        for start, block in sequence.blocks(frames):
-            yield start, block
-            if self.progress is not None:
-                self.progress(start + len(block), sequence.frame_count, f"writing {what}")
+        for run in sequence.runs:
+            for start, block in run.blocks(frames):
+                yield run, first, first + start, block
+                if self.progress is not None:
+                    self.progress(first + start + len(block), sequence.frame_count, f"writing {what}")
+            first += run.frame_count
 
 
 Writer = Callable[[MeshSequence, Output], tuple[str, ...]]
@@ -97,9 +108,9 @@ class Format:
         Options of :func:`open_sequence` beside ``fps`` that the reader takes.
     write_options : tuple of str
         Options of :func:`write_sequence` that not every writer takes, but this one.
-    holds_transforms, holds_velocities, holds_nothing : bool
-        Whether the writer can put transforms above objects, velocities beside positions, and keep objects without
-        vertices.
+    holds_transforms, holds_velocities, holds_nothing, holds_runs : bool
+        Whether the writer can put transforms above objects, velocities beside positions, keep objects without
+        vertices, and write a sequence whose connectivity changes.
     times : {"exact", "float32", "microseconds"}
         How the writer's times come back: as they were, rounded to float32, or only where they are further apart.
     keeps, loses : str
@@ -121,6 +132,7 @@ class Format:
     holds_transforms: bool = False
     holds_velocities: bool = False
     holds_nothing: bool = False
+    holds_runs: bool = False
     times: Literal["exact", "float32", "microseconds"] = "exact"
     keeps: str = ""
     loses: str = ""
@@ -316,10 +328,20 @@ def write_sequence(
     for name in (name for name, value in asked.items() if value and name not in entry.write_options):
         users = ", ".join(other.title for other in _formats.whole().values() if name in other.write_options)
         raise SettingsError(f"--{name} is for {users}; leave it out", path=where)
-    placed = sequence if entry.holds_transforms else bake_transforms(sequence)
+    if len(sequence.runs) > 1 and not entry.holds_runs:
+        able = _extensions(lambda item: item.holds_runs)
+        frame = sequence.runs[0].frame_count
+        raise InputError(
+            f"{entry.title} has one connectivity, and that of the sequence changes; write {able}, or choose frames "
+            "that have one (--frames)",
+            path=where,
+            frame=frame,
+        )
+    placed = sequence if entry.holds_transforms else changed(sequence, bake_transforms)
     rate = sequence.fps if fps is None else fps
     output = Output(path=where, rate=rate, overwrite=overwrite, velocities=velocities, progress=progress, **asked)
-    empty = ", ".join(item.name for item in sequence.objects if not item.vertex_count and not entry.holds_nothing)
+    objects = sequence.runs[0].objects
+    empty = ", ".join(item.name for item in objects if not item.vertex_count and not entry.holds_nothing)
     with naming_file(where):
         rounded: tuple[str, ...] = ()
         if entry.times != "exact":

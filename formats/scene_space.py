@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats.attribute_roles import reversed_corners
+from pdecodec.runs import changed
 from pdecodec.sequence import (
     Attribute,
     Connectivity,
@@ -123,7 +124,8 @@ def place(
         raise SettingsError(f"a unit is {', '.join(UNITS)} or a number of metres, as '2.5 m', not {unit!r}")
     if up_axis is None and scale == 1.0 and unit is None:
         return sequence
-    return PlacedSequence(sequence, None if up_axis is None else up_axis.upper(), scale, unit)
+    axis = None if up_axis is None else up_axis.upper()
+    return changed(sequence, lambda run: PlacedSequence(run, axis, scale, unit))
 
 
 class PlacedSequence(DerivedSequence):
@@ -295,11 +297,11 @@ class BakedTransforms(DerivedSequence):
 def velocities_of(sequence: MeshSequence) -> MeshSequence:
     """Velocities at a sequence's frames [scene units / s]: an animation's own, else differences of its positions."""
     from pdecodec.decoder import Animation
-    from pdecodec.resample import SampledAnimation
+    from pdecodec.resample import sampled
 
     if isinstance(sequence, Animation):
-        return SampledAnimation(sequence, sequence.times, quantity="velocities")
-    return DifferencedVelocities(sequence)
+        return sampled(sequence, sequence.times, quantity="velocities")
+    return changed(sequence, DifferencedVelocities)
 
 
 class DifferencedVelocities(DerivedSequence):

@@ -28,7 +28,14 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import joined_colors, lost_by_joining
 from pdecodec.formats.cells import Cells, left_out_notice, node_attribute
-from pdecodec.formats.frame_files import FOLDER_PADDING, FrameSequence, MeshFile, open_frames, write_frames
+from pdecodec.formats.frame_files import (
+    FOLDER_PADDING,
+    FrameBytes,
+    MeshFile,
+    open_frames,
+    sequence_of_files,
+    write_frames,
+)
 from pdecodec.formats.normals import VertexNormals
 from pdecodec.formats.registry import Output
 from pdecodec.formats.times import timing_of_stored
@@ -128,7 +135,7 @@ def open_pvd(path: Path, *, fps: float | None) -> MeshSequence:
     for time, file in listed:
         parts.setdefault(time, []).append(path.parent / file)
     times = sorted(parts)
-    return FrameSequence([parts[time] for time in times], timing_of_stored(np.array(times), fps), _read_part)
+    return sequence_of_files([parts[time] for time in times], timing_of_stored(np.array(times), fps), _read_part)
 
 
 def _read_part(path: Path) -> MeshFile:
@@ -148,16 +155,16 @@ def _read_vtu(path: Path) -> MeshFile:
 
 def write_vtu(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     """Write VTU files (``name.####.vtu``); objects are joined to one grid."""
-    grid = _Grid(sequence)
-    write_frames(sequence, output, "VTU", grid.of_frame)
-    return grid.notices
+    grids = _Grids()
+    write_frames(sequence, output, "VTU", grids.of_run)
+    return tuple(grids.notices)
 
 
 def write_pvd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     """Write VTU files beside a list of them with their times, ``name.pvd``."""
     path = output.path
     check_writable(path, overwrite=output.overwrite)
-    grid = _Grid(sequence)
+    grids = _Grids()
     frames = dataclasses.replace(output, path=path.with_name(f"{path.stem}.{FOLDER_PADDING}.vtu"))
 
     def listed(files: Sequence[Path]) -> bytes:
@@ -168,12 +175,24 @@ def write_pvd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
         return f"{head}{rows}  </Collection>\n</VTKFile>\n".encode()
 
-    write_frames(sequence, frames, "VTU", grid.of_frame, index=(path, listed))
-    return grid.notices
+    write_frames(sequence, frames, "VTU", grids.of_run, index=(path, listed))
+    return tuple(grids.notices)
+
+
+class _Grids:
+    """Grids of runs, and what they cannot hold, each line once."""
+
+    def __init__(self) -> None:
+        self.notices: dict[str, None] = {}
+
+    def of_run(self, run: MeshSequence, first: int) -> FrameBytes:
+        grid = _Grid(run)
+        self.notices.update(dict.fromkeys(grid.notices))
+        return grid.of_frame
 
 
 class _Grid:
-    """What is the same in every frame of a sequence of VTU files."""
+    """What is the same in every frame of a run of VTU files."""
 
     def __init__(self, sequence: MeshSequence) -> None:
         whole = sequence.connectivity

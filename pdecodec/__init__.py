@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from pdecodec.paperform import PaperForm as PaperForm
     from pdecodec.ratecontrol import encode_to_rms as encode_to_rms
     from pdecodec.ratecontrol import encode_to_size as encode_to_size
+    from pdecodec.runs import ChangingSequence as ChangingSequence
     from pdecodec.selection import FrameSelection as FrameSelection
     from pdecodec.selection import ObjectSelection as ObjectSelection
     from pdecodec.sequence import ArraySequence as ArraySequence
@@ -45,6 +46,7 @@ _HOME = {
     "Animation": "decoder",
     "ArraySequence": "sequence",
     "Attribute": "sequence",
+    "ChangingSequence": "runs",
     "Connectivity": "sequence",
     "CorruptFileError": "errors",
     "DecodeLimits": "decoder",

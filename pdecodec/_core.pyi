@@ -419,7 +419,8 @@ def writable_view(array: object) -> Float32Array: ...
 
 class Animation:
     """An open file (core/decoder/animation.hpp); `file` is its bytes, or a binary file that is read when needed: by its
-    descriptor (not on Windows), or as Python reads it.
+    descriptor (not on Windows), or as Python reads it. Of several runs each is opened by itself: what is not of all is
+    an error else.
     """
 
     def __init__(self, file: bytes | int | BinaryIO, max_memory: int, threads: int, kept_bytes: int) -> None: ...
@@ -427,6 +428,12 @@ class Animation:
     def times(self) -> Float64Array: ...
     @property
     def fps(self) -> float: ...
+    @property
+    def runs(self) -> list[tuple[int, int, int]]:
+        """First frame, frames and vertices of each run; -1 vertices where the file is of one run."""
+    def run_sections(self, run: int) -> list[tuple[str, int, int]]:
+        """Type, offset and length of each section of a run."""
+    def open_run(self, run: int) -> Animation: ...
     @property
     def vertex_counts(self) -> list[int]: ...
     @property

@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -89,23 +89,60 @@ def open_animation(
     """
     limits = limits or DecodeLimits()
     if isinstance(source, bytes):
-        return Animation(source, "bytes in memory", limits)
+        return _opened(source, "bytes in memory", limits)
     if not isinstance(source, str | os.PathLike):
-        return Animation(source, str(getattr(source, "name", "a file in memory")), limits)
+        return _opened(source, str(getattr(source, "name", "a file in memory")), limits)
     try:
         file = Path(source).open("rb", buffering=0)  # noqa: SIM115 - the animation keeps it open until it is closed
     except (OSError, ValueError) as error:  # ValueError: a character that no path can have
         reason = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"cannot be opened ({reason})", path=source) from error
     try:
-        return Animation(file, os.fspath(source), limits, origin=os.path.abspath(source))
+        return _opened(file, os.fspath(source), limits, os.path.abspath(source))
     except BaseException:
         file.close()
         raise
 
 
-def _reopened(source: str | bytes, limits: DecodeLimits) -> Animation:
-    return open_animation(source, limits=limits)
+def _opened(file: BinaryIO | bytes, path: str, limits: DecodeLimits, origin: str | None = None) -> Animation:
+    core = open_core(file, path, limits)
+    if len(core.runs) == 1:
+        return Animation(file, path, limits, origin=origin, core=core)
+    from pdecodec.runanimation import ChangingAnimation
+
+    return ChangingAnimation(file, path, limits, origin=origin, core=core)
+
+
+def open_core(file: BinaryIO | bytes, path: str, limits: DecodeLimits) -> _core.Animation:
+    """The core's view of a file; errors as of :func:`open_animation`."""
+    with naming_file_of(path, file):
+        return _core.Animation(_core_source(file), limits.max_memory, thread_count(), CACHE_BYTES)
+
+
+@contextmanager
+def naming_file_of(path: str, file: BinaryIO | bytes, first_frame: int = 0) -> Iterator[None]:
+    """Name the file in errors of the core, which knows section and frame of a run, and the run's first frame."""
+    try:
+        with core_errors():
+            yield
+    except CorruptFileError as error:
+        frame = None if error.frame is None else first_frame + error.frame
+        raise type(error)(error.message, path=path, frame=frame, offset=error.offset) from error
+    except _core.ReadError as error:
+        raise InputError(str(error), path=path) from error
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror or error})", path=path) from error
+    except ValueError as error:
+        if not getattr(file, "closed", False):
+            raise
+        raise InputError("its file was closed; open both again", path=path) from error
+    except MemoryError as error:
+        raise LimitError("needs more memory than there is; lower the memory limit", path=path) from error
+
+
+def _reopened(source: str | bytes, limits: DecodeLimits, run: int | None = None) -> MeshSequence:
+    animation = open_animation(source, limits=limits)
+    return animation if run is None else animation.runs[run]
 
 
 def _core_source(file: BinaryIO | bytes) -> BinaryIO | bytes | int:
@@ -141,39 +178,36 @@ class Animation(MeshSequence):
     or with its bytes; one of a file object cannot be pickled.
     """
 
-    def __init__(self, file: BinaryIO | bytes, path: str, limits: DecodeLimits, *, origin: str | None = None) -> None:
+    def __init__(
+        self,
+        file: BinaryIO | bytes,
+        path: str,
+        limits: DecodeLimits,
+        *,
+        origin: str | None = None,
+        core: _core.Animation | None = None,
+        run: int | None = None,
+    ) -> None:
         self.path, self.notices = path, ()
-        self._file, self._origin, self._limits = file, origin, limits
-        with self._naming_the_file():
-            self._core = _core.Animation(_core_source(file), limits.max_memory, thread_count(), CACHE_BYTES)
+        self._file, self._origin, self._limits, self._run = file, origin, limits, run
+        self._core = core or open_core(file, path, limits)
+        self._first_frame = 0 if run is None else self._core.runs[run][0]
         self.times, self.fps = self._core.times, self._core.fps
-        self._vertex_counts = self._core.vertex_counts
-        size = 12 * self.frame_count * self.vertex_count
+        self._describe()
+        size = 12 * self.position_count
         if limits.max_output is not None and size > limits.max_output:
             raise LimitError(
-                f"declares {self.frame_count} frames of {self.vertex_count} vertices, {size} bytes of positions; "
-                f"the limit is {limits.max_output}; raise it if you trust the file",
+                f"declares {self.frame_count} frames of {self.position_count / self.frame_count:.10g} vertices, {size} "
+                f"bytes of positions; the limit is {limits.max_output}; raise it if you trust the file",
                 path=path,
             )
 
-    @contextmanager
-    def _naming_the_file(self) -> Iterator[None]:
-        # The core knows section and frame, not the file.
-        try:
-            with core_errors():
-                yield
-        except CorruptFileError as error:
-            raise type(error)(error.message, path=self.path, frame=error.frame, offset=error.offset) from error
-        except _core.ReadError as error:
-            raise InputError(str(error), path=self.path) from error
-        except OSError as error:
-            raise InputError(f"cannot be read ({error.strerror or error})", path=self.path) from error
-        except ValueError as error:
-            if not getattr(self._file, "closed", False):
-                raise
-            raise InputError("its file was closed; open both again", path=self.path) from error
-        except MemoryError as error:
-            raise LimitError("needs more memory than there is; lower the memory limit", path=self.path) from error
+    def _describe(self) -> None:
+        """Take over what there is to know before anything is decoded."""
+        self._vertex_counts = self._core.vertex_counts
+
+    def _naming_the_file(self) -> AbstractContextManager[None]:
+        return naming_file_of(self.path, self._file, self._first_frame)
 
     @property
     def vertex_count(self) -> int:
@@ -222,7 +256,7 @@ class Animation(MeshSequence):
 
     def close(self) -> None:
         self._core.close()
-        if self._origin is not None:
+        if self._origin is not None and self._run is None:
             assert not isinstance(self._file, bytes)
             self._file.close()
 
@@ -232,7 +266,7 @@ class Animation(MeshSequence):
             raise InputError(
                 "was opened as a file object, which cannot be pickled; open it by its path", path=self.path
             )
-        return _reopened, (source, self._limits)
+        return _reopened, (source, self._limits, self._run)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -376,13 +410,15 @@ class Animation(MeshSequence):
         """Bytes of each section, and of header and table as ``"container"``; the sum is the file."""
         with self._naming_the_file():
             sizes = {name: length for name, _, length in self._core.sections}
-            return {"container": self._core.file_bytes - sum(sizes.values()), **sizes}
+            # A run has no header of its own.
+            beside = 0 if self._run is not None else self._core.file_bytes - sum(sizes.values())
+            return {"container": beside, **sizes}
 
     def info(self) -> dict[str, Any]:
         """What the headers say of the file, as a JSON object: sections, model, settings, and why this model."""
         with self._naming_the_file():
-            groups, file_bytes, space_kind = self._core.groups, self._core.file_bytes, self._core.model[0]
-        remarks = self._remarks
+            groups, space_kind = self._core.groups, self._core.model[0]
+        remarks, file_bytes = self._remarks, sum(self.sections.values())
         frames = [group[1] for group in groups]
         return {
             "file_bytes": file_bytes,

@@ -16,12 +16,10 @@ from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.connectivity import core_errors
 from pdecodec.entropy import compress, decompress
 from pdecodec.errors import CorruptFileError, InputError, LimitError
+from pdecodec.runs import ChangingSequence
 from pdecodec.sequence import LARGEST_TIME, SHORTEST_TIME_STEP, MeshSequence
 
 Float64Array = NDArray[np.float64]
-
-RUNS = 1
-"""Runs of frames of one connectivity in a file; later versions of the software will read more."""
 
 TIMES_STEPPED, TIMES_COUNTED, TIMES_LISTED, TIMES_BY_PERIOD = range(4)
 """How times are stored: ``start + i / rate``, ``(start + i) / rate``, one by one, or ``start + i (1 / rate)``, which
@@ -55,6 +53,8 @@ class SequenceDescription:
     ----------
     times : (frames,) float64 [s]
     fps : float [1/s]
+    runs : tuple of int
+        Frames of each run.
     coded : bytes
         Listed times, and the names of objects.
     listed : int
@@ -63,6 +63,7 @@ class SequenceDescription:
 
     times: Float64Array
     fps: float
+    runs: tuple[int, ...]
     coded: bytes
     listed: int
 
@@ -85,7 +86,7 @@ class SequenceDescription:
 
 
 def encode_sequence_description(sequence: MeshSequence) -> bytes:
-    """Section SEQN: frames, times, names of objects.
+    """Section SEQN: frames, times, names of objects. Of several runs each has names of its own (:func:`encode_names`).
 
     Raises
     ------
@@ -97,8 +98,10 @@ def encode_sequence_description(sequence: MeshSequence) -> bytes:
     is_usual = not is_listed and rate == sequence.fps
     whole_fps, whole_start = _is_whole(sequence.fps), not is_listed and _is_whole(start)
     writer = FieldWriter()
-    writer.count(RUNS)
-    writer.count(sequence.frame_count)
+    runs = sequence.run_frames.tolist() if isinstance(sequence, ChangingSequence) else [sequence.frame_count]
+    writer.count(len(runs))
+    for frames in runs:
+        writer.count(frames)
     writer.numbers("B", kind | AT_FRAME_RATE * is_usual | WHOLE_FRAME_RATE * whole_fps | WHOLE_START * whole_start)
     _write_real(writer, sequence.fps, is_whole=whole_fps)
     if not is_listed:
@@ -106,8 +109,13 @@ def encode_sequence_description(sequence: MeshSequence) -> bytes:
         if not is_usual:
             writer.numbers("d", rate)
 
-    names = checked_texts(item.name for item in sequence.objects)
+    names = [] if isinstance(sequence, ChangingSequence) else checked_texts(item.name for item in sequence.objects)
     return writer.to_bytes() + _core.encode_description(sequence.times if is_listed else np.zeros(0), names)
+
+
+def encode_names(sequence: MeshSequence) -> bytes:
+    """Section NAME: names of the objects of a run; errors as of :func:`encode_sequence_description`."""
+    return _core.encode_description(np.zeros(0), checked_texts(item.name for item in sequence.objects))
 
 
 def checked_texts(texts: Iterable[str]) -> list[str]:
@@ -131,10 +139,9 @@ def decode_sequence_description(data: bytes, most_frames: int) -> SequenceDescri
         Frames that the memory limit leaves room for.
     """
     reader = FieldReader(data, "SEQN")
-    runs, frames = reader.count(), reader.count()
-    if runs != RUNS:
-        raise CorruptFileError(f"section SEQN declares {runs} runs of frames; this version reads files of one")
-    if frames < 1:
+    runs = tuple(reader.count() for _ in range(min(reader.count(), most_frames + 1)))
+    frames = sum(runs)
+    if not runs or min(runs) < 1:
         raise CorruptFileError("section SEQN declares no frames")
     if frames > most_frames:
         raise LimitError(f"section SEQN declares {frames} frames, more than the memory limit allows")
@@ -157,7 +164,7 @@ def decode_sequence_description(data: bytes, most_frames: int) -> SequenceDescri
         raise CorruptFileError(f"section SEQN stores its times in an unknown way ({flags})")
     if not (np.abs(times) <= LARGEST_TIME).all() or not (np.diff(times) >= SHORTEST_TIME_STEP).all():
         raise CorruptFileError("section SEQN has times that do not increase or lie out of range")
-    return SequenceDescription(times, fps, coded, listed)
+    return SequenceDescription(times, fps, runs, coded, listed)
 
 
 def _is_whole(value: float) -> bool:

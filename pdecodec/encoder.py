@@ -14,6 +14,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ from pdecodec.metrics import frame_scale
 from pdecodec.modelchoice import FinishedGroup, ModelSearch, finished
 from pdecodec.reference import ReferenceFrame, decode_reference, encode_reference, quantise_reference
 from pdecodec.residuals import LAST_BINADE, residual_step
+from pdecodec.runs import ChangingSequence
 from pdecodec.selection import CodedOrderSequence
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
@@ -88,7 +90,8 @@ def encode(
     Parameters
     ----------
     sequence : MeshSequence
-        Read once from front to back, after a look at a few windows of it.
+        Read once from front to back, after a look at a few windows of it. Of a :class:`pdecodec.ChangingSequence` one
+        run is read and encoded after the other; tolerances are of the diagonal of its first frame.
     path : path-like, optional
         The `.pdeanim` file; it appears whole or not at all. Without one the file's bytes are in the report.
     settings : EncodeSettings, optional
@@ -117,16 +120,23 @@ def encode(
     target = None if path is None else Path(path)
     if target is not None:
         check_writable(target, overwrite=overwrite)
-    if chosen.order == "free":
+    with one_blas_thread():
+        if isinstance(sequence, ChangingSequence):
+            from pdecodec.runencoder import encode_runs
+
+            return encode_runs(sequence, chosen, target, overwrite=overwrite, progress=progress)
+        return make_encoder(sequence, chosen, progress).run(target, overwrite=overwrite)
+
+
+def make_encoder(sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> Encoder:
+    """The encoder of a sequence of constant connectivity that settings ask for."""
+    if settings.order == "free":
         sequence = CodedOrderSequence(sequence)
-    if chosen.profile == "paper":
+    if settings.profile == "paper":
         from pdecodec.paperprofile import PaperEncoder
 
-        encoder: Encoder = PaperEncoder(sequence, chosen, progress)
-    else:
-        encoder = AutoEncoder(sequence, chosen, progress)
-    with one_blas_thread():
-        return encoder.run(target, overwrite=overwrite)
+        return PaperEncoder(sequence, settings, progress)
+    return AutoEncoder(sequence, settings, progress)
 
 
 class Encoder(ABC):
@@ -156,7 +166,18 @@ class Encoder(ABC):
 
     def run(self, path: Path | None, *, overwrite: bool) -> EncodeReport:
         """Encode group after group and write the file."""
-        spools = [Spool(None if path is None else path.parent) for _ in CHUNK_SECTIONS]
+        with self.encoded(None if path is None else path.parent) as sections:
+            data = None
+            if path is None:
+                data = b"".join(container_pieces(sections))
+            else:
+                write_container(path, sections, overwrite=overwrite)
+        return self.report(path, data, section_sizes(sections))
+
+    @contextmanager
+    def encoded(self, folder: Path | None) -> Iterator[list[Section]]:
+        """Encode group after group; the sections of a file, some in unnamed files in a folder until the block ends."""
+        spools = [Spool(folder) for _ in CHUNK_SECTIONS]
         parts, keep = [item.connectivity for item in self._sequence.objects], self._settings.order == "keep"
         beside = ThreadPoolExecutor(1)
         try:
@@ -169,17 +190,11 @@ class Encoder(ABC):
                 del fitter, fitted
                 if self._progress:
                     self._progress(frames, self._sequence.frame_count, "encoding")
-            sections = self._sections(spools)
-            data = None
-            if path is None:
-                data = b"".join(container_pieces(sections))
-            else:
-                write_container(path, sections, overwrite=overwrite)
+            yield self._sections(spools)
         finally:
             beside.shutdown()
             for spool in spools:
                 spool.close()
-        return self._report(path, data, section_sizes(sections))
 
     @abstractmethod
     def _groups(self) -> Iterator[tuple[GroupFitter, FittedGroup]]:
@@ -245,7 +260,8 @@ class Encoder(ABC):
             *([Section("ATTR", attributes)] if attributes else []),
         ]
 
-    def _report(self, path: Path | None, data: bytes | None, sizes: dict[str, int]) -> EncodeReport:
+    def report(self, path: Path | None, data: bytes | None, sizes: dict[str, int]) -> EncodeReport:
+        """What the encode did, once all is encoded; `sizes` are the bytes of sections."""
         frames, vertices = self._sequence.frame_count, self._sequence.vertex_count
         return EncodeReport(
             path=path,

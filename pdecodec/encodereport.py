@@ -23,6 +23,8 @@ SECTION_TITLES = {
     "COEF": "coefficients",
     "CORR": "residuals",
     "ATTR": "attributes",
+    "NAME": "names of objects",
+    "RUNS": "runs of frames",
 }
 """Sections of a `.pdeanim` file in words."""
 
@@ -35,6 +37,7 @@ class EncodeReport:
     ----------
     path : Path or None
     frames, vertices : int
+        Of several runs the vertices are the most that one has.
     sections : dict of str to int
         Bytes of each section; the sum is the file.
     max_error, rms_error : float [scene units]
@@ -55,6 +58,10 @@ class EncodeReport:
         In a sentence, what model was taken and why.
     data : bytes or None
         The file itself where it was encoded without a path.
+    runs : int
+        Runs of frames of one connectivity each.
+    positions : int or None
+        Vertices of all frames together, where that is not vertices times frames.
     """
 
     path: Path | None
@@ -73,11 +80,13 @@ class EncodeReport:
     seconds: float
     summary: str
     data: bytes | None = None
+    runs: int = 1
+    positions: int | None = None
 
     @property
     def raw_bytes(self) -> int:
         """Of float32 positions alone."""
-        return 12 * self.frames * self.vertices
+        return 12 * (self.frames * self.vertices if self.positions is None else self.positions)
 
     @property
     def file_bytes(self) -> int:

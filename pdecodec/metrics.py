@@ -75,7 +75,7 @@ class Distortion:
         Largest E_Mn over the frames, Eq. 27. Fang et al. divide by the distance of the two furthest points of
         the first extracted curve; here `scale` stands in its place, so that clips without curves have one too.
     frames, vertices : int
-        How many were measured.
+        How many were measured; vertices of the last frame.
     within : float or None
         Share of all vertices of all frames whose distance is at most the limit that the measurement was given; None
         where it was given none.
@@ -121,7 +121,7 @@ class DistortionMeter:
         self._scale = scale
         self._limit = limit
         self._within = 0
-        self._vertices = 0
+        self._vertices = self._positions = 0
         self.average_by_frame: list[float] = []
         self.maximum_by_frame: list[float] = []
         self._worst = (-1.0, 0, 0)
@@ -154,6 +154,7 @@ class DistortionMeter:
         if self._scale is None:
             self._scale = frame_scale(reference[0])
         self._vertices = reference.shape[1]
+        self._positions += reference.shape[0] * reference.shape[1]
         squares = ((reference - other) ** 2).sum(axis=2)
         if not np.isfinite(squares).all():
             frame, vertex = np.argwhere(~np.isfinite(squares))[0]
@@ -197,7 +198,7 @@ class DistortionMeter:
         return Distortion(
             scale=self._scale,
             max_error=self._worst[0],
-            rms_error=math.sqrt(self._square_sum / (frames * self._vertices)),
+            rms_error=math.sqrt(self._square_sum / self._positions),
             p99_error=self._percentile(0.99, self._scale),
             worst_frame=self._worst[1],
             worst_vertex=self._worst[2],
@@ -206,7 +207,7 @@ class DistortionMeter:
             e_m=float(maximum.max()),
             frames=frames,
             vertices=self._vertices,
-            within=None if self._limit is None else self._within / (frames * self._vertices),
+            within=None if self._limit is None else self._within / self._positions,
         )
 
 
@@ -229,7 +230,7 @@ def measure_distortion(
     Parameters
     ----------
     reference, other : MeshSequence
-        Of equal frame and vertex counts.
+        Of equal frame and vertex counts in every frame.
     scale : float, optional [scene units]
         Default: :func:`frame_scale` of the reference's frame 0.
     limit : float, optional [scene units]
@@ -241,8 +242,10 @@ def measure_distortion(
     InputError
         If frame or vertex counts differ, or a position is not finite.
     """
-    for what in ("frame", "vertex"):
-        counts = [getattr(item, f"{what}_count") for item in (reference, other)]
+    for what, counts in (
+        ("frame", [item.frame_count for item in (reference, other)]),
+        ("vertex", [item.most_vertices for item in (reference, other)]),
+    ):
         if counts[0] != counts[1]:
             raise InputError(f"{what} counts differ: {counts[0]} and {counts[1]}; only equal counts can be compared")
     meter = DistortionMeter(scale=scale, limit=limit)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pdecodec.errors import SettingsError
+from pdecodec.runs import ChangingSequence, OpenedRuns, equal_runs
 from pdecodec.sequence import Float32Array, Float64Array, MeshSequence, check_frame_range, check_times
 
 if TYPE_CHECKING:
@@ -136,6 +137,58 @@ class SampledAnimation(MeshSequence):
 
     def close(self) -> None:
         self._animation.close()
+
+
+def sampled(
+    animation: Animation,
+    times: ArrayLike,
+    *,
+    quantity: Literal["positions", "velocities"] = "positions",
+    outside: Outside = "refuse",
+) -> MeshSequence:
+    """An animation at chosen times, as :class:`SampledAnimation`; of several runs, each at times that are its own."""
+    if len(animation.runs) == 1:
+        return SampledAnimation(animation, times, quantity=quantity, outside=outside)
+    asked, fps = check_times(np.size(times), times, None if np.size(times) > 1 else animation.fps)
+    first, last = float(animation.times[0]), float(animation.times[-1])
+    inside = times_inside(asked, first, last, outside)
+    numbers = [animation.run_number_at(float(time)) for time in inside]
+    counts = equal_runs(numbers)
+    ends = np.cumsum(counts)
+    used = [numbers[end - 1] for end in ends]
+
+    def open_run(number: int) -> MeshSequence:
+        own = slice(int(ends[number]) - counts[number], int(ends[number]))
+        return _SampledRun(animation, used[number], asked[own], inside[own], quantity)
+
+    return ChangingSequence(
+        OpenedRuns(open_run, len(counts)),
+        times=asked,
+        frames=counts,
+        vertices=[animation.runs[number].vertex_count for number in used],
+        fps=fps,
+        metadata=animation.metadata,
+        notices=animation.notices,
+    )
+
+
+class _SampledRun(MeshSequence):
+    """A run of an animation, at times of its own that stand for others."""
+
+    def __init__(
+        self, animation: Animation, number: int, asked: Float64Array, inside: Float64Array, quantity: str
+    ) -> None:
+        self._run, self._inside, self._quantity = animation.runs[number], inside, quantity
+        self.objects, self.metadata, self.notices = self._run.objects, animation.metadata, animation.notices
+        self.times, self.fps = asked, animation.fps
+        self._stands = (asked < animation.times[0]) | (asked > animation.times[-1])
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        found: Float32Array = getattr(self._run, self._quantity)(self._inside[start:stop])
+        if self._quantity == "velocities":
+            found[self._stands[start:stop]] = 0
+        return found
 
 
 class LinearInterpolation(MeshSequence):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pdecodec.attributes import reorder_attributes
 from pdecodec.connectivity import CodedOrder, coded_orders
 from pdecodec.errors import InputError
+from pdecodec.runs import ChangingSequence, OpenedRuns
 from pdecodec.sequence import (
     AttributeDomain,
     Connectivity,
@@ -55,6 +56,52 @@ class FrameSelection(MeshSequence):
 
     def close(self) -> None:
         self._source.close()
+
+
+class SelectedRuns(ChangingSequence):
+    """Some frames of a sequence of runs; runs of which none is left are left out.
+
+    Parameters
+    ----------
+    source : ChangingSequence
+    frames : sequence of int
+        Strictly increasing frame indices of `source`.
+    """
+
+    def __init__(self, source: ChangingSequence, frames: Sequence[int] | range) -> None:
+        chosen = np.asarray(list(frames), np.int64)
+        if chosen.size == 0 or chosen[0] < 0 or chosen[-1] >= source.frame_count or (np.diff(chosen) <= 0).any():
+            raise InputError(f"frames must increase within 0 to {source.frame_count - 1}, and be some")
+        self._source = source
+        numbers = np.searchsorted(source.run_starts, chosen, side="right") - 1
+        used, counts = np.unique(numbers, return_counts=True)
+        ends = np.cumsum(counts)
+
+        def open_run(number: int) -> MeshSequence:
+            of_run = chosen[ends[number] - counts[number] : ends[number]] - source.run_starts[used[number]]
+            return FrameSelection(source.runs[int(used[number])], of_run.tolist())
+
+        super().__init__(
+            OpenedRuns(open_run, used.size),
+            times=source.times[chosen],
+            frames=counts.tolist(),
+            vertices=source.run_vertices[used].tolist(),
+            fps=source.fps,
+            metadata=source.metadata,
+            notices=source.notices,
+        )
+
+    def close(self) -> None:
+        super().close()
+        self._source.close()
+
+
+def select(sequence: MeshSequence, frames: Sequence[int] | range) -> MeshSequence:
+    """Some frames of a sequence, of one run or of several; an ordinary sequence where they are all of one run."""
+    if not isinstance(sequence, ChangingSequence):
+        return FrameSelection(sequence, frames)
+    selected = SelectedRuns(sequence, frames)
+    return selected if len(selected.runs) > 1 else selected.runs[0]
 
 
 def _rate(chosen: NDArray[np.int64], fps: float) -> float | None:

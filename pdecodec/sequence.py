@@ -301,6 +301,38 @@ class MeshSequence(ABC):
     def vertex_count(self) -> int:
         return sum(item.vertex_count for item in self.objects)
 
+    @property
+    def position_count(self) -> int:
+        """Vertices of all frames together."""
+        return self.frame_count * self.vertex_count
+
+    @property
+    def most_vertices(self) -> int:
+        """Vertices of the frame that has most."""
+        return self.vertex_count
+
+    @property
+    def run_starts(self) -> NDArray[np.int64]:
+        """The first frame of each run."""
+        return np.zeros(1, np.int64)
+
+    @property
+    def runs(self) -> Sequence[MeshSequence]:
+        """Runs of frames of constant connectivity, in order: itself, but of :class:`pdecodec.ChangingSequence`."""
+        return (self,)
+
+    def run_number_at(self, time: float) -> int:
+        """The number of the run that holds at a time [s]; between two runs it is the earlier one."""
+        return 0
+
+    def run_number_of(self, frame: int) -> int:
+        """The number of the run that has a frame."""
+        return 0
+
+    def run_at(self, time: float) -> MeshSequence:
+        """The run that holds at a time [s]: its objects are those of that time."""
+        return self.runs[self.run_number_at(time)]
+
     @cached_property
     def connectivity(self) -> Connectivity:
         """All objects as one connectivity, indices shifted by the vertices before each object."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pdecodec import (
     ArraySequence,
     Attribute,
+    ChangingSequence,
     Connectivity,
     EncodeSettings,
     MeshObject,
@@ -31,7 +32,7 @@ from pdecodec.groupfit import GroupFitter
 from pdecodec.residuals import encode_residuals
 from pdecodec.sequence import MeshSequence
 from pdecodec.spacebasis import SpaceKind
-from spec.sealing import Part, seal, take_apart, with_first_group
+from spec.sealing import Part, content, run_of, seal, take_apart, with_first_group
 
 Points = NDArray[np.float64]
 
@@ -240,6 +241,36 @@ def keyframed() -> ArraySequence:
     return clip(points, grid(4, 6))
 
 
+def runs() -> ChangingSequence:
+    """Runs of faces, lines and points; names, attributes and what moves differ, as do the times between frames."""
+    quads = MeshObject("quads", grid(3, 4))
+    marked = Attribute("group", "face", np.array([0, 1] * 4, np.int32), labels=("a", "b"))
+    strands = connectivity(12, lines=[range(7), range(7, 12)])
+    parts = [
+        (wave(5, 3, 4), [quads]),
+        (wave(1, 5, 3), [MeshObject("quads", grid(5, 3), (marked,))]),
+        (wave(1, 5, 3) + 1, [MeshObject("quads", grid(5, 3), (marked,))]),
+        (wave(3, 5, 6), [MeshObject("sheet", triangles(3, 6)), MeshObject("strands", strands)]),
+        (noise(2, 9, 3), [MeshObject("points", connectivity(9))]),
+    ]
+    ends = np.cumsum([len(points) for points, _ in parts])
+    times = np.cumsum(np.linspace(0.03, 0.05, int(ends[-1])))
+    clips = [
+        ArraySequence(points, objects=objects, times=times[end - len(points) : end], fps=25)
+        for (points, objects), end in zip(parts, ends, strict=True)
+    ]
+    return ChangingSequence(clips, metadata={"up_axis": "Z"})
+
+
+def runs_of_one_frame() -> ChangingSequence:
+    """A sheet that is meshed anew in every frame."""
+    sizes = [(3, 4), (4, 4), (4, 4), (5, 3), (2, 9)]
+    clips = [
+        clip(wave(frame + 1, *size)[-1:], grid(*size), times=[(frame + 10) / 24]) for frame, size in enumerate(sizes)
+    ]
+    return ChangingSequence(clips, fps=24)
+
+
 def sheet(frames: int = 8, **options: Any) -> ArraySequence:
     return clip(wave(frames, 4, 6), grid(4, 6), **options)
 
@@ -288,6 +319,9 @@ SEQUENCES: dict[str, tuple[Callable[[], MeshSequence], Choices]] = {
     "closed_form_and_residuals": (lambda: rough(6, 3, 6), paper(tolerance=0.01)),
     "closed_form_of_one_frame": (lambda: sheet(1), paper()),
     "closed_form_at_irregular_times": (lambda: sheet(7, times=IRREGULAR[:7]), paper(segment_frames=3)),
+    "runs": (runs, Choices()),
+    "runs_of_one_frame": (runs_of_one_frame, Choices()),
+    "runs_in_closed_form": (runs, paper(tolerance=0.02)),
     "long_clip": (lambda: clip(wave(120, 2, 2), grid(2, 2)), Choices(longest_group=40)),
 }
 
@@ -330,5 +364,9 @@ def accepted() -> Iterator[tuple[str, bytes]]:
     yield "unknown_ignorable_sections", seal(flagged, minor=7)
     yield "sections_in_another_order", seal(parts[::-1])
     yield "without_remarks", seal([part for part in parts if part.kind != "META"])
+    # A single run may be written as one of several.
+    sequence_head, names = content(parts, "SEQN")[:-1], content(parts, "SEQN")[-1:]
+    runs = run_of(parts, names, 24)
+    yield "file_of_one_run", seal([Part("RDAT", runs.data), Part("SEQN", sequence_head), Part("RUNS", runs.row())])
     # Functions of time without bytes are all zero: whatever the coefficients are, nothing moves.
     yield "functions_of_length_zero", seal(with_first_group(parts, "TIME", b""))

@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pdecodec import ArraySequence, Attribute, MeshObject
-from spec.accepted import Choices, clip, connectivity, encoded, grid, noise, wave
+from spec.accepted import Choices, clip, connectivity, encoded, grid, noise, runs_of_one_frame, wave
 from spec.sealing import (
     CHUNKS,
     Part,
     Row,
+    RunParts,
     compressed,
     content,
     count,
@@ -27,8 +28,10 @@ from spec.sealing import (
     table_end,
     take_apart,
     take_rows,
+    take_runs,
     text,
     with_first_group,
+    with_runs,
     with_section,
     zeros,
 )
@@ -79,6 +82,7 @@ def refused() -> Iterator[Refused]:
         yield from damage(base)
     for damage in (_attributes, _remarks, _sizes):
         yield from damage(base)
+    yield from _runs(base)
 
 
 def _real(value: float) -> bytes:
@@ -386,6 +390,62 @@ def _remarks(base: Base) -> Iterator[Refused]:
         ("remarks_not_json", compressed(b"{"), "META is not JSON (18)"),
     ):
         yield Refused(name, seal([*base.parts, Part("META", data, 0)]), reason)
+
+
+def _runs(base: Base) -> Iterator[Refused]:
+    """Files of three runs, of which the last two have the same faces."""
+    parts = [part for part in take_apart(encoded(runs_of_one_frame(), Choices())) if part.kind != "META"]
+    runs = take_runs(parts)
+    first = runs[0]
+    table, data, times = (content(parts, kind) for kind in ("RUNS", "RDAT", "SEQN"))
+
+    def changed(**new: bytes) -> bytes:
+        return seal([replace(part, content=new.get(part.kind, part.content)) for part in parts])
+
+    def with_first(run: RunParts) -> bytes:
+        return seal(with_runs(parts, [run, *runs[1:]]))
+
+    lacking = RunParts(first.vertices, first.sections | {"MODL": None})
+    named = RunParts(first.vertices, first.sections | {"NAME": (first.sections["NAME"] or b"") + b"\1"})
+    longer = RunParts(first.vertices, first.sections | {"GRUP": b"\2" + (first.sections["GRUP"] or b"")[1:]})
+    wrong = first.row({"CONN": 1}) + table[len(first.row()) :]
+    group = (first.sections["GRUP"] or b"")[:-1] + b"\1"
+    unsealed = RunParts(first.vertices, first.sections | {"GRUP": group})
+    for name, file, reason in (
+        ("runs_without_data", seal([part for part in parts if part.kind != "RDAT"]), "no RDAT (2.3)"),
+        ("runs_without_table", seal([part for part in parts if part.kind != "RUNS"]), "several runs, no RUNS (2.3)"),
+        ("run_data_in_a_file_of_one_run", seal([*base.parts, Part("RDAT", b"")]), "RDAT without RUNS (2.3)"),
+        ("names_in_a_file_of_one_run", seal([*base.parts, Part("NAME", b"", 0)]), "NAME without RUNS (2.3)"),
+        ("runs_beside_a_run", seal([*parts, *base.parts[1:2]]), "CONN beside RUNS (2.3)"),
+        ("runs_in_a_run", seal([*parts, Part("NAME", b"", 0)]), "NAME beside RUNS (2.3)"),
+        ("runs_more_than_rows", changed(SEQN=b"\6\1" + times[1:]), "six runs, rows of five (2.3)"),
+        ("runs_fewer_than_rows", changed(SEQN=b"\4" + times[2:]), "four runs, rows of five (2.3)"),
+        ("runs_of_more_frames", changed(SEQN=times[:1] + b"\2" + times[2:]), "2 frames where the groups have 1 (12)"),
+        ("run_of_no_frames", changed(SEQN=times[:1] + b"\0" + times[2:]), "a run of no frames (4)"),
+        ("runs_with_names_of_all", changed(SEQN=times + names_of(base)), "names in SEQN (4)"),
+        ("run_table_cut", changed(RUNS=table[:-1]), "a table that ends in a row (2.3)"),
+        ("run_table_followed", changed(RUNS=table + b"\0"), "a byte too many (3.1)"),
+        ("run_data_cut", changed(RDAT=data[:-1]), "RDAT ends in a run (2.3)"),
+        ("run_data_followed", changed(RDAT=data + b"\0"), "bytes of no run (2.3)"),
+        ("run_of_other_vertices", with_first(replace(first, vertices=13)), "13 vertices of 12 (2.3)"),
+        ("run_of_no_vertices", with_first(replace(first, vertices=0)), "no vertices (2.3)"),
+        ("run_of_too_many_vertices", with_first(replace(first, vertices=2**31)), "2^31 vertices (2.3)"),
+        ("first_run_as_before", with_first(lacking), "a first run as the one before (2.3)"),
+        ("run_checksum", changed(RUNS=wrong), "CRC of a section of a run (2.3)"),
+        ("run_group_checksum", with_first(unsealed), "CRC of a group of a run (12)"),
+        ("run_of_more_frames_in_groups", with_first(longer), "a group of 2 frames in a run of 1 (12)"),
+        ("run_names_followed", with_first(named), "a byte too many (3.7)"),
+    ):
+        yield Refused(name, file, reason)
+    many = count(2) + 2 * count(2**62)
+    yield Refused("limit_frames_of_runs", changed(SEQN=many + times[6:]), "2^63 frames (20)", "limit")
+    crowd = RunParts(2**30, first.sections | {"CONN": b"\1" + count(2**30) + (first.sections["CONN"] or b"")[2:]})
+    yield Refused("limit_vertices_of_a_run", with_first(crowd), "2^30 vertices in a run (20)", "limit")
+
+
+def names_of(base: Base) -> bytes:
+    """The coded names of the objects of a file."""
+    return content(base.parts, "SEQN")[len(sequence(6)) :]
 
 
 def _sizes(base: Base) -> Iterator[Refused]:

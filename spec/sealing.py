@@ -14,7 +14,7 @@ import zstandard
 
 from spec.decoder import contexts
 from spec.decoder.animation import decode
-from spec.decoder.fields import IDENTIFIER, MAJOR_VERSION, CorruptFileError
+from spec.decoder.fields import IDENTIFIER, MAJOR_VERSION, OF_RUN, CorruptFileError, Fields
 from spec.decoder.groups import CLOSED_FORM, PRECISE, SHAPES, TRAJECTORIES
 from spec.decoder.rangecoder import NARROWEST, WIDEST, RangeDecoder
 
@@ -128,6 +128,54 @@ def take_rows(table: bytes) -> tuple[list[Row], bytes]:
         reals_end = here - sum(len(count(size)) for size in sizes[not Row.has_time(kind) :])
         rows.append(Row(frames, functions, kind, table[reals_end - reals : reals_end], tuple(sizes), checksum))
         at = here + 4
+
+
+@dataclass(frozen=True)
+class RunParts:
+    """A run of a file of runs: its sections, None where they are those of the run before."""
+
+    vertices: int
+    sections: dict[str, bytes | None]
+
+    def row(self, checksums: dict[str, int] | None = None) -> bytes:
+        """Its row of RUNS; with other checksums than the right ones where some are given."""
+        packed = count(self.vertices)
+        for kind, section in self.sections.items():
+            packed += b"\0" if section is None else count(len(section) + 1)
+            if section and kind not in CHUNKS:
+                packed += struct.pack("<I", (checksums or {}).get(kind, zlib.crc32(section)))
+        return packed
+
+    @property
+    def data(self) -> bytes:
+        """What it has in RDAT."""
+        return b"".join(section for section in self.sections.values() if section is not None)
+
+
+def run_of(parts: list[Part], names: bytes, vertices: int) -> RunParts:
+    """The sections of a file of one run as a run, with coded names."""
+    found = {part.kind: part.content for part in parts} | {"NAME": names}
+    return RunParts(vertices, {kind: found.get(kind, b"") for kind in OF_RUN})
+
+
+def take_runs(parts: list[Part]) -> list[RunParts]:
+    """The runs of a sound file of runs."""
+    table, data, runs = Fields(content(parts, "RUNS")), Fields(content(parts, "RDAT")), []
+    for _ in range(Fields(content(parts, "SEQN")).count()):
+        vertices, sections = table.count(), {}
+        for kind in OF_RUN:
+            size = table.count()
+            sections[kind] = data.take(size - 1) if size else None
+            if size > 1 and kind not in CHUNKS:
+                table.u32()
+        runs.append(RunParts(vertices, sections))
+    return runs
+
+
+def with_runs(parts: list[Part], runs: list[RunParts]) -> list[Part]:
+    """The sections of a file of runs, with other runs."""
+    new = {"RUNS": b"".join(run.row() for run in runs), "RDAT": b"".join(run.data for run in runs)}
+    return [replace(part, content=new.get(part.kind, part.content)) for part in parts]
 
 
 def with_section(parts: list[Part], kind: str, new: bytes, *, sizes: list[int] | None = None) -> list[Part]:

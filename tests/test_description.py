@@ -30,6 +30,7 @@ from pdecodec.description import (
 )
 from pdecodec.entropy import compress
 from pdecodec.errors import CorruptFileError, InputError
+from pdecodec.runs import ChangingSequence
 from pdecodec.sequence import LARGEST_TIME, SHORTEST_TIME_STEP, ArraySequence, Connectivity, MeshObject
 
 
@@ -101,9 +102,15 @@ def test_names_come_back() -> None:
             found.names(count, int)
 
 
-def test_two_runs_of_frames_are_refused() -> None:
-    with pytest.raises(CorruptFileError, match="2 runs of frames; this version reads files of one"):
-        decode_sequence_description(b"\2\3", 100)
+def test_runs_of_frames_are_counted_and_have_no_names_here() -> None:
+    parts = [clip(np.arange(*frames) / 24) for frames in ((0, 2), (2, 3), (3, 7))]
+    found = decode_sequence_description(encode_sequence_description(ChangingSequence(parts)), 7)
+    assert found.runs == (2, 1, 4)
+    assert np.array_equal(found.times, np.arange(7) / 24)
+    assert found.names(0, int) == ()
+    for runs in (b"\0\3", b"\2\3\0"):
+        with pytest.raises(CorruptFileError, match="declares no frames"):
+            decode_sequence_description(runs, 100)
 
 
 def decoded(data: bytes) -> None:

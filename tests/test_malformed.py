@@ -19,6 +19,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pdecodec import (
+    Animation,
     ArraySequence,
     Connectivity,
     CorruptFileError,
@@ -38,17 +39,23 @@ from spec.sealing import (
     count,
     counted,
     numbers,
+    run_of,
     scripted,
     seal,
     sequence,
     table_end,
     take_apart,
     take_rows,
+    take_runs,
     text,
     with_first_group,
+    with_runs,
     with_section,
     zeros,
 )
+
+RUNS = ("runs", "runs_in_closed_form")
+"""Vectors whose runs are damaged."""
 
 VECTORS = {
     path.stem: path.read_bytes() for path in sorted(Path(__file__).parent.parent.glob("spec/vectors/accept/*.pdeanim"))
@@ -83,10 +90,13 @@ def outcome(data: bytes) -> str:
         with open_animation(data, limits=DecodeLimits(max_memory=MEMORY)) as animation:
             animation.verify()
             animation.info()
-            _ = animation.objects
-            first, last = float(animation.times[0]), float(animation.times[-1])
-            animation.sample([first, first + 1e-3, (first + last) / 2, last])
-            animation.velocities((first + last) / 2)
+            for run in animation.runs:
+                assert isinstance(run, Animation)
+                _ = run.objects
+                first, last = float(run.times[0]), float(run.times[-1])
+                run.sample([first, first + 1e-3, (first + last) / 2, last])
+                run.velocities((first + last) / 2)
+            assert len(animation.positions(first)) == run.vertex_count
     except CorruptFileError as error:
         return type(error).__name__ if "\n" not in str(error) else f"more than one line: {error}"
     return SOUND
@@ -147,6 +157,38 @@ def test_sections_cut_short_too_long_or_missing_are_refused(name: str) -> None:
         assert outcome(seal(others)) == (SOUND if is_optional else CORRUPT), part.kind
 
 
+def in_run(parts: list[Part], number: int, kind: str, new: bytes) -> bytes:
+    """A file of runs with another section in one of them; checksums of groups are made right."""
+    runs = take_runs(parts)
+    sections = {name: section or b"" for name, section in runs[number].sections.items()}
+    if kind == "NAME":
+        sections["NAME"] = new
+    else:
+        own = with_section([Part(name, section) for name, section in sections.items()], kind, new)
+        sections |= {part.kind: part.content for part in own}
+    runs[number] = replace(runs[number], sections=dict(sections))
+    return seal(with_runs(parts, runs))
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_behind_the_checksums_every_byte_of_runs_changed_ends_in_our_own_error_or_decodes(name: str) -> None:
+    parts = take_apart(VECTORS[name])
+    found = set()
+    for kind in ("SEQN", "RUNS", "RDAT"):
+        data = content(parts, kind)
+        for at in range(len(data)):
+            for mask in (0x81 >> at % 8, 0x80, 0xFF):
+                changed = data[:at] + bytes([data[at] ^ mask]) + data[at + 1 :]
+                whole = [replace(part, content=changed) if part.kind == kind else part for part in parts]
+                found.add(outcome(seal(whole)))
+    for number, run in enumerate(take_runs(parts)):
+        for kind, section in run.sections.items():
+            for at in range(len(section or b"")):
+                changed = section[:at] + bytes([section[at] ^ (0x81 >> at % 8)]) + section[at + 1 :]
+                found.add(outcome(in_run(parts, number, kind, changed)))
+    assert {SOUND, CORRUPT} <= found <= {SOUND, CORRUPT, LIMIT}
+
+
 REALS = (0.0, -0.0, -1.0, 5e-324, 1e-300, 1e30, 2.0**160, 2.0**161, 1e308, np.inf, -np.inf, np.nan)
 WHOLES = (0, 1, 2, 127, 128, 4096, 4097, 2**16, 2**31 - 1, 2**31, 2**32 - 1)
 
@@ -202,6 +244,8 @@ def hostile_sizes() -> Iterator[tuple[str, bytes, str]]:
     yield "vertices", seal(points_only(2**30)), LIMIT
     yield "frames", seal(with_section(few, "SEQN", sequence(2**62, flags=28) + b"\0")), LIMIT
     yield "objects", seal(with_section(few, "CONN", count(2**31 - 1) + bytes(1000))), CORRUPT
+    yield "runs", seal([Part("SEQN", count(2**62) + bytes([1] * 1000)), Part("RUNS", b""), Part("RDAT", b"")]), CORRUPT
+    yield "runs of many frames", seal([Part("SEQN", b"\2" + 2 * count(2**62)), *few[1:]]), LIMIT
     for faces, size in ((2**28, 4), (1, 2**30)):
         head = numbers(faces, size)
         yield f"{faces} faces of {size}", seal(scripted(few, "CONN", head, head=b"\1\x64")), LIMIT
@@ -259,6 +303,15 @@ def one_name(size: int) -> bytes:
     return encode(ArraySequence(np.zeros((1, 1, 3)), objects=[item]), effort="fast").data or b""
 
 
+def many_runs(runs: int) -> bytes:
+    """A file of one vertex and so many runs of a frame, which are all the same."""
+    parts = points_only(1, 1)
+    first = run_of(parts, b"\x56", 1)
+    row = replace(first, sections=dict.fromkeys(first.sections)).row()
+    times = count(runs) + bytes([1]) * runs + sequence(1, flags=28)[2:]
+    return seal([Part("SEQN", times), Part("RUNS", first.row() + row * (runs - 1)), Part("RDAT", first.data)])
+
+
 MANY: dict[str, tuple[Callable[[], bytes], str]] = {
     "as many frames as can be": (lambda: many_frames(260_000, 4096), SOUND),
     "more frames": (lambda: many_frames(270_000, 4096), LIMIT),
@@ -266,6 +319,8 @@ MANY: dict[str, tuple[Callable[[], bytes], str]] = {
     "more groups": (lambda: many_frames(25_000, 1), LIMIT),
     "as many objects as can be": (lambda: many_objects(5_500), SOUND),
     "more objects": (lambda: many_objects(9_000), LIMIT),
+    "as many runs as can be": (lambda: many_runs(3_000), SOUND),
+    "more runs": (lambda: many_runs(60_000), LIMIT),
     "as long a name as can be": (lambda: one_name(5_000_000), SOUND),
     "a longer name": (lambda: one_name(6_000_000), LIMIT),
 }

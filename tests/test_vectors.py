@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from decoders import assert_same
+from decoders import assert_close, assert_same
 from hypothesis import given
 from hypothesis import strategies as st
 from shaken_arithmetic import decoder, shaker, trace
 
-from pdecodec import CorruptFileError, LimitError, open_animation
+from pdecodec import Animation, CorruptFileError, LimitError, open_animation
 from spec.decoder import animation as independent
 from spec.decoder.fields import CorruptFileError as IndependentCorruptFileError
 from spec.decoder.groups import CLOSED_FORM, COSINES, PRECISE, SHAPES, TRAJECTORIES
@@ -26,7 +26,18 @@ from spec.decoder.rangecoder import RangeDecoder
 from spec.decoder.residuals import ResidualReader
 from spec.example import section
 from spec.make_vectors import describe, integers
-from spec.sealing import CHUNKS, Part, Row, ScriptedCoder, content, counted, group_chunks, take_apart, take_rows
+from spec.sealing import (
+    CHUNKS,
+    Part,
+    Row,
+    ScriptedCoder,
+    content,
+    counted,
+    group_chunks,
+    take_apart,
+    take_rows,
+    take_runs,
+)
 
 SPEC = Path(__file__).resolve().parent.parent / "spec"
 VECTORS = SPEC / "vectors"
@@ -57,13 +68,22 @@ def test_the_vectors_stay_small() -> None:
 def test_the_library_and_the_independent_decoder_find_what_the_manifest_says(name: str) -> None:
     expected = MANIFEST["accept"][name]
     path = VECTORS / "accept" / f"{name}.pdeanim"
-    plain = independent.decode_file(path)
+    plain = independent.decode_runs(path.read_bytes())
     assert describe(path.read_bytes()) == expected
     with open_animation(path) as animation:
         animation.verify()
-        assert (animation.vertex_count, animation.frame_count) == (expected["vertices"], expected["frames"])
-        times = sorted({*animation.times, *(row[0] for row in expected["positions"])})
-        assert_same(plain, animation, times)
+        sizes = [(run.vertex_count, run.frame_count) for run in animation.runs]
+        expected_sizes = (expected["vertices"], expected["frames"])
+        vertices, frames = ([value] if isinstance(value, int) else value for value in expected_sizes)
+        assert sizes == list(zip(vertices, frames, strict=True))
+        asked = {row[0] for row in expected["positions"]}
+        for other, run in zip(plain, animation.runs, strict=True):
+            assert isinstance(run, Animation)
+            times = {*run.times, *(time for time in asked if animation.run_at(time) is run)}
+            assert_same(other, run, sorted(times))
+        for time in sorted({*animation.times, *asked}):
+            other = independent.run_at(plain, time)
+            assert_close(animation.positions(time), other, min(time, other.times[-1]))
 
 
 @pytest.mark.parametrize("name", MANIFEST["reject"])
@@ -85,9 +105,9 @@ def test_a_refused_vector_ends_in_the_pinned_error(name: str) -> None:
 @pytest.mark.parametrize("name", [name for name, vector in MANIFEST["reject"].items() if vector["error"] == "corrupt"])
 def test_the_independent_decoder_refuses_what_is_corrupt(name: str) -> None:
     def decode_all() -> None:
-        animation = independent.decode_file(VECTORS / "reject" / f"{name}.pdeanim")
-        for index in range(len(animation.motion.groups)):
-            animation.motion.group(index)
+        for run in independent.decode_runs((VECTORS / "reject" / f"{name}.pdeanim").read_bytes()):
+            for index in range(len(run.motion.groups)):
+                run.motion.group(index)
 
     with pytest.raises(IndependentCorruptFileError):
         decode_all()
@@ -109,9 +129,9 @@ def parser(modules: dict[str, ModuleType]) -> Callable[[bytes], Parsed]:
 
     def parse(data: bytes) -> Parsed:
         read.clear()
-        animation = modules["animation"].decode(data)
-        found = integers(animation)
-        attributes = [item for mesh in animation.meshes for item in mesh.attributes]
+        runs = modules["animation"].decode_runs(data)
+        found = integers(runs)
+        attributes = [item for run in runs for mesh in run.meshes for item in mesh.attributes]
         of_each = [(item.name, item.domain, item.indices, item.labels, item.values.tobytes()) for item in attributes]
         return list(read), found, of_each
 
@@ -184,6 +204,21 @@ def vector(name: str) -> Vector:
     animation = independent.decode(data)
     patches = len(animation.motion.space.patches.elements)
     return Vector(parts, take_rows(content(parts, "GRUP"))[0], patches, animation.meshes[0].attributes)
+
+
+def test_vectors_of_runs_have_what_they_are_named_for() -> None:
+    found = {}
+    for name in ("runs", "runs_of_one_frame", "runs_in_closed_form", "file_of_one_run"):
+        parts = take_apart((VECTORS / "accept" / f"{name}.pdeanim").read_bytes())
+        assert {"RUNS", "RDAT", "SEQN"} <= {part.kind for part in parts} <= {"META", "RUNS", "RDAT", "SEQN"}
+        found[name] = take_runs(parts)
+    assert {len(runs) for runs in found.values()} == {5, 1}
+    assert len(found["file_of_one_run"]) == 1
+    shared = {kind for run in found["runs"] for kind, section in run.sections.items() if section is None}
+    assert {"NAME", "CONN", "ATTR"} <= shared
+    assert all(run.sections["CORR"] == b"" for run in found["runs_of_one_frame"])
+    groups = [run.sections["GRUP"] for run in found["runs_in_closed_form"]]
+    assert {table[2] & ~PRECISE for table in groups if table} == {CLOSED_FORM}
 
 
 CLAIMS: dict[str, Callable[[Vector], bool]] = {

@@ -87,28 +87,47 @@ std::unique_ptr<Source> source_of(const nb::object &file) {
 class PyAnimation {
 public:
     PyAnimation(nb::object file, u64 max_memory, int threads, i64 kept_bytes)
-        : file_(std::move(file)), options_{max_memory, threads, kept_bytes}, animation_(open()) {}
+        : file_(std::move(file)), max_memory_(max_memory), options_{threads, kept_bytes}, opened_(open()) {}
+    PyAnimation(PyAnimation &whole, std::size_t run)
+        : file_(whole.file_), max_memory_(whole.max_memory_), options_(whole.options_), run_(run) {
+        const Opened own = whole.opened();
+        const nb::gil_scoped_release release;
+        opened_ = {own.file, std::make_shared<Animation>(own.file, run, options_)};
+    }
     PyAnimation(const PyAnimation &) = delete;
     PyAnimation &operator=(const PyAnimation &) = delete;
     ~PyAnimation() {
         if (process_ != process_number()) leave_alone();
     }
 
-    // The animation, which stays while somebody uses it; ReadError once it is closed.
+    // The file, and of it one run, where there is one or one was chosen. Both stay while somebody uses them.
+    struct Opened {
+        std::shared_ptr<const File> file;
+        std::shared_ptr<Animation> animation;
+    };
+
+    // What is open; ReadError once it is closed.
     //
     // A process may be copied while a thread that the copy lacks holds the animation's lock, half way through a change:
     // the copy leaves all of it alone, and opens the file anew.
-    std::shared_ptr<Animation> animation() {
-        if (!animation_) throw ReadError("is closed; open it again");
+    Opened opened() {
+        if (!opened_.file) throw ReadError("is closed; open it again");
         if (process_ != process_number()) {
-            std::shared_ptr<Animation> anew = open();
+            Opened anew = open();
             if (process_ != process_number()) {  // no other thread was first
                 leave_alone();
-                animation_ = std::move(anew);
+                opened_ = std::move(anew);
                 process_ = process_number();
             }
         }
-        return animation_;
+        return opened_;
+    }
+
+    // The run; ArgumentError where there are several, of which none was chosen.
+    std::shared_ptr<Animation> animation() {
+        std::shared_ptr<Animation> found = opened().animation;
+        if (!found) throw ArgumentError("there are several runs of frames; choose one");
+        return found;
     }
 
     // Run `work` on the animation with the interpreter lock released.
@@ -121,23 +140,40 @@ public:
     // Calls that are under way end as they would have.
     void close() {
         if (process_ != process_number()) leave_alone();
-        animation_.reset();
+        opened_ = {};
     }
 
 private:
-    std::shared_ptr<Animation> open() const {
+    Opened open() const {
         std::unique_ptr<Source> source = source_of(file_);
         const nb::gil_scoped_release release;
-        return std::make_shared<Animation>(std::move(source), options_);
+        const auto file = std::make_shared<const File>(std::move(source), max_memory_);
+        if (!run_ && file->runs().size() > 1) return {file, nullptr};
+        return {file, std::make_shared<Animation>(file, run_.value_or(0), options_)};
     }
 
-    void leave_alone() { new std::shared_ptr<Animation>(std::move(animation_)); }
+    void leave_alone() { new Opened(std::move(opened_)); }
 
-    nb::object file_;  // outlives the animation
+    nb::object file_;  // outlives what is open
+    u64 max_memory_;
     Animation::Options options_;
+    std::optional<std::size_t> run_;
     int process_ = process_number();
-    std::shared_ptr<Animation> animation_;
+    Opened opened_;
 };
+
+nb::list runs(PyAnimation &self) {
+    nb::list found;
+    for (const Run &run : self.opened().file->runs()) {
+        found.append(nb::make_tuple(run.first, run.frames, run.vertices));
+    }
+    return found;
+}
+
+PyAnimation *open_run(PyAnimation &self, std::size_t run) {
+    if (run >= self.opened().file->runs().size()) throw nb::index_error("there is no such run");
+    return new PyAnimation(self, run);
+}
 
 nb::list vertex_counts(PyAnimation &self) {
     const auto own = self.animation();
@@ -190,9 +226,20 @@ nb::list groups(PyAnimation &self) {
 }
 
 nb::list sections(PyAnimation &self) {
-    const auto own = self.animation();
+    const auto own = self.opened();
     nb::list found;
-    for (const SectionEntry &entry : own->container().entries()) {
+    for (const SectionEntry &entry : (own.animation ? own.animation->container() : own.file->container()).entries()) {
+        found.append(nb::make_tuple(entry.type, entry.offset, entry.length));
+    }
+    return found;
+}
+
+nb::list run_sections(PyAnimation &self, std::size_t run) {
+    const auto own = self.opened();
+    if (run >= own.file->runs().size()) throw nb::index_error("there is no such run");
+    const Container container = own.file->container_of(run);
+    nb::list found;
+    for (const SectionEntry &entry : container.entries()) {
         found.append(nb::make_tuple(entry.type, entry.offset, entry.length));
     }
     return found;
@@ -219,6 +266,27 @@ nb::object writable_view(const nb::ndarray<float, nb::device::cpu> &array) {
     return nb::cast(nb::ndarray<nb::numpy, float>(array.data(), array.ndim(), shape.data(), owner, strides.data()));
 }
 
+nb::bytes remarks(PyAnimation &self) {
+    const auto own = self.opened();
+    std::vector<u8> found;
+    {
+        const nb::gil_scoped_release release;
+        found = own.file->container().read_optional("META");
+    }
+    return to_bytes(found);
+}
+
+// Check every byte of a run, or of a file of several every section.
+void verify(PyAnimation &self) {
+    const auto own = self.opened();
+    const nb::gil_scoped_release release;
+    if (own.animation) {
+        own.animation->verify();
+    } else {
+        own.file->container().verify();
+    }
+}
+
 using Positions3 = nb::ndarray<float, nb::shape<-1, -1, 3>, nb::c_contig, nb::device::cpu>;
 
 void evaluate(PyAnimation &self, int quantity, const Flat<double> &times, std::optional<i64> object,
@@ -240,30 +308,30 @@ void bind_animation(nb::module_ &module) {
         .def(nb::init<nb::object, u64, int, i64>(), nb::arg("file"), nb::arg("max_memory"), nb::arg("threads"),
              nb::arg("kept_bytes"))
         .def_prop_ro("times",
-                     [](PyAnimation &self) { return to_array(std::vector<double>(self.animation()->times())); })
-        .def_prop_ro("fps", [](PyAnimation &self) { return self.animation()->fps(); })
+                     [](PyAnimation &self) {
+                         const auto own = self.opened();
+                         const auto &times = own.animation ? own.animation->times() : own.file->sequence().times;
+                         return to_array(std::vector<double>(times));
+                     })
+        .def_prop_ro("fps", [](PyAnimation &self) { return self.opened().file->sequence().fps; })
+        .def_prop_ro("runs", &runs)
+        .def("run_sections", &run_sections, nb::arg("run"))
+        .def("open_run", &open_run, nb::arg("run"))
         .def_prop_ro("vertex_counts", &vertex_counts)
         .def_prop_ro("sections", &sections)
-        .def_prop_ro("file_bytes", [](PyAnimation &self) { return self.animation()->container().file_bytes(); })
+        .def_prop_ro("file_bytes", [](PyAnimation &self) { return self.opened().file->container().file_bytes(); })
         .def_prop_ro("groups", &groups)
         .def_prop_ro("model", &model)
         .def("names", [](PyAnimation &self) { return self.with([](Animation &own) { return own.names(); }); })
         .def("connectivity", &connectivity)
         .def("attributes", &attributes)
         .def("reference", &reference)
-        .def("remarks",
-             [](PyAnimation &self) { return to_bytes(self.with([](Animation &own) { return own.remarks(); })); })
+        .def("remarks", &remarks)
         .def("coefficients", &coefficients, nb::arg("group"))
         .def("evaluate", &evaluate, nb::arg("quantity"), nb::arg("times"), nb::arg("object").none(),
              nb::arg("out").noconvert())
         .def("close", &PyAnimation::close)
-        .def("verify",
-             [](PyAnimation &self) {
-                 self.with([](Animation &own) {
-                     own.verify();
-                     return 0;
-                 });
-             })
+        .def("verify", &verify)
         .def("cancel", [](PyAnimation &self) {
             self.with([](Animation &own) {
                 own.cancel();

@@ -2,21 +2,47 @@
 #include "pdeanim.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cstring>
+#include <mutex>
 #include <new>
+#include <optional>
 #include <stdexcept>
 
 #include "decoder/animation.hpp"
 
 using namespace pdeanim;
 
-// What a caller's handle points to: the animation, and what results point to that it does not own itself.
+// What a caller's handle points to: a file of several runs, or one run, and what results point to that neither owns.
 struct pdeanim_animation {
-    pdeanim_animation(std::unique_ptr<Source> source, const Animation::Options &options)
-        : animation(std::move(source), options) {}
+    pdeanim_animation(std::shared_ptr<const File> whole, const Animation::Options &chosen)
+        : file(std::move(whole)), options(chosen) {
+        if (file->runs().size() == 1) animation = std::make_unique<Animation>(file, run, options);
+    }
 
-    Animation animation;
+    pdeanim_animation(const pdeanim_animation &whole, std::size_t of_it)
+        : file(whole.file), options(whole.options), run(whole.animation ? whole.run : of_it),
+          animation(std::make_unique<Animation>(file, run, options)) {}
+
+    // The run; ArgumentError where there are several.
+    Animation &only() {
+        if (!animation) {
+            throw ArgumentError("the file has " + std::to_string(file->runs().size()) +
+                                " runs of frames; open one of them (pdeanim_open_run)");
+        }
+        return *animation;
+    }
+
+    std::shared_ptr<const File> file;
+    Animation::Options options;
+    std::size_t run = 0;
+    std::unique_ptr<Animation> animation;
     std::vector<std::vector<std::vector<const char *>>> labels;  // of each object's attributes
+
+    // Of several runs:
+    std::mutex lock;
+    std::optional<std::vector<u8>> remarks;
+    std::atomic<bool> is_cancelled = false;
 };
 
 namespace {
@@ -57,15 +83,14 @@ template <class Work> pdeanim_status guarded(pdeanim_error *error, const Work &w
     }
 }
 
-Animation::Options options_of(const pdeanim_options *given) {
-    Animation::Options options;
-    if (!given) return options;
+pdeanim_animation *open_source(std::unique_ptr<Source> source, const pdeanim_options *given) {
     // Fields that the caller's version of the structure does not have are as if they were 0.
     pdeanim_options known{};
-    std::memcpy(&known, given, std::min(given->size, sizeof known));
-    if (known.max_memory > 0) options.max_memory = known.max_memory;
+    if (given) std::memcpy(&known, given, std::min(given->size, sizeof known));
+    Animation::Options options;
     options.threads = static_cast<int>(std::min<uint32_t>(known.threads, 1024));
-    return options;
+    const u64 memory = known.max_memory > 0 ? known.max_memory : File::usual_memory;
+    return new pdeanim_animation(std::make_shared<const File>(std::move(source), memory), options);
 }
 
 void check_index(i64 index, i64 count, const char *what) {
@@ -97,7 +122,7 @@ pdeanim_status pdeanim_open_memory(const void *data, size_t size, const pdeanim_
     if (!data || !animation) return fail(error, PDEANIM_ARGUMENT, "data and animation must not be NULL");
     return guarded(error, [&] {
         auto source = std::make_unique<MemorySource>(std::span<const u8>(static_cast<const u8 *>(data), size));
-        *animation = new pdeanim_animation(std::move(source), options_of(options));
+        *animation = open_source(std::move(source), options);
     });
 }
 
@@ -111,36 +136,82 @@ pdeanim_status pdeanim_open_read(pdeanim_read read, void *user, uint64_t size, c
             if (count < 0) throw ReadError("the file cannot be read");
             return std::min(static_cast<std::size_t>(count), into.size());
         };
-        *animation = new pdeanim_animation(std::make_unique<CallbackSource>(size, from), options_of(options));
+        *animation = open_source(std::make_unique<CallbackSource>(size, from), options);
+    });
+}
+
+pdeanim_status pdeanim_open_run(const pdeanim_animation *animation, int64_t run, pdeanim_animation **opened,
+                                pdeanim_error *error) {
+    if (opened) *opened = nullptr;
+    if (!opened) return fail(error, PDEANIM_ARGUMENT, "opened must not be NULL");
+    return guarded(error, [&] {
+        check_index(run, pdeanim_run_count(animation), "run");
+        *opened = new pdeanim_animation(*animation, static_cast<std::size_t>(run));
     });
 }
 
 void pdeanim_close(pdeanim_animation *animation) { delete animation; }
 
-void pdeanim_cancel(pdeanim_animation *animation) { animation->animation.cancel(); }
+void pdeanim_cancel(pdeanim_animation *animation) {
+    if (animation->animation) animation->animation->cancel();
+    animation->is_cancelled = true;
+}
 
-int64_t pdeanim_frame_count(const pdeanim_animation *animation) { return animation->animation.frames(); }
+int64_t pdeanim_frame_count(const pdeanim_animation *animation) {
+    return animation->animation ? animation->animation->frames() : animation->file->frames();
+}
 
-int64_t pdeanim_vertex_count(const pdeanim_animation *animation) { return animation->animation.vertices(); }
+int64_t pdeanim_vertex_count(const pdeanim_animation *animation) {
+    if (animation->animation) return animation->animation->vertices();
+    i64 found = 0;
+    for (const Run &run : animation->file->runs()) found = std::max(found, run.vertices);
+    return found;
+}
 
-int64_t pdeanim_object_count(const pdeanim_animation *animation) { return animation->animation.objects(); }
+int64_t pdeanim_object_count(const pdeanim_animation *animation) {
+    return animation->animation ? animation->animation->objects() : 0;
+}
 
-double pdeanim_frame_rate(const pdeanim_animation *animation) { return animation->animation.fps(); }
+double pdeanim_frame_rate(const pdeanim_animation *animation) { return animation->file->sequence().fps; }
 
-const double *pdeanim_times(const pdeanim_animation *animation) { return animation->animation.times().data(); }
+const double *pdeanim_times(const pdeanim_animation *animation) {
+    return (animation->animation ? animation->animation->times() : animation->file->sequence().times).data();
+}
+
+int64_t pdeanim_run_count(const pdeanim_animation *animation) {
+    return animation->animation ? 1 : static_cast<int64_t>(animation->file->runs().size());
+}
+
+int64_t pdeanim_run_at(const pdeanim_animation *animation, double time) {
+    return animation->animation ? 0 : static_cast<int64_t>(animation->file->run_at(time));
+}
+
+int64_t pdeanim_first_frame_of_run(const pdeanim_animation *animation, int64_t run) {
+    const int64_t count = pdeanim_run_count(animation);
+    if (run < 0 || run > count) return -1;
+    if (run == count) return pdeanim_frame_count(animation);
+    return animation->animation ? 0 : animation->file->runs()[static_cast<std::size_t>(run)].first;
+}
 
 pdeanim_status pdeanim_remarks(pdeanim_animation *animation, const void **data, size_t *size, pdeanim_error *error) {
     return guarded(error, [&] {
-        const std::vector<u8> &remarks = animation->animation.remarks();
-        *data = remarks.data();
-        *size = remarks.size();
+        if (animation->animation) {
+            const std::vector<u8> &remarks = animation->animation->remarks();
+            *data = remarks.data();
+            *size = remarks.size();
+            return;
+        }
+        const std::lock_guard guard(animation->lock);
+        if (!animation->remarks) animation->remarks = animation->file->container().read_optional("META");
+        *data = animation->remarks->data();
+        *size = animation->remarks->size();
     });
 }
 
 pdeanim_status pdeanim_get_object(pdeanim_animation *handle, int64_t index, pdeanim_object *object,
                                   pdeanim_error *error) {
     return guarded(error, [&] {
-        Animation &animation = handle->animation;
+        Animation &animation = handle->only();
         check_index(index, animation.objects(), "object");
         const Connectivity &part = animation.connectivity()[index];
         object->name = animation.names()[index].c_str();
@@ -160,15 +231,15 @@ pdeanim_status pdeanim_get_object(pdeanim_animation *handle, int64_t index, pdea
 pdeanim_status pdeanim_attribute_count(pdeanim_animation *handle, int64_t object, int64_t *count,
                                        pdeanim_error *error) {
     return guarded(error, [&] {
-        check_index(object, handle->animation.objects(), "object");
-        *count = static_cast<int64_t>(handle->animation.attributes()[object].size());
+        check_index(object, handle->only().objects(), "object");
+        *count = static_cast<int64_t>(handle->only().attributes()[object].size());
     });
 }
 
 pdeanim_status pdeanim_get_attribute(pdeanim_animation *handle, int64_t object, int64_t index,
                                      pdeanim_attribute *attribute, pdeanim_error *error) {
     return guarded(error, [&] {
-        Animation &animation = handle->animation;
+        Animation &animation = handle->only();
         check_index(object, animation.objects(), "object");
         const std::vector<std::vector<Attribute>> &all = animation.attributes();
         check_index(index, static_cast<i64>(all[object].size()), "attribute");
@@ -200,7 +271,7 @@ pdeanim_status pdeanim_get_attribute(pdeanim_animation *handle, int64_t object, 
 pdeanim_status pdeanim_evaluate(pdeanim_animation *handle, pdeanim_quantity quantity, const double *times, size_t count,
                                 int64_t object, float *out, pdeanim_error *error) {
     return guarded(error, [&] {
-        Animation &animation = handle->animation;
+        Animation &animation = handle->only();
         if (quantity < PDEANIM_POSITIONS || quantity > PDEANIM_ACCELERATIONS)
             throw ArgumentError("an unknown quantity");
         if (object != PDEANIM_ALL_OBJECTS) check_index(object, animation.objects(), "object");
@@ -214,5 +285,16 @@ pdeanim_status pdeanim_evaluate(pdeanim_animation *handle, pdeanim_quantity quan
 }
 
 pdeanim_status pdeanim_verify(pdeanim_animation *animation, pdeanim_error *error) {
-    return guarded(error, [&] { animation->animation.verify(); });
+    return guarded(error, [&] {
+        if (animation->animation) {
+            animation->animation->verify();
+            return;
+        }
+        animation->file->container().verify();
+        animation->is_cancelled = false;
+        for (std::size_t run = 0; run < animation->file->runs().size(); ++run) {
+            if (animation->is_cancelled) throw CancelledError();
+            Animation(animation->file, run, animation->options).verify();
+        }
+    });
 }

@@ -17,10 +17,9 @@ namespace pdeanim {
 namespace {
 
 // Peak memory of what a file declares: of a mesh for each vertex (curves, reference frame, and twelve functions each,
-// twice); of each frame (its time, as it is stored, here and as Python has it, and a row of the spline); of connectivity
-// for each corner; of a group for each coefficient (quantised, its value, its share of the affine functions, and the value
+// twice); of connectivity for each corner; of a group for each coefficient (quantised, its value, its share of the affine functions, and the value
 // on a vertex) and for each value of a function of time.
-constexpr u64 bytes_per_vertex = 600, bytes_per_frame = 128, bytes_per_corner = 128;
+constexpr u64 bytes_per_vertex = 600, bytes_per_corner = 128;
 constexpr u64 bytes_per_coefficient = 40, bytes_per_time_value = 120;
 
 // Of a group and of an object that hold nothing: a row of the table with the place that the table grows into, what is kept
@@ -70,13 +69,11 @@ std::span<Position> as_positions(std::span<float> out) {
 
 }  // namespace
 
-Animation::Animation(std::unique_ptr<Source> source, const Options &options)
-    : source_(std::move(source)), container_(*source_), max_memory_(options.max_memory), left_(options.max_memory),
+Animation::Animation(std::shared_ptr<const File> file, std::size_t run, const Options &options)
+    : file_(std::move(file)), container_(file_->container_of(run)), max_memory_(file_->max_memory()),
+      left_(file_->memory_left()),
       threads_(options.threads > 0 ? options.threads : static_cast<int>(most(std::thread::hardware_concurrency(), 1u))),
-      most_kept_(options.kept_bytes) {
-    container_.check_known();
-    sequence_ = SequenceDescription::of_bytes(container_.read("SEQN"), static_cast<i64>(max_memory_ / bytes_per_frame));
-    take(bytes_per_frame * frames(), std::to_string(frames()) + " frames");
+      most_kept_(options.kept_bytes), sequence_(file_->sequence_of(run)) {
     polygons_ = container_.read("CONN");
     FieldReader fields(polygons_, "CONN");
     const i64 count = fields.count(), most_objects = static_cast<i64>(left_ / bytes_per_object);
@@ -89,6 +86,11 @@ Animation::Animation(std::unique_ptr<Source> source, const Options &options)
         throw CorruptError("section CONN declares too few vertices or too many, 1 to " + std::to_string(most_vertices) +
                            " can be");
     }
+    const i64 declared = file_->runs()[run].vertices;
+    if (declared >= 0 && vertices() != declared) {
+        throw CorruptError("section CONN declares " + std::to_string(vertices()) + " vertices, section RUNS " +
+                           std::to_string(declared));
+    }
     const std::span<const u8> rest = fields.rest();
     polygons_ = std::vector<u8>(rest.begin(), rest.end());
     take(bytes_per_vertex * vertices(), std::to_string(vertices()) + " vertices");
@@ -99,11 +101,7 @@ Animation::Animation(std::unique_ptr<Source> source, const Options &options)
 }
 
 void Animation::take(u64 bytes, const std::string &what) {
-    if (bytes > left_) {
-        throw LimitError("declares " + what + ", about " + std::to_string(bytes + max_memory_ - left_) +
-                         " bytes to decode; the limit is " + std::to_string(max_memory_) +
-                         "; raise it if you trust the file");
-    }
+    if (bytes > left_) refuse_memory(what, bytes + max_memory_ - left_, max_memory_);
     left_ -= bytes;
 }
 
@@ -273,7 +271,7 @@ Animation::TimesAhead Animation::make_space(std::span<const std::size_t> groups)
 
 const std::vector<u8> &Animation::remarks() {
     const std::lock_guard guard(lock_);
-    if (!remarks_) remarks_ = container_.read_optional("META");
+    if (!remarks_) remarks_ = file_->container().read_optional("META");
     return *remarks_;
 }
 

@@ -1,4 +1,4 @@
-// An open file: owns its parts, and decodes each when it is first needed.
+// A run of frames of an open file, mostly all of them: owns its parts, and decodes each when it is first needed.
 //
 // From the bytes to a position: container -> sequence, table of groups, model (opening); connectivity -> reference frame ->
 // space basis -> groups -> evaluation. Every public function may be called from several threads; they take turns.
@@ -18,9 +18,9 @@
 #include "connectivity/connectivity.hpp"
 #include "decoder/container.hpp"
 #include "decoder/decoded_group.hpp"
+#include "decoder/file.hpp"
 #include "decoder/group_table.hpp"
 #include "decoder/model.hpp"
-#include "decoder/sequence.hpp"
 #include "evaluate/spline.hpp"
 #include "residuals/added.hpp"
 #include "time_functions/closed_form.hpp"
@@ -51,18 +51,15 @@ struct FrameResiduals {
 
 class Animation {
 public:
-    static constexpr u64 usual_memory = u64{4} << 30;  // some five million vertices
-
     static constexpr i64 usual_kept = i64{64} << 20;  // all of most clips
 
     struct Options {
-        u64 max_memory = usual_memory;  // that a file may ask for [bytes]
-        int threads = 0;                // 0: one a processor
-        i64 kept_bytes = usual_kept;    // of decoded groups, so that scrubbing does not decode one twice
+        int threads = 0;              // 0: one a processor
+        i64 kept_bytes = usual_kept;  // of decoded groups, so that scrubbing does not decode one twice
     };
 
-    // Read the headers. CorruptError or LimitError where the file is not sound or asks for too much.
-    Animation(std::unique_ptr<Source> source, const Options &options);
+    // Read the headers of a run. CorruptError or LimitError where it is not sound, or asks for more than the file leaves.
+    Animation(std::shared_ptr<const File> file, std::size_t run, const Options &options);
 
     const Container &container() const { return container_; }
     const GroupTable &table() const { return *table_; }
@@ -135,7 +132,7 @@ private:
     void evaluate_all(Quantity quantity, std::span<const double> sorted, std::span<float> out);
     i64 frame_at(double time) const;
 
-    std::unique_ptr<Source> source_;
+    std::shared_ptr<const File> file_;
     Container container_;
     u64 max_memory_, left_;
     int threads_;

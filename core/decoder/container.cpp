@@ -13,15 +13,14 @@ namespace {
 // As PNG's: a byte that is not ASCII, the name, and line ends that a transfer of text would change.
 constexpr std::array<u8, 12> identifier = {0x89, 'P', 'D', 'E', 'A', 'N', 'I', 'M', '\r', '\n', 0x1A, '\n'};
 constexpr std::size_t header_size = 28, row_head = 5, checksum_size = 4;
-constexpr u32 most_sections = 64;  // a run of frames has 9 sections at most; more can only be damage
+constexpr u32 most_sections = 64;  // this version knows 13; more can only be damage
 constexpr int length_at = 4;       // bit of a row's flags at which the bytes of its length begin to be counted
 constexpr std::size_t most_length_bytes = 8;
-constexpr u8 required = 1;                       // flag: a decoder that does not know the section refuses the file
-constexpr std::size_t piece_size = 1 << 20;      // bytes that are checked at a time
-constexpr std::string_view run_begins = "CONN";  // the first section of a run of frames of one connectivity
+constexpr u8 required = 1;                   // flag: a decoder that does not know the section refuses the file
+constexpr std::size_t piece_size = 1 << 20;  // bytes that are checked at a time
 
-constexpr std::array<std::string_view, 11> known = {"META", "SEQN", "CONN", "ORDR", "REST", "MODL",
-                                                    "GRUP", "TIME", "COEF", "CORR", "ATTR"};
+constexpr std::array<std::string_view, 13> known = {"META", "SEQN", "CONN", "ORDR", "REST", "MODL", "GRUP",
+                                                    "TIME", "COEF", "CORR", "ATTR", "RUNS", "RDAT"};
 
 // The type of a section as text: bytes that are not ASCII as \xNN.
 std::string readable(std::span<const u8> bytes) {
@@ -91,12 +90,6 @@ void Container::read_table() {
         for (std::size_t i = row.size() - checksum_size; i-- > row_head;) entry.length = entry.length << 8 | row[i];
         entry.checksum = FieldReader(std::span<const u8>(row).last(checksum_size), "table").integer<u32>();
         if (find(entry.type)) {
-            if (entry.type == run_begins) {
-                throw CorruptError(
-                    "has runs of frames of different connectivity, which this decoder does not read; "
-                    "update pdecodec",
-                    static_cast<i64>(offset));
-            }
             throw CorruptError("section " + entry.type + " stands twice", static_cast<i64>(offset));
         }
         offset = entry.length > UINT64_MAX - offset ? UINT64_MAX : offset + entry.length;
@@ -139,7 +132,7 @@ std::vector<u8> Container::read(std::string_view type) const {
     const SectionEntry &found = entry(type);
     std::vector<u8> data;
     read_range(found.offset, found.length, data);
-    if (!is_checksum(crc32(data), found.checksum)) {
+    if (found.checksum && !is_checksum(crc32(data), *found.checksum)) {
         throw CorruptError("section " + found.type + " is damaged; get the file again", static_cast<i64>(found.offset));
     }
     return data;
@@ -161,6 +154,7 @@ void Container::read_range(u64 offset, u64 length, std::vector<u8> &data) const 
 void Container::verify() const {
     std::vector<u8> piece(piece_size);
     for (const SectionEntry &entry : entries_) {
+        if (!entry.checksum) continue;
         u32 checksum = 0;
         u64 done = 0;
         while (done < entry.length) {
@@ -170,7 +164,7 @@ void Container::verify() const {
             checksum = crc32(std::span<const u8>(piece).first(count), checksum);
             done += count;
         }
-        if (done < entry.length || !is_checksum(checksum, entry.checksum)) {
+        if (done < entry.length || !is_checksum(checksum, *entry.checksum)) {
             throw CorruptError("section " + entry.type + " is damaged", static_cast<i64>(entry.offset));
         }
     }

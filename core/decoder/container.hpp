@@ -1,6 +1,7 @@
 // The container: identifier, header, table of sections, sections (the specification's sections 1 to 3).
 #pragma once
 
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -9,12 +10,16 @@
 
 namespace pdeanim {
 
+// Where a section is. What has no checksum here has one for each of its pieces.
+struct SectionPlace {
+    u64 offset = 0, length = 0;
+    std::optional<u32> checksum;
+};
+
 // One row of the table of sections.
-struct SectionEntry {
+struct SectionEntry : SectionPlace {
     std::string type;  // four letters; bytes that are not ASCII are escaped
     bool is_required = false;
-    u64 offset = 0, length = 0;
-    u32 checksum = 0;
 };
 
 class Container {
@@ -23,6 +28,9 @@ public:
 
     // Read header and table. CorruptError if this is no such file, or one that cannot be read.
     explicit Container(Source &source) : source_(source) { read_table(); }
+
+    // Sections of a file that another table than its first one lists.
+    Container(Source &source, std::vector<SectionEntry> entries) : source_(source), entries_(std::move(entries)) {}
 
     // CorruptError if there is a section that this decoder does not know, and must.
     void check_known() const;

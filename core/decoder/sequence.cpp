@@ -43,18 +43,21 @@ bool are_sound(std::span<const double> times) {
 
 SequenceDescription SequenceDescription::of_bytes(std::span<const u8> data, i64 most_frames) {
     FieldReader fields(data, "SEQN");
-    const i64 runs = fields.count(), frames = fields.count();
-    if (runs != 1) {
-        throw CorruptError("section SEQN declares " + std::to_string(runs) +
-                           " runs of frames; this version reads files of one");
-    }
-    if (frames < 1) throw CorruptError("section SEQN declares no frames");
-    if (frames > most_frames) {
-        throw LimitError("section SEQN declares " + std::to_string(frames) +
-                         " frames, more than the memory limit allows");
+    SequenceDescription found;
+    const i64 runs = fields.count();
+    i64 frames = 0;
+    if (runs < 1) throw CorruptError("section SEQN declares no run of frames");
+    for (i64 run = 0; run < runs; ++run) {
+        const i64 own = fields.count();
+        if (own < 1) throw CorruptError("section SEQN declares no frames");
+        if (own > most_frames - frames) {
+            throw LimitError("section SEQN declares " + std::to_string(own) + " frames after " +
+                             std::to_string(frames) + ", more than the memory limit allows");
+        }
+        frames += own;
+        found.run_frames.push_back(own);
     }
     const u8 flags = fields.integer<u8>(), rule = flags & ~(at_frame_rate | whole_frame_rate | whole_start);
-    SequenceDescription found;
     found.fps = read_real(fields, flags & whole_frame_rate);
     if (!(found.fps > 0.0)) throw CorruptError("section SEQN has a frame rate that is not positive");
     const auto keep = [&](std::span<const u8> rest) { found.coded_.assign(rest.begin(), rest.end()); };
@@ -77,6 +80,15 @@ SequenceDescription SequenceDescription::of_bytes(std::span<const u8> data, i64 
     if (!are_sound(found.times)) {
         throw CorruptError("section SEQN has times that do not increase or lie out of range");
     }
+    return found;
+}
+
+SequenceDescription SequenceDescription::of_run(std::vector<double> times, double fps, std::vector<u8> names) {
+    SequenceDescription found;
+    found.run_frames = {static_cast<i64>(times.size())};
+    found.times = std::move(times);
+    found.fps = fps;
+    found.coded_ = std::move(names);
     return found;
 }
 

@@ -13,11 +13,15 @@ struct SequenceDescription {
     // Read the section. CorruptError where it is damaged, LimitError for more frames than there is room for.
     static SequenceDescription of_bytes(std::span<const u8> data, i64 most_frames);
 
+    // Of one run of frames: its times, and the coded names of its objects.
+    static SequenceDescription of_run(std::vector<double> times, double fps, std::vector<u8> names);
+
     // Names of so many objects; CorruptError if there are more or fewer.
     std::vector<std::string> names(i64 objects, const TakeMemory &take) const;
 
-    std::vector<double> times;  // [s], increasing
-    double fps = 0.0;           // frames a second that the clip was made for
+    std::vector<double> times;    // [s], increasing
+    std::vector<i64> run_frames;  // of each run of frames
+    double fps = 0.0;             // frames a second that the clip was made for
 
 private:
     std::vector<u8> coded_;  // listed times, and names

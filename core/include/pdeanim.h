@@ -14,6 +14,16 @@
  * pointers in results point to belongs to the animation and stays until it is closed.
  *
  * Vertices of all objects are numbered through: those of the first object, then those of the second.
+ *
+ * Faces are the same in every frame of most files. A file may also hold several runs of frames, each with faces and vertices
+ * of its own, such as a fluid whose mesh is another one in every frame. Each run is opened as an animation of its own:
+ *
+ *     pdeanim_animation *run;
+ *     if (pdeanim_open_run(animation, pdeanim_run_at(animation, time), &run, &error)) ...
+ *     if (pdeanim_evaluate(run, PDEANIM_POSITIONS, &time, 1, PDEANIM_ALL_OBJECTS, points, &error)) ...
+ *     pdeanim_close(run);
+ *
+ * That goes for files of one run as well, where it gives the same animation again.
  */
 #ifndef PDEANIM_H
 #define PDEANIM_H
@@ -87,12 +97,27 @@ PDEANIM_API void pdeanim_close(pdeanim_animation *animation);
 /* Make calls that are under way end soon with PDEANIM_CANCELLED; later calls go on as if nothing had been. */
 PDEANIM_API void pdeanim_cancel(pdeanim_animation *animation);
 
+/* Frames of all runs. Of a file of several runs the vertices are the most that one has, and there are no objects. */
 PDEANIM_API int64_t pdeanim_frame_count(const pdeanim_animation *animation);
 PDEANIM_API int64_t pdeanim_vertex_count(const pdeanim_animation *animation);
 PDEANIM_API int64_t pdeanim_object_count(const pdeanim_animation *animation);
 PDEANIM_API double pdeanim_frame_rate(
     const pdeanim_animation *animation); /* frames a second, as the file was made for */
 PDEANIM_API const double *pdeanim_times(const pdeanim_animation *animation); /* of the frames [s], increasing */
+
+/* Runs of frames, each with faces of its own: 1 of most files. */
+PDEANIM_API int64_t pdeanim_run_count(const pdeanim_animation *animation);
+
+/* The run that holds at a time [s]: between the last frame of one and the first of the next it is the earlier one. */
+PDEANIM_API int64_t pdeanim_run_at(const pdeanim_animation *animation, double time);
+
+/* The first frame of a run; of the number of runs the number of frames; -1 where there is no such run. */
+PDEANIM_API int64_t pdeanim_first_frame_of_run(const pdeanim_animation *animation, int64_t run);
+
+/* Open one run, whose times are those of its frames; nothing of other runs is read. Close it like any other animation; the
+ * one it is of may be closed before. What a file was opened from must stay until all of them are closed. */
+PDEANIM_API pdeanim_status pdeanim_open_run(const pdeanim_animation *animation, int64_t run, pdeanim_animation **opened,
+                                            pdeanim_error *error);
 
 /* The remarks for people (section META), a Zstandard frame of a JSON object; no bytes where there are none. */
 PDEANIM_API pdeanim_status pdeanim_remarks(pdeanim_animation *animation, const void **data, size_t *size,
@@ -151,7 +176,8 @@ typedef enum pdeanim_quantity {
 #define PDEANIM_ALL_OBJECTS (-1)
 
 /* A quantity of all vertices of one object, or of all, at `count` times [s] in any order: out[count][vertices][3].
- * Before the first frame and after the last one a mesh stands still. After an error `out` may hold anything. */
+ * Before the first frame and after the last one a mesh stands still. After an error `out` may hold anything. An animation of
+ * several runs is not evaluated as a whole: that is PDEANIM_ARGUMENT. */
 PDEANIM_API pdeanim_status pdeanim_evaluate(pdeanim_animation *animation, pdeanim_quantity quantity,
                                             const double *times, size_t count, int64_t object, float *out,
                                             pdeanim_error *error);

@@ -104,16 +104,21 @@ void decode(const std::filesystem::path &folder, const std::filesystem::path &pa
     try {
         Animation::Options options;
         options.threads = 1;  // bits are noted in the order in which they are read
-        Animation animation(std::make_unique<MemorySource>(data), options);
-        animation.verify();
+        const auto file = std::make_shared<const File>(std::make_unique<MemorySource>(data), File::usual_memory);
+        for (std::size_t run = 0; run < file->runs().size(); ++run) Animation(file, run, options).verify();
+        bits.clear();
         Output polygons(beside(".polygons")), reference(beside(".reference")), coefficients(beside(".coefficients")),
             rest(beside(".rest")), points(beside(".points"));
-        write_polygons(animation.connectivity(), polygons);
-        reference.write(animation.reference().grid);
-        write_coefficients(animation, coefficients);
-        write_rest(animation, rest);
+        for (std::size_t run = 0; run < file->runs().size(); ++run) {
+            Animation animation(file, run, options);
+            animation.verify();
+            write_polygons(animation.connectivity(), polygons);
+            reference.write(animation.reference().grid);
+            write_coefficients(animation, coefficients);
+            write_rest(animation, rest);
+            write_points(animation, points);
+        }
         rest.list(bits);
-        write_points(animation, points);
     } catch (const CorruptError &error) {
         refuse("corrupt", error, error.offset, error.frame);
     } catch (const LimitError &error) {

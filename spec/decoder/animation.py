@@ -13,7 +13,7 @@ from typing import Any
 from spec.decoder.attributes import read_attributes
 from spec.decoder.connectivity import read_faces_and_lines
 from spec.decoder.contexts import PRIMER, TEXT_WEIGHTS, ByteModel, Contexts
-from spec.decoder.fields import CorruptFileError, Fields, decompress, read_container, require
+from spec.decoder.fields import CorruptFileError, Fields, decompress, read_container, read_runs, require
 from spec.decoder.groups import read_groups, read_model
 from spec.decoder.mesh import Mesh, read_vertex_counts
 from spec.decoder.motion import Float32Array, Motion
@@ -41,11 +41,35 @@ class Animation:
 
 
 def decode(data: bytes) -> Animation:
-    """Decode the bytes of a file; CorruptFileError says what is wrong with it."""
+    """Decode the bytes of a file of one run; CorruptFileError says what is wrong with it."""
+    runs = decode_runs(data)
+    if len(runs) > 1:
+        raise ValueError(f"the file has {len(runs)} runs of frames; decode_runs gives them")
+    return runs[0]
+
+
+def decode_runs(data: bytes) -> list[Animation]:
+    """Decode the bytes of a file, run after run (2.3); CorruptFileError says what is wrong with it."""
     sections = read_container(data)
+    fps, frames, times, coded = read_sequence(sections["SEQN"])
+    if "RUNS" not in sections:
+        require(len(frames) == 1, "several runs of frames without RUNS")
+        return [decode_run(sections, fps, times, coded)]
+    read_names(coded, 0)
+    runs, found, end = read_runs(sections["RUNS"], sections["RDAT"], len(frames)), [], 0
+    for run, count in zip(runs, frames, strict=True):
+        end += count
+        names = Contexts(run.sections["NAME"], TEXT_WEIGHTS)
+        own = decode_run(run.sections | {"META": sections["META"]}, fps, times[end - count : end], names)
+        require(sum(mesh.vertices for mesh in own.meshes) == run.vertices, "another number of vertices than in RUNS")
+        found.append(own)
+    return found
+
+
+def decode_run(sections: dict[str, bytes], fps: float, times: list[float], coded: Contexts) -> Animation:
+    """One run, of its sections; names of objects come next in a coded stream."""
     counts, conn = read_vertex_counts(sections["CONN"])
-    fps, times, names = read_sequence(sections["SEQN"], len(counts))
-    meshes = [Mesh(name, vertices) for name, vertices in zip(names, counts, strict=True)]
+    meshes = [Mesh(name, vertices) for name, vertices in zip(read_names(coded, len(counts)), counts, strict=True)]
     read_faces_and_lines(conn, sections["ORDR"], meshes)
     reference = read_reference(sections["REST"], meshes)
     read_attributes(sections["ATTR"], meshes, reference.grid)
@@ -58,16 +82,29 @@ def decode(data: bytes) -> Animation:
 
 
 def decode_file(path: str | Path) -> Animation:
-    """Decode a file."""
+    """Decode a file of one run."""
     return decode(Path(path).read_bytes())
 
 
-def read_sequence(data: bytes, objects: int) -> tuple[float, list[float], list[str]]:
-    """Section 4: the frame rate, times, and names of as many objects."""
+def run_at(runs: list[Animation], time: float) -> Animation:
+    """The run that holds at a time [s] (2.3)."""
+    return next((run for run in reversed(runs) if run.times[0] <= time), runs[0])
+
+
+def read_names(coded: Contexts, objects: int) -> list[str]:
+    """Section 4: names of as many objects, with which a coded stream ends."""
+    texts = ByteModel(coded, "texts", primer=PRIMER)
+    names = [texts.read_text() for _ in range(objects)]
+    coded.finish()
+    return names
+
+
+def read_sequence(data: bytes) -> tuple[float, list[int], list[float], Contexts]:
+    """Section 4: the frame rate, frames of each run, times, and the coded stream that names come next in."""
     fields = Fields(data)
-    require(fields.count() == 1, "not one run of frames")
-    frames, flags = fields.count(), fields.u8()
-    require(frames >= 1, "no frames")
+    runs = [fields.count() for _ in range(fields.count())]
+    frames, flags = sum(runs), fields.u8()
+    require(runs and min(runs) >= 1, "no frames")
     rule, at_frame_rate, whole_fps, whole_start = flags & ~28, flags & 4, flags & 8, flags & 16
     require(rule < 4 and not (rule == LISTED and flags & 20), "an unknown rule for times")
 
@@ -90,10 +127,7 @@ def read_sequence(data: bytes, objects: int) -> tuple[float, list[float], list[s
         times = times_of(ByteModel(contexts, "bytes").read_bytes(8 * frames), frames)
     require(all(abs(time) <= 2.0**53 for time in times), "a time is out of range")
     require(all(b - a >= 2.0**-53 for a, b in pairwise(times)), "times do not increase")
-    texts = ByteModel(contexts, "texts", primer=PRIMER)
-    names = [texts.read_text() for _ in range(objects)]
-    contexts.finish()
-    return fps, times, names
+    return fps, runs, times, contexts
 
 
 def times_of(planes: bytes, frames: int) -> list[float]:

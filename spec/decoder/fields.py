@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from dataclasses import dataclass
 
 import zstandard
 
@@ -11,6 +12,9 @@ IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
 MAJOR_VERSION = 1
 NEEDED = ("SEQN", "CONN", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR")
 OPTIONAL = ("META", "ORDR", "ATTR")
+OF_RUN = ("NAME", "CONN", "ORDR", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR", "ATTR")
+OF_RUNS = ("SEQN", "RUNS", "RDAT")
+OF_GROUPS = ("TIME", "COEF", "CORR")
 
 LARGEST_REAL = 2.0**160
 """Of steps and origins."""
@@ -46,7 +50,7 @@ def grade(number: int, most: int) -> int:
 
 
 def read_container(data: bytes) -> dict[str, bytes]:
-    """Section 2: the sections that this decoder knows; an optional one that is missing is empty."""
+    """Sections 2.1 to 2.3: the sections of a file; an optional one that is missing is empty."""
     require(data[:12] == IDENTIFIER, "not a .pdeanim file")
     require(len(data) >= 28, "ends inside the header")
     major, _, count, table_checksum, header_checksum = struct.unpack_from("<HHIII", data, 12)
@@ -61,15 +65,47 @@ def read_container(data: bytes) -> dict[str, bytes]:
     require(zlib.crc32(data[28 : 28 + table.position]) == table_checksum, "the table is damaged")
     sections: dict[str, bytes] = {}
     for kind, flags, length, checksum in rows:
-        require(kind != "CONN" or kind not in sections, "runs of frames of different connectivity")
         require(kind not in sections, f"section {kind} stands twice")
-        require(kind in NEEDED + OPTIONAL or not flags & 1, f"section {kind} is required and unknown")
+        require(kind in NEEDED + OPTIONAL + OF_RUNS or not flags & 1, f"section {kind} is required and unknown")
         sections[kind] = table.take(length)
         require(zlib.crc32(sections[kind]) == checksum, f"section {kind} is damaged")
     table.finish()
-    for kind in NEEDED:
+    has_runs = "RUNS" in sections
+    for kind in OF_RUNS if has_runs else NEEDED:
         require(kind in sections, f"section {kind} is missing")
+    for kind in OF_RUN if has_runs else ("NAME", "RDAT"):
+        require(kind not in sections, f"section {kind} is where it must not be")
     return dict.fromkeys(OPTIONAL, b"") | sections
+
+
+@dataclass
+class Run:
+    """Section 2.3: what RUNS has of a run."""
+
+    vertices: int
+    sections: dict[str, bytes]
+
+
+def read_runs(table: bytes, data: bytes, count: int) -> list[Run]:
+    """Section 2.3: RUNS and RDAT of so many runs."""
+    fields, stored = Fields(table), Fields(data)
+    runs: list[Run] = []
+    for _ in range(count):
+        vertices, sections = fields.count(), {}
+        require(1 <= vertices < 2**31, "a run of too few vertices, or too many")
+        for kind in OF_RUN:
+            size = fields.count()
+            if size == 0:
+                require(runs, "the first run lacks a section")
+                sections[kind] = runs[-1].sections[kind]
+                continue
+            sections[kind] = stored.take(size - 1)
+            if size > 1 and kind not in OF_GROUPS:
+                require(zlib.crc32(sections[kind]) == fields.u32(), f"section {kind} of a run is damaged")
+        runs.append(Run(vertices, sections))
+    fields.finish()
+    stored.finish()
+    return runs
 
 
 class Fields:

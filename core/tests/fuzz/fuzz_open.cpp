@@ -11,6 +11,7 @@ namespace {
 
 constexpr std::uint64_t max_memory = std::uint64_t{1} << 25;
 constexpr std::int64_t most_evaluated = 1 << 18;  // vertices times frames: what is evaluated is not in the memory limit
+constexpr std::int64_t most_runs = 16;            // that are looked at
 
 void ask_for_objects(pdeanim_animation *animation) {
     for (std::int64_t object = 0; object < pdeanim_object_count(animation); ++object) {
@@ -49,9 +50,19 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
     const pdeanim_status opened = pdeanim_open_memory(data, size, &options, &animation, &error);
     if (opened == PDEANIM_INTERNAL) std::abort();
     if (opened) return 0;
-    ask_for_objects(animation);
     if (pdeanim_verify(animation, &error) == PDEANIM_INTERNAL) std::abort();
-    evaluate(animation);
+    const std::int64_t runs = pdeanim_run_count(animation);
+    for (std::int64_t k = 0; k < runs && k < most_runs; ++k) {
+        pdeanim_animation *run = nullptr;
+        const std::int64_t first = pdeanim_first_frame_of_run(animation, k);
+        if (first < 0 || pdeanim_run_at(animation, pdeanim_times(animation)[first]) != k) std::abort();
+        const pdeanim_status status = pdeanim_open_run(animation, k, &run, &error);
+        if (status == PDEANIM_INTERNAL || status == PDEANIM_ARGUMENT) std::abort();
+        if (status) continue;
+        ask_for_objects(run);
+        evaluate(run);
+        pdeanim_close(run);
+    }
     pdeanim_close(animation);
     return 0;
 }

@@ -1,0 +1,110 @@
+"""A `.pdeanim` file of several runs of frames: each is an animation of its own, opened when it is needed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pdecodec.decoder import Animation
+from pdecodec.errors import SettingsError
+from pdecodec.paperform import PaperForm
+from pdecodec.resample import Outside
+from pdecodec.runs import ChangingSequence, OpenedRuns, one_run_of
+from pdecodec.sequence import Float32Array, Float64Array, MeshObject
+
+
+class ChangingAnimation(ChangingSequence, Animation):
+    """A `.pdeanim` file whose connectivity changes: one timeline, and each of its :attr:`runs` an :class:`Animation`.
+
+    Made by :func:`pdecodec.open`. Opening reads where the runs are; of a run that is asked for, no other bytes than its
+    own are read. At a time between two runs the earlier one stands still.
+    """
+
+    __init__ = Animation.__init__
+
+    def _describe(self) -> None:
+        runs = self._core.runs
+        self._take_runs(
+            OpenedRuns(self._open_run, len(runs)),
+            [frames for _, frames, _ in runs],
+            [vertices for _, _, vertices in runs],
+        )
+
+    def _open_run(self, number: int) -> Animation:
+        with self._naming_the_file():
+            core = self._core.open_run(number)
+        return Animation(self._file, self.path, self._limits, origin=self._origin, core=core, run=number)
+
+    def _run_of(self, times: Float64Array) -> Animation:
+        run = self.runs[one_run_of(self, times)]
+        assert isinstance(run, Animation)
+        return run
+
+    def close(self) -> None:
+        ChangingSequence.close(self)
+        Animation.close(self)
+
+    @property
+    def meshes(self) -> tuple[MeshObject, ...]:  # type: ignore[override]  # each run has its own
+        self._only_run()
+        return super().meshes
+
+    def sample(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
+        """Positions at several times of one run, as of other animations.
+
+        Raises
+        ------
+        SettingsError
+            If the times are of several runs, whose vertices differ: see :meth:`run_at`.
+        """
+        inside = self._inside(times, outside)
+        return self._run_of(inside).sample(inside, out=out)
+
+    def _derivatives(self, quantity: int, times: ArrayLike, outside: Outside) -> Float32Array:
+        asked = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        inside = self._inside(asked, outside)
+        found = self._run_of(inside)._derivatives(quantity, inside, "clamp")
+        if outside != "loop":
+            found[(asked < self.times[0]) | (asked > self.times[-1])] = 0
+        return found if np.ndim(times) else found[0]
+
+    def coefficients(self, group: int) -> PaperForm:
+        raise SettingsError(f"coefficients are of one run of frames, of which there are {len(self.runs)}; choose one")
+
+    @property
+    def sections(self) -> dict[str, int]:
+        """Bytes of each section, those of a run summed over all runs; and of header and table as ``"container"``."""
+        with self._naming_the_file():
+            sizes = {name: length for name, _, length in self._core.sections}
+            own = {place for number in range(len(self.runs)) for place in self._core.run_sections(number) if place[2]}
+            beside = self._core.file_bytes - sum(sizes.values())
+        for name, _, length in own:
+            sizes[name] = sizes.get(name, 0) + length
+        del sizes["RDAT"]
+        return {"container": beside, **dict(sorted(sizes.items()))}
+
+    def info(self) -> dict[str, Any]:
+        """What the headers say of the file, as of other animations; how many runs, how long and how large."""
+        remarks, file_bytes = self._remarks, self._core.file_bytes
+        return {
+            "file_bytes": file_bytes,
+            "ratio": 12 * self.position_count / file_bytes,
+            "sections": self.sections,
+            "summary": str(remarks.get("summary", "")),
+            "generator": str(remarks.get("generator", "")),
+            "settings": remarks.get("settings", {}),
+            "runs": len(self.runs),
+            "run_frames": [int(self.run_frames.min()), int(self.run_frames.max())],
+            "run_vertices": [int(self.run_vertices.min()), int(self.run_vertices.max())],
+        }
+
+    def verify(self) -> None:
+        """Check every byte of the file, and that every part of every run decodes; errors as of other animations."""
+        with self._naming_the_file():
+            self._core.verify()
+        _ = self._remarks
+        for run in self.runs:
+            assert isinstance(run, Animation)
+            run.verify()
