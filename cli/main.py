@@ -31,6 +31,7 @@ TRACEBACK_VARIABLE = "PDECODEC_TRACEBACK"
 
 
 COMMANDS = (
+    "batch",
     "coefficients",
     "compare",
     "convert",

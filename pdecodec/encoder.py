@@ -368,9 +368,7 @@ class AutoEncoder(Encoder):
 
     def _group_ranges(self) -> list[tuple[int, int]]:
         frames = self._sequence.frame_count
-        room = GROUP_BYTES // (24 * max(1, self._sequence.vertex_count))
-        longest = min(max(room, SHORTEST_GROUP), LONGEST_GROUP)
-        count = -(-frames // longest)
+        count = -(-frames // group_frames(self._sequence.vertex_count))
         edges = [frames * k // count for k in range(count + 1)]
         return list(itertools.pairwise(edges))
 
@@ -391,6 +389,11 @@ class AutoEncoder(Encoder):
             carried = f"{most} functions of time"
         groups = "" if len(entries) == 1 else f" in {len(entries)} groups of frames"
         return f"{' and '.join(bases)} x {kind}: {carried}{groups}, on {where}"
+
+
+def group_frames(vertices: int) -> int:
+    """Frames of a group at most, of a mesh of so many vertices."""
+    return min(max(GROUP_BYTES // (24 * max(1, vertices)), SHORTEST_GROUP), LONGEST_GROUP)
 
 
 def _bits(parts: Sequence[FinishedGroup]) -> float:
