@@ -44,11 +44,17 @@ class Totals:
 
 def totals_of(results: Sequence[Result]) -> Totals:
     there = [result.figures for result in results if result.state in ("done", "kept")]
+
+    def total(name: str) -> float:
+        return sum(one.get(name) or 0 for one in there)
+
     return Totals(
-        len(there),
-        *(sum(int(one.get(name) or 0) for one in there) for name in ("source_bytes", "raw_bytes", "bytes")),
-        sum(float(one.get("seconds") or 0.0) for one in there),
-        dict(Counter(result.state for result in results)),
+        clips=len(there),
+        source_bytes=int(total("source_bytes")),
+        raw_bytes=int(total("raw_bytes")),
+        bytes=int(total("bytes")),
+        seconds=float(total("seconds")),
+        states=dict(Counter(result.state for result in results)),
     )
 
 

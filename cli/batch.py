@@ -80,6 +80,7 @@ def _with_options_of_clips(command: click.Command) -> click.Command:
 @click.pass_context
 def batch(
     context: click.Context,
+    /,
     *,
     clips: str,
     output: str,

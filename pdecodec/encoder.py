@@ -345,7 +345,7 @@ class AutoEncoder(Encoder):
 
     def _divided(self, fitter: GroupFitter, usual: GroupChoice) -> list[FinishedGroup]:
         """The groups that frames after the first ones are divided into."""
-        effort, basis = self._effort, self._model.basis
+        effort, basis = self._effort, self._space
         search = GroupSearch(fitter, basis)
         group = search.choose(candidates(search, usual) if effort.time_bases else [usual])
         groups = divided(group, basis) if effort.division else [group]
@@ -361,7 +361,7 @@ class AutoEncoder(Encoder):
         edges = [0, *(fitter.frames * int(end) // int(ends[-1]) for end in ends)]
         parts = [(slice(*edge), choice) for edge, (_, choice) in zip(itertools.pairwise(edges), choices, strict=True)]
         return [
-            finished((fitter.part(frames), choice), self._model.basis, self._effort)
+            finished((fitter.part(frames), choice), self._space, self._effort)
             for frames, choice in parts
             if frames.stop > frames.start
         ]
