@@ -17,8 +17,6 @@ from pdecodec.cli.options import (
     overwrite_option,
     place_options,
     read_options,
-    select_frames,
-    select_objects,
     stored_bytes,
     write_options,
 )
@@ -79,6 +77,7 @@ def _convert(
     **reading: Any,
 ) -> None:
     from pdecodec.formats import open_sequence, write_sequence
+    from pdecodec.formats.choosing import select_frames, select_objects
     from pdecodec.formats.companions import input_files
     from pdecodec.formats.scene_space import place, velocities_of
 

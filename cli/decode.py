@@ -21,8 +21,6 @@ from pdecodec.cli.options import (
     parse_bytes,
     place_options,
     refuse_pdeanim,
-    select_frames,
-    select_objects,
     stored_bytes,
     write_options,
 )
@@ -112,6 +110,7 @@ def _decode(
 ) -> None:
     from pdecodec.decoder import DecodeLimits, open_animation
     from pdecodec.formats import write_sequence
+    from pdecodec.formats.choosing import select_objects
     from pdecodec.formats.companions import output_files
     from pdecodec.formats.scene_space import place
     from pdecodec.resample import sampled
@@ -231,6 +230,7 @@ def _chosen(
     outside: Outside,
 ) -> MeshSequence:
     """The animation at the times or frames asked for."""
+    from pdecodec.formats.choosing import select_frames
     from pdecodec.resample import sampled, times_at_rate
 
     if fps is not None:

@@ -17,8 +17,6 @@ from pdecodec.cli.options import (
     parse_bytes,
     place_options,
     read_options,
-    select_frames,
-    select_objects,
     stored_bytes,
 )
 from pdecodec.errors import SettingsError, naming_file
@@ -146,6 +144,7 @@ def _encode(
 ) -> None:
     from pdecodec.encoder import encode as encode_sequence
     from pdecodec.formats import open_sequence
+    from pdecodec.formats.choosing import select_frames, select_objects
     from pdecodec.formats.companions import input_files
     from pdecodec.formats.scene_space import place
     from pdecodec.ratecontrol import encode_to_rms, encode_to_size

@@ -31,14 +31,17 @@ TRACEBACK_VARIABLE = "PDECODEC_TRACEBACK"
 
 
 COMMANDS = (
+    "batch",
     "coefficients",
     "compare",
     "convert",
+    "cut",
     "decode",
     "demo",
     "encode",
     "formats",
     "info",
+    "join",
     "report",
     "reproduce",
     "simulate",

@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
-from fnmatch import fnmatchcase
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from pdecodec.cli.console import set_loudness
-from pdecodec.errors import InputError, SettingsError, naming_file
-
-if TYPE_CHECKING:
-    from pdecodec.sequence import MeshSequence
-
-FRAME_SLICE = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
-"""``A:B:STEP``, each part optional, as Python writes a slice."""
+from pdecodec.errors import InputError, SettingsError
 
 BYTE_POWERS = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
 
@@ -150,82 +142,6 @@ def place_options(command: Callable[..., None]) -> Callable[..., None]:
     for option in reversed(_PLACE_OPTIONS):
         command = option(command)
     return command
-
-
-def select_objects(sequence: MeshSequence, names: Sequence[str], source: str) -> MeshSequence:
-    """The objects that `--object` asks for; all of them where it does not.
-
-    Raises
-    ------
-    InputError
-        If there is no object of one of the names in `source`.
-    """
-    from pdecodec.selection import ObjectSelection
-
-    if not names:
-        return sequence
-    if len(sequence.runs) > 1:
-        raise SettingsError("--object is for sequences whose connectivity is constant, and this one's changes")
-    known = [item.name for item in sequence.objects]
-    # A name that nothing matches goes on as it is: the selection says which names there are.
-    chosen = [full for name in names for full in _matching(name.strip("/"), known) or [name]]
-    with naming_file(source):
-        return ObjectSelection(sequence, chosen)
-
-
-def _matching(name: str, known: Sequence[str]) -> list[str]:
-    """Names that one of the command line stands for: exactly, else as the end of paths, a branch, or a pattern."""
-    exact = [full for full in known if full == name]
-    return exact or [
-        full for full in known if full.endswith(f"/{name}") or full.startswith(f"{name}/") or fnmatchcase(full, name)
-    ]
-
-
-def select_frames(sequence: MeshSequence, text: str | None) -> MeshSequence:
-    """The frames that `--frames` asks for.
-
-    Raises
-    ------
-    SettingsError
-        If the text is neither notation, a frame number does not exist, or nothing is left.
-    """
-    from pdecodec.selection import select
-
-    if text is None:
-        return sequence
-    found = FRAME_SLICE.fullmatch(text.strip())
-    if found is None:
-        return select(sequence, _positions_of_numbers(sequence, text))
-    start, stop, step = (int(part) if part else None for part in found.groups())
-    if step == 0:
-        raise SettingsError(f"--frames {text}: the step must be at least 1")
-    chosen = range(sequence.frame_count)[start:stop:step]
-    if not chosen:
-        raise SettingsError(f"--frames {text}: none of the {sequence.frame_count} frames is left")
-    return select(sequence, chosen)
-
-
-def _positions_of_numbers(sequence: MeshSequence, text: str) -> list[int]:
-    import numpy as np
-    from fileseq.exceptions import FileSeqException
-    from fileseq.frameset import FrameSet
-
-    try:
-        wanted = sorted(set(FrameSet(text)))
-    except FileSeqException as error:
-        raise SettingsError(f"--frames {text}: write positions as A:B:STEP or frame numbers as 1-100x2") from error
-    if not wanted:
-        raise SettingsError(
-            f"--frames {text!r} names no frame; write positions as A:B:STEP or frame numbers as 1-100x2"
-        )
-    numbers = np.rint(sequence.times * sequence.fps).astype(np.int64).tolist()
-    position_of = dict(zip(numbers, range(len(numbers)), strict=True))
-    missing = [number for number in wanted if number not in position_of]
-    if missing:
-        raise SettingsError(
-            f"--frames {text}: there is no frame number {missing[0]}; they run from {numbers[0]} to {numbers[-1]}"
-        )
-    return [position_of[number] for number in wanted]
 
 
 def refuse_pdeanim(output: str, instead: str) -> None:

@@ -21,7 +21,7 @@ NAMED_PROFILES = ("auto", "paper")
 """Those of :data:`pdecodec.report.clips.measuring.PROFILES`, which a help page should not load."""
 
 
-def _share(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
+def parse_share(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
     """Click callback: ``5%`` or ``5``, as 0.05."""
     if value is None:
         return None
@@ -69,7 +69,7 @@ def _share(context: click.Context, parameter: click.Parameter, value: str | None
 @click.option("--compare", metavar="OLD.json", help="Tell what got better and worse since this report.json.")
 @click.option(
     "--fail-if-larger",
-    callback=_share,
+    callback=parse_share,
     metavar="P%",
     help="With --compare: exit with 1 where a file of pdecodec's grew by more than this.",
 )

@@ -73,7 +73,7 @@ def find_frames(path: Path, extension: str) -> FrameFiles:
     if path.is_file():
         return FrameFiles((path,), None)
     if path.is_dir():
-        sequence = _only_sequence(_numbered_and_single(path, extension), path)
+        sequence = _only_sequence(sequences_in(path, extension), path)
         return _checked(sequence, path, wanted=None)
     if not is_frame_pattern(path):
         raise InputError("there is no such file; check the name", path=path)
@@ -101,7 +101,7 @@ def frames_there(pattern: Path) -> list[Path]:
 
 def _numbered(folder: Path, pattern: Any) -> list[Any]:
     """Sequences of a folder that have the extension of a pattern (a ``fileseq.FileSequence``)."""
-    found = _numbered_and_single(folder, pattern.extension().lower())
+    found = sequences_in(folder, pattern.extension().lower())
     return [one for one in found if one.extension() == pattern.extension() and one.frameSet()]
 
 
@@ -123,7 +123,14 @@ def parse_pattern(path: Path) -> Any:
         raise InputError(f"is not a frame pattern ({error}); use name.####{path.suffix}", path=path) from error
 
 
-def _numbered_and_single(folder: Path, extension: str) -> list[Any]:
+def sequences_in(folder: Path, extension: str) -> list[Any]:
+    """Numbered sequences and single files of a folder that have an extension (``fileseq.FileSequence`` each), in order.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be listed.
+    """
     from fileseq.constants import PAD_STYLE_HASH1
     from fileseq.exceptions import FileSeqException
     from fileseq.filesequence import FileSequence

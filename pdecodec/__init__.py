@@ -12,6 +12,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pdecodec.cutting import cut_animation as cut_animation
+    from pdecodec.cutting import join_animations as join_animations
     from pdecodec.decoder import Animation as Animation
     from pdecodec.decoder import DecodeLimits as DecodeLimits
     from pdecodec.decoder import open_animation as open  # noqa: F401 - __all__ is computed, ruff cannot see it there
@@ -63,9 +65,11 @@ _HOME = {
     "PaperSettings": "settings",
     "PdecodecError": "errors",
     "SettingsError": "errors",
+    "cut_animation": "cutting",
     "encode": "encoder",
     "encode_to_rms": "ratecontrol",
     "encode_to_size": "ratecontrol",
+    "join_animations": "cutting",
     "open": "decoder",
     "open_animation": "decoder",
     "open_sequence": "formats",

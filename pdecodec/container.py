@@ -7,7 +7,9 @@ import tempfile
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
+from typing import BinaryIO
 
 from pdecodec.whole_output import whole_file, write_errors
 
@@ -87,6 +89,31 @@ class Section:
 
     def pieces(self) -> Iterable[bytes]:
         return self.content.pieces() if isinstance(self.content, Spool) else (self.content,)
+
+
+@dataclass(frozen=True)
+class StoredSection:
+    """A section of a file: where it is, and CRC-32 of its bytes."""
+
+    offset: int
+    length: int
+    checksum: int
+
+
+def stored_sections(file: BinaryIO) -> list[tuple[str, StoredSection]]:
+    """The table of sections of a file that a decoder has opened, and so checked."""
+    file.seek(0)
+    count = HEADER.unpack(file.read(HEADER.size))[3]
+    found = []
+    for _ in range(count):
+        kind, flags = ENTRY_HEAD.unpack(file.read(ENTRY_HEAD.size))
+        length = int.from_bytes(file.read(flags >> LENGTH_AT), "little")
+        found.append((kind.decode("ascii"), length, *CHECKSUM.unpack(file.read(CHECKSUM.size))))
+    ends = [*accumulate((length for _, length, _ in found), initial=file.tell())]
+    return [
+        (kind, StoredSection(offset, length, checksum))
+        for offset, (kind, length, checksum) in zip(ends, found, strict=False)
+    ]
 
 
 def write_container(path: Path, sections: Sequence[Section], *, overwrite: bool = True) -> dict[str, int]:

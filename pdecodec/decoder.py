@@ -27,7 +27,7 @@ from pdecodec.reference import ReferenceFrame
 from pdecodec.resample import Outside, times_inside
 from pdecodec.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
 from pdecodec.shares import thread_count
-from pdecodec.spacebasis import SPACE_KINDS, SpaceForm, decode_space_basis
+from pdecodec.spacebasis import SPACE_KINDS, SpaceBasis, SpaceForm, decode_space_basis
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -392,18 +392,27 @@ class Animation(MeshSequence):
         if not 0 <= group < len(groups):
             raise SettingsError(f"there is no group {group}; the file has {len(groups)}, from 0 on")
         first, frames, functions, _, _, alpha = groups[group]
+        reference, space = self.reference_and_space()
         with self._naming_the_file():
-            kind, points, most, threshold, rate, is_affine, _, masks = self._core.model
-            grid, origin, step = self._core.reference()
-            reference = ReferenceFrame(grid, np.array(origin), step)
-            space = decode_space_basis(
-                SpaceForm(SPACE_KINDS[kind], points, most, threshold, rate, is_affine), masks, self.meshes, grid
-            )
             values = self._core.coefficients(group)
         return paper_form(
             reference, space, values, self.times[first : first + frames], alpha=alpha, functions=functions,
             first_frame=first,
         )  # fmt: skip
+
+    @property
+    def residual_step(self) -> float:
+        """What residuals are whole numbers of [scene units]."""
+        with self._naming_the_file():
+            return self._core.model[6]
+
+    def reference_and_space(self) -> tuple[ReferenceFrame, SpaceBasis]:
+        """The reference frame, and the functions of space, that the motion of every group is coded in."""
+        with self._naming_the_file():
+            kind, points, most, threshold, rate, is_affine, _, masks = self._core.model
+            grid, origin, step = self._core.reference()
+            form = SpaceForm(SPACE_KINDS[kind], points, most, threshold, rate, is_affine)
+            return ReferenceFrame(grid, np.array(origin), step), decode_space_basis(form, masks, self.meshes, grid)
 
     @property
     def sections(self) -> dict[str, int]:

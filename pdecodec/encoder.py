@@ -361,7 +361,7 @@ class AutoEncoder(Encoder):
 
     def _divided(self, fitter: GroupFitter, usual: GroupChoice) -> list[FinishedGroup]:
         """The groups that frames after the first ones are divided into."""
-        effort, basis = self._effort, self._model.basis
+        effort, basis = self._effort, self._space
         search = GroupSearch(fitter, basis)
         group = search.choose(candidates(search, usual) if effort.time_bases else [usual])
         groups = divided(group, basis) if effort.division else [group]
@@ -377,16 +377,14 @@ class AutoEncoder(Encoder):
         edges = [0, *(fitter.frames * int(end) // int(ends[-1]) for end in ends)]
         parts = [(slice(*edge), choice) for edge, (_, choice) in zip(itertools.pairwise(edges), choices, strict=True)]
         return [
-            finished((fitter.part(frames), choice), self._model.basis, self._effort)
+            finished((fitter.part(frames), choice), self._space, self._effort)
             for frames, choice in parts
             if frames.stop > frames.start
         ]
 
     def _group_ranges(self) -> list[tuple[int, int]]:
         frames = self._sequence.frame_count
-        room = GROUP_BYTES // (24 * max(1, self._sequence.vertex_count))
-        longest = min(max(room, SHORTEST_GROUP), LONGEST_GROUP)
-        count = -(-frames // longest)
+        count = -(-frames // group_frames(self._sequence.vertex_count))
         edges = [frames * k // count for k in range(count + 1)]
         return list(itertools.pairwise(edges))
 
@@ -407,6 +405,11 @@ class AutoEncoder(Encoder):
             carried = f"{most} functions of time"
         groups = "" if len(entries) == 1 else f" in {len(entries)} groups of frames"
         return f"{' and '.join(bases)} x {kind}: {carried}{groups}, on {where}"
+
+
+def group_frames(vertices: int) -> int:
+    """Frames of a group at most, of a mesh of so many vertices."""
+    return min(max(GROUP_BYTES // (24 * max(1, vertices)), SHORTEST_GROUP), LONGEST_GROUP)
 
 
 def _bits(parts: Sequence[FinishedGroup]) -> float:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec._core import cosine_wave
-from pdecodec.bytestream import FieldWriter
+from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.closedform import ClosedForm
 from pdecodec.shares import thread_count
 from pdecodec.spacebasis import SpaceBasis
@@ -122,6 +122,29 @@ class GroupEntry:
         writer.count(self.sizes[2])
         writer.numbers("I", self.checksum)
 
+    @classmethod
+    def read(cls, reader: FieldReader) -> GroupEntry:
+        """Undo :meth:`write`."""
+        frames, functions = reader.count(), reader.count()
+        (kind,), (step,) = reader.integers("B"), reader.reals("d")
+        basis, time_step, alpha, time_bytes = TIME_BASES[kind % DOUBLE], 0.0, 0.0, 0
+        if basis in SAMPLED_BASES:
+            (time_step,), time_bytes = reader.reals("d"), reader.count()
+        elif basis == "closed form":
+            (alpha,) = reader.reals("d")
+        sizes = (time_bytes, reader.count(), reader.count())
+        return cls(
+            frames=frames,
+            functions=functions,
+            basis=basis,
+            single=not kind & DOUBLE,
+            step=step,
+            time_step=time_step,
+            alpha=alpha,
+            sizes=sizes,
+            checksum=reader.integers("I")[0],
+        )
+
 
 CHUNK_SECTIONS = ("TIME", "COEF", "CORR")
 
@@ -132,6 +155,16 @@ def write_group_table(entries: Sequence[GroupEntry]) -> bytes:
     for entry in entries:
         entry.write(writer)
     return writer.to_bytes()
+
+
+def read_group_table(data: bytes, frames: int) -> list[GroupEntry]:
+    """The rows of a section GRUP, as many as fill so many frames."""
+    reader, entries = FieldReader(data, "GRUP"), []
+    while frames > 0:
+        entries.append(GroupEntry.read(reader))
+        frames -= entries[-1].frames
+    reader.finish()
+    return entries
 
 
 def cosines(frames: int, functions: int) -> Float64Array:

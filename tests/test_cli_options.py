@@ -10,7 +10,8 @@ import pytest
 
 from pdecodec import ArraySequence, InputError, SettingsError
 from pdecodec.cli.console import byte_size, counted, extent, ratio
-from pdecodec.cli.options import check_output, parse_bytes, select_frames, stored_bytes
+from pdecodec.cli.options import check_output, parse_bytes, stored_bytes
+from pdecodec.formats.choosing import select_frames
 from pdecodec.formats.companions import input_files
 
 OPTION = click.Option(["--max-memory"])

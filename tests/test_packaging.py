@@ -33,6 +33,7 @@ def test_the_four_folders_are_one_package() -> None:
     assert mapped == {
         "pdecodec": "pdecodec",
         "pdecodec/formats": "formats",
+        "pdecodec/batch": "batch",
         "pdecodec/report": "report",
         "pdecodec/cli": "cli",
     }
@@ -49,7 +50,7 @@ def test_the_changelog_has_a_dated_entry_for_this_version() -> None:
     assert f"## [{PROJECT['project']['version']}] - 20" in text
 
 
-@pytest.mark.parametrize("name", ["cli", "formats", "report"])
+@pytest.mark.parametrize("name", ["batch", "cli", "formats", "report"])
 def test_a_folder_imported_by_its_bare_name_says_which_name_to_use(name: str) -> None:
     result = run_python("-c", f"import {name}")
     assert result.returncode == 1

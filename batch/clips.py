@@ -1,0 +1,331 @@
+"""The clips of a batch: those that a manifest lists, a pattern matches or a folder holds, each with its options."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from glob import glob, has_magic
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal
+
+from pdecodec.errors import InputError, SettingsError
+from pdecodec.formats import list_formats
+from pdecodec.formats.companions import frame_extensions, input_files
+from pdecodec.formats.frame_files import is_frame_pattern, parse_pattern, sequences_in
+from pdecodec.settings import EncodeSettings, PaperSettings
+
+MANIFESTS = (".csv", ".json", ".jsonl")
+"""Extensions of manifests."""
+
+LIST_SEPARATOR = ";"
+"""Between the names of objects in a cell of a CSV manifest."""
+
+_PAPER = tuple(item.name for item in fields(PaperSettings))
+_CODING = tuple(item.name for item in fields(EncodeSettings) if item.name != "paper")
+_WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClipOptions:
+    """How a clip is read, placed and coded; the names are those of the options of ``pdecodec encode``.
+
+    Attributes
+    ----------
+    settings : EncodeSettings
+    rms : float or None
+        Root mean square error to encode to, over the diagonal, instead of a tolerance.
+    size : int or None
+        Largest file [bytes], instead of a tolerance.
+    frames : str or None
+        Frames to take, in the notation of ``--frames``.
+    objects : tuple of str
+        Objects to take; all where it is empty.
+    fps, mesh, clip, transforms, skip_unsupported, isolate
+        As :func:`pdecodec.open_sequence` takes them.
+    up_axis, scale, unit
+        As :func:`pdecodec.formats.scene_space.place` takes them.
+    """
+
+    settings: EncodeSettings = field(default_factory=EncodeSettings)
+    rms: float | None = None
+    size: int | None = None
+    frames: str | None = None
+    objects: tuple[str, ...] = ()
+    fps: float | None = None
+    mesh: str | None = None
+    clip: str | None = None
+    transforms: Literal["bake", "keep"] = "bake"
+    skip_unsupported: bool = False
+    isolate: bool = False
+    up_axis: str | None = None
+    scale: float = 1.0
+    unit: str | None = None
+
+    def __post_init__(self) -> None:
+        wanted = (self.settings.tolerance, self.settings.max_error, self.rms, self.size)
+        if sum(value is not None for value in wanted) > 1:
+            raise SettingsError("give one of tolerance, max_error, rms and size, not several")
+
+    def to_json(self) -> dict[str, Any]:
+        """As a JSON object, for the record of what a clip was made with."""
+        return {**asdict(self), "objects": list(self.objects)}
+
+    def with_values(self, values: Mapping[str, Any]) -> ClipOptions:
+        """With some options in place of these, by name; text is read as what the option holds.
+
+        Raises
+        ------
+        SettingsError
+            If there is no such option, or a value is none of it.
+        """
+        if not values:
+            return self
+        found = {name: _value(name, value) for name, value in values.items()}
+        own = {name: value for name, value in found.items() if name not in (*_CODING, *_PAPER)}
+        coding = {name: value for name, value in found.items() if name in _CODING}
+        if {"tolerance", "max_error", "rms", "size"} & set(found):
+            # One bound takes the place of another one.
+            coding = {"tolerance": None, "max_error": None, **coding}
+            own = {"rms": None, "size": None, **own}
+        paper = {name: value for name, value in found.items() if name in _PAPER}
+        settings = replace(self.settings, **coding, paper=replace(self.settings.paper, **paper))
+        return replace(self, settings=settings, **own)
+
+
+OPTION_NAMES = (*_CODING, *_PAPER, *(item.name for item in fields(ClipOptions) if item.name != "settings"))
+"""Every option that a clip of a manifest may have."""
+
+_KINDS: dict[str, type] = {
+    **dict.fromkeys(("tolerance", "max_error", "rms", "uv_tolerance", "alpha", "r", "fps", "scale"), float),
+    **dict.fromkeys(("size", "segment_frames", "piece_points"), int),
+    **dict.fromkeys(("skip_unsupported", "isolate"), bool),
+    "objects": tuple,
+}
+"""What options hold that is no text."""
+
+
+def _value(name: str, value: Any) -> Any:
+    if name not in OPTION_NAMES:
+        raise SettingsError(f"there is no option {name!r}; there are source, output, {', '.join(OPTION_NAMES)}")
+    if value is None:
+        return None
+    kind = _KINDS.get(name, str)
+    try:
+        if kind is tuple:
+            return tuple(value.split(LIST_SEPARATOR) if isinstance(value, str) else map(str, value))
+        if kind is bool:
+            return _WORDS[str(value).strip().lower()]
+        if kind is str and not isinstance(value, str):
+            raise ValueError
+        return kind(value)
+    except (KeyError, ValueError, TypeError) as error:
+        what = {float: "a number", int: "a whole number", bool: "true or false", tuple: "a list of names"}
+        raise SettingsError(f"{name} must be {what.get(kind, 'text')}, not {value!r}") from error
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clip:
+    """One clip: where it comes from, what its file is called, and how it is coded.
+
+    Attributes
+    ----------
+    source : str
+        A file, a frame pattern, a folder of frames.
+    output : str
+        Its file in the folder of the batch, with slashes, ending in ``.pdeanim``.
+    options : ClipOptions
+    """
+
+    source: str
+    output: str
+    options: ClipOptions = field(default_factory=ClipOptions)
+
+
+def clips_of(given: str | os.PathLike[str], options: ClipOptions | None = None) -> list[Clip]:
+    """The clips of a manifest, of a pattern or of a folder.
+
+    Parameters
+    ----------
+    given : path
+        A manifest (``.csv`` with a line of names; ``.json``, a list of objects, or an object with ``defaults`` and
+        ``clips``; ``.jsonl``, an object a line): ``source`` of each clip, ``output`` if it has one, and options by
+        name. Relative paths there are seen from the manifest. A pattern with ``*``, ``?``, ``[]`` or ``**``. A folder:
+        every clip in it and in the folders below, but ``.pdeanim`` files. Anything else is one clip.
+    options : ClipOptions, optional
+        What holds where the manifest says nothing.
+
+    Returns
+    -------
+    list of Clip
+        In order; no two have the same output.
+
+    Raises
+    ------
+    InputError
+        If nothing is there, or the manifest cannot be read.
+    SettingsError
+        If an option of a clip is wrong, or two clips would go to one file.
+    """
+    given, options = os.fspath(given), options or ClipOptions()
+    path = Path(given)
+    if path.suffix.lower() in MANIFESTS:
+        clips = list(_of_manifest(path, options))
+    elif path.is_dir():
+        clips = _named([(source, _below(source, given)) for source in _in_folder(given)], options)
+    elif has_magic(given) and not path.exists():
+        root = _fixed_part(given)
+        sources = sorted(name for name in glob(given, recursive=True) if _is_clip(name))
+        clips = _named([(source, _below(source, root)) for source in sources], options)
+    else:
+        clips = _named([(given, path.name)], options)
+    if not clips:
+        raise InputError("there is no mesh sequence; name a manifest, a pattern in quotes or a folder", path=given)
+    _check_outputs(clips)
+    return clips
+
+
+def _of_manifest(path: Path, options: ClipOptions) -> Iterator[Clip]:
+    rows = _rows(path)
+    places: list[tuple[int, Clip]] = []
+    unnamed: list[tuple[str, str]] = []
+    for number, row in rows:
+        try:
+            if not isinstance(row, Mapping):
+                raise SettingsError("is not an object with a source")
+            values = {str(name): value for name, value in row.items() if value not in (None, "")}
+            source, output = values.pop("source", None), values.pop("output", "")
+            if not isinstance(source, str) or not isinstance(output, str):
+                raise SettingsError("has no source; name the file, pattern or folder of the clip")
+            own = options.with_values(values)
+        except SettingsError as error:
+            raise SettingsError(f"clip {number}: {error.message}", path=path) from error
+        if own.mesh is not None and "mesh" in values:
+            own = replace(own, mesh=_seen_from(path, own.mesh))
+        whole = _seen_from(path, source)
+        unnamed.append((whole, _below(whole, str(path.parent))))
+        places.append((number, Clip(source=whole, output=_checked_output(output, path, number), options=own)))
+    for (_, clip), named in zip(places, _named(unnamed, options), strict=True):
+        yield clip if clip.output else replace(clip, output=named.output)
+
+
+def _rows(path: Path) -> list[tuple[int, Any]]:
+    """Clips of a manifest as they stand there, numbered from 1; those of a JSON object complete with its defaults."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        if path.suffix.lower() == ".csv":
+            found: Any = list(csv.DictReader(text.splitlines(), restkey="a column without a name", strict=True))
+        elif path.suffix.lower() == ".jsonl":
+            found = [json.loads(line) for line in text.splitlines() if line.strip()]
+        else:
+            found = json.loads(text)
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror or error}); check the name", path=path) from error
+    except (ValueError, csv.Error, RecursionError) as error:
+        raise InputError(f"is not a manifest of clips ({error}); see pdecodec batch --help", path=path) from error
+    if isinstance(found, Mapping):
+        defaults, found = found.get("defaults", {}), found.get("clips")
+        if isinstance(defaults, Mapping) and isinstance(found, list):
+            found = [{**defaults, **row} if isinstance(row, Mapping) else row for row in found]
+    if not isinstance(found, list):
+        raise InputError("is not a manifest: a list of clips, or an object with a list clips, is needed", path=path)
+    return list(enumerate(found, 1))
+
+
+def _seen_from(manifest: Path, source: str) -> str:
+    return os.path.join(manifest.parent, source)
+
+
+def _checked_output(output: str, path: Path, number: int) -> str:
+    if not output:
+        return ""
+    place = PurePosixPath(output)
+    if place.is_absolute() or ".." in place.parts or place.suffix.lower() != ".pdeanim":
+        raise SettingsError(
+            f"clip {number}: output {output!r} is no .pdeanim file in the folder of the batch; name one", path=path
+        )
+    return str(place)
+
+
+def _named(found: Sequence[tuple[str, str]], options: ClipOptions) -> list[Clip]:
+    """Clips by their places: with ``.pdeanim`` in place of the extension, behind it where two would be the same."""
+    short = [str(_stem(place)) for _, place in found]
+    counts = Counter(short)
+    return [
+        Clip(source=source, output=f"{name if counts[name] == 1 else place}.pdeanim", options=options)
+        for (source, place), name in zip(found, short, strict=True)
+    ]
+
+
+def _stem(place: str) -> PurePosixPath:
+    path = PurePosixPath(place)
+    if is_frame_pattern(Path(path.name)):
+        return path.with_name(str(parse_pattern(Path(path.name)).basename()).rstrip("._- ") or "frames")
+    known = {extension for entry in list_formats() for extension in entry.extensions}
+    return path.with_suffix("") if path.suffix.lower() in known else path
+
+
+def _below(source: str, root: str) -> str:
+    """A source as it is seen from a folder, with slashes; its name alone where it lies elsewhere."""
+    place = Path(os.path.relpath(source, root or "."))
+    if ".." in place.parts or place.is_absolute() or not place.name:
+        return Path(os.path.abspath(source)).name
+    return place.as_posix()
+
+
+def _fixed_part(pattern: str) -> str:
+    """The folders of a pattern before the first one that is none by itself."""
+    parts = Path(pattern).parts
+    fixed = next(index for index, part in enumerate(parts) if has_magic(part))
+    return str(Path(*parts[:fixed])) if fixed else "."
+
+
+def _is_clip(name: str) -> bool:
+    """Whether what a pattern matches is a clip: a file of a known format, or a folder of frames."""
+    path = Path(name)
+    if path.is_dir():
+        return bool(_frames_in(path))
+    return path.suffix.lower() in {
+        extension for entry in list_formats() if entry.reads for extension in entry.extensions
+    }
+
+
+def _in_folder(folder: str) -> list[str]:
+    """Every clip in a folder and below: files of one clip each, and sequences of frames."""
+    whole = {
+        extension
+        for entry in list_formats()
+        if entry.reads and not entry.frame_per_file and entry.name != "pdeanim"
+        for extension in entry.extensions
+    }
+    found: list[tuple[str, Path]] = []
+    companions: set[Path] = set()
+    for name, folders, files in os.walk(folder):
+        folders[:] = sorted(one for one in folders if not one.startswith("."))
+        here = Path(name)
+        for file in sorted(files):
+            if not file.startswith(".") and Path(file).suffix.lower() in whole:
+                found.append((str(here / file), here / file))
+                companions.update(one.resolve() for one in input_files(str(here / file))[1:])
+        found += _frames_in(here)
+    return sorted(source for source, first in found if first.resolve() not in companions)
+
+
+def _frames_in(folder: Path) -> list[tuple[str, Path]]:
+    """Sequences of frames in a folder, each with its first file: the folder itself where there is one alone."""
+    found = [one for extension in sorted(frame_extensions()) for one in sequences_in(folder, extension)]
+    return [(str(folder) if len(found) == 1 else str(one), Path(one[0])) for one in found]
+
+
+def _check_outputs(clips: Iterable[Clip]) -> None:
+    taken: dict[str, Clip] = {}
+    for clip in clips:
+        # Some file systems do not tell upper from lower case.
+        other = taken.setdefault(clip.output.lower(), clip)
+        if other is not clip:
+            raise SettingsError(
+                f"{other.source} and {clip.source} would both go to {clip.output}; name outputs in a manifest"
+            )

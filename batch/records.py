@@ -1,0 +1,119 @@
+"""Records of what is done: one of each clip, in a folder beside the outputs.
+
+A clip is done when its record says so, its output holds the bytes that the record names, and neither its options nor
+its source have changed. Times of files are not trusted to tell that: where size, times and place of a source are as
+they were it is taken to be the same (its change time is set by the system alone), else its bytes decide.
+
+The record is written when the file is whole, and before the file takes its place: a run that is killed in between
+leaves an output that does not fit its record, and the clip is coded again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pdecodec.errors import InputError
+from pdecodec.whole_output import partial_path, write_errors
+
+STATE_FOLDER = ".batch"
+"""In the folder of the outputs."""
+
+RECORD_VERSION = 1
+
+_ALGORITHM = "blake2b"
+
+
+def digest_of(path: Path) -> str:
+    """Of the bytes of a file; InputError where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, _ALGORITHM).hexdigest()
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror or error})", path=path) from error
+
+
+def digests_of(files: Sequence[Path]) -> list[list[str]]:
+    """Name of each file, and digest of its bytes."""
+    return [[path.name, digest_of(path)] for path in files]
+
+
+def stamp_of(files: Sequence[Path]) -> list[list[Any]]:
+    """Name, size, times and place on disk of each file: equal only where nothing was written to it."""
+    found = []
+    for path in files:
+        try:
+            status = path.stat()
+        except OSError as error:
+            raise InputError(f"cannot be read ({error.strerror or error})", path=path) from error
+        found.append([path.name, status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino])
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """What a clip was made from, and what came of it.
+
+    Attributes
+    ----------
+    source_digests : list
+        As :func:`digests_of` gives them.
+    source_stamp : list
+        As :func:`stamp_of` gives it.
+    options : dict
+        Of the clip, as JSON.
+    output_digest : str
+    replaces : str
+        Digest of the output that this one takes the place of; empty where there was none.
+    result : dict
+        Figures for the summary.
+    """
+
+    source_digests: list[list[str]]
+    source_stamp: list[list[Any]]
+    options: Mapping[str, Any]
+    output_digest: str
+    replaces: str = ""
+    result: Mapping[str, Any] = field(default_factory=dict)
+
+
+def record_path(folder: Path, output: str) -> Path:
+    """Where the record of an output is; folders by the first digits of its name's digest, so that none grows large."""
+    name = hashlib.blake2b(output.encode("utf-8", "surrogateescape"), digest_size=16).hexdigest()
+    return folder / STATE_FOLDER / name[:2] / f"{name[2:]}.json"
+
+
+def read_record(folder: Path, output: str) -> Record | None:
+    """The record of an output; None where there is none that can be read."""
+    try:
+        values = json.loads(record_path(folder, output).read_text(encoding="utf-8"))
+        if values.pop("version") != RECORD_VERSION or values.pop("output") != output:
+            return None
+        return Record(**values)
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return None
+
+
+def write_record(folder: Path, output: str, record: Record) -> None:
+    """Write the record of an output, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
+    path = record_path(folder, output)
+    partial = partial_path(path)
+    with write_errors(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            text = json.dumps({"version": RECORD_VERSION, "output": output, **vars(record)})
+            partial.write_text(text, encoding="utf-8")
+            os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)

@@ -1,0 +1,134 @@
+"""What became of a batch, for people and for programs: a table as CSV, JSON and Markdown, and growth since another."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pdecodec.batch.work import Result
+from pdecodec.errors import InputError
+from pdecodec.whole_output import whole_file
+
+SUMMARY = "summary"
+"""Name of the tables, in the folder of the outputs; the extension is the notation's."""
+
+COLUMNS = (
+    "source", "output", "state", "frames", "vertices", "source_bytes", "raw_bytes", "bytes", "ratio", "bound",
+    "max_error", "rms_error", "diagonal", "groups", "verified_error", "seconds", "message",
+)  # fmt: skip
+"""Of the CSV table: bytes, scene units, seconds."""
+
+
+@dataclass(frozen=True)
+class Totals:
+    """Of the clips that are there: how many, and what they take together [bytes, s]; and how many are of each state."""
+
+    clips: int
+    source_bytes: int
+    raw_bytes: int
+    bytes: int
+    seconds: float
+    states: Mapping[str, int]
+
+    @property
+    def ratio(self) -> float:
+        """Bytes of positions over bytes of files."""
+        return self.raw_bytes / max(1, self.bytes)
+
+
+def totals_of(results: Sequence[Result]) -> Totals:
+    there = [result.figures for result in results if result.state in ("done", "kept")]
+
+    def total(name: str) -> float:
+        return sum(one.get(name) or 0 for one in there)
+
+    return Totals(
+        clips=len(there),
+        source_bytes=int(total("source_bytes")),
+        raw_bytes=int(total("raw_bytes")),
+        bytes=int(total("bytes")),
+        seconds=float(total("seconds")),
+        states=dict(Counter(result.state for result in results)),
+    )
+
+
+def as_json(results: Sequence[Result]) -> dict[str, Any]:
+    """Totals, and every clip with all that is known of it."""
+    totals = totals_of(results)
+    return {
+        "totals": {**vars(totals), "ratio": totals.ratio},
+        "clips": [result.to_dict() for result in results],
+    }
+
+
+def as_csv(results: Iterable[Result]) -> str:
+    """A line of names and one a clip."""
+    text = io.StringIO()
+    table = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
+    table.writeheader()
+    table.writerows(result.to_dict() for result in results)
+    return text.getvalue()
+
+
+def as_markdown(results: Sequence[Result]) -> str:
+    """A table of the clips that are there, the totals, and a list of those that failed."""
+    totals = totals_of(results)
+    lines = [
+        "| clip | frames | vertices | bytes | ratio | largest error / bound | seconds |",
+        "|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    for result in results:
+        if result.state == "failed":
+            continue
+        row = result.to_dict()
+        error = row["verified_error"] if row["verified_error"] is not None else row["max_error"]
+        share = "" if error is None or not row["bound"] else f"{error / row['bound']:.4f}"
+        cells = [_cell(result.output)]
+        cells += ["" if row[name] is None else f"{row[name]:,}" for name in ("frames", "vertices", "bytes")]
+        cells += ["" if row["ratio"] is None else f"{row['ratio']:.1f}", share]
+        cells.append("" if row["seconds"] is None else f"{row['seconds']:.1f}")
+        lines.append(f"| {' | '.join(cells)} |")
+    lines.append(f"| {totals.clips:,} clips | | | {totals.bytes:,} | {totals.ratio:.1f} | | {totals.seconds:.1f} |")
+    failed = [f"- {_cell(result.message)}" for result in results if result.state == "failed"]
+    if failed:
+        lines += ["", f"Failed: {len(failed)} of {len(results):,} clips.", "", *failed]
+    return "\n".join(lines) + "\n"
+
+
+def write_summary(results: Sequence[Result], folder: Path) -> None:
+    """Write the three tables into the folder of the outputs, in place of those of an earlier run."""
+    texts = {"csv": as_csv(results), "json": json.dumps(as_json(results), indent=1), "md": as_markdown(results)}
+    for ending, text in texts.items():
+        with whole_file(folder / f"{SUMMARY}.{ending}", overwrite=True) as partial:
+            partial.write_text(text, encoding="utf-8", newline="")
+
+
+def grown(results: Iterable[Result], earlier: Path, share: float) -> list[str]:
+    """Clips whose file is larger than an earlier ``summary.json`` says by more than a share of it, a line each.
+
+    Raises
+    ------
+    InputError
+        If there is no such summary.
+    """
+    try:
+        found = json.loads(earlier.read_text(encoding="utf-8"))["clips"]
+        before = {one["output"]: int(one["bytes"]) for one in found if one["bytes"] is not None}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError("is not the summary.json of a batch; name one", path=earlier) from error
+    lines = []
+    for result in results:
+        old, new = before.get(result.output), result.figures.get("bytes")
+        if old and new is not None and new > old * (1.0 + share):
+            lines.append(f"{result.output}: {new:,} bytes, were {old:,} ({100 * (new / old - 1):+.1f} %)")
+    return lines
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")

@@ -1,0 +1,314 @@
+"""One clip of a batch, from its source to its file and its record."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from pdecodec.batch.clips import Clip, ClipOptions
+from pdecodec.batch.memory import MemoryBudget, encoding_bytes
+from pdecodec.batch.records import STATE_FOLDER, Record, digest_of, digests_of, read_record, stamp_of, write_record
+from pdecodec.encodereport import EncodeReport, generator
+from pdecodec.errors import CorruptFileError, InputError, PdecodecError
+from pdecodec.formats import open_sequence
+from pdecodec.formats.choosing import select_frames, select_objects
+from pdecodec.formats.companions import input_files
+from pdecodec.formats.scene_space import place
+from pdecodec.metrics import measure_distortion
+from pdecodec.selection import CodedOrderSequence
+from pdecodec.sequence import MeshSequence
+from pdecodec.whole_output import move_into, partial_folder, write_errors
+
+State = Literal["done", "kept", "failed", "planned"]
+
+FIGURES = (
+    "frames", "vertices", "source_bytes", "raw_bytes", "bytes", "ratio", "bound", "max_error", "rms_error", "diagonal",
+    "groups", "verified_error", "seconds", "generator", "notes",
+)  # fmt: skip
+"""What the record of a clip and its line of the summary hold, where they are known."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Work:
+    """What holds for every clip of a batch.
+
+    Attributes
+    ----------
+    folder : str
+        Where outputs go.
+    overwrite : bool
+        Whether files that are not of this batch, or were changed since, may be replaced.
+    verify : bool
+        Decode every file again, and measure it beside its source.
+    thorough : bool
+        Read every source to learn whether it is as it was, though size, times and place say so.
+    """
+
+    folder: str
+    overwrite: bool = False
+    verify: bool = False
+    thorough: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """What became of a clip.
+
+    Attributes
+    ----------
+    source, output : str
+    state : {"done", "kept", "failed", "planned"}
+        Coded now; coded before, and as it should be; not there; to be coded, in a dry run.
+    message : str
+        Of one that failed: what is wrong, in a line.
+    exit_code : int
+        Of one that failed: what the command alone would have ended with.
+    figures : dict
+        By the names of :data:`FIGURES`: bytes, scene units, seconds.
+    """
+
+    source: str
+    output: str
+    state: State
+    message: str = ""
+    exit_code: int = 0
+    figures: Mapping[str, Any] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """One flat object, ready for JSON."""
+        values = {**asdict(self), **{name: self.figures.get(name) for name in FIGURES}}
+        del values["figures"]
+        return values
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a clip that has to be coded will take: memory [bytes]."""
+
+    memory: int
+
+
+def failure(clip: Clip, error: BaseException) -> Result:
+    """The one line of a clip that ended in an error."""
+    if isinstance(error, PdecodecError):
+        message, code = str(error), error.exit_code
+    elif isinstance(error, OSError):
+        message = f"{error.filename or clip.source}: {error.strerror or error}"
+        code = InputError.exit_code
+    elif isinstance(error, MemoryError):
+        message, code = f"{clip.source}: not enough memory; take fewer jobs", InputError.exit_code
+    else:
+        message, code = f"{clip.source}: a bug in pdecodec: {type(error).__name__}: {error}; please report it", 1
+    return Result(
+        source=clip.source, output=clip.output, state="failed", message=" ".join(message.split()), exit_code=code
+    )
+
+
+def look_at(clip: Clip, work: Work) -> Result | Look:
+    """The clip's result where it needs no more work, else what it will take."""
+    try:
+        kept = _kept(clip, work)
+        if kept is not None:
+            return kept
+        with _opened(clip) as sequence:
+            return Look(encoding_bytes(sequence.frame_count, sequence.vertex_count))
+    except Exception as error:  # whatever one clip meets, the others go on
+        return failure(clip, error)
+
+
+def make_clip(clip: Clip, work: Work) -> Result:
+    """Make a clip's file and its record, whatever is there already that may be replaced."""
+    try:
+        return _made(clip, work)
+    except Exception as error:  # whatever one clip meets, the others go on
+        return failure(clip, error)
+
+
+def do_clip(clip: Clip, work: Work, budget: MemoryBudget | None = None) -> Result:
+    """Make a clip's file and its record, unless both are there.
+
+    Parameters
+    ----------
+    clip : Clip
+    work : Work
+    budget : MemoryBudget, optional
+        What clips coded beside it in this process share.
+
+    Returns
+    -------
+    Result
+        Failures, too: what went wrong is in it, nothing is raised.
+    """
+    look = look_at(clip, work)
+    if isinstance(look, Result):
+        return look
+    with nullcontext() if budget is None else budget.room(look.memory):
+        return make_clip(clip, work)
+
+
+def plan_clip(clip: Clip, work: Work) -> Result:
+    """What would become of a clip; nothing is written."""
+    try:
+        kept = _kept(clip, replace(work, verify=False))
+        if kept is not None:
+            return kept
+        with _opened(clip) as sequence:
+            figures = _extent(sequence, sum(file.stat().st_size for file in _files(clip)))
+        return Result(source=clip.source, output=clip.output, state="planned", figures=figures)
+    except Exception as error:  # whatever one clip meets, the others go on
+        return failure(clip, error)
+
+
+def _files(clip: Clip) -> tuple[Path, ...]:
+    """The files that a clip is read from; none where there are none."""
+    named = clip.source, clip.options.mesh
+    return tuple(dict.fromkeys(file for source in named if source is not None for file in input_files(source)))
+
+
+def _opened(clip: Clip) -> MeshSequence:
+    options = clip.options
+    whole = open_sequence(
+        clip.source,
+        fps=options.fps,
+        mesh=options.mesh,
+        clip=options.clip,
+        transforms=options.transforms,
+        skip_unsupported=options.skip_unsupported,
+        isolate=options.isolate,
+    )
+    try:
+        chosen = select_objects(select_frames(whole, options.frames), options.objects, clip.source)
+        return place(chosen, up_axis=options.up_axis, scale=options.scale, unit=options.unit)
+    except BaseException:
+        whole.close()
+        raise
+
+
+def _kept(clip: Clip, work: Work) -> Result | None:
+    """The result of a clip that is done; None where it has to be coded.
+
+    Raises
+    ------
+    InputError
+        If there is a file in its place that is not of this batch, and may not be replaced.
+    """
+    folder = Path(work.folder)
+    path, record = folder / clip.output, read_record(folder, clip.output)
+    if not os.path.lexists(path):
+        return None
+    written = digest_of(path)
+    if record is None or written not in (record.output_digest, record.replaces):
+        if not work.overwrite:
+            raise InputError(
+                "is there, and not as this batch wrote it; move it away, or give --overwrite to replace it", path=path
+            )
+        return None
+    files = _files(clip)
+    if written != record.output_digest or record.options != clip.options.to_json() or not files:
+        return None
+    stamp = stamp_of(files)
+    if work.thorough or stamp != record.source_stamp:
+        if digests_of(files) != record.source_digests:
+            return None
+        record = replace(record, source_stamp=stamp)
+        write_record(folder, clip.output, record)
+    if work.verify and record.result.get("verified_error") is None:
+        with _opened(clip) as sequence:
+            figures = {**record.result, "verified_error": _verified(path, sequence, clip.options, record.result)}
+        record = replace(record, result=figures)
+        write_record(folder, clip.output, record)
+    return Result(source=clip.source, output=clip.output, state="kept", figures=record.result)
+
+
+def _made(clip: Clip, work: Work) -> Result:
+    began = time.perf_counter()
+    folder = Path(work.folder)
+    path, files = folder / clip.output, _files(clip)
+    stamp = stamp_of(files)
+    with _opened(clip) as sequence:
+        with write_errors(folder):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            (folder / STATE_FOLDER).mkdir(exist_ok=True)
+        with partial_folder(folder / STATE_FOLDER / "clip") as room:
+            written = room / "clip.pdeanim"
+            report = _encoded(sequence, written, clip.options)
+            figures: dict[str, Any] = {
+                **_extent(sequence, sum(file.stat().st_size for file in files)),
+                "bytes": report.file_bytes,
+                "ratio": report.raw_bytes / report.file_bytes,
+                "bound": report.bound,
+                "max_error": report.max_error,
+                "rms_error": report.rms_error,
+                "diagonal": report.scale,
+                "groups": report.groups,
+                "generator": generator(),
+                "notes": list(sequence.notices),
+            }
+            if work.verify:
+                figures["verified_error"] = _verified(written, sequence, clip.options, figures)
+            digests = digests_of(files)
+            if stamp_of(files) != stamp:
+                raise InputError("was changed while it was read; run again", path=clip.source)
+            figures["seconds"] = time.perf_counter() - began
+            record = Record(
+                source_digests=digests,
+                source_stamp=stamp,
+                options=clip.options.to_json(),
+                output_digest=digest_of(written),
+                replaces=digest_of(path) if path.exists() else "",
+                result=figures,
+            )
+            write_record(folder, clip.output, record)
+            with write_errors(path):
+                move_into(written, path, overwrite=work.overwrite or bool(record.replaces))
+    return Result(source=clip.source, output=clip.output, state="done", figures=figures)
+
+
+def _extent(sequence: MeshSequence, source_bytes: int) -> dict[str, Any]:
+    frames, vertices = sequence.frame_count, sequence.vertex_count
+    return {
+        "frames": frames,
+        "vertices": vertices,
+        "source_bytes": source_bytes,
+        "raw_bytes": 12 * frames * vertices,
+    }
+
+
+def _encoded(sequence: MeshSequence, path: Path, options: ClipOptions) -> EncodeReport:
+    from pdecodec.encoder import encode
+    from pdecodec.ratecontrol import encode_to_rms, encode_to_size
+
+    if options.size is not None:
+        return encode_to_size(sequence, options.size, path, options.settings)
+    if options.rms is not None:
+        return encode_to_rms(sequence, options.rms, path, options.settings)
+    return encode(sequence, path, options.settings)
+
+
+def _verified(path: Path, sequence: MeshSequence, options: ClipOptions, figures: Mapping[str, Any]) -> float:
+    """Largest distance [scene units] of what a file decodes to from what it was made from.
+
+    Raises
+    ------
+    CorruptFileError
+        If it does not decode, is of another mesh or other times, or breaks its bound.
+    """
+    from pdecodec.decoder import open_animation
+
+    reference = CodedOrderSequence(sequence) if options.settings.order == "free" else sequence
+    with open_animation(path) as decoded:
+        decoded.verify()
+        if not decoded.connectivity.same_as(reference.connectivity):
+            raise CorruptFileError("decodes to other faces than its source has; encode it again", path=path)
+        if decoded.times.tolist() != reference.times.tolist():
+            raise CorruptFileError("decodes to other times than its source has; encode it again", path=path)
+        found = measure_distortion(reference, decoded).max_error
+    bound = figures.get("bound")
+    if bound is not None and found > bound:
+        raise CorruptFileError(f"decodes {found:g} off its source, above its bound of {bound:g}", path=path)
+    return found

@@ -1,0 +1,211 @@
+"""`pdecodec batch`: every clip of a manifest, a pattern or a folder, resumable, several at once."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from pdecodec.cli.console import byte_size, counted, print_json, progress_bar, ratio, say, visible
+from pdecodec.cli.encode import encode
+from pdecodec.cli.options import json_option, loudness_options, parse_bytes
+from pdecodec.cli.report import parse_share
+from pdecodec.errors import InputError, SettingsError
+
+if TYPE_CHECKING:
+    from pdecodec.batch.clips import Clip, ClipOptions
+    from pdecodec.batch.work import Result, Work
+
+SAID_EVERY = 30.0
+"""Seconds between lines that say how far a batch is, where there is no terminal for a bar."""
+
+_OF_CLIPS = (
+    "tolerance", "max_error", "rms", "size", "profile", "segment_frames", "piece_points", "alpha", "r", "uv_tolerance",
+    "order", "effort", "frames", "objects", "fps", "mesh", "clip", "transforms", "skip_unsupported", "isolate",
+    "up_axis", "scale", "unit",
+)  # fmt: skip
+"""Options of `encode` that hold for every clip whose manifest says nothing else."""
+
+PART = re.compile(r"(\d+)/(\d+)")
+
+
+def _part(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
+    """Click callback: ``3/40``."""
+    if value is None:
+        return None
+    found = PART.fullmatch(value.strip())
+    if found is None or not 1 <= int(found[1]) <= int(found[2]):
+        raise click.BadParameter(f"{value!r} is not a part such as 3/40", context, parameter)
+    return int(found[1]), int(found[2])
+
+
+def _with_options_of_clips(command: click.Command) -> click.Command:
+    at = next(index for index, one in enumerate(command.params) if one.name == "output") + 1
+    command.params[at:at] = [one for one in encode.params if one.name in _OF_CLIPS]
+    return command
+
+
+@_with_options_of_clips
+@click.command()
+@click.argument("clips", metavar="MANIFEST|PATTERN|FOLDER")
+@click.option("-o", "--output", required=True, metavar="DIR", help="Folder for the files; made where it is not there.")
+@click.option("--jobs", type=click.IntRange(1), metavar="N", help="Clips at once.  [default: one a processor]")
+@click.option(
+    "--max-memory",
+    callback=parse_bytes,
+    metavar="BYTES",
+    help="Memory that clips at once may take, by estimate; others wait.  [default: most of what is free]",
+)
+@click.option("--part", callback=_part, metavar="K/N", help="Only every N-th clip from the K-th on, for farms.")
+@click.option("--verify", is_flag=True, help="Decode every file again, and measure it beside its source.")
+@click.option(
+    "--thorough", is_flag=True, help="Read every source to learn whether it is as it was, though its times say so."
+)
+@click.option("--dry-run", is_flag=True, help="Say what would be done with each clip; write nothing.")
+@click.option("--compare", metavar="OLD.json", help="The summary.json of an earlier batch, for --fail-if-larger.")
+@click.option(
+    "--fail-if-larger",
+    callback=parse_share,
+    metavar="P%",
+    help="With --compare: exit with 1 where a file grew by more than this.",
+)
+@click.option("-y", "--overwrite", is_flag=True, help="Replace files in DIR that are not of this batch.")
+@loudness_options
+@json_option
+@click.pass_context
+def batch(
+    context: click.Context,
+    /,
+    *,
+    clips: str,
+    output: str,
+    jobs: int | None,
+    max_memory: int | None,
+    part: tuple[int, int] | None,
+    verify: bool,
+    thorough: bool,
+    dry_run: bool,
+    compare: str | None,
+    fail_if_larger: float | None,
+    overwrite: bool,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Encode every clip of a manifest, a pattern or a folder.
+
+    MANIFEST is a .csv, .json or .jsonl file with a source for each clip, an output if it is not to be named after it,
+    and any option of a clip under its name here (tolerance, fps, up_axis); options given here hold for the others.
+    A PATTERN stands in quotes ('shots/**/*.abc'). Of a FOLDER every clip in it and below is taken.
+
+    A run that was cut off goes on where it was: a clip is done when its file is whole, and its options and its source
+    are those that it was made with (DIR/.batch keeps what is needed to tell). A clip that fails is said in one line,
+    and the others go on. DIR gets a summary: summary.csv, summary.json, summary.md.
+
+    The exit code is 1 when a clip failed, or a file grew.
+    """
+    from pdecodec.batch.clips import clips_of
+    from pdecodec.batch.summary import as_json as summary_json
+    from pdecodec.batch.summary import grown, totals_of, write_summary
+    from pdecodec.batch.work import Work
+
+    if fail_if_larger is not None and compare is None:
+        raise SettingsError("--fail-if-larger needs --compare, to know what files were before")
+    chosen = clips_of(clips, _clip_options(options))
+    if part is not None:
+        chosen = chosen[part[0] - 1 :: part[1]]
+    work = Work(folder=output, overwrite=overwrite, verify=verify, thorough=thorough)
+    if dry_run:
+        results = _planned(chosen, work)
+    else:
+        _make_folder(output)
+        results = _done(chosen, work, jobs, max_memory)
+        if part is None:
+            write_summary(results, Path(output))
+    if as_json:
+        print_json(summary_json(results))
+    failures = [result.message for result in results if result.state == "failed"]
+    failures += [] if fail_if_larger is None or compare is None else grown(results, Path(compare), fail_if_larger)
+    for failure in failures:
+        say(f"failed: {failure}")
+    totals = totals_of(results)
+    states = ", ".join(f"{count:,} {state}" for state, count in sorted(totals.states.items()))
+    sizes = f"in {byte_size(totals.source_bytes)} ({byte_size(totals.raw_bytes)} of positions) -> "
+    sizes += f"out {byte_size(totals.bytes)} ({ratio(totals.raw_bytes, totals.bytes)})"
+    say(f"{counted(len(results), 'clip')}: {states}" + (f"; {sizes}" if totals.clips else ""))
+    if failures:
+        context.exit(1)
+
+
+def _clip_options(given: dict[str, Any]) -> ClipOptions:
+    from pdecodec.batch.clips import ClipOptions
+
+    try:
+        return ClipOptions().with_values({name: value for name, value in given.items() if value is not None})
+    except SettingsError as error:
+        # The library names its settings, which are options here.
+        name, _, rest = error.message.partition(" ")
+        if name not in given:
+            raise
+        raise SettingsError(f"--{name.replace('_', '-')} {rest}") from error
+
+
+def _make_folder(folder: str) -> None:
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"this folder cannot be made ({error.strerror or error})", path=folder) from error
+
+
+def _planned(clips: Sequence[Clip], work: Work) -> list[Result]:
+    """What would become of each clip, said as it is found."""
+    from pdecodec.batch.work import plan_clip
+
+    results = []
+    for clip in clips:
+        result = plan_clip(clip, work)
+        what = {"planned": "encode", "kept": "keep"}.get(result.state, "fail")
+        size = result.figures.get("source_bytes")
+        click.echo(visible(f"{what} {clip.source} -> {clip.output}" + (f" ({byte_size(size)})" if size else "")))
+        results.append(result)
+    return results
+
+
+def _done(clips: Sequence[Clip], work: Work, jobs: int | None, max_memory: int | None) -> list[Result]:
+    """Every clip done with, in the order of the manifest."""
+    from pdecodec.batch.local import run_local
+
+    found: dict[str, Result] = {}
+    with _said(clips) as note:
+        for result in run_local(clips, work, jobs=jobs, max_memory=max_memory):
+            found[result.output] = result
+            note(result)
+    return [found[clip.output] for clip in clips]
+
+
+@contextmanager
+def _said(clips: Sequence[Clip]) -> Iterator[Callable[[Result], None]]:
+    """What says how far a batch is: a bar on a terminal, else a line now and then, with an estimate of what is left."""
+    began = said = time.monotonic()
+    done = kept = 0
+    with progress_bar() as progress:
+
+        def note(result: Result) -> None:
+            nonlocal done, kept, said
+            done, kept = done + 1, kept + (result.state == "kept")
+            size = result.figures.get("bytes")
+            what = result.message if result.state == "failed" else f"{byte_size(size or 0)}, {result.state}"
+            say(f"{result.output}: {what}", level=1)
+            if progress is not None:
+                progress(done, len(clips), "clips")
+            elif time.monotonic() - said >= SAID_EVERY:
+                said = time.monotonic()
+                # What was there already says nothing of how long a clip takes.
+                left = (said - began) / max(1, done - kept) * (len(clips) - done)
+                say(f"{done:,} of {counted(len(clips), 'clip')}, {left / 60:.0f} minutes left")
+
+        yield note

@@ -1,0 +1,203 @@
+"""`pdecodec cut` and `pdecodec join`: parts of files, and files one after the other, as they are coded."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from pdecodec.cli.console import byte_size, counted, print_json, progress_bar, say, say_notices
+from pdecodec.cli.options import (
+    check_apart,
+    json_option,
+    loudness_options,
+    output_option,
+    overwrite_option,
+    read_options,
+)
+from pdecodec.errors import SettingsError
+
+if TYPE_CHECKING:
+    from pdecodec.cutting import CutReport
+    from pdecodec.decoder import Animation
+    from pdecodec.formats.registry import Transforms
+
+SPAN = re.compile(r"\s*(?P<begin>[^:]*?)\s*:\s*(?P<end>[^:]*?)\s*")
+"""``A:B``, each part optional."""
+
+effort_option = click.option(
+    "--effort",
+    type=click.Choice(["fast", "default", "best"]),
+    default="default",
+    show_default=True,
+    help="Of frames that are coded.",
+)
+
+
+@click.command()
+@click.argument("source", metavar="FILE")
+@output_option
+@click.option("--frames", metavar="A:B", help="These frames, counted from 0, B excluded, as a Python slice.")
+@click.option("--times", metavar="A:B", help="Frames at these times and between [s].")
+@click.option("--recode", is_flag=True, help="Where a group of frames is cut through, code its frames again.")
+@effort_option
+@overwrite_option
+@loudness_options
+@json_option
+def cut(
+    *,
+    source: str,
+    output: str,
+    frames: str | None,
+    times: str | None,
+    recode: bool,
+    effort: str,
+    overwrite: bool,
+    as_json: bool,
+) -> None:
+    """Write some consecutive frames of a .pdeanim file as a file of their own, as they are coded.
+
+    Frames are coded in groups, and cuts are made between them: elsewhere a cut is refused, and the nearest places are
+    named; or with --recode the frames of a group that is cut through are coded again, from what they decode to, within
+    the bound of the file. All other frames decode to the very same positions. Between frames positions follow a spline
+    through all frames of the file: near a cut it is another one.
+    """
+    from pdecodec.cutting import cut_animation
+    from pdecodec.decoder import open_animation
+
+    if (frames is None) == (times is None):
+        raise SettingsError("give either --frames or --times")
+    _check_output(output, [source])
+    with open_animation(source) as animation:
+        first, end = _frames(animation, frames) if times is None else _frames_at(animation, times)
+    with progress_bar() as progress:
+        report = cut_animation(
+            source, output, first, end, recode=recode, effort=effort, overwrite=overwrite, progress=progress
+        )  # type: ignore[call-overload]
+    _tell(report, output, as_json=as_json)
+
+
+@click.command()
+@click.argument("source", metavar="A")
+@click.argument("others", metavar="B...", nargs=-1, required=True)
+@output_option
+@click.option("--shift", is_flag=True, help="Move the times of each B to one frame after what is before it.")
+@click.option(
+    "--recode", is_flag=True, help="Code frames of a .pdeanim of another model again; the bounds add up for them."
+)
+@effort_option
+@read_options
+@overwrite_option
+@loudness_options
+@json_option
+def join(
+    *,
+    source: str,
+    others: tuple[str, ...],
+    output: str,
+    shift: bool,
+    recode: bool,
+    effort: str,
+    fps: float | None,
+    mesh: str | None,
+    clip: str | None,
+    transforms: Transforms,
+    skip_unsupported: bool,
+    isolate: bool,
+    overwrite: bool,
+    as_json: bool,
+) -> None:
+    """Write A, a .pdeanim file, and what comes after it as one file.
+
+    B may be a .pdeanim file that was cut from the same one as A: its groups of frames are taken as they are coded. Or
+    it is a sequence of any other format, of the same mesh: its frames are coded with the reference frame, the functions
+    of space and the bound of A, and nothing of A is coded again. All frames of A decode to the very same positions.
+    """
+    from contextlib import ExitStack
+
+    from pdecodec.cutting import join_animations
+    from pdecodec.formats import open_sequence
+
+    _check_output(output, [source, *others])
+    with ExitStack() as stack:
+        coming = []
+        for other in others:
+            if other.lower().endswith(".pdeanim"):
+                coming.append(other)
+                continue
+            sequence = stack.enter_context(
+                open_sequence(
+                    other,
+                    fps=fps,
+                    mesh=mesh,
+                    clip=clip,
+                    transforms=transforms,
+                    skip_unsupported=skip_unsupported,
+                    isolate=isolate,
+                )
+            )
+            say_notices(sequence)
+            coming.append(sequence)
+        with progress_bar() as progress:
+            report = join_animations(
+                source,
+                coming,
+                output,
+                shift=shift,
+                recode=recode,
+                effort=effort,
+                overwrite=overwrite,
+                progress=progress,
+            )
+    _tell(report, output, as_json=as_json)
+
+
+def _check_output(output: str, sources: list[str]) -> None:
+    if not output.lower().endswith(".pdeanim"):
+        raise SettingsError(f"{output}: this writes .pdeanim files; for other formats use pdecodec decode")
+    check_apart(sources, [output])
+
+
+def _frames(animation: Animation, text: str | None) -> tuple[int, int]:
+    found = SPAN.fullmatch(text or "")
+    try:
+        if found is None:
+            raise ValueError
+        begin, end = (int(found[name]) if found[name] else None for name in ("begin", "end"))
+    except ValueError as error:
+        raise SettingsError(f"--frames {text}: write A:B, positions counted from 0, B excluded") from error
+    chosen = range(animation.frame_count)[begin:end]
+    if not chosen:
+        raise SettingsError(f"--frames {text}: none of the {animation.frame_count} frames is left")
+    return chosen.start, chosen.stop
+
+
+def _frames_at(animation: Animation, text: str) -> tuple[int, int]:
+    import numpy as np
+
+    found = SPAN.fullmatch(text)
+    try:
+        if found is None:
+            raise ValueError
+        begin = float(found["begin"] or animation.times[0])
+        end = float(found["end"] or animation.times[-1])
+    except ValueError as error:
+        raise SettingsError(f"--times {text}: write A:B, seconds") from error
+    first, stop = np.searchsorted(animation.times, begin, "left"), np.searchsorted(animation.times, end, "right")
+    if not first < stop:
+        raise SettingsError(
+            f"--times {text}: there is no frame; they run from {animation.times[0]:g} to {animation.times[-1]:g} s"
+        )
+    return int(first), int(stop)
+
+
+def _tell(report: CutReport, output: str, *, as_json: bool) -> None:
+    if as_json:
+        print_json({"output": output, **vars(report)})
+    again = f"; {counted(report.coded_again, 'frame')} coded" if report.coded_again else ""
+    say(
+        f"{Path(output).name}: {counted(report.frames, 'frame')} in {counted(report.groups, 'group')}, "
+        f"{report.first_time:g} to {report.last_time:g} s, {byte_size(report.file_bytes)}{again}"
+    )

@@ -1,0 +1,326 @@
+"""Batches: which clips, what is done, kept and failed, runs that are cut off, memory that clips share."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pdecodec
+from pdecodec.batch import Clip, ClipOptions, Result, Work, clips_of, do_clip, local
+from pdecodec.batch.local import run_local
+from pdecodec.batch.memory import MemoryBudget, available_memory, encoding_bytes
+from pdecodec.batch.work import make_clip
+from pdecodec.cli.main import run
+from pdecodec.errors import InputError, SettingsError
+from pdecodec.formats import write_sequence
+from pdecodec.sequence import ArraySequence, MeshObject
+from tests.mesh_cases import grid
+
+Capture = pytest.CaptureFixture[str]
+
+
+def sheet(phase: float, *, frames: int = 12, side: int = 8) -> ArraySequence:
+    """A sheet that waves."""
+    x, z = np.meshgrid(np.linspace(0, 1, side), np.linspace(0, 2, side), indexing="ij")
+    height = 0.3 * np.sin(3 * x + phase + 0.4 * np.arange(frames)[:, None, None])
+    points = np.stack(np.broadcast_arrays(x, height, z), axis=-1).reshape(frames, -1, 3)
+    return ArraySequence(points, objects=[MeshObject("sheet", grid(side, side))], fps=24)
+
+
+@pytest.fixture
+def clips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder `clips` of the working directory: clips of four formats, one below, and one that is none."""
+    monkeypatch.chdir(tmp_path)
+    folder = Path("clips")
+    for name in ("below", "walk"):
+        (folder / name).mkdir(parents=True)
+    write_sequence(sheet(0), folder / "a.npz")
+    write_sequence(sheet(1), folder / "below" / "b.h5")
+    write_sequence(sheet(2), folder / "walk" / "w.####.obj")
+    write_sequence(sheet(3), folder / "x.xdmf")
+    (folder / "bad.npz").write_bytes(b"no archive")
+    return folder
+
+
+def states(results: list[Result]) -> dict[str, str]:
+    return {result.output: result.state for result in results}
+
+
+def places(folder: str) -> dict[Path, tuple[int, int]]:
+    """Every file of a batch, where it is on the disk and when it was written."""
+    found = {file: file.stat() for file in Path(folder).rglob("*.pdeanim")}
+    return {file: (status.st_ino, status.st_mtime_ns) for file, status in found.items()}
+
+
+def done(source: Path, folder: str, **options: object) -> Result:
+    """What becomes of one clip of a file, in this process."""
+    [clip] = clips_of(source, ClipOptions().with_values(options))
+    return do_clip(clip, Work(folder=folder))
+
+
+def test_every_clip_of_a_folder_is_encoded_and_one_that_fails_is_said_in_one_line(clips: Path, capsys: Capture) -> None:
+    assert run(["batch", "clips", "-o", "out", "--jobs", "2", "--tolerance", "2e-3"]) == 1
+    words = capsys.readouterr().err.splitlines()
+    assert words[0].startswith("failed: clips/bad.npz: is not a readable NumPy archive")
+    assert words[1].startswith("5 clips: 4 done, 1 failed; in ")
+    for source, output in (("a.npz", "a"), ("below/b.h5", "below/b"), ("walk", "walk"), ("x.xdmf", "x")):
+        assert run(["encode", f"clips/{source}", "alone.pdeanim", "--tolerance", "2e-3", "-y", "-q"]) == 0
+        assert Path(f"out/{output}.pdeanim").read_bytes() == Path("alone.pdeanim").read_bytes()
+    summary = json.loads(Path("out/summary.json").read_text())
+    assert summary["totals"]["clips"] == 4
+    assert summary["totals"]["bytes"] == sum(file.stat().st_size for file in Path("out").rglob("*.pdeanim"))
+    with Path("out/summary.csv").open(newline="") as file:
+        rows = {row["output"]: row for row in csv.DictReader(file)}
+    assert rows["bad.pdeanim"]["state"] == "failed"
+    assert 0 < float(rows["a.pdeanim"]["max_error"]) <= float(rows["a.pdeanim"]["bound"])
+    assert int(rows["a.pdeanim"]["raw_bytes"]) == 12 * 12 * 64
+    assert "Failed: 1 of 5 clips." in Path("out/summary.md").read_text()
+
+
+def test_a_second_run_encodes_nothing_and_tells_the_same(clips: Path, capsys: Capture) -> None:
+    assert run(["batch", "clips", "-o", "out", "-q"]) == 1
+    before = places("out")
+    figures = json.loads(Path("out/summary.json").read_text())["totals"]
+    assert run(["batch", "clips", "-o", "out", "--json"]) == 1
+    assert places("out") == before
+    again = json.loads(capsys.readouterr().out)["totals"]
+    assert again.pop("states") == {"kept": 4, "failed": 1}
+    figures.pop("states")
+    assert again == figures
+
+
+def test_a_clip_is_done_again_when_its_options_or_its_bytes_change_and_not_when_its_times_do(clips: Path) -> None:
+    source = clips / "a.npz"
+    assert done(source, "out").state == "done"
+    os.utime(source, (1, 1))
+    assert done(source, "out").state == "kept"
+    assert done(source, "out", tolerance=1e-2).state == "done"
+    coarse = Path("out/a.pdeanim").read_bytes()
+    assert done(source, "out").state == "done"
+    assert Path("out/a.pdeanim").read_bytes() != coarse
+    # The same length and the same time: the bytes alone tell.
+    status = source.stat()
+    write_sequence(sheet(0.5), source, overwrite=True)
+    os.utime(source, ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert source.stat().st_size == status.st_size
+    assert done(source, "out").state == "done"
+    with pdecodec.open("out/a.pdeanim") as animation:
+        assert np.abs(animation.read_frames(0, 12) - sheet(0.5).points).max() < 0.01
+
+
+def test_a_frame_that_is_added_to_a_pattern_makes_it_another_source(clips: Path) -> None:
+    assert done(clips / "walk", "out").figures["frames"] == 12
+    write_sequence(sheet(2, frames=13), clips / "walk" / "w.####.obj", overwrite=True)
+    again = done(clips / "walk", "out")
+    assert (again.state, again.figures["frames"]) == ("done", 13)
+
+
+@pytest.mark.parametrize("length", [0, 100, -1])
+def test_a_file_that_is_not_as_the_batch_wrote_it_is_neither_kept_nor_lost(clips: Path, length: int) -> None:
+    assert done(clips / "a.npz", "out").state == "done"
+    path = Path("out/a.pdeanim")
+    path.write_bytes(path.read_bytes()[:length])
+    found = done(clips / "a.npz", "out")
+    assert found.state == "failed"
+    assert "out/a.pdeanim: is there, and not as this batch wrote it" in found.message
+    [clip] = clips_of(clips / "a.npz")
+    assert do_clip(clip, Work(folder="out", overwrite=True)).state == "done"
+    with pdecodec.open(path) as animation:
+        animation.verify()
+
+
+def test_a_run_that_is_killed_goes_on_where_it_was(clips: Path) -> None:
+    for number in range(8):
+        write_sequence(sheet(number, frames=40, side=16), clips / f"c{number}.npz")
+    command = [sys.executable, "-m", "pdecodec.cli", "batch", "clips/c*.npz", "-o"]
+    process = subprocess.Popen([*command, "out", "--jobs", "1"], stderr=subprocess.DEVNULL, start_new_session=True)
+    while len(list(Path("out").glob("*.pdeanim"))) < 2:
+        assert process.poll() is None
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    there = places("out")
+    assert 2 <= len(there) < 8
+    results = list(run_local(clips_of("clips/c*.npz"), Work(folder="out"), jobs=2))
+    assert sorted(states(results).values()) == ["done"] * (8 - len(there)) + ["kept"] * len(there)
+    assert there.items() <= places("out").items()
+    assert not list(Path("out/.batch").glob("*.partial"))
+    for number in range(8):
+        alone = pdecodec.encode(sheet(number, frames=40, side=16))
+        assert Path(f"out/c{number}.pdeanim").read_bytes() == alone.data
+
+
+def test_an_output_without_the_record_that_fits_it_is_coded_again(clips: Path) -> None:
+    """As where a run was killed after the record of new options was written, and before the file took its place."""
+    assert done(clips / "a.npz", "out", tolerance=1e-2).state == "done"
+    old = Path("out/a.pdeanim").read_bytes()
+    assert done(clips / "a.npz", "out").state == "done"
+    new = Path("out/a.pdeanim").read_bytes()
+    Path("out/a.pdeanim").write_bytes(old)
+    assert done(clips / "a.npz", "out").state == "done"
+    assert Path("out/a.pdeanim").read_bytes() == new
+
+
+def ends_on_the_first(clip: Clip, work: Work) -> Result:
+    """As a library that ends its process would."""
+    if clip.output == "a.pdeanim":
+        os._exit(7)
+    return make_clip(clip, work)
+
+
+def test_a_process_that_ends_is_the_failure_of_its_clip_alone(clips: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_sequence(sheet(5), clips / "c.npz")
+    monkeypatch.setattr(local, "make_clip", ends_on_the_first)
+    results = list(run_local(clips_of("clips/*.npz"), Work(folder="out"), jobs=1))
+    assert states(results) == {"a.pdeanim": "failed", "bad.pdeanim": "failed", "c.pdeanim": "done"}
+    assert results[0].message.startswith("clips/a.npz: the process that coded it ended (exit code 7)")
+
+
+def test_verifying_measures_what_the_file_decodes_to_and_finds_what_breaks_its_bound(
+    clips: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    [clip] = clips_of(clips / "a.npz")
+    assert do_clip(clip, Work(folder="out")).figures.get("verified_error") is None
+    kept = do_clip(clip, Work(folder="out", verify=True))
+    assert (kept.state, kept.figures["verified_error"]) == ("kept", pytest.approx(kept.figures["max_error"]))
+    [free] = clips_of(clips / "a.npz", ClipOptions().with_values({"order": "free"}))
+    assert do_clip(free, Work(folder="free", verify=True)).state == "done"
+    read = ArraySequence.read_frames
+    monkeypatch.setattr(pdecodec.decoder.Animation, "sample", lambda self, times, **_: read(sheet(0.1), 0, len(times)))
+    broken = do_clip(clip, Work(folder="other", verify=True))
+    assert broken.state == "failed"
+    assert "above its bound" in broken.message
+    assert not Path("other/a.pdeanim").exists()
+
+
+def test_a_manifest_gives_options_to_clips_and_names_to_outputs(clips: Path, capsys: Capture) -> None:
+    rows = [
+        {"source": "a.npz", "output": "shots/one.pdeanim", "tolerance": 1e-2, "frames": "0:6"},
+        {"source": "below/b.h5", "objects": ["sheet"], "up_axis": "Z"},
+    ]
+    Path("clips/m.json").write_text(json.dumps({"defaults": {"tolerance": 5e-3}, "clips": rows}))
+    Path("clips/m.jsonl").write_text("".join(json.dumps({"tolerance": 5e-3, **row}) + "\n" for row in rows))
+    Path("clips/m.csv").write_text(
+        "source,output,tolerance,frames,objects,up_axis\n"
+        "a.npz,shots/one.pdeanim,1e-2,0:6,,\nbelow/b.h5,,5e-3,,sheet,Z\n"
+    )
+    found = [clips_of(f"clips/m{ending}") for ending in (".json", ".jsonl", ".csv")]
+    assert found[0] == found[1] == found[2]
+    assert [clip.output for clip in found[0]] == ["shots/one.pdeanim", "below/b.pdeanim"]
+    assert [clip.options.settings.tolerance for clip in found[0]] == [1e-2, 5e-3]
+    assert run(["batch", "clips/m.csv", "-o", "out", "--max-error", "0.5"]) == 0
+    with pdecodec.open("out/shots/one.pdeanim") as animation:
+        assert animation.frame_count == 6
+        assert animation.info()["settings"]["tolerance"] == 1e-2
+    with pdecodec.open("out/below/b.pdeanim") as animation:
+        assert animation.metadata["up_axis"] == "Z"
+    assert run(["batch", "clips/a.npz", "-o", "out", "--max-error", "0.5"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ({"source": "a.npz", "tolerence": 1}, "clip 2: there is no option 'tolerence'"),
+        ({"source": "a.npz", "tolerance": "fine"}, "clip 2: tolerance must be a number, not 'fine'"),
+        ({"source": "a.npz", "tolerance": -1}, "clip 2: tolerance must be a positive number"),
+        ({"source": "a.npz", "isolate": "maybe"}, "clip 2: isolate must be true or false"),
+        ({"source": "a.npz", "size": 9, "rms": 1}, "clip 2: give one of tolerance, max_error, rms and size"),
+        ({"source": "a.npz", "output": "../a.pdeanim"}, "is no .pdeanim file in the folder of the batch"),
+        ({"source": "a.npz", "output": "B.pdeanim"}, "would both go to B.pdeanim"),
+        ({"output": "a.pdeanim"}, "clip 2: has no source"),
+        ([], "clip 2: is not an object"),
+    ],
+)
+def test_a_wrong_line_of_a_manifest_is_named_before_anything_is_done(clips: Path, row: object, words: str) -> None:
+    Path("clips/m.json").write_text(json.dumps([{"source": "b.npz"}, row]))
+    with pytest.raises(SettingsError, match=words.replace("(", "\\(")):
+        clips_of("clips/m.json")
+
+
+@pytest.mark.parametrize("text", ["{", "3", '{"clips": 1}', "\xff"])
+def test_what_is_no_manifest_is_refused(clips: Path, text: str) -> None:
+    Path("clips/m.json").write_text(text, encoding="latin-1")
+    with pytest.raises(InputError, match="is not a manifest"):
+        clips_of("clips/m.json")
+
+
+def test_clips_of_one_name_keep_their_extensions_and_files_that_others_name_are_no_clips(clips: Path) -> None:
+    write_sequence(sheet(1), clips / "a.h5")
+    write_sequence(sheet(1), clips / "p.pvd")
+    found = {clip.output: clip.source for clip in clips_of(clips)}
+    assert "x.pdeanim" in found  # and not x.h5, which is x.xdmf's
+    assert found["a.npz.pdeanim"] == "clips/a.npz"
+    assert found["a.h5.pdeanim"] == "clips/a.h5"
+    assert sorted(found) == sorted(
+        ["a.h5.pdeanim", "a.npz.pdeanim", "bad.pdeanim", "below/b.pdeanim", "p.pdeanim", "walk.pdeanim", "x.pdeanim"]
+    )
+    assert [clip.output for clip in clips_of("clips/**/*.h5")] == ["a.pdeanim", "below/b.pdeanim", "x.pdeanim"]
+    assert [clip.output for clip in clips_of("clips/walk/w.####.obj")] == ["w.pdeanim"]
+    with pytest.raises(InputError, match="there is no mesh sequence"):
+        clips_of("clips/*.abc")
+
+
+def test_a_dry_run_writes_nothing_and_parts_make_the_whole(clips: Path, capsys: Capture) -> None:
+    (clips / "bad.npz").unlink()
+    assert run(["batch", "clips", "-o", "out", "--dry-run"]) == 0
+    assert not Path("out").exists()
+    assert "encode clips/a.npz -> a.pdeanim (" in capsys.readouterr().out
+    for part in ("1/2", "2/2"):
+        assert run(["batch", "clips", "-o", "out", "--part", part, "-q"]) == 0
+    assert not Path("out/summary.json").exists()
+    assert run(["batch", "clips", "-o", "out", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["totals"]["states"] == {"kept": 4}
+    assert run(["batch", "clips", "-o", "out", "--part", "3/2"]) == 2
+
+
+def test_files_that_grew_since_an_earlier_batch_fail_the_check(clips: Path, capsys: Capture) -> None:
+    (clips / "bad.npz").unlink()
+    assert run(["batch", "clips", "-o", "old", "--tolerance", "1e-2", "-q"]) == 0
+    again = ["batch", "clips", "-o", "new", "--compare", "old/summary.json", "--fail-if-larger", "5%"]
+    assert run([*again, "--tolerance", "1e-2"]) == 0
+    assert run([*again, "--tolerance", "1e-4"]) == 1
+    assert "failed: a.pdeanim: " in capsys.readouterr().err
+    assert run(["batch", "clips", "-o", "new", "--fail-if-larger", "5%"]) == 2
+    assert run(["batch", "clips", "-o", "new", "--compare", "clips/a.npz", "--fail-if-larger", "5%"]) == 3
+
+
+def test_clips_share_the_memory_of_the_machine_in_turn() -> None:
+    budget, lock = MemoryBudget(10), threading.Lock()
+    used = most = 0
+    order = []
+
+    def take(size: int) -> None:
+        nonlocal used, most
+        with budget.room(size):
+            with lock:
+                used += size
+                most = max(most, used if size <= 10 else 0)
+                assert size <= 10 or used == size
+                order.append(size)
+            time.sleep(0.002)
+            with lock:
+                used -= size
+
+    threads = [threading.Thread(target=take, args=(size,)) for size in (4, 3, 6, 25, 1, 5, 10, 2) * 4]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(10)
+    assert most <= 10
+    assert sorted(order) == sorted((4, 3, 6, 25, 1, 5, 10, 2) * 4)
+
+
+def test_the_estimate_of_memory_grows_with_vertices_and_not_with_frames_beyond_a_group() -> None:
+    assert encoding_bytes(10**6, 20_000) == encoding_bytes(10**4, 20_000)
+    assert encoding_bytes(100, 200_000) > encoding_bytes(100, 20_000) > encoding_bytes(10, 20_000)
+    assert available_memory() > 2**20
