@@ -86,7 +86,7 @@ def _simulate(
     counts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
     if as_json:
         print_json({"output": output, "scene": name, **counts, "fps": fps, "seconds": seconds})
-    say(f"{output}: {extent(**counts)}, {seconds:.1f} s")
+    say(f"{output}: {extent(sequence)}, {seconds:.1f} s")
 
 
 for _name in SCENES:

@@ -253,6 +253,8 @@ class FrameMeshes:
         found = self._kept.get(frame)
         if found is None or len(found) != connectivity.vertex_count:
             mesh = self.mesh(frame)
+            if not len(mesh.points):
+                raise no_vertices(self.files[frame][0], frame)
             if not mesh.connectivity.same_as(connectivity):
                 raise InputError(
                     f"{_difference(mesh.connectivity, connectivity)}; the file changed while it was read",
@@ -265,7 +267,7 @@ class FrameMeshes:
     def run_starts(self) -> list[tuple[int, int]]:
         """The first frame of each run of frames that have the same faces, lines and ids, and its vertices.
 
-        A frame that cannot be read is told of when it is asked for.
+        A frame that cannot be read, or has no vertices, is told of when it is asked for; the first one here.
         """
         starts: list[tuple[int, int]] = []
         before: MeshFile | None = None
@@ -276,8 +278,10 @@ class FrameMeshes:
                 if frame == 0:
                     raise
                 continue
-            if not len(mesh.points):
+            if not len(mesh.points) and frame == 0:
                 raise no_vertices(self.files[frame][0], frame)
+            if not len(mesh.points):
+                continue
             if before is None or not mesh.continues(before):
                 starts.append((frame, len(mesh.points)))
                 before = mesh
@@ -288,11 +292,11 @@ class FrameMeshes:
 class KeptPositions(dict[int, Float32Array]):
     """Positions of frames that were read to compare them, as many as fit in a block."""
 
-    _room = BLOCK_BYTES
+    room = BLOCK_BYTES
 
     def keep(self, frame: int, points: Float32Array) -> None:
-        if points.nbytes <= self._room:
-            self._room -= points.nbytes
+        if points.nbytes <= self.room:
+            self.room -= points.nbytes
             self[frame] = points
 
 
@@ -317,8 +321,8 @@ class FrameSequence(MeshSequence):
 
 def no_vertices(path: Path, frame: int) -> InputError:
     """What is said of a frame without vertices, which no sequence has."""
-    return InputError("there are no vertices; check the file, or choose frames that have some (--frames)", path=path,
-                      frame=frame)  # fmt: skip
+    message = f"there are no vertices; check the file, or name frames that have some, as name.5-9####{path.suffix}"
+    return InputError(message, path=path, frame=frame)
 
 
 def open_frames(path: Path, extension: str, read: Callable[[Path], MeshFile], fps: float | None) -> MeshSequence:

@@ -96,7 +96,7 @@ class _ObjFrames:
         self.threads = threads or (min(MOST_THREADS, os.cpu_count() or 1) if is_large else 1)
 
     def run_starts(self) -> list[tuple[int, int]]:
-        """The first frame of each run, and its vertices. Frames that cannot be read are refused later."""
+        """The first frame of each run, and its vertices; what cannot be read is told of when it is asked for."""
         starts: list[tuple[int, int]] = []
         structure: _Structure | None = None
         frame, at_once = 0, 1

@@ -140,7 +140,7 @@ class ChangingSequence(MeshSequence):
     def _only_run(self) -> MeshSequence:
         if len(self._starts) > 1:
             raise InputError(
-                "its connectivity changes, and this takes one that does not; choose frames that share one (--frames)",
+                "its connectivity changes, and this takes one that does not; choose frames that have one (--frames)",
                 frame=int(self._starts[1]),
             )
         return self.runs[0]

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence
-from pdecodec.formats.obj_reader import PARALLEL_BYTES, ObjSequence
+from pdecodec.formats.frame_files import KeptPositions
+from pdecodec.formats.obj_reader import PARALLEL_BYTES, open_obj
 from pdecodec.sequence import Attribute, MeshObject, MeshSequence
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -276,8 +277,8 @@ def test_frames_do_not_depend_on_the_number_of_threads(tmp_path: Path):
         rows = random.normal(size=(9000, 3))
         (tmp_path / f"{frame}.obj").write_text("".join(f"v {x:.8f} {y:.8f} {z:.8f}\n" for x, y, z in rows))
     assert os.path.getsize(tmp_path / "0.obj") > PARALLEL_BYTES
-    alone = ObjSequence(tmp_path, fps=24.0, threads=1).read_frames(0, 6)
-    assert np.array_equal(alone, ObjSequence(tmp_path, fps=24.0, threads=5).read_frames(0, 6))
+    alone = open_obj(tmp_path, fps=24.0, threads=1).read_frames(0, 6)
+    assert np.array_equal(alone, open_obj(tmp_path, fps=24.0, threads=5).read_frames(0, 6))
     assert np.array_equal(alone[5], read_plainly(tmp_path / "5.obj")[0])
 
 
@@ -433,7 +434,10 @@ def test_a_frame_written_differently_is_the_same_mesh(tmp_path: Path, faces: str
         (None, "frame 1: cannot be read"),
     ],
 )
-def test_the_first_frame_that_does_not_belong_is_named(tmp_path: Path, text: str | None, message: str):
+def test_the_first_frame_that_is_another_one_when_it_is_read_is_named(
+    tmp_path: Path, text: str | None, message: str, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(KeptPositions, "room", 0)
     make_frames(tmp_path, [1, 2, 3])
     bad = tmp_path / "walk.0002.obj"
     with open_sequence(tmp_path, fps=24) as sequence:
@@ -447,8 +451,30 @@ def test_the_first_frame_that_does_not_belong_is_named(tmp_path: Path, text: str
 def test_relative_indices_are_compared_by_what_they_mean(tmp_path: Path):
     (tmp_path / "1.obj").write_text(THREE + "f -3 -2 -1\nv 0 0 1\n")
     (tmp_path / "2.obj").write_text(THREE + "v 0 0 1\nf -3 -2 -1\n")
-    with open_sequence(tmp_path, fps=24) as sequence, pytest.raises(InputError, match="has other vertices"):
-        sequence.read_frames(1, 2)
+    with open_sequence(tmp_path, fps=24) as sequence:
+        assert sequence.run_starts.tolist() == [0, 1]
+        assert [run.connectivity.face_indices.tolist() for run in sequence.runs] == [[0, 1, 2], [1, 2, 3]]
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_frames_of_the_same_faces_are_a_run(tmp_path: Path, threads: int):
+    faces = ["f 1 2 3\n"] * 4 + ["f 1 3 2\n"] + ["l 1 2 3\n"] * 2 + ["f 1 2 3\n"] * 2 + ["vt 0 0\nf 1/1 2/1 3/1\n"]
+    for frame, text in enumerate(faces):
+        (tmp_path / f"{frame}.obj").write_text(frame_text(frame, text))
+    sequence = open_obj(tmp_path, fps=24, threads=threads)
+    assert sequence.run_starts.tolist() == [0, 4, 5, 7, 9]
+    assert [len(run.objects[0].attributes) for run in sequence.runs] == [0, 0, 0, 0, 1]
+    assert [block[0, 0, 0] for first, block in sequence.blocks(1)] == list(range(10))
+
+
+def test_a_frame_that_cannot_be_read_is_told_of_when_it_is_asked_for(tmp_path: Path):
+    make_frames(tmp_path, [1, 2, 3])
+    (tmp_path / "walk.0002.obj").write_text("v 2 0\n")
+    with open_sequence(tmp_path, fps=24) as sequence:
+        assert len(sequence.read_frames(0, 1)) == 1
+        with pytest.raises(InputError, match="line 1: 'v' has an unusual count of numbers") as caught:
+            sequence.read_frames(0, 3)
+    assert caught.value.frame == 1
 
 
 UNUSUAL, NOT_THERE = "{word!r} has an unusual count of numbers", "{last!r} refers to a vertex that is not there"

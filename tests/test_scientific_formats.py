@@ -15,6 +15,7 @@ from scipy.io import netcdf_file
 
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, vtk_library, write_sequence
+from pdecodec.formats.frame_files import KeptPositions
 from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from tests.mesh_cases import connectivity_of
 from tests.scene_cases import assert_same_connectivity, scene
@@ -312,12 +313,41 @@ def test_a_damaged_ply_file_is_refused(tmp_path: Path, text: str, message: str) 
 
 
 @pytest.mark.parametrize("extension", ["vtu", "ply"])
-def test_connectivity_that_changes_is_refused_with_the_frame(tmp_path: Path, extension: str) -> None:
-    for frame, connectivity in enumerate((TRIANGLES, connectivity_of(4, [[0, 1, 2], [2, 3, 1]]))):
+def test_frames_of_the_same_faces_are_a_run(tmp_path: Path, extension: str) -> None:
+    others = connectivity_of(4, [[0, 1, 2], [2, 3, 1]])
+    parts = [TRIANGLES, TRIANGLES, others, others, TRIANGLES]
+    for frame, connectivity in enumerate(parts):
         write_sequence(clip_of(connectivity, frames=1), tmp_path / f"x.{frame}.{extension}")
     with open_sequence(tmp_path / f"x.#.{extension}", fps=24) as read:
-        with pytest.raises(InputError, match="faces or lines join other vertices") as caught:
+        assert read.run_starts.tolist() == [0, 2, 4]
+        found = [read.runs[read.run_number_of(frame)].connectivity for frame in range(5)]
+        assert all(one.same_as(part) for one, part in zip(found, parts, strict=True))
+
+
+@pytest.mark.parametrize("extension", ["vtu", "ply"])
+def test_a_file_that_changes_while_it_is_read_is_refused(
+    tmp_path: Path, extension: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(KeptPositions, "room", 0)
+    write_sequence(clip_of(TRIANGLES, frames=2), tmp_path / f"x.#.{extension}")
+    with open_sequence(tmp_path / f"x.#.{extension}", fps=24) as read:
+        other = clip_of(connectivity_of(4, [[0, 1, 2], [2, 3, 1]]), frames=1)
+        write_sequence(other, sorted(tmp_path.iterdir())[1], overwrite=True)
+        with pytest.raises(InputError, match=r"join other vertices.*changed while it was read") as caught:
             read.read_frames(0, 2)
+        assert caught.value.frame == 1
+
+
+def test_a_frame_without_vertices_is_told_of_when_it_is_asked_for(tmp_path: Path) -> None:
+    write_sequence(clip_of(TRIANGLES, frames=3), tmp_path / "x.#.ply")
+    empty = (
+        "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+    )
+    sorted(tmp_path.iterdir())[1].write_text(empty)
+    with open_sequence(tmp_path / "x.#.ply", fps=24) as read:
+        assert len(read.read_frames(2, 3)) == 1
+        with pytest.raises(InputError, match="there are no vertices") as caught:
+            read.read_frames(0, 3)
         assert caught.value.frame == 1
 
 
