@@ -104,4 +104,5 @@ def test_numbers_are_written_for_people() -> None:
     assert byte_size(10**10) == "10,000.0 MB"
     assert [ratio(42_000_000, 310_000), ratio(25, 10), ratio(12, 812)] == ["135:1", "2.5:1", "0.015:1"]
     assert [counted(count, "quad") for count in (0, 1, 2, 1200)] == ["0 quads", "1 quad", "2 quads", "1,200 quads"]
-    assert [extent(1, 1), extent(60, 19968)] == ["1 frame of 1 vertex", "60 frames of 19,968 vertices"]
+    clips = [ArraySequence(np.zeros((frames, vertices, 3), np.float32)) for frames, vertices in ((1, 1), (6, 1998))]
+    assert [extent(clip) for clip in clips] == ["1 frame of 1 vertex", "6 frames of 1,998 vertices"]
