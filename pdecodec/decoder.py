@@ -142,7 +142,12 @@ def naming_file_of(path: str, file: BinaryIO | bytes, first_frame: int = 0) -> I
 
 def _reopened(source: str | bytes, limits: DecodeLimits, run: int | None = None) -> MeshSequence:
     animation = open_animation(source, limits=limits)
-    return animation if run is None else animation.runs[run]
+    if run is None:
+        return animation
+    alone = animation.runs[run]
+    assert isinstance(alone, Animation)
+    alone._owns_file = not isinstance(source, bytes)
+    return alone
 
 
 def _core_source(file: BinaryIO | bytes) -> BinaryIO | bytes | int:
@@ -190,6 +195,7 @@ class Animation(MeshSequence):
     ) -> None:
         self.path, self.notices = path, ()
         self._file, self._origin, self._limits, self._run = file, origin, limits, run
+        self._owns_file = origin is not None and run is None
         self._core = core or open_core(file, path, limits)
         self._first_frame = 0 if run is None else self._core.runs[run][0]
         self.times, self.fps = self._core.times, self._core.fps
@@ -256,7 +262,7 @@ class Animation(MeshSequence):
 
     def close(self) -> None:
         self._core.close()
-        if self._origin is not None and self._run is None:
+        if self._owns_file:
             assert not isinstance(self._file, bytes)
             self._file.close()
 

@@ -210,6 +210,7 @@ def test_an_animation_of_runs_and_each_of_its_runs_are_pickled(tmp_path: Path) -
         assert np.array_equal(again.positions(0.01), animation.positions(0.01))
         assert np.array_equal(run.read_frames(0, 1), animation.read_frames(2, 3))
         again.close()
+        run.close()
         with pytest.raises(InputError, match="is closed"):
             again.positions(0.01)
 
