@@ -175,29 +175,34 @@ _ARRAYS: dict[str, Callable[[Any], Any]] = {
 }
 
 
-def read_extras(kind: str, schema: Any, node: Any, connectivity: Connectivity, order: NDArray[np.int64]) -> Extras:
-    """Everything constant that a shape carries; `connectivity` has faces already turned around, from `order`."""
+def read_extras(
+    kind: str, schema: Any, node: Any, connectivity: Connectivity, order: NDArray[np.int64], at: Any = None
+) -> Extras:
+    """Everything constant that a shape carries; `connectivity` has faces already turned around, from `order`.
+
+    Where a selector says `at` which sample, everything is read there, be it constant or not.
+    """
     extras = Extras(connectivity, order)
     if kind in ("mesh", "subdivision"):
         uvs = schema.getUVsParam()
         if uvs.valid() and uvs.getNumSamples():
             name = role_name(UV, uvs.getHeader().getMetaData().getSourceName() or UV, ("st",))
-            extras.add(name, *_first_sample(uvs))
-            if not uvs.isConstant():
+            extras.add(name, *_sample(uvs, at))
+            if at is None and not uvs.isConstant():
                 extras.left_out.append(f"{name} after its first sample")
         if kind == "mesh" and schema.getNormalsParam().valid() and schema.getNormalsParam().getNumSamples():
-            extras.add_normals(*_first_sample(schema.getNormalsParam()))
-        _read_face_sets(node, extras)
+            extras.add_normals(*_sample(schema.getNormalsParam(), at))
+        _read_face_sets(node, extras, at)
     if schema.getVelocitiesProperty().valid():
         extras.left_out.append("velocities")
     parameters = schema.getArbGeomParams()
     if parameters.valid():
         for index in range(parameters.getNumProperties()):
-            _read_parameter(parameters, parameters.getPropertyHeader(index), extras)
+            _read_parameter(parameters, parameters.getPropertyHeader(index), extras, at)
     return extras
 
 
-def _read_face_sets(node: Any, extras: Extras) -> None:
+def _read_face_sets(node: Any, extras: Extras, at: Any) -> None:
     found = []
     # By the tree: the schema's own list of names is sorted.
     for index in range(node.getNumChildren()):
@@ -205,7 +210,7 @@ def _read_face_sets(node: Any, extras: Extras) -> None:
             continue
         name = node.getChildHeader(index).getName()
         face_set = AbcGeom.IFaceSet(node, name)
-        members = to_numpy(face_set.getSchema().getValue().getFaces())
+        members = to_numpy(value_at(face_set.getSchema().getValue, at).getFaces())
         if members.size and not 0 <= members.min() <= members.max() < extras.connectivity.face_count:
             extras.left_out.append(f"face set {name} (it names faces that are not there)")
             continue
@@ -215,31 +220,36 @@ def _read_face_sets(node: Any, extras: Extras) -> None:
     extras.add_face_sets(found)
 
 
-def _read_parameter(parent: Any, header: Any, extras: Extras) -> None:
+def value_at(get: Callable[..., Any], at: Any) -> Any:
+    """What a getter of samples gives where a selector says, or of the first sample."""
+    return get() if at is None else get(at)
+
+
+def _read_parameter(parent: Any, header: Any, extras: Extras, at: Any) -> None:
     name = header.getName()
     kind = next((one for one in _PARAMETERS if one.matches(header)), None)
     if kind is None:
         extras.left_out.append(name)
         return
     param = kind(parent, name)
-    if param.getNumSamples() == 0 or not param.isConstant():
+    if param.getNumSamples() == 0 or (at is None and not param.isConstant()):
         extras.left_out.append(f"{name} (it changes with time)" if param.getNumSamples() else name)
         return
     if name.startswith(OWN):
-        extras.own[name.removeprefix(OWN)] = to_numpy(param.getIndexedValue().getVals())
+        extras.own[name.removeprefix(OWN)] = to_numpy(value_at(param.getIndexedValue, at).getVals())
         return
     if kind in (AbcGeom.IC3fGeomParam, AbcGeom.IC4fGeomParam):
         name = role_name(COLOR, name, ())
     elif kind is AbcGeom.IV2fGeomParam and header.getMetaData().get(NOT_UV) != "1":
         name = role_name(UV, name, ())
-    domain, values, indices = _first_sample(param)
+    domain, values, indices = _sample(param, at)
     labels = tuple(map(str, values)) if kind is AbcGeom.IStringGeomParam else ()
     extras.add(name, domain, np.arange(len(labels), dtype=np.int32) if labels else values, indices, labels)
 
 
-def _first_sample(param: Any) -> tuple[AttributeDomain, NDArray[Any], Int32Array | None]:
+def _sample(param: Any, at: Any) -> tuple[AttributeDomain, NDArray[Any], Int32Array | None]:
     """Domain, values and indices of a parameter of numbers."""
-    sample = param.getIndexedValue()
+    sample = value_at(param.getIndexedValue, at)
     values = to_numpy(sample.getVals())
     extent = param.getArrayExtent()
     if extent > 1 and values.ndim == 1 and values.size % extent == 0:

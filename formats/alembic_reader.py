@@ -11,7 +11,7 @@ integer for a time, silently: samples are always asked for by their time here.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,10 +29,18 @@ from pdecodec.formats.alembic_attributes import (
     matrix_rows,
     read_extras,
     to_numpy,
+    value_at,
 )
-from pdecodec.formats.attribute_roles import CURVE_BASIS, CURVE_WRAP, SUBDIVISION, label_attribute, reversed_corners
+from pdecodec.formats.attribute_roles import (
+    CURVE_BASIS,
+    CURVE_WRAP,
+    ID,
+    SUBDIVISION,
+    label_attribute,
+    reversed_corners,
+)
 from pdecodec.formats.registry import Transforms, read_errors
-from pdecodec.formats.scene_reading import Extras, Refusals, SceneSequence, Shape
+from pdecodec.formats.scene_reading import Extras, Refusals, SceneSequence, Shape, runs_of_scene
 from pdecodec.formats.times import (
     SAME_TIME,
     Timing,
@@ -42,7 +50,15 @@ from pdecodec.formats.times import (
     round_rate,
     snapped_times,
 )
-from pdecodec.sequence import Connectivity, Float32Array, Float64Array, check_frame_range
+from pdecodec.sequence import (
+    MAX_INDEX,
+    Connectivity,
+    Float32Array,
+    Float64Array,
+    MeshSequence,
+    Unsupported,
+    check_frame_range,
+)
 
 HDF5_IDENTIFIER = b"\x89HDF\r\n\x1a\n"
 
@@ -64,32 +80,54 @@ _DAMAGE = (RuntimeError, ArithmeticError, LookupError, MemoryError, TypeError, V
 """What the library and NumPy raise on damaged files, text that is not UTF-8 among it."""
 
 
-class AlembicSequence(SceneSequence):
-    """The geometry of an Alembic file of the Ogawa kind, which stays open until :meth:`close`.
+def open_alembic(
+    path: Path, *, fps: float | None, transforms: Transforms = "bake", skip_unsupported: bool = False
+) -> MeshSequence:
+    """Open the geometry of an Alembic file of the Ogawa kind; runs of frames where faces or ids of points change.
 
     Where `fps` is given, frames stand at that rate from the first stored time to the last, instead of at stored times.
 
     Raises
     ------
     InputError
-        If it is no such file, holds no geometry, or an object changes its connectivity.
+        If it is no such file, or holds no geometry.
     """
+    with _archive_errors(path):
+        archive = _open_archive(path)
+        scan = _Scan(Refusals(skip=skip_unsupported))
+        shapes = scan.shapes(archive)
+        notices = scan.refusals.notices(shapes)
+        times, rate, time_notices = _timing(archive, shapes, fps)
+        metadata = _metadata(archive)
+    unsupported, timing = tuple(scan.refusals.found), (times, rate, (*time_notices, *notices))
+
+    def open_run(first: int, own: Timing) -> MeshSequence:
+        with _archive_errors(path):
+            walk = _Scan(Refusals(skip=skip_unsupported), float(times[first]), scan.changes)
+            found = walk.shapes(archive) if scan.changes else shapes
+            return AlembicSequence(path, archive, found, own, transforms, metadata, unsupported)
+
+    return runs_of_scene(times, [*scan.changes.values()], timing, open_run)
+
+
+class AlembicSequence(SceneSequence):
+    """Frames of one connectivity of an Alembic file, which stays open until :meth:`close`."""
 
     def __init__(
-        self, path: Path, *, fps: float | None, transforms: Transforms = "bake", skip_unsupported: bool = False
+        self,
+        path: Path,
+        archive: Any,
+        shapes: Sequence[_Shape],
+        timing: Timing,
+        transforms: Transforms,
+        metadata: Mapping[str, str],
+        unsupported: tuple[Unsupported, ...],
     ) -> None:
-        self._path = path
+        self._path, self._archive = path, archive
+        self.times, self.fps, self.notices = timing
+        self.metadata, self.unsupported = metadata, unsupported
         with _archive_errors(path):
-            self._archive = _open_archive(path)
-            refusals = Refusals(skip=skip_unsupported)
-            shapes: list[_Shape] = []
-            _walk(self._archive.getTop(), "", (), False, shapes, refusals)
-            notices = refusals.notices(shapes)
-            self.times, self.fps, time_notices = _timing(self._archive, shapes, fps)
             self._take(shapes, transforms)
-            self.metadata = _metadata(self._archive)
-        self.unsupported = tuple(refusals.found)
-        self.notices = (*time_notices, *notices)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -207,13 +245,52 @@ def _open_archive(path: Path) -> Any:
     return Abc.IArchive(str(path))
 
 
-def _walk(
-    node: Any, path: str, chain: tuple[_Transform, ...], hidden: bool, shapes: list[_Shape], refusals: Refusals
-) -> None:
+class _Scan:
+    """A walk through the tree: the shapes that can be read, at a time or as they are first.
+
+    Parameters
+    ----------
+    refusals : Refusals
+    at : float, optional [s]
+        When connectivity that changes is looked at. Default: at first.
+    changes : dict of str to sequence of float [s], optional
+        When that of each shape changes, as an earlier walk found it.
+    """
+
+    def __init__(
+        self, refusals: Refusals, at: float | None = None, changes: dict[str, Sequence[float]] | None = None
+    ) -> None:
+        self.refusals, self._at = refusals, at
+        self.changes: dict[str, Sequence[float]] = {} if changes is None else changes
+        self.is_first = changes is None
+        self.found: list[_Shape] = []
+
+    def shapes(self, archive: Any) -> list[_Shape]:
+        """The shapes of an archive."""
+        _walk(archive.getTop(), "", (), False, self)
+        return self.found
+
+    def look(self, path: str, props: Sequence[Any], times: Float64Array) -> tuple[Any, Float64Array]:
+        """Where array properties that may change are to be read, a selector or None, and the times [s] of one's samples
+        that are of the same values of them.
+        """
+        if self.is_first and (changed := _change_times(props)):
+            self.changes[path] = changed
+        if self.is_first or path not in self.changes or self._at is None:
+            return None, times
+        edges = np.array([-np.inf, *self.changes[path], np.inf])
+        number = int(np.searchsorted(edges, self._at + SAME_TIME, side="right")) - 1
+        inside = (times >= edges[number] - SAME_TIME) & (times < edges[number + 1] - SAME_TIME)
+        own = times[inside] if inside.any() else times[:1]
+        return _select(float(own[0])), own
+
+
+def _walk(node: Any, path: str, chain: tuple[_Transform, ...], hidden: bool, scan: _Scan) -> None:
     """Open the shapes below a node of the tree, in its order; what else there is, is counted or refused.
 
     `hidden` says whether one above them is hidden.
     """
+    refusals = scan.refusals
     if path.count("/") >= MOST_LEVELS:
         refusals.refuse(path, f"more than {MOST_LEVELS} levels of objects above it")
         return
@@ -222,7 +299,7 @@ def _walk(
         inner = f"{path}/{name}" if path else name
         try:
             child = node.getChild(index)
-            _visit(child, child.getHeader(), inner, chain, hidden or _hides(child), shapes, refusals)
+            _visit(child, child.getHeader(), inner, chain, hidden or _hides(child), scan)
         except RuntimeError as error:
             reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
             refusals.refuse(inner, f"an instance or a shape that Alembic cannot open ({reason})")
@@ -243,9 +320,9 @@ def _visit(
     path: str,
     chain: tuple[_Transform, ...],
     hidden: bool,
-    shapes: list[_Shape],
-    refusals: Refusals,
+    scan: _Scan,
 ) -> None:
+    refusals = scan.refusals
     wrap = Abc.WrapExistingFlag.kWrapExisting
     if AbcGeom.IXform.matches(header):
         transform = _Transform(AbcGeom.IXform(child, wrap))
@@ -255,69 +332,61 @@ def _visit(
     elif (kind := next((kind for kind, one in _GEOMETRY.items() if one.matches(header)), None)) is not None:
         schema = _GEOMETRY[kind](child, wrap).getSchema()
         if schema.getPositionsProperty().getNumSamples():
-            before = len(shapes)
-            _open_shape(path, kind, schema, child, chain, shapes, refusals)
-            for shape in shapes[before:]:
+            before = len(scan.found)
+            _open_shape(path, kind, schema, child, chain, scan)
+            for shape in scan.found[before:]:
                 shape.hidden = hidden
     elif AbcGeom.INuPatch.matches(header):
         refusals.refuse(path, "a NURBS surface; convert it to polygons")
     elif not AbcGeom.IFaceSet.matches(header):
         schema_name = header.getMetaData().get("schema").removeprefix("AbcGeom_").partition("_")[0]
         refusals.others[_NAMES_OF_OTHERS.get(schema_name, "other object")] += 1
-    _walk(child, path, chain, hidden, shapes, refusals)
+    _walk(child, path, chain, hidden, scan)
 
 
-def _open_shape(
-    path: str,
-    kind: str,
-    schema: Any,
-    node: Any,
-    chain: tuple[_Transform, ...],
-    shapes: list[_Shape],
-    refusals: Refusals,
-) -> None:
+def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[_Transform, ...], scan: _Scan) -> None:
     """Add a shape to those that can be read, unless it is refused or has no vertices."""
-    positions = schema.getPositionsProperty()
-    times = _sample_times(positions)
+    refusals, positions = scan.refusals, schema.getPositionsProperty()
+    props = {
+        "curves": lambda: [schema.getNumVerticesProperty()],
+        "points": lambda: [schema.getIdsProperty()],
+    }.get(kind, lambda: [schema.getFaceCountsProperty(), schema.getFaceIndicesProperty()])()
+    at, times = scan.look(path, props, _sample_times(positions))
     points = Connectivity(len(positions.getValue(_select(times[0]))))
     gather = None
     if kind == "curves":
-        if _changes(path, [schema.getNumVerticesProperty()], "curves whose numbers of points change", refusals):
-            return
-        counts = to_numpy(schema.getNumVerticesProperty().getValue()).astype(np.int32)
+        counts = to_numpy(value_at(props[0].getValue, at)).astype(np.int32)
         if int(counts.sum(dtype=np.int64)) != points.vertex_count or (counts < 1).any():
             refusals.refuse(path, "curves whose numbers of points do not add up")
             return
-        extras = read_extras(kind, schema, node, points, np.zeros(0, np.int64))
+        extras = read_extras(kind, schema, node, points, np.zeros(0, np.int64), at)
         connectivity, gather = extras.curves(counts)
         _describe_curves(schema.getValue(), extras)
     elif kind == "points":
-        what = "points that come, go or change places (their ids change)"
-        if _changes(path, [schema.getIdsProperty()], what, refusals):
-            return
-        extras = read_extras(kind, schema, node, points, np.zeros(0, np.int64))
+        extras = read_extras(kind, schema, node, points, np.zeros(0, np.int64), at)
         connectivity = extras.own_lines("line_counts", "line_indices")
+        if at is not None:
+            ids = to_numpy(props[0].getValue(at)).astype(np.int64)
+            extras.add(ID, "vertex", ids if ids.size and np.abs(ids).max() > MAX_INDEX else ids.astype(np.int32), None)
     else:
-        faces = [schema.getFaceCountsProperty(), schema.getFaceIndicesProperty()]
-        if _changes(path, faces, "faces that change (heterogeneous topology)", refusals):
-            return
-        counts, indices = (to_numpy(prop.getValue()).astype(np.int32) for prop in faces)
+        counts, indices = (to_numpy(value_at(prop.getValue, at)).astype(np.int32) for prop in props)
         if int(counts.sum(dtype=np.int64)) != indices.size or (counts < 3).any():
             smallest = int(counts.min(initial=3))
             refusals.refuse(path, f"faces of {smallest} corners, or counts that do not fit the indices")
             return
         order = reversed_corners(counts)
         whole = Connectivity(points.vertex_count, face_counts=counts, face_indices=indices[order])
-        extras = read_extras(kind, schema, node, whole, order)
+        extras = read_extras(kind, schema, node, whole, order, at)
         connectivity = extras.own_lines("line_counts", "line_indices")
         if kind == "subdivision":
             scheme = schema.getValue().getSubdivisionScheme() or "catmull-clark"
             extras.attributes.append(label_attribute(SUBDIVISION, scheme))
             if any(prop.valid() for prop in (schema.getCreaseIndicesProperty(), schema.getCornerIndicesProperty())):
                 extras.left_out.append("creases and corners")
-    if connectivity.vertex_count:
-        moves = positions.getNumSamples() > 1 and not positions.isConstant()
-        shapes.append(
+    # Times are of all that changes, be it there at first or not.
+    if connectivity.vertex_count or (scan.is_first and path in scan.changes):
+        moves = path in scan.changes or (positions.getNumSamples() > 1 and not positions.isConstant())
+        scan.found.append(
             _Shape(
                 name=path,
                 connectivity=connectivity,
@@ -343,18 +412,18 @@ def _describe_curves(sample: Any, extras: Extras) -> None:
         extras.attributes.append(label_attribute(CURVE_WRAP, "periodic"))
 
 
-def _changes(path: str, props: Sequence[Any], what: str, refusals: Refusals) -> bool:
-    """Whether one of several array properties is not always what it was first; a shape of which one is, is refused."""
-    changed = []
+def _change_times(props: Sequence[Any]) -> list[float]:
+    """Times [s] from which on one of several array properties is not what it was before."""
+    changed: list[float] = []
     for prop in props:
         if prop.getNumSamples() > 1 and not prop.isConstant():
-            times = _sample_times(prop)
-            first = to_numpy(prop.getValue(_select(times[0])))
-            others = (to_numpy(prop.getValue(_select(time))) for time in times[1:])
-            changed += next(([index] for index, one in enumerate(others, 1) if not np.array_equal(one, first)), [])
-    if changed:
-        refusals.refuse(path, what, min(changed))
-    return bool(changed)
+            before = None
+            for time in _sample_times(prop).tolist():
+                now = to_numpy(prop.getValue(_select(time)))
+                if before is not None and not np.array_equal(now, before):
+                    changed.append(time)
+                before = now
+    return sorted(set(changed))
 
 
 def _timing(archive: Any, shapes: Sequence[_Shape], fps: float | None) -> Timing:

@@ -253,8 +253,6 @@ class FrameMeshes:
         found = self._kept.get(frame)
         if found is None or len(found) != connectivity.vertex_count:
             mesh = self.mesh(frame)
-            if not len(mesh.points):
-                raise no_vertices(self.files[frame][0], frame)
             if not mesh.connectivity.same_as(connectivity):
                 raise InputError(
                     f"{_difference(mesh.connectivity, connectivity)}; the file changed while it was read",
@@ -267,7 +265,7 @@ class FrameMeshes:
     def run_starts(self) -> list[tuple[int, int]]:
         """The first frame of each run of frames that have the same faces, lines and ids, and its vertices.
 
-        A frame that cannot be read, or has no vertices, is told of when it is asked for; the first one here.
+        A frame that cannot be read is told of when it is asked for; the first one here.
         """
         starts: list[tuple[int, int]] = []
         before: MeshFile | None = None
@@ -277,10 +275,6 @@ class FrameMeshes:
             except InputError:
                 if frame == 0:
                     raise
-                continue
-            if not len(mesh.points) and frame == 0:
-                raise no_vertices(self.files[frame][0], frame)
-            if not len(mesh.points):
                 continue
             if before is None or not mesh.continues(before):
                 starts.append((frame, len(mesh.points)))
@@ -319,12 +313,6 @@ class FrameSequence(MeshSequence):
         return points
 
 
-def no_vertices(path: Path, frame: int) -> InputError:
-    """What is said of a frame without vertices, which no sequence has."""
-    message = f"there are no vertices; check the file, or name frames that have some, as name.5-9####{path.suffix}"
-    return InputError(message, path=path, frame=frame)
-
-
 def open_frames(path: Path, extension: str, read: Callable[[Path], MeshFile], fps: float | None) -> MeshSequence:
     """A file, a frame pattern or a folder as a sequence; errors as of :func:`find_frames` and the first frame."""
     files = find_frames(path, extension)
@@ -345,22 +333,32 @@ def sequence_of_files(
 def runs_of_frames(
     starts: Sequence[tuple[int, int]], timing: Timing, open_run: Callable[[int, Timing], MeshSequence]
 ) -> MeshSequence:
-    """One run, or a sequence of several: first frame and vertices of each; a run is opened by its first frame."""
+    """One run, or a sequence of several: first frame and vertices of each; a run is opened by its first frame.
+
+    Those without vertices are left out, with a notice: no sequence has frames without any.
+    """
     times, fps, notices = timing
-    if len(starts) == 1:
-        return open_run(0, timing)
-    firsts, vertices = zip(*starts, strict=True)
-    ends = [*firsts[1:], times.size]
-    first = open_run(0, (times[: ends[0]], fps, notices))
+    ends = [*(first for first, _ in starts[1:]), times.size]
+    kept = [(first, end, vertices) for (first, vertices), end in zip(starts, ends, strict=True) if vertices]
+    frames = [end - first for first, end, _ in kept]
+    if not kept:
+        raise InputError("there are no vertices in any frame; check the file")
+    if sum(frames) < times.size:
+        lost = f"{times.size - sum(frames)} of {times.size} frames have no vertices and are left out"
+        notices = (*notices, f"{lost}: what came before stands still there")
+    first = open_run(kept[0][0], (times[kept[0][0] : kept[0][1]], fps, notices))
+    if len(kept) == 1:
+        return first
 
     def of(number: int) -> MeshSequence:
-        return first if number == 0 else open_run(firsts[number], (times[firsts[number] : ends[number]], fps, ()))
+        begin, end, _ = kept[number]
+        return open_run(begin, (times[begin:end], fps, ())) if number else first
 
     return ChangingSequence(
-        OpenedRuns(of, len(firsts)),
-        times=times,
-        frames=[end - begin for begin, end in zip(firsts, ends, strict=True)],
-        vertices=vertices,
+        OpenedRuns(of, len(kept)),
+        times=np.concatenate([times[begin:end] for begin, end, _ in kept]),
+        frames=frames,
+        vertices=[vertices for _, _, vertices in kept],
         fps=fps,
         metadata=first.metadata,
         notices=first.notices,

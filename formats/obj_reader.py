@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 
 from pdecodec._core import ObjScan, ObjStructure
 from pdecodec.errors import InputError
-from pdecodec.formats.frame_files import FrameFiles, KeptPositions, find_frames, no_vertices, runs_of_frames
+from pdecodec.formats.frame_files import FrameFiles, KeptPositions, find_frames, runs_of_frames
 from pdecodec.formats.normals import normal_group, read_normal_group
-from pdecodec.formats.obj_text import ObjText, read_text, scan
+from pdecodec.formats.obj_text import NoVerticesError, ObjText, read_text, scan
 from pdecodec.formats.registry import read_errors
 from pdecodec.formats.scene_writing import DEFAULT_NAME
 from pdecodec.formats.times import Timing, timing_of_numbers
@@ -104,11 +104,14 @@ class _ObjFrames:
             while frame < len(self.paths):
                 if structure is None:
                     text = read_text(self.paths[frame], frame)
-                    structure, at_once = _Structure(text, scan(text)), 1
-                    if not structure.vertices:
-                        raise no_vertices(self.paths[frame], frame)
-                    starts.append((frame, structure.vertices))
-                    self._kept.keep(frame, structure.positions)
+                    try:
+                        structure, at_once = _Structure(text, scan(text)), 1
+                        starts.append((frame, structure.vertices))
+                        self._kept.keep(frame, structure.positions)
+                    except NoVerticesError:
+                        if len(self.paths) == 1:
+                            raise
+                        starts.append((frame, 0))
                     frame += 1
                     continue
                 batch = range(frame, min(frame + at_once, len(self.paths)))
@@ -126,7 +129,7 @@ class _ObjFrames:
         points = np.empty((structure.vertices, 3), np.float32)
         try:
             structure.read_positions(self.paths[frame], frame, points)
-        except _ChangedError:
+        except (_ChangedError, NoVerticesError):
             return None
         except InputError:
             return points[:0]

@@ -34,6 +34,10 @@ _MESSAGES = {
 }
 
 
+class NoVerticesError(InputError):
+    """A file of readable text that declares no vertices."""
+
+
 def float32_of_token(token: bytes) -> np.float32 | None:
     """The float32 a token stands for, or None if it is not a number.
 
@@ -143,7 +147,7 @@ def scan(text: ObjText) -> ObjScan:
     found = ObjScan(text.data)
     if found.vertex_count == 0:
         message = "there are no vertices (v lines); is this an OBJ file?"
-        raise InputError(message, path=text.path, frame=text.frame)
+        raise NoVerticesError(message, path=text.path, frame=text.frame)
     if found.fault != ObjFault.NONE:
         counts = {"vertices": found.vertex_count, "textures": found.texture_count}
         message = _MESSAGES[found.fault].format(token=text.token(found.fault_byte), **counts)

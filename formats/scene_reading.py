@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import GROUP, MATERIAL, UV, face_groups
+from pdecodec.formats.frame_files import runs_of_frames
 from pdecodec.formats.normals import read_normal_group
 from pdecodec.formats.scene_space import apply_matrices, mirrors, transform_attribute, turned_around
+from pdecodec.formats.times import SAME_TIME, Timing
 from pdecodec.sequence import (
     Attribute,
     AttributeDomain,
@@ -134,6 +136,38 @@ class Shape:
                 frame=frame,
             )
         return points
+
+
+def runs_of_scene(
+    times: Float64Array,
+    changes: Sequence[Sequence[float]],
+    timing: Timing,
+    open_run: Callable[[int, Timing], MeshSequence],
+) -> MeshSequence:
+    """A scene whose frames stand at times [s]; of several runs where connectivity changes between two of them.
+
+    Parameters
+    ----------
+    times : (frames,) float64 [s]
+    changes : sequence of sequences of float [s]
+        When the connectivity of each object changes.
+    timing : Timing
+        Of all frames.
+    open_run : callable
+        Gives the run from a frame on, given its timing.
+    """
+    edges = np.unique(np.concatenate([np.zeros(0), *changes]))
+    numbers = np.searchsorted(edges, times + SAME_TIME, side="right")
+    firsts = np.flatnonzero(np.diff(numbers, prepend=numbers[0] - 1)).tolist()
+    if len(firsts) == 1:
+        return open_run(0, timing)
+    ends = [*firsts[1:], times.size]
+
+    def own(first: int, end: int) -> MeshSequence:
+        return open_run(first, (times[first:end], timing[1], timing[2]))
+
+    vertices = [own(first, end).vertex_count for first, end in zip(firsts, ends, strict=True)]
+    return runs_of_frames([*zip(firsts, vertices, strict=True)], timing, open_run)
 
 
 class SceneSequence(MeshSequence):

@@ -133,13 +133,42 @@ def test_visibility_of_a_real_file_is_named(shared_data: Path) -> None:
         assert read.notices == (hidden,)
 
 
-def test_faces_that_change_are_refused_with_the_object_and_the_frame(tmp_path: Path) -> None:
-    by_hand(tmp_path / "x.abc", [([3], [0, 1, 2]), ([3], [0, 1, 2]), ([4], [0, 1, 2, 3])])
-    with pytest.raises(InputError, match=r"object 'changing' has faces that change .* --skip-unsupported") as caught:
-        open_sequence(tmp_path / "x.abc")
-    assert caught.value.frame == 2
-    with pytest.raises(InputError, match="nothing is left of it: object 'changing' has faces that change"):
-        open_sequence(tmp_path / "x.abc", skip_unsupported=True)
+def test_faces_that_change_begin_a_run_of_frames(tmp_path: Path) -> None:
+    by_hand(tmp_path / "x.abc", [([3], [0, 1, 2]), ([3], [0, 1, 2]), ([4], [0, 1, 2, 3]), ([3], [0, 1, 2])])
+    with open_sequence(tmp_path / "x.abc") as read:
+        assert read.run_starts.tolist() == [0, 2, 3]
+        faces = [run.connectivity.face_indices.tolist() for run in read.runs]
+        assert faces == [[2, 1, 0], [3, 2, 1, 0], [2, 1, 0]]
+        assert [len(block) for _, block in read.blocks()] == [2, 1, 1]
+    # Between the samples of two runs the earlier one stands still.
+    with open_sequence(tmp_path / "x.abc", fps=48) as read:
+        assert read.run_starts.tolist() == [0, 4, 6]
+        points = read.runs[0].read_frames(0, 4)
+        assert np.array_equal(points[3], points[2])
+
+
+def test_particles_that_come_and_go_are_runs_and_keep_their_ids(tmp_path: Path) -> None:
+    archive = Abc.OArchive(str(tmp_path / "x.abc"))
+    sampling = archive.addTimeSampling(AbcCoreAbstract.TimeSampling(1 / 24, 0.0))
+    schema = AbcGeom.OPoints(archive.getTop(), "drops", sampling).getSchema()
+    births = [[], [0], [0, 1], [0, 1], [1, 7]]
+    for ids in births:
+        places = np.array([[number, len(ids), 0] for number in ids], np.float32).reshape(-1, 3)
+        numbers = imath.IntArrayFromBuffer(np.array(ids, np.int32)) if ids else imath.IntArray(0)
+        sample = AbcGeom.OPointsSchemaSample()
+        sample.setPositions(imath.V3fArrayFromBuffer(places) if ids else imath.V3fArray(0))
+        sample.setIds(numbers)
+        schema.set(sample)
+    del schema, archive
+    with open_sequence(tmp_path / "x.abc") as read:
+        assert "1 of 5 frames have no vertices" in read.notices[-1]
+        report = encode(read)
+    with open_animation(report.data or b"") as animation:
+        animation.verify()
+        assert animation.run_starts.tolist() == [0, 1, 3]
+        kept = [run.objects[0].attributes[0].values.tolist() for run in animation.runs]
+        assert kept == [[0], [0, 1], [1, 7]]
+        assert np.allclose(animation.positions(4 / 24)[:, 0], [1, 7], atol=0.01)
 
 
 def test_faces_that_stay_the_same_in_every_sample_are_constant(tmp_path: Path) -> None:

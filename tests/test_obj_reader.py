@@ -467,6 +467,15 @@ def test_frames_of_the_same_faces_are_a_run(tmp_path: Path, threads: int):
     assert [block[0, 0, 0] for first, block in sequence.blocks(1)] == list(range(10))
 
 
+def test_frames_without_vertices_are_left_out_and_counted(tmp_path: Path):
+    make_frames(tmp_path, [1, 2, 3])
+    (tmp_path / "walk.0002.obj").write_text("# nothing yet\n")
+    with open_sequence(tmp_path, fps=24) as sequence:
+        assert sequence.times.tolist() == [1 / 24, 3 / 24]
+        assert "1 of 3 frames have no vertices and are left out" in sequence.notices[-1]
+        assert [len(block) for _, block in sequence.blocks()] == [1, 1]
+
+
 def test_a_frame_that_cannot_be_read_is_told_of_when_it_is_asked_for(tmp_path: Path):
     make_frames(tmp_path, [1, 2, 3])
     (tmp_path / "walk.0002.obj").write_text("v 2 0\n")

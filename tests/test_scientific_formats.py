@@ -338,17 +338,18 @@ def test_a_file_that_changes_while_it_is_read_is_refused(
         assert caught.value.frame == 1
 
 
-def test_a_frame_without_vertices_is_told_of_when_it_is_asked_for(tmp_path: Path) -> None:
+def test_frames_without_vertices_are_left_out_and_counted(tmp_path: Path) -> None:
     write_sequence(clip_of(TRIANGLES, frames=3), tmp_path / "x.#.ply")
-    empty = (
-        "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
-    )
-    sorted(tmp_path.iterdir())[1].write_text(empty)
+    axes = "".join(f"property float {axis}\n" for axis in "xyz")
+    first, second, _ = sorted(tmp_path.iterdir())
+    second.write_text(f"ply\nformat ascii 1.0\nelement vertex 0\n{axes}end_header\n")
     with open_sequence(tmp_path / "x.#.ply", fps=24) as read:
-        assert len(read.read_frames(2, 3)) == 1
-        with pytest.raises(InputError, match="there are no vertices") as caught:
-            read.read_frames(0, 3)
-        assert caught.value.frame == 1
+        assert np.allclose(np.diff(read.times), 2 / 24)
+        assert [len(block) for _, block in read.blocks()] == [1, 1]
+        assert read.notices[-1].startswith("1 of 3 frames have no vertices and are left out")
+    first.write_bytes(second.read_bytes())
+    with open_sequence(tmp_path / "x.#.ply", fps=24) as read:
+        assert (read.frame_count, read.vertex_count) == (1, 4)
 
 
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
