@@ -17,6 +17,7 @@ from pdecodec.formats import list_formats
 from pdecodec.formats.companions import frame_extensions, input_files
 from pdecodec.formats.frame_files import is_frame_pattern, parse_pattern, sequences_in
 from pdecodec.settings import EncodeSettings, PaperSettings
+from pdecodec.storage import RemoteFile, is_address
 
 MANIFESTS = (".csv", ".json", ".jsonl")
 """Extensions of manifests."""
@@ -101,7 +102,7 @@ OPTION_NAMES = (*_CODING, *_PAPER, *(item.name for item in fields(ClipOptions) i
 
 _KINDS: dict[str, type] = {
     **dict.fromkeys(("tolerance", "max_error", "rms", "uv_tolerance", "alpha", "r", "fps", "scale"), float),
-    **dict.fromkeys(("size", "segment_frames", "piece_points"), int),
+    **dict.fromkeys(("size", "group_frames", "segment_frames", "piece_points"), int),
     **dict.fromkeys(("skip_unsupported", "isolate"), bool),
     "objects": tuple,
 }
@@ -174,6 +175,8 @@ def clips_of(given: str | os.PathLike[str], options: ClipOptions | None = None) 
     path = Path(given)
     if path.suffix.lower() in MANIFESTS:
         clips = list(_of_manifest(path, options))
+    elif is_address(given):
+        clips = _named([(given, _below(given, ""))], options)
     elif path.is_dir():
         clips = _named([(source, _below(source, given)) for source in _in_folder(given)], options)
     elif has_magic(given) and not path.exists():
@@ -236,7 +239,7 @@ def _rows(path: Path) -> list[tuple[int, Any]]:
 
 
 def _seen_from(manifest: Path, source: str) -> str:
-    return os.path.join(manifest.parent, source)
+    return source if is_address(source) else os.path.join(manifest.parent, source)
 
 
 def _checked_output(output: str, path: Path, number: int) -> str:
@@ -270,6 +273,8 @@ def _stem(place: str) -> PurePosixPath:
 
 def _below(source: str, root: str) -> str:
     """A source as it is seen from a folder, with slashes; its name alone where it lies elsewhere."""
+    if is_address(source):
+        return RemoteFile(source).name
     place = Path(os.path.relpath(source, root or "."))
     if ".." in place.parts or place.is_absolute() or not place.name:
         return Path(os.path.abspath(source)).name

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Condition
 
-from pdecodec.encoder import BASIS_BYTES, group_frames
+from pdecodec.encoder import BASIS_BYTES, GROUP_BYTES, group_frames
 from pdecodec.spacebasis import MOST_FUNCTIONS
 
 AVAILABLE_SHARE = 0.8
@@ -40,6 +40,13 @@ def encoding_bytes(frames: int, vertices: int) -> int:
     group = 24 * vertices * min(frames, group_frames(vertices))
     basis = min(BASIS_BYTES, 8 * MOST_FUNCTIONS * vertices)
     return FIXED_BYTES + GROUP_COPIES * group + basis + VERTEX_BYTES * vertices
+
+
+def encoding_bytes_of_file(size: int) -> int:
+    """The same of a file that cannot be looked at yet: as if all its bytes were positions."""
+    group = min(2 * size, GROUP_BYTES)
+    basis = min(BASIS_BYTES, 8 * MOST_FUNCTIONS * size // 12)
+    return FIXED_BYTES + GROUP_COPIES * group + basis
 
 
 def available_memory() -> int:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from pdecodec.errors import InputError
+from pdecodec.storage import RemoteFile, is_address
 from pdecodec.whole_output import partial_path, write_errors
 
 STATE_FOLDER = ".batch"
@@ -29,24 +30,40 @@ RECORD_VERSION = 1
 _ALGORITHM = "blake2b"
 
 
-def digest_of(path: Path) -> str:
+Place = Path | RemoteFile
+"""Where a file is: here, or at an address."""
+
+
+def place_of(folder: str, *steps: str) -> Place:
+    """A file in a folder, which may be an address."""
+    if is_address(folder):
+        return RemoteFile("/".join((folder.rstrip("/"), *steps)))
+    return Path(folder, *steps)
+
+
+def digest_of(path: Place) -> str:
     """Of the bytes of a file; InputError where it cannot be read."""
     try:
         with path.open("rb") as file:
-            return hashlib.file_digest(file, _ALGORITHM).hexdigest()
+            return hashlib.file_digest(file, _ALGORITHM).hexdigest()  # type: ignore[arg-type]
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error})", path=path) from error
 
 
-def digests_of(files: Sequence[Path]) -> list[list[str]]:
+def digests_of(files: Sequence[Place]) -> list[list[str]]:
     """Name of each file, and digest of its bytes."""
     return [[path.name, digest_of(path)] for path in files]
 
 
-def stamp_of(files: Sequence[Path]) -> list[list[Any]]:
-    """Name, size, times and place on disk of each file: equal only where nothing was written to it."""
+def stamp_of(files: Sequence[Place]) -> list[list[Any]]:
+    """Name, size, times and place on disk of each file, or what its storage says of it: equal only where nothing was
+    written to it, or where None says that nothing is known.
+    """
     found = []
     for path in files:
+        if isinstance(path, RemoteFile):
+            found.append(path.stamp())
+            continue
         try:
             status = path.stat()
         except OSError as error:
@@ -82,16 +99,18 @@ class Record:
     result: Mapping[str, Any] = field(default_factory=dict)
 
 
-def record_path(folder: Path, output: str) -> Path:
+def record_place(folder: str, output: str) -> Place:
     """Where the record of an output is; folders by the first digits of its name's digest, so that none grows large."""
     name = hashlib.blake2b(output.encode("utf-8", "surrogateescape"), digest_size=16).hexdigest()
-    return folder / STATE_FOLDER / name[:2] / f"{name[2:]}.json"
+    return place_of(folder, STATE_FOLDER, name[:2], f"{name[2:]}.json")
 
 
-def read_record(folder: Path, output: str) -> Record | None:
+def read_record(folder: str, output: str) -> Record | None:
     """The record of an output; None where there is none that can be read."""
+    place = record_place(folder, output)
     try:
-        values = json.loads(record_path(folder, output).read_text(encoding="utf-8"))
+        data = place.read_bytes() if isinstance(place, Path) else place.read() if place.exists() else b""
+        values = json.loads(data)
         if values.pop("version") != RECORD_VERSION or values.pop("output") != output:
             return None
         return Record(**values)
@@ -99,7 +118,7 @@ def read_record(folder: Path, output: str) -> Record | None:
         return None
 
 
-def write_record(folder: Path, output: str, record: Record) -> None:
+def write_record(folder: str, output: str, record: Record) -> None:
     """Write the record of an output, whole or not at all.
 
     Raises
@@ -107,12 +126,14 @@ def write_record(folder: Path, output: str, record: Record) -> None:
     InputError
         If it cannot be written.
     """
-    path = record_path(folder, output)
+    path, text = record_place(folder, output), json.dumps({"version": RECORD_VERSION, "output": output, **vars(record)})
+    if isinstance(path, RemoteFile):
+        path.write(text.encode())
+        return
     partial = partial_path(path)
     with write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            text = json.dumps({"version": RECORD_VERSION, "output": output, **vars(record)})
             partial.write_text(text, encoding="utf-8")
             os.replace(partial, path)
         finally:

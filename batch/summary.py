@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pdecodec.batch.records import place_of
 from pdecodec.batch.work import Result
 from pdecodec.errors import InputError
 from pdecodec.whole_output import whole_file
@@ -101,12 +102,16 @@ def as_markdown(results: Sequence[Result]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write_summary(results: Sequence[Result], folder: Path) -> None:
+def write_summary(results: Sequence[Result], folder: str) -> None:
     """Write the three tables into the folder of the outputs, in place of those of an earlier run."""
     texts = {"csv": as_csv(results), "json": json.dumps(as_json(results), indent=1), "md": as_markdown(results)}
     for ending, text in texts.items():
-        with whole_file(folder / f"{SUMMARY}.{ending}", overwrite=True) as partial:
-            partial.write_text(text, encoding="utf-8", newline="")
+        place = place_of(folder, f"{SUMMARY}.{ending}")
+        if isinstance(place, Path):
+            with whole_file(place, overwrite=True) as partial:
+                partial.write_text(text, encoding="utf-8", newline="")
+        else:
+            place.write(text.encode())
 
 
 def grown(results: Iterable[Result], earlier: Path, share: float) -> list[str]:

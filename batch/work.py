@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import os
+import tempfile
 import time
-from collections.abc import Mapping
-from contextlib import nullcontext
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from pdecodec.batch.clips import Clip, ClipOptions
-from pdecodec.batch.memory import MemoryBudget, encoding_bytes
-from pdecodec.batch.records import STATE_FOLDER, Record, digest_of, digests_of, read_record, stamp_of, write_record
+from pdecodec.batch.memory import MemoryBudget, encoding_bytes, encoding_bytes_of_file
+from pdecodec.batch.records import (
+    STATE_FOLDER,
+    Place,
+    Record,
+    digest_of,
+    digests_of,
+    place_of,
+    read_record,
+    stamp_of,
+    write_record,
+)
 from pdecodec.encodereport import EncodeReport, generator
 from pdecodec.errors import CorruptFileError, InputError, PdecodecError
 from pdecodec.formats import open_sequence
@@ -22,6 +33,7 @@ from pdecodec.formats.scene_space import place
 from pdecodec.metrics import measure_distortion
 from pdecodec.selection import CodedOrderSequence
 from pdecodec.sequence import MeshSequence
+from pdecodec.storage import RemoteFile, is_address
 from pdecodec.whole_output import move_into, partial_folder, write_errors
 
 State = Literal["done", "kept", "failed", "planned"]
@@ -115,6 +127,8 @@ def look_at(clip: Clip, work: Work) -> Result | Look:
         kept = _kept(clip, work)
         if kept is not None:
             return kept
+        if is_address(clip.source):
+            return Look(encoding_bytes_of_file(RemoteFile(clip.source).size()))
         with _opened(clip) as sequence:
             return Look(encoding_bytes(sequence.frame_count, sequence.vertex_count))
     except Exception as error:  # whatever one clip meets, the others go on
@@ -157,17 +171,50 @@ def plan_clip(clip: Clip, work: Work) -> Result:
         kept = _kept(clip, replace(work, verify=False))
         if kept is not None:
             return kept
-        with _opened(clip) as sequence:
-            figures = _extent(sequence, sum(file.stat().st_size for file in _files(clip)))
+        if is_address(clip.source):
+            figures: dict[str, Any] = {"source_bytes": _bytes_of(_files(clip))}
+        else:
+            with _opened(clip) as sequence:
+                figures = _extent(sequence, _bytes_of(_files(clip)))
         return Result(source=clip.source, output=clip.output, state="planned", figures=figures)
     except Exception as error:  # whatever one clip meets, the others go on
         return failure(clip, error)
 
 
-def _files(clip: Clip) -> tuple[Path, ...]:
+def _files(clip: Clip) -> tuple[Place, ...]:
     """The files that a clip is read from; none where there are none."""
-    named = clip.source, clip.options.mesh
-    return tuple(dict.fromkeys(file for source in named if source is not None for file in input_files(source)))
+    found: list[Place] = []
+    for source in (clip.source, clip.options.mesh):
+        if source is not None and is_address(source):
+            found.append(RemoteFile(source))
+        elif source is not None:
+            found += [file for file in input_files(source) if file not in found]
+    return tuple(found)
+
+
+def _bytes_of(files: Iterable[Place]) -> int:
+    return sum(file.size() if isinstance(file, RemoteFile) else file.stat().st_size for file in files)
+
+
+@contextmanager
+def _here(clip: Clip) -> Iterator[Clip]:
+    """The clip with files of this machine in place of those at addresses: what is digested is what is read."""
+    if not is_address(clip.source) and not is_address(clip.options.mesh or ""):
+        yield clip
+        return
+    with tempfile.TemporaryDirectory(prefix="pdecodec-") as name:
+
+        def fetched(source: str, folder: str) -> str:
+            if not is_address(source):
+                return source
+            file, path = RemoteFile(source), Path(name, folder, RemoteFile(source).name)
+            path.parent.mkdir()
+            file.fetch(path)
+            return str(path)
+
+        mesh = clip.options.mesh
+        options = clip.options if mesh is None else replace(clip.options, mesh=fetched(mesh, "mesh"))
+        yield replace(clip, source=fetched(clip.source, "source"), options=options)
 
 
 def _opened(clip: Clip) -> MeshSequence:
@@ -197,9 +244,9 @@ def _kept(clip: Clip, work: Work) -> Result | None:
     InputError
         If there is a file in its place that is not of this batch, and may not be replaced.
     """
-    folder = Path(work.folder)
-    path, record = folder / clip.output, read_record(folder, clip.output)
-    if not os.path.lexists(path):
+    folder = work.folder
+    path, record = place_of(folder, clip.output), read_record(folder, clip.output)
+    if not _is_there(path):
         return None
     written = digest_of(path)
     if record is None or written not in (record.output_digest, record.replaces):
@@ -212,13 +259,13 @@ def _kept(clip: Clip, work: Work) -> Result | None:
     if written != record.output_digest or record.options != clip.options.to_json() or not files:
         return None
     stamp = stamp_of(files)
-    if work.thorough or stamp != record.source_stamp:
+    if work.thorough or stamp != record.source_stamp or None in (mark for one in stamp for mark in one):
         if digests_of(files) != record.source_digests:
             return None
         record = replace(record, source_stamp=stamp)
         write_record(folder, clip.output, record)
     if work.verify and record.result.get("verified_error") is None:
-        with _opened(clip) as sequence:
+        with _here(clip) as here, _opened(here) as sequence:
             figures = {**record.result, "verified_error": _verified(path, sequence, clip.options, record.result)}
         record = replace(record, result=figures)
         write_record(folder, clip.output, record)
@@ -227,46 +274,63 @@ def _kept(clip: Clip, work: Work) -> Result | None:
 
 def _made(clip: Clip, work: Work) -> Result:
     began = time.perf_counter()
-    folder = Path(work.folder)
-    path, files = folder / clip.output, _files(clip)
+    path, files = place_of(work.folder, clip.output), _files(clip)
     stamp = stamp_of(files)
-    with _opened(clip) as sequence:
-        with write_errors(folder):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            (folder / STATE_FOLDER).mkdir(exist_ok=True)
-        with partial_folder(folder / STATE_FOLDER / "clip") as room:
-            written = room / "clip.pdeanim"
-            report = _encoded(sequence, written, clip.options)
-            figures: dict[str, Any] = {
-                **_extent(sequence, sum(file.stat().st_size for file in files)),
-                "bytes": report.file_bytes,
-                "ratio": report.raw_bytes / report.file_bytes,
-                "bound": report.bound,
-                "max_error": report.max_error,
-                "rms_error": report.rms_error,
-                "diagonal": report.scale,
-                "groups": report.groups,
-                "generator": generator(),
-                "notes": list(sequence.notices),
-            }
-            if work.verify:
-                figures["verified_error"] = _verified(written, sequence, clip.options, figures)
-            digests = digests_of(files)
-            if stamp_of(files) != stamp:
-                raise InputError("was changed while it was read; run again", path=clip.source)
-            figures["seconds"] = time.perf_counter() - began
-            record = Record(
-                source_digests=digests,
-                source_stamp=stamp,
-                options=clip.options.to_json(),
-                output_digest=digest_of(written),
-                replaces=digest_of(path) if path.exists() else "",
-                result=figures,
-            )
-            write_record(folder, clip.output, record)
+    with _here(clip) as here, _opened(here) as sequence, _room(path, work.folder) as room:
+        written = room / "clip.pdeanim"
+        report = _encoded(sequence, written, clip.options)
+        figures: dict[str, Any] = {
+            **_extent(sequence, _bytes_of(files)),
+            "bytes": report.file_bytes,
+            "ratio": report.raw_bytes / report.file_bytes,
+            "bound": report.bound,
+            "max_error": report.max_error,
+            "rms_error": report.rms_error,
+            "diagonal": report.scale,
+            "groups": report.groups,
+            "generator": generator(),
+            "notes": list(sequence.notices),
+        }
+        if work.verify:
+            figures["verified_error"] = _verified(written, sequence, clip.options, figures)
+        digests = digests_of(_files(here))
+        if stamp_of(files) != stamp:
+            raise InputError("was changed while it was read; run again", path=clip.source)
+        figures["seconds"] = time.perf_counter() - began
+        record = Record(
+            source_digests=digests,
+            source_stamp=stamp,
+            options=clip.options.to_json(),
+            output_digest=digest_of(written),
+            replaces=digest_of(path) if _is_there(path) else "",
+            result=figures,
+        )
+        write_record(work.folder, clip.output, record)
+        if isinstance(path, RemoteFile):
+            path.put(written)
+        else:
             with write_errors(path):
                 move_into(written, path, overwrite=work.overwrite or bool(record.replaces))
     return Result(source=clip.source, output=clip.output, state="done", figures=figures)
+
+
+def _is_there(path: Place) -> bool:
+    return path.exists() if isinstance(path, RemoteFile) else os.path.lexists(path)
+
+
+@contextmanager
+def _room(path: Place, folder: str) -> Iterator[Path]:
+    """A folder to write a file in: of one here, where it need only be moved."""
+    if isinstance(path, RemoteFile):
+        with tempfile.TemporaryDirectory(prefix="pdecodec-") as name:
+            yield Path(name)
+        return
+    state = Path(folder, STATE_FOLDER)
+    with write_errors(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        state.mkdir(exist_ok=True)
+    with partial_folder(state / "clip") as room:
+        yield room
 
 
 def _extent(sequence: MeshSequence, source_bytes: int) -> dict[str, Any]:
@@ -290,7 +354,7 @@ def _encoded(sequence: MeshSequence, path: Path, options: ClipOptions) -> Encode
     return encode(sequence, path, options.settings)
 
 
-def _verified(path: Path, sequence: MeshSequence, options: ClipOptions, figures: Mapping[str, Any]) -> float:
+def _verified(path: Place, sequence: MeshSequence, options: ClipOptions, figures: Mapping[str, Any]) -> float:
     """Largest distance [scene units] of what a file decodes to from what it was made from.
 
     Raises
@@ -301,7 +365,7 @@ def _verified(path: Path, sequence: MeshSequence, options: ClipOptions, figures:
     from pdecodec.decoder import open_animation
 
     reference = CodedOrderSequence(sequence) if options.settings.order == "free" else sequence
-    with open_animation(path) as decoded:
+    with open_animation(os.fspath(path)) as decoded:
         decoded.verify()
         if not decoded.connectivity.same_as(reference.connectivity):
             raise CorruptFileError("decodes to other faces than its source has; encode it again", path=path)

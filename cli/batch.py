@@ -16,6 +16,7 @@ from pdecodec.cli.encode import encode
 from pdecodec.cli.options import json_option, loudness_options, parse_bytes
 from pdecodec.cli.report import parse_share
 from pdecodec.errors import InputError, SettingsError
+from pdecodec.storage import is_address
 
 if TYPE_CHECKING:
     from pdecodec.batch.clips import Clip, ClipOptions
@@ -25,9 +26,9 @@ SAID_EVERY = 30.0
 """Seconds between lines that say how far a batch is, where there is no terminal for a bar."""
 
 _OF_CLIPS = (
-    "tolerance", "max_error", "rms", "size", "profile", "segment_frames", "piece_points", "alpha", "r", "uv_tolerance",
-    "order", "effort", "frames", "objects", "fps", "mesh", "clip", "transforms", "skip_unsupported", "isolate",
-    "up_axis", "scale", "unit",
+    "tolerance", "max_error", "rms", "size", "profile", "segment_frames", "piece_points", "alpha", "r", "group_frames",
+    "uv_tolerance", "order", "effort", "frames", "objects", "fps", "mesh", "clip", "transforms", "skip_unsupported",
+    "isolate", "up_axis", "scale", "unit",
 )  # fmt: skip
 """Options of `encode` that hold for every clip whose manifest says nothing else."""
 
@@ -125,7 +126,7 @@ def batch(
         _make_folder(output)
         results = _done(chosen, work, jobs, max_memory)
         if part is None:
-            write_summary(results, Path(output))
+            write_summary(results, output)
     if as_json:
         print_json(summary_json(results))
     failures = [result.message for result in results if result.state == "failed"]
@@ -155,6 +156,8 @@ def _clip_options(given: dict[str, Any]) -> ClipOptions:
 
 
 def _make_folder(folder: str) -> None:
+    if is_address(folder):
+        return
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -10,6 +10,7 @@ import click
 from pdecodec.cli.console import extent, print_json, progress_bar, say, say_notices
 from pdecodec.cli.jobs import STREAM, Job, job_options, jobs, say_plan, say_start, streamed
 from pdecodec.cli.options import (
+    bytes_of,
     frames_option,
     json_option,
     loudness_options,
@@ -17,7 +18,6 @@ from pdecodec.cli.options import (
     overwrite_option,
     place_options,
     read_options,
-    stored_bytes,
     write_options,
 )
 from pdecodec.errors import SettingsError
@@ -100,7 +100,7 @@ def _convert(
 
         if dry_run:
             files = input_files(source)
-            say_plan(job, sequence, write, files=len(files), size=stored_bytes(files))
+            say_plan(job, sequence, write, files=len(files), size=bytes_of(source, files))
             return
         with progress_bar() as progress:
             notices = write(sequence, written, overwrite=overwrite, progress=progress)

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from pdecodec.cutting import CutReport
     from pdecodec.decoder import Animation
     from pdecodec.formats.registry import Transforms
+    from pdecodec.sequence import MeshSequence
+    from pdecodec.settings import EffortName
 
 SPAN = re.compile(r"\s*(?P<begin>[^:]*?)\s*:\s*(?P<end>[^:]*?)\s*")
 """``A:B``, each part optional."""
@@ -53,7 +55,7 @@ def cut(
     frames: str | None,
     times: str | None,
     recode: bool,
-    effort: str,
+    effort: EffortName,
     overwrite: bool,
     as_json: bool,
 ) -> None:
@@ -75,7 +77,7 @@ def cut(
     with progress_bar() as progress:
         report = cut_animation(
             source, output, first, end, recode=recode, effort=effort, overwrite=overwrite, progress=progress
-        )  # type: ignore[call-overload]
+        )
     _tell(report, output, as_json=as_json)
 
 
@@ -99,7 +101,7 @@ def join(
     output: str,
     shift: bool,
     recode: bool,
-    effort: str,
+    effort: EffortName,
     fps: float | None,
     mesh: str | None,
     clip: str | None,
@@ -122,7 +124,7 @@ def join(
 
     _check_output(output, [source, *others])
     with ExitStack() as stack:
-        coming = []
+        coming: list[str | MeshSequence] = []
         for other in others:
             if other.lower().endswith(".pdeanim"):
                 coming.append(other)

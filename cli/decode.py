@@ -13,6 +13,7 @@ import click
 from pdecodec.cli.console import byte_size, extent, print_json, progress_bar, say, say_notices
 from pdecodec.cli.jobs import STREAM, Job, job_options, jobs, say_plan, say_start, streamed
 from pdecodec.cli.options import (
+    bytes_of,
     frames_option,
     json_option,
     loudness_options,
@@ -21,7 +22,6 @@ from pdecodec.cli.options import (
     parse_bytes,
     place_options,
     refuse_pdeanim,
-    stored_bytes,
     write_options,
 )
 from pdecodec.errors import InputError, LimitError, SettingsError
@@ -146,7 +146,7 @@ def _decode(
             def write(some: MeshSequence, path: str) -> object:
                 return write_sequence(some, path, quantize=quantize, meshopt=meshopt)
 
-            say_plan(job, positions, write, files=1, size=Path(source).stat().st_size)
+            say_plan(job, positions, write, files=1, size=bytes_of(source, [Path(source)]))
             return
         notices: dict[str, None] = {}
         for path, sequence in zip(outputs, sequences, strict=False):
@@ -175,11 +175,11 @@ def _decode(
         }
     if as_json:
         print_json(result)
-    written = stored_bytes(file for path in outputs for file in output_files(path))
+    written = sum(bytes_of(path, output_files(path)) for path in outputs)
     values = "positions and velocities" if velocities else "positions"
     say(
         f"{' and '.join([job.output_name, *outputs[1:]])}: "
-        f"in {byte_size(Path(source).stat().st_size)} -> out {byte_size(written)} "
+        f"in {byte_size(bytes_of(source, [Path(source)]))} -> out {byte_size(written)} "
         f"({byte_size(result['raw_bytes'] * len(outputs))} of {values}), "
         f"{size}, {result['seconds']:.1f} s"
     )

@@ -9,6 +9,7 @@ import click
 from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say, say_notices
 from pdecodec.cli.jobs import STREAM, Job, job_options, jobs, say_plan, say_start, streamed
 from pdecodec.cli.options import (
+    bytes_of,
     frames_option,
     json_option,
     loudness_options,
@@ -17,7 +18,6 @@ from pdecodec.cli.options import (
     parse_bytes,
     place_options,
     read_options,
-    stored_bytes,
 )
 from pdecodec.errors import SettingsError, naming_file
 
@@ -67,6 +67,12 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--r", type=float, metavar="X", help="Rate of the space functions (Eqs. 14, 16); chosen by error. Profile paper."
+)
+@click.option(
+    "--group-frames",
+    type=int,
+    metavar="N",
+    help="Frames of a group at most: a file that is streamed from afar, or cut, is read by whole groups. Profile auto.",
 )
 @click.option(
     "--uv-tolerance",
@@ -178,7 +184,7 @@ def _encode(
         say_notices(sequence)
         say_start(job, sequence)
         files = input_files(source)
-        source_bytes = stored_bytes(files)
+        source_bytes = bytes_of(source, files)
         if dry_run:
 
             def write(some: MeshSequence, path: str) -> object:

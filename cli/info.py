@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pdecodec.cli.console import byte_size, counted, print_json, print_rows, progress_bar, ratio, say, say_notices
-from pdecodec.cli.options import json_option, loudness_options, read_options, stored_bytes
+from pdecodec.cli.options import bytes_of, json_option, loudness_options, read_options
 from pdecodec.errors import InputError
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def info(
         files = input_files(source)
         facts = {
             **_facts(sequence, all_frames=all_frames),
-            "source_bytes": stored_bytes(files),
+            "source_bytes": bytes_of(source, files),
             **_connectivity_facts(sequence, len(files)),
         }
         if all_frames:

@@ -17,6 +17,7 @@ import click
 from pdecodec.cli.console import byte_size, extent, say, visible
 from pdecodec.cli.options import check_apart, check_output
 from pdecodec.errors import PdecodecError, SettingsError
+from pdecodec.storage import is_address
 
 if TYPE_CHECKING:
     from pdecodec.sequence import MeshSequence
@@ -99,8 +100,8 @@ def jobs(paths: Sequence[str], output: str | None, *, extension: str | None, def
         return [Job(sources[0], output, sources[0], output)]
     found: dict[str, Job] = {}
     for source in sources:
-        name = str(Path(output) / (f"{_stem(source)}.{ending}" if ending else f"{_stem(source)}/"))
-        name = name if ending else f"{name}/"
+        name = f"{_stem(source)}.{ending}" if ending else f"{_stem(source)}/"
+        name = output + name if is_address(output) else str(Path(output) / name) + ("" if ending else "/")
         if name in found:
             raise SettingsError(f"{found[name].source} and {source} would both go to {name}; convert them one by one")
         found[name] = Job(source, name, source, name, in_folder=True)
@@ -163,6 +164,8 @@ def streamed(job: Job, *, extension: str, dry_run: bool = False) -> Iterator[Job
                 raise SettingsError("-o -: standard output is a terminal; name a file, or send it to a program")
             (folder / "out").mkdir()
             output = str(folder / "out" / f"stdout.{extension.lstrip('.')}")
+        elif is_address(output):
+            pass
         elif job.in_folder and not dry_run:
             _make_folder(Path(output).parent)
         try:

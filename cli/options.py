@@ -11,6 +11,7 @@ import click
 
 from pdecodec.cli.console import set_loudness
 from pdecodec.errors import InputError, SettingsError
+from pdecodec.storage import RemoteFile, is_address
 
 BYTE_POWERS = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
 
@@ -162,6 +163,10 @@ def check_output(output: str, *, overwrite: bool) -> None:
     """
     path = Path(output)
     _check_name(output)
+    if is_address(output):
+        if not overwrite and RemoteFile(output).exists():
+            raise InputError("exists already; choose another name, or give --overwrite to replace it", path=output)
+        return
     folder = path.parent
     if not folder.is_dir():
         raise InputError("this folder does not exist; make it first", path=folder)
@@ -210,3 +215,8 @@ def check_apart(sources: Iterable[str | None], outputs: Iterable[str]) -> None:
 def stored_bytes(files: Iterable[Path]) -> int:
     """Bytes that files take on disk, together."""
     return sum(file.stat().st_size for file in files)
+
+
+def bytes_of(place: str, files: Iterable[Path]) -> int:
+    """Bytes that an input or an output takes: the files that it stands for, or one elsewhere."""
+    return RemoteFile(place).size() if is_address(place) else stored_bytes(files)

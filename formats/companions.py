@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 from pdecodec.formats.frame_files import find_frames, frames_there, is_frame_pattern
 from pdecodec.formats.registry import list_formats
+from pdecodec.storage import is_address
 
 _XML = {".xdmf": ".//DataItem", ".xmf": ".//DataItem", ".pvd": "./Collection/DataSet"}
 """Elements that name other files, by extension."""
@@ -23,13 +24,16 @@ def frame_extensions() -> set[str]:
 
 
 def input_files(source: str) -> tuple[Path, ...]:
-    """The files of an input: one and those that it names, or all its frames; none where there is no such file.
+    """The files of an input: one and those that it names, or all its frames; none where there is no such file, and of
+    one elsewhere.
 
     Raises
     ------
     InputError
         If a folder or pattern does not stand for one whole sequence.
     """
+    if is_address(source):
+        return ()
     path = Path(source)
     if path.is_file():
         return tuple(dict.fromkeys((path, *_named_by(path))))

@@ -20,6 +20,7 @@ from pdecodec.errors import InputError
 from pdecodec.formats.object_arrays import LaidOutSequence, arrays_of, check_has_points
 from pdecodec.formats.registry import Output
 from pdecodec.sequence import Float32Array, MeshSequence
+from pdecodec.storage import RemoteFile
 
 CHUNK_BYTES = 2**20
 """Size of a chunk of points: the cache that HDF5 gives a dataset by default."""
@@ -34,10 +35,10 @@ class Hdf5Sequence(LaidOutSequence):
         If it is not HDF5, is damaged, or its datasets do not fit together.
     """
 
-    def __init__(self, path: Path, *, fps: float | None) -> None:
+    def __init__(self, path: Path | RemoteFile, *, fps: float | None) -> None:
         self._path = path
         with _file_errors(path):
-            self._file = h5py.File(path, "r")
+            self._file = h5py.File(path if isinstance(path, Path) else path.open(), "r")
         try:
             with _file_errors(path):
                 names = _dataset_names(self._file)
@@ -155,7 +156,7 @@ def _write(file: Any, name: str, array: NDArray[Any]) -> None:
 
 
 @contextmanager
-def _file_errors(path: Path, *, frame: int | None = None) -> Iterator[None]:
+def _file_errors(path: Path | RemoteFile, *, frame: int | None = None) -> Iterator[None]:
     """Turn what h5py raises on damage into one line."""
     try:
         yield

@@ -23,6 +23,7 @@ from pdecodec.errors import InputError
 from pdecodec.formats.object_arrays import LaidOutSequence, arrays_of, check_has_points
 from pdecodec.formats.registry import Output, read_errors
 from pdecodec.sequence import MeshSequence
+from pdecodec.storage import RemoteFile
 
 EARLIEST_DATE = (1980, 1, 1, 0, 0, 0)
 """The first date a zip file can say: same input, same bytes."""
@@ -46,8 +47,8 @@ class NpzSequence(LaidOutSequence):
         If it is not an archive, is damaged, or its arrays do not fit together.
     """
 
-    def __init__(self, path: Path, *, fps: float | None) -> None:
-        with _archive_errors(path), zipfile.ZipFile(path) as archive:
+    def __init__(self, path: Path | RemoteFile, *, fps: float | None) -> None:
+        with _archive_errors(path), path.open("rb") as file, zipfile.ZipFile(file) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             check_has_points(list(members), "array")
             header = _read_header(archive, members["points"])
@@ -123,7 +124,7 @@ class _StoredArray:
     Its checksum covers the whole member and is not looked at.
     """
 
-    def __init__(self, path: Path, info: zipfile.ZipInfo, header: _Header) -> None:
+    def __init__(self, path: Path | RemoteFile, info: zipfile.ZipInfo, header: _Header) -> None:
         self.shape, self.dtype, self._path = header.shape, header.dtype, path
         # A member's bytes start behind its own header, whose name and extra field may differ in length.
         with path.open("rb") as file:
@@ -139,14 +140,15 @@ class _StoredArray:
         offset = self._start + start * self._row * self.dtype.itemsize
         with read_errors(self._path), self._path.open("rb") as file:
             file.seek(offset)
-            numbers = np.fromfile(file, self.dtype, count)
-        if numbers.size < count:
+            numbers = np.empty(count, self.dtype)
+            read = file.readinto(memoryview(numbers).cast("B")) if count else 0  # type: ignore[attr-defined]
+        if read < numbers.nbytes:
             raise InputError("the file ends early; write it again", path=self._path, frame=start, offset=offset)
         return numbers.reshape(stop - start, *self.shape[1:])
 
 
 @contextmanager
-def _archive_errors(path: Path) -> Iterator[None]:
+def _archive_errors(path: Path | RemoteFile) -> Iterator[None]:
     try:
         with read_errors(path):
             yield

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import importlib
 import os
+import shutil
+import tempfile
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -15,6 +18,7 @@ from pdecodec.formats.scene_space import bake_transforms
 from pdecodec.formats.times import times_kept
 from pdecodec.runs import changed
 from pdecodec.sequence import Float32Array, MeshSequence, Progress
+from pdecodec.storage import RemoteFile, is_address, remote_output
 from pdecodec.whole_output import check_path, finish_interrupted, whole_file
 
 Transforms = Literal["bake", "keep"]
@@ -108,6 +112,9 @@ class Format:
         Options of :func:`open_sequence` beside ``fps`` that the reader takes.
     write_options : tuple of str
         Options of :func:`write_sequence` that not every writer takes, but this one.
+    from_address : bool
+        Whether the reader takes a :class:`pdecodec.storage.RemoteFile`, too, and reads what it needs of it; of other
+        formats a file elsewhere is fetched whole.
     holds_transforms, holds_velocities, holds_nothing, holds_runs : bool
         Whether the writer can put transforms above objects, velocities beside positions, keep objects without
         vertices, and write a sequence whose connectivity changes.
@@ -129,6 +136,7 @@ class Format:
     frame_per_file: bool = False
     options: tuple[str, ...] = ()
     write_options: tuple[str, ...] = ()
+    from_address: bool = False
     holds_transforms: bool = False
     holds_velocities: bool = False
     holds_nothing: bool = False
@@ -215,7 +223,8 @@ def open_sequence(
     ----------
     path : path
         A file, a frame pattern (``name.####.obj``, ``name.%04d.obj``, ``name.@@@@.obj``, ``name.$F4.obj``,
-        ``name.10-20####.obj`` for some frames of it), or a folder of numbered frames.
+        ``name.10-20####.obj`` for some frames of it), a folder of numbered frames, or the address of a file
+        (``https://``, ``s3://``; extra ``remote``).
     fps : float, optional
         Frames per second of a source that does not store its times. Where times are stored they are kept,
         and `fps` is only the nominal rate; a notice says so. Scenes have a value at any time (Alembic, USD, glTF):
@@ -248,8 +257,11 @@ def open_sequence(
     MissingExtraError
         If the format needs a package that is not installed.
     """
-    where = Path(path)
     _check_fps(fps)
+    if is_address(path):
+        given = {"mesh": mesh, "clip": clip, "transforms": transforms, "skip_unsupported": skip_unsupported}
+        return _open_remote(RemoteFile(str(path)), fps, {**given, "isolate": isolate})
+    where = Path(path)
     finish_interrupted(where if where.is_dir() else where.parent)
     entry = _format_to_read(where)
     for name, value in (("mesh", mesh), ("clip", clip)):
@@ -267,6 +279,33 @@ def open_sequence(
     reader: Reader = _load(entry, entry.reader, "read", where)
     with naming_file(where):
         return reader(where, fps=fps, **{name: given[name] for name in entry.options})
+
+
+def _open_remote(file: RemoteFile, fps: float | None, options: dict[str, Any]) -> MeshSequence:
+    """A sequence at an address: read there where the format can be, else fetched into a folder that goes with it."""
+    entry = _by_extension(Path(file.name))
+    if entry is None or not entry.reads:
+        known = _extensions(lambda item: item.reads)
+        raise InputError(f"its format is not known; readable are {known}{_failures()}", path=file.address)
+    size = file.size()  # tells whether it is there
+    if entry.from_address and not options["isolate"]:
+        for name in ("mesh", "clip"):
+            if options[name] is not None:
+                raise SettingsError(f"--{name} is not for {entry.title}; leave it out", path=file.address)
+        reader: Reader = _load(entry, entry.reader, "read", Path(file.name))
+        with naming_file(file.address):
+            return reader(file, fps=fps)
+    folder = Path(tempfile.mkdtemp(prefix="pdecodec-"))
+    try:
+        if shutil.disk_usage(folder).free < size:
+            raise InputError(f"takes {size} bytes, and {folder} has not as many left", path=file.address)
+        file.fetch(folder / file.name)
+        sequence = open_sequence(folder / file.name, fps=fps, **options)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    weakref.finalize(sequence, shutil.rmtree, folder, ignore_errors=True)
+    return sequence
 
 
 def write_sequence(
@@ -288,7 +327,8 @@ def write_sequence(
     ----------
     sequence : MeshSequence
     path : path
-        A file, or for a file-a-frame format a pattern or a folder (``name/`` or no extension: OBJ).
+        A file, or for a file-a-frame format a pattern or a folder (``name/`` or no extension: OBJ); or the address of a
+        file, which is written here, and put there when it is whole.
     overwrite : bool
         Replace what is there already.
     fps : float, optional
@@ -316,6 +356,17 @@ def write_sequence(
     MissingExtraError
         If the format needs a package that is not installed.
     """
+    if is_address(path):
+        with remote_output(str(path), overwrite=overwrite) as local:
+            return write_sequence(
+                sequence,
+                local,
+                fps=fps,
+                velocities=velocities,
+                progress=progress,
+                quantize=quantize,
+                meshopt=meshopt,
+            )
     where = Path(path)
     check_path(where)
     _check_fps(fps)
@@ -351,7 +402,7 @@ def write_sequence(
 
 
 @contextmanager
-def read_errors(path: Path, *, frame: int | None = None) -> Iterator[None]:
+def read_errors(path: Path | RemoteFile, *, frame: int | None = None) -> Iterator[None]:
     """Turn the operating system's refusals into one line that names `path`."""
     try:
         yield
@@ -460,7 +511,7 @@ def _load(entry: Format, where: str | None, action: str, path: Path) -> Any:
         ) from error
 
 
-def open_pdeanim(path: Path, *, fps: float | None) -> MeshSequence:
+def open_pdeanim(path: Path | RemoteFile, *, fps: float | None) -> MeshSequence:
     """Open an animation: the frames of the sequence that it was encoded from.
 
     Raises
@@ -478,4 +529,4 @@ def open_pdeanim(path: Path, *, fps: float | None) -> MeshSequence:
     # pdecodec.decoder is imported when a file is opened: the command line starts without it.
     from pdecodec.decoder import open_animation
 
-    return open_animation(path)
+    return open_animation(path.address if isinstance(path, RemoteFile) else path)

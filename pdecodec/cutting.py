@@ -361,9 +361,11 @@ def _following(
                 path=path,
             )
         return times
+    moved: Float64Array
     last, numbers = np.rint(before[-1] * fps), np.rint(times * fps)
     if abs(before[-1] * fps - last) < ON_A_FRAME and np.abs(times * fps - numbers).max() < ON_A_FRAME:
         # Times that count frames go on counting them, and take no room in the file.
-        moved: Float64Array = (numbers - numbers[0] + last + 1.0) / fps
+        moved = (numbers - numbers[0] + last + 1.0) / fps
         return moved
-    return times - times[0] + before[-1] + 1.0 / fps
+    moved = times - times[0] + before[-1] + 1.0 / fps
+    return moved

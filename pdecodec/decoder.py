@@ -28,6 +28,7 @@ from pdecodec.resample import Outside, times_inside
 from pdecodec.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
 from pdecodec.shares import thread_count
 from pdecodec.spacebasis import SPACE_KINDS, SpaceBasis, SpaceForm, decode_space_basis
+from pdecodec.storage import is_address, open_range_reader
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -69,7 +70,8 @@ def open_animation(
     Parameters
     ----------
     source : path-like, bytes or binary file
-        The file's path, the whole file in memory, or a file that can seek. The latter stays the caller's: nobody else
+        The file's path, its address (``https://``, ``s3://``; extra ``remote``), of which what is needed is read and no
+        more, the whole file in memory, or a file that can seek. The latter stays the caller's: nobody else
         may move it while the animation is open, unless it is a plain file of the system.
     limits : DecodeLimits, optional
 
@@ -92,6 +94,8 @@ def open_animation(
         return _opened(source, "bytes in memory", limits)
     if not isinstance(source, str | os.PathLike):
         return _opened(source, str(getattr(source, "name", "a file in memory")), limits)
+    if is_address(source):
+        return _opened(open_range_reader(str(source)), str(source), limits, origin=str(source))
     try:
         file = Path(source).open("rb", buffering=0)  # noqa: SIM115 - the animation keeps it open until it is closed
     except (OSError, ValueError) as error:  # ValueError: a character that no path can have

@@ -43,6 +43,7 @@ from pdecodec.selection import CodedOrderSequence
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
 from pdecodec.spacebasis import MOST_FUNCTIONS, SpaceBasis
+from pdecodec.storage import is_address, remote_output
 from pdecodec.whole_output import check_writable
 
 Float32Array = NDArray[np.float32]
@@ -93,7 +94,7 @@ def encode(
         Read once from front to back, after a look at a few windows of it. Of a :class:`pdecodec.ChangingSequence` one
         run is read and encoded after the other; tolerances are of the diagonal of its first frame.
     path : path-like, optional
-        The `.pdeanim` file; it appears whole or not at all. Without one the file's bytes are in the report.
+        The `.pdeanim` file, or its address; it appears whole or not at all. Without one its bytes are in the report.
     settings : EncodeSettings, optional
     overwrite : bool
         Whether an existing file may be replaced.
@@ -117,6 +118,9 @@ def encode(
         if name not in known:
             raise SettingsError(f"there is no setting named {name}; there are {', '.join(sorted(known))}")
     chosen = replace(settings or EncodeSettings(), **options)
+    if path is not None and is_address(path):
+        with remote_output(str(path), overwrite=overwrite) as local:
+            return encode(sequence, local, chosen, progress=progress)
     target = None if path is None else Path(path)
     if target is not None:
         check_writable(target, overwrite=overwrite)
@@ -384,7 +388,8 @@ class AutoEncoder(Encoder):
 
     def _group_ranges(self) -> list[tuple[int, int]]:
         frames = self._sequence.frame_count
-        count = -(-frames // group_frames(self._sequence.vertex_count))
+        longest = min(group_frames(self._sequence.vertex_count), self._settings.group_frames or LONGEST_GROUP)
+        count = -(-frames // longest)
         edges = [frames * k // count for k in range(count + 1)]
         return list(itertools.pairwise(edges))
 

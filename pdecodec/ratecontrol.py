@@ -20,6 +20,7 @@ from pdecodec.encodereport import EncodeReport
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import DEFAULT_TOLERANCE, EncodeSettings
+from pdecodec.storage import is_address, remote_output
 from pdecodec.whole_output import check_writable, whole_file
 
 Outcome = TypeVar("Outcome")
@@ -179,6 +180,9 @@ def _encode_within(
     given = settings or EncodeSettings()
     if any(options.get(name, getattr(given, name)) is not None for name in ("tolerance", "max_error")):
         raise SettingsError("give one of a tolerance, a maximum error, an rms error and a size, not several")
+    if path is not None and is_address(path):
+        with remote_output(str(path), overwrite=overwrite) as local:
+            return _encode_within(limit, sequence, local, settings, options, overwrite=overwrite, progress=progress)
     target = None if path is None else Path(path)
     if target is not None:
         check_writable(target, overwrite=overwrite)

@@ -95,6 +95,9 @@ class EncodeSettings:
         segment of time.
     effort : {"fast", "default", "best"}
         How many alternatives the encoder of profile "auto" measures (:data:`pdecodec.effort.EFFORTS`).
+    group_frames : int or None
+        Frames of a group at most, from 2 on, under profile "auto"; None: as many as memory allows. What is cut out of a
+        file, or read of one that is far away, is whole groups: short ones cost bytes.
     uv_tolerance : float or None
         How far texture coordinates may be off on each axis, in units of the texture; None keeps them to the last bit.
     order : {"keep", "free"}
@@ -112,6 +115,7 @@ class EncodeSettings:
     max_error: float | None = None
     profile: Profile = "auto"
     effort: EffortName = "default"
+    group_frames: int | None = None
     uv_tolerance: float | None = None
     order: Order = "keep"
     paper: PaperSettings = field(default_factory=PaperSettings)
@@ -124,6 +128,11 @@ class EncodeSettings:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise SettingsError(f"{name} must be a positive number, not {value}")
+        _check_kinds(self, ("group_frames",), Integral, "a whole number")
+        if self.group_frames is not None and self.group_frames < 2:
+            raise SettingsError(f"group_frames must be at least 2, not {self.group_frames}")
+        if self.group_frames is not None and self.profile == "paper":
+            raise SettingsError("group_frames is a setting of the profile auto; the paper's is segment_frames")
         for name, kind in (("profile", Profile), ("order", Order), ("effort", EffortName)):
             known = get_args(kind)
             if getattr(self, name) not in known:

@@ -25,6 +25,7 @@ from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import write_sequence
 from pdecodec.sequence import ArraySequence, MeshObject
 from tests.mesh_cases import grid
+from tests.remote_server import serving
 
 Capture = pytest.CaptureFixture[str]
 
@@ -324,3 +325,27 @@ def test_the_estimate_of_memory_grows_with_vertices_and_not_with_frames_beyond_a
     assert encoding_bytes(10**6, 20_000) == encoding_bytes(10**4, 20_000)
     assert encoding_bytes(100, 200_000) > encoding_bytes(100, 20_000) > encoding_bytes(10, 20_000)
     assert available_memory() > 2**20
+
+
+def test_sources_and_outputs_may_be_at_addresses(clips: Path) -> None:
+    manifest = Path("clips/m.jsonl")
+    with serving(clips) as server:
+        rows = [{"source": f"{server.address}/{name}"} for name in ("a.npz", "below/b.h5", "bad.npz", "none.npz")]
+        manifest.write_text("".join(json.dumps(row) + "\n" for row in rows))
+        chosen, work = clips_of(manifest), Work(folder="memory://studio/out", verify=True)
+        results = {result.output: result for result in (do_clip(clip, work) for clip in chosen)}
+        assert states(list(results.values())) == {
+            "a.pdeanim": "done",
+            "b.pdeanim": "done",
+            "bad.pdeanim": "failed",
+            "none.pdeanim": "failed",
+        }
+        assert (
+            results["none.pdeanim"].message
+            == f"{rows[3]['source']}: there is no such file, or no answer; check the address"
+        )
+        assert do_clip(chosen[0], work).state == "kept"
+        write_sequence(sheet(0.5), clips / "a.npz", overwrite=True)
+        assert do_clip(chosen[0], work).state == "done"
+    with pdecodec.open("memory://studio/out/a.pdeanim") as animation:
+        assert np.abs(animation.read_frames(0, 12) - sheet(0.5).points).max() < 0.01

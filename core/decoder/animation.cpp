@@ -248,8 +248,8 @@ void Animation::take_motion() {
 
 // Make the space basis, if there is none yet, while another thread decodes what some groups have in TIME, which
 // needs no other section.
-Animation::TimesAhead Animation::make_space(std::span<const std::size_t> groups) {
-    TimesAhead found(groups.size());
+std::vector<Animation::Ahead> Animation::make_space(std::span<const std::size_t> groups) {
+    std::vector<Ahead> found(groups.size());
     if (space_ || threads_ < 2) {
         space();
         return found;
@@ -259,7 +259,8 @@ Animation::TimesAhead Animation::make_space(std::span<const std::size_t> groups)
         try {
             for (std::size_t k = 0; k < groups.size(); ++k) {
                 const Group &own = table_->groups()[groups[k]];
-                found[k] = decode_group_times(own, table_->chunks(container_, groups[k])[0]);
+                found[k].chunks = table_->chunks(container_, groups[k]);
+                found[k].values = decode_group_times(own, (*found[k].chunks)[0]);
             }
         } catch (...) {
             // Who decodes the group comes upon it again, and says where it is.
@@ -287,13 +288,13 @@ ClosedForm Animation::closed_form(std::size_t index) const {
     return ClosedForm(own, group.alpha, group.functions);
 }
 
-DecodedGroup Animation::decode(std::size_t index, int threads, std::optional<std::vector<double>> values,
-                               std::size_t at_once) const {
+DecodedGroup Animation::decode(std::size_t index, int threads, Ahead ahead, std::size_t at_once) const {
     const Group &group = table_->groups()[index];
     try {
         const std::span<const double> own(times().data() + group.first, static_cast<std::size_t>(group.frames));
-        return decode_group(group, table_->chunks(container_, index), *space_, own,
-                            static_cast<i64>(least<u64>(left_ / at_once, INT64_MAX)), threads, std::move(values));
+        if (!ahead.chunks) ahead.chunks = table_->chunks(container_, index);
+        return decode_group(group, *ahead.chunks, *space_, own,
+                            static_cast<i64>(least<u64>(left_ / at_once, INT64_MAX)), threads, std::move(ahead.values));
     } catch (const CorruptError &error) {
         if (error.frame >= 0) throw;
         throw CorruptError(error.what(), error.offset, group.first);
@@ -319,8 +320,8 @@ const DecodedGroup &Animation::group(std::size_t index) {
         return kept_.front().second;
     }
     check_cancelled();
-    TimesAhead values = make_space({&index, 1});
-    keep(index, decode(index, threads_, std::move(values[0]), 1));
+    std::vector<Ahead> ahead = make_space({&index, 1});
+    keep(index, decode(index, threads_, std::move(ahead[0]), 1));
     return kept_.front().second;
 }
 
@@ -348,10 +349,10 @@ void Animation::decode_ahead(std::span<const double> sorted) {
         wanted.push_back(index);
     }
     if (wanted.size() < 2) return;
-    TimesAhead values = make_space(wanted);
+    std::vector<Ahead> ahead = make_space(wanted);
     std::vector<std::optional<DecodedGroup>> found(wanted.size());
     in_shares(static_cast<i64>(wanted.size()), threads_, [&](i64 first, i64 end) {
-        for (i64 k = first; k < end; ++k) found[k] = decode(wanted[k], 1, std::move(values[k]), wanted.size());
+        for (i64 k = first; k < end; ++k) found[k] = decode(wanted[k], 1, std::move(ahead[k]), wanted.size());
     });
     for (std::size_t k = wanted.size(); k-- > 0;) keep(wanted[k], std::move(*found[k]));
 }

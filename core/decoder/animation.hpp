@@ -112,11 +112,13 @@ private:
     void decode_ahead(std::span<const double> sorted);
     bool is_kept(std::size_t index) const;
     const DecodedGroup &group(std::size_t index);
-    // Functions of time of some groups as their chunks have them, where they were decoded ahead.
-    using TimesAhead = std::vector<std::optional<std::vector<double>>>;
-    TimesAhead make_space(std::span<const std::size_t> groups);
-    DecodedGroup decode(std::size_t index, int threads, std::optional<std::vector<double>> values,
-                        std::size_t at_once) const;
+    // What of a group was read and decoded ahead: its chunks, its functions of time as they have them.
+    struct Ahead {
+        std::optional<std::array<std::vector<u8>, 3>> chunks;
+        std::optional<std::vector<double>> values;
+    };
+    std::vector<Ahead> make_space(std::span<const std::size_t> groups);
+    DecodedGroup decode(std::size_t index, int threads, Ahead ahead, std::size_t at_once) const;
     void keep(std::size_t index, DecodedGroup group);
     ResidualScale residual_scale();
     template <class Real> const AnchoredReference<Real> &anchored();

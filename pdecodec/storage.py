@@ -1,0 +1,241 @@
+"""Files that are elsewhere: addresses such as ``https://host/walk.pdeanim`` or ``s3://bucket/walk.h5``, by fsspec.
+
+What `fsspec` knows can be read and, where the protocol writes, written: S3 (with the package s3fs), HTTP, and others.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import Any, BinaryIO, Literal
+from urllib.parse import urlsplit
+
+from pdecodec.errors import InputError, MissingExtraError, PdecodecError
+
+ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+(::[A-Za-z][A-Za-z0-9+.-]+)*://")
+"""How an address begins; a drive letter is no protocol."""
+
+HEAD_BYTES = 4096
+"""What is read of a file at first: its table of sections, of most files with the times and names."""
+
+COPY_BYTES = 2**20
+"""Read and written at a time."""
+
+STAMPS = (
+    "ETag",
+    "etag",
+    "Content-MD5",
+    "md5",
+    "Digest",
+    "generation",
+    "LastModified",
+    "Last-Modified",
+    "mtime",
+    "created",
+    "created",
+)
+"""What storages say of a file that changes when it is written."""
+
+
+def is_address(place: str | os.PathLike[str]) -> bool:
+    """Whether this is the address of a file elsewhere, and no path."""
+    return isinstance(place, str) and ADDRESS.match(place) is not None
+
+
+class RemoteFile:
+    """A file at an address, with what readers ask of a path: its name, its extension, and :meth:`open`.
+
+    Parameters
+    ----------
+    address : str
+
+    Raises
+    ------
+    MissingExtraError
+        If fsspec, or what it needs for the protocol, is not installed.
+    InputError
+        If there is no such protocol.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        try:
+            from fsspec.core import url_to_fs
+        except ModuleNotFoundError as error:
+            raise _missing(error, address) from error
+        with storage_errors(address):
+            self.storage, self._path = url_to_fs(address)
+
+    def __fspath__(self) -> str:
+        return self.address
+
+    def __str__(self) -> str:
+        return self.address
+
+    @property
+    def name(self) -> str:
+        """The last step of the address, without what is asked of a server."""
+        return PurePosixPath(urlsplit(self.address).path or self.address).name
+
+    @property
+    def suffix(self) -> str:
+        return PurePosixPath(self.name).suffix
+
+    def open(self, mode: Literal["rb"] = "rb") -> BinaryIO:
+        """As a file that can seek, read by blocks of which the latest are kept."""
+        with storage_errors(self.address):
+            file: BinaryIO = self.storage.open(self._path, mode, block_size=COPY_BYTES, cache_type="blockcache")
+            return file
+
+    def exists(self) -> bool:
+        with storage_errors(self.address):
+            return bool(self.storage.exists(self._path))
+
+    def size(self) -> int:
+        """Bytes; InputError where there is no such file, or the server does not say."""
+        size = self._information().get("size")
+        if size is None:
+            raise InputError("the server does not say how long it is; fetch it, and read the copy", path=self.address)
+        return int(size)
+
+    def stamp(self) -> list[Any]:
+        """Name, size, and what changes when the file is written; None in place of the latter where nothing is known."""
+        known = self._information()
+        marks = [str(known[name]) for name in STAMPS if known.get(name) is not None]
+        return [self.name, known.get("size"), marks or None]
+
+    def read_range(self, begin: int, end: int) -> bytes:
+        """Bytes `begin` to `end` - 1."""
+        with storage_errors(self.address):
+            data: bytes = self.storage.cat_file(self._path, start=begin, end=end)
+        if len(data) != end - begin:
+            raise InputError("the server does not give parts of files; fetch it, and read the copy", path=self.address)
+        return data
+
+    def read(self) -> bytes:
+        """All of it."""
+        with storage_errors(self.address):
+            data: bytes = self.storage.cat_file(self._path)
+            return data
+
+    def write(self, data: bytes) -> None:
+        """Write all of it; storages show it when it is whole."""
+        with storage_errors(self.address):
+            self.storage.makedirs(self.storage._parent(self._path), exist_ok=True)
+            self.storage.pipe_file(self._path, data)
+
+    def fetch(self, path: Path) -> None:
+        """Write its bytes to a path."""
+        with self.open() as source, path.open("wb") as target:
+            while True:
+                with storage_errors(self.address):
+                    piece = source.read(COPY_BYTES)
+                if not piece:
+                    return
+                target.write(piece)
+
+    def put(self, path: Path) -> None:
+        """Write a file's bytes here; storages show them when they are whole."""
+        with storage_errors(self.address):
+            self.storage.makedirs(self.storage._parent(self._path), exist_ok=True)
+            self.storage.put_file(str(path), self._path)
+
+    def _information(self) -> dict[str, Any]:
+        with storage_errors(self.address):
+            found: dict[str, Any] = self.storage.info(self._path)
+            return found
+
+
+class RangeReader(io.RawIOBase):
+    """A remote file that reads what is asked for and no more, but for its first bytes: those are read once.
+
+    Attributes
+    ----------
+    name : str
+    bytes_read : int
+        What went over the wire.
+    """
+
+    def __init__(self, file: RemoteFile) -> None:
+        self._file, self.name = file, file.address
+        self._size, self._at = file.size(), 0
+        self._head = file.read_range(0, min(HEAD_BYTES, self._size)) if self._size else b""
+        self.bytes_read = len(self._head)
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
+        return self._at
+
+    def tell(self) -> int:
+        return self._at
+
+    def readinto(self, buffer: Any) -> int:
+        view = memoryview(buffer).cast("B")
+        end = min(self._at + len(view), self._size)
+        count = max(0, end - self._at)
+        known = self._head[self._at : end]
+        begin = self._at + len(known)
+        data = known if begin >= end else known + self._file.read_range(begin, end)
+        self.bytes_read += max(0, end - begin)
+        view[:count] = data
+        self._at += count
+        return count
+
+
+def open_range_reader(address: str) -> RangeReader:
+    """A remote file for reading parts of it."""
+    return RangeReader(RemoteFile(address))
+
+
+@contextmanager
+def remote_output(address: str, *, overwrite: bool) -> Iterator[Path]:
+    """A path to write to whose file is put at the address when the block ends well.
+
+    Raises
+    ------
+    InputError
+        If there is a file already, and `overwrite` is false, or nothing can be put there.
+    """
+    file = RemoteFile(address)
+    if not overwrite and file.exists():
+        raise InputError("exists already; choose another name, or overwrite it (--overwrite)", path=address)
+    with tempfile.TemporaryDirectory(prefix="pdecodec-") as folder:
+        path = Path(folder) / file.name
+        yield path
+        if not path.is_file():
+            raise InputError("stands for several files; name one that is one alone", path=address)
+        file.put(path)
+
+
+@contextmanager
+def storage_errors(address: str) -> Iterator[None]:
+    """Turn what storages raise, each its own, into one line."""
+    try:
+        yield
+    except PdecodecError:
+        raise
+    except ImportError as error:
+        raise _missing(error, address) from error
+    except FileNotFoundError as error:
+        raise InputError("there is no such file, or no answer; check the address", path=address) from error
+    except PermissionError as error:
+        raise InputError("may not be read or written with what this machine is known by there", path=address) from error
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"cannot be reached or read ({reason}); check the address", path=address) from error
+
+
+def _missing(error: ImportError, address: str) -> MissingExtraError:
+    name = error.name or str(error)
+    return MissingExtraError(f"addresses need the package {name}; run: pip install 'pdecodec[remote]'", path=address)

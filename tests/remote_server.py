@@ -1,0 +1,74 @@
+"""A server of a folder on this machine that gives parts of files, and counts what it gives."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+
+class Server(ThreadingHTTPServer):
+    """Counts the bytes of bodies, and the requests."""
+
+    folder: Path
+    gives_ranges = True
+    bytes_given = 0
+    requests = 0
+
+    @property
+    def address(self) -> str:
+        return f"http://127.0.0.1:{self.server_port}"
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: Server
+
+    def do_GET(self) -> None:
+        self._answer(has_body=True)
+
+    def do_HEAD(self) -> None:
+        self._answer(has_body=False)
+
+    def _answer(self, *, has_body: bool) -> None:
+        path = self.server.folder / unquote(urlsplit(self.path).path).lstrip("/")
+        if not path.is_file():
+            self.send_error(404)
+            return
+        data = path.read_bytes()
+        asked = re.fullmatch(r"bytes=(\d+)-(\d*)", self.headers.get("Range", ""))
+        begin, end = 0, len(data)
+        if asked and self.server.gives_ranges:
+            begin, end = int(asked[1]), min(int(asked[2] or len(data) - 1) + 1, len(data))
+            self.send_response(206)
+            self.send_header("Content-Range", f"bytes {begin}-{end - 1}/{len(data)}")
+        else:
+            self.send_response(200)
+        if self.server.gives_ranges:
+            self.send_header("Accept-Ranges", "bytes")
+        self.send_header("Content-Length", str(end - begin))
+        self.end_headers()
+        self.server.requests += 1
+        if has_body:
+            self.server.bytes_given += end - begin
+            self.wfile.write(data[begin:end])
+
+    def log_message(self, *_: object) -> None:
+        """Says nothing."""
+
+
+@contextmanager
+def serving(folder: Path) -> Iterator[Server]:
+    """A server of the files of a folder, on a free port, while the block runs."""
+    with Server(("127.0.0.1", 0), _Handler) as server:
+        server.folder = folder
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        try:
+            yield server
+        finally:
+            server.shutdown()
+            thread.join()
