@@ -11,7 +11,18 @@ from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.groups import TimeBasis, cosines
-from pdecodec.principal import Rows, principal_axes, principal_trajectories, sums_of_squares
+from pdecodec.principal import (
+    ROWS_AT_ONCE,
+    Rows,
+    Span,
+    leading_span,
+    principal_axes,
+    principal_axes_within,
+    principal_trajectories,
+    products,
+    sums_of_squares,
+    with_more,
+)
 from pdecodec.shares import in_shares, thread_count
 from pdecodec.timefunctions import TimeFunctionCost
 
@@ -53,9 +64,6 @@ that count are then clear of rounding."""
 
 LARGEST_SINGLE = 2.0**40
 """Squares of what is larger, or smaller than one over it, may leave the range of float32 when they are added up."""
-
-ROWS_AT_ONCE = 1024
-"""Vertices whose displacements are multiplied with functions of time at once."""
 
 ALIKE = 1e-2
 """Functions that differ by less than this share (of their squared length) count as one in a fit."""
@@ -138,6 +146,19 @@ class Displacements:
         return 3 * self._frames > self._vertices
 
     @cached_property
+    def _span(self) -> Span | None:
+        """Few trajectories and their coefficients, whose product displacements are but for little; None where it takes
+        many.
+        """
+        if self._beside is None:
+            return leading_span(self._moved, self._least)
+        if self._beside._span is None:
+            return None
+        still = np.tile(np.eye(3), (self._frames, 1))
+        coefficients, axes = with_more(self._beside._span, self._beside._moved, still)
+        return coefficients + self._shifted(self._beside, axes, "trajectories"), axes
+
+    @cached_property
     def _squares(self) -> Float64Array:
         """(3 frames, 3 frames) float64: sums over all vertices."""
         if self._beside is not None:
@@ -150,6 +171,10 @@ class Displacements:
     @cached_property
     def _squares_by_axis(self) -> Float64Array:
         """(frames, frames) float64: sums over all vertices and axes."""
+        if self._span is not None:
+            coefficients, axes = self._span
+            by_axis, between = axes.reshape(self._frames, 3, -1), sums_of_squares(coefficients)
+            return sum((by_axis[:, x] @ between @ by_axis[:, x].T for x in range(3)), np.zeros((self._frames,) * 2))
         if self._is_wide:
             split = self._moved.reshape(self._vertices, self._frames, 3)
             return sums_of_squares(
@@ -161,6 +186,8 @@ class Displacements:
     @cached_property
     def _trajectories(self) -> tuple[Float64Array, Float64Array]:
         """Principal trajectories that are worth looking at: energies (n,), falling, and functions (3 frames, n)."""
+        if self._span is not None:
+            return _first(*principal_axes_within(self._span, self._least))
         if self._is_wide:
             return _first(*principal_trajectories(self._moved.astype(np.float64), self._least))
         return _first(*principal_axes(self._squares, self._least))
@@ -286,19 +313,23 @@ class Displacements:
     def _along(self, dual: Float64Array, kind: TimeFunctions) -> Float64Array:
         """Sums of displacements times functions, rows in blocks that do not depend on the number of threads."""
         other = self._alike or self._beside
+        if self._alike is None and self._span is not None:
+            coefficients, axes = self._span
+            if kind == "trajectories":
+                return products(coefficients, axes.T @ dual)
+            each = np.einsum("fxn,fk->nkx", axes.reshape(self._frames, 3, -1), dual, optimize=True)
+            return products(coefficients, each.reshape(axes.shape[1], -1))
         if other is not None:
             return other._along(dual, kind) + self._shifted(other, dual, kind)
         rows = self._moved
+        if kind == "trajectories":
+            return products(rows, dual)
         dual = np.ascontiguousarray(dual, rows.dtype)
-        axes = 1 if kind == "trajectories" else 3
-        found = np.empty((self._vertices, axes * dual.shape[1]))
+        found = np.empty((self._vertices, 3 * dual.shape[1]))
 
         def add_up(first: int, end: int) -> None:
             for block in range(first, end):
                 some = slice(block * ROWS_AT_ONCE, (block + 1) * ROWS_AT_ONCE)
-                if axes == 1:
-                    found[some] = rows[some] @ dual
-                    continue
                 split = rows[some].reshape(-1, self._frames, 3)
                 for axis in range(3):
                     found[some, axis::3] = np.ascontiguousarray(split[:, :, axis]) @ dual

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from pdecodec.settings import EffortName
@@ -42,6 +43,9 @@ class Effort:
         How many times tighter bounds are whose models are tried too, on clips of at most `SMALL_CLIP` positions.
     searches_all_clips : bool
         Whether they are tried on larger clips as well.
+    searched_clip : float
+        Positions up to which anything is tried at all. Of larger clips the last kind and size of patches is taken, and
+        steps that leave the usual mean error.
     """
 
     space_bases: SpaceBases
@@ -56,6 +60,7 @@ class Effort:
     first_passes: int = 0
     tighter_bounds: tuple[float, ...] = ()
     searches_all_clips: bool = False
+    searched_clip: float = math.inf
 
 
 SMALL_CLIP = 2**16
@@ -69,6 +74,7 @@ EFFORTS: dict[EffortName, Effort] = {
         reference_steps=False,
         fine_steps=False,
         division=False,
+        searched_clip=2**19,
     ),
     "default": Effort(
         space_bases=(("patch", 64), ("patch", 32), ("patch", 128)),

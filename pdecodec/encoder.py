@@ -35,7 +35,7 @@ from pdecodec.groupfit import FittedGroup, GroupChoice, GroupFitter
 from pdecodec.groupmodel import GroupModelDescription
 from pdecodec.groups import CHUNK_SECTIONS, GroupEntry, write_group_table
 from pdecodec.metrics import frame_scale
-from pdecodec.modelchoice import FinishedGroup, ModelSearch, finished
+from pdecodec.modelchoice import FinishedGroup, ModelSearch, finished, ruled
 from pdecodec.reference import ReferenceFrame, decode_reference, encode_reference, quantise_reference
 from pdecodec.residuals import LAST_BINADE, residual_step
 from pdecodec.runs import ChangingSequence
@@ -312,10 +312,13 @@ class AutoEncoder(Encoder):
         assert self._bound is not None  # checked before
         steps = {"bound": self._bound, "unit": self._unit, "residual_step": self._residual_step}
         choices: list[tuple[int, GroupChoice]] = []  # of the group before: frames and choice of each of its parts
+        is_ruled = self._sequence.frame_count * self._sequence.vertex_count > self._effort.searched_clip
         usual_bits = 0.0  # of a frame of the last group that was searched
         for index, (begin, end) in enumerate(self._group_ranges()):
             is_searched = index < SEARCHED_GROUPS or index % (2 * SEARCHED_GROUPS) == 0
-            if index == 0:
+            if index > 0 and is_ruled:
+                parts = [ruled(self._fitter(begin, end, steps), self._model.basis)]
+            elif index == 0:
                 parts = self._choose_model(self._read(begin, end), steps)
             else:
                 fitter = self._fitter(begin, end, steps)

@@ -8,12 +8,9 @@ from functools import partial
 
 from pdecodec.displacements import ORIGINS, TIME_FUNCTIONS, TimeFunctions
 from pdecodec.estimate import BitCounter, bit_counter
-from pdecodec.groupfit import GroupChoice, GroupFitter, grid_index, grid_step
+from pdecodec.groupfit import COARSEST, FINEST, GroupChoice, GroupFitter, grid_index, grid_step
 from pdecodec.shares import side_by_side
 from pdecodec.spacebasis import SpaceBasis
-
-FINEST, COARSEST = 0.7, 64.0
-"""Quantisation steps of coefficients to choose from, in units."""
 
 TIME_STEPS = (-2, 2)
 """Indices that functions of time may be coded finer and coarser by than coefficients."""

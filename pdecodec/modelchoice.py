@@ -64,6 +64,12 @@ def finished(group: tuple[GroupFitter, GroupChoice], basis: SpaceBasis, effort: 
     return FinishedGroup(fitter, choice, fitter.fit(basis, choice, effort.rounding_passes))
 
 
+def ruled(fitter: GroupFitter, basis: SpaceBasis) -> FinishedGroup:
+    """A group fitted in full with the step that leaves the usual mean error."""
+    choice = fitter.with_usual_step(basis)
+    return FinishedGroup(fitter, choice, fitter.fit(basis, choice, is_measured=False))
+
+
 @dataclass(frozen=True, eq=False)
 class FinishedModel:
     """What a clip is encoded with, and its first groups.
@@ -152,6 +158,8 @@ class ModelSearch:
         Of a small clip those too that tighter bounds have: a search that stops at the first step that does not pay
         finds something else at every bound, and a looser one should not cost more.
         """
+        if self.times.size * len(self.points[0]) > self.effort.searched_clip:
+            return self._by_rule()
         found = [self._for_this_bound()]
         if self.effort.searches_all_clips or self.times.size * len(self.points[0]) <= SMALL_CLIP:
             moves = any(group.fitter.moves for group in found[0].groups)
@@ -159,6 +167,19 @@ class ModelSearch:
                 steps = {name: getattr(self, name) / ratio for name in ("bound", "unit", "residual_step")}
                 found.append(self._at_this_bound(replace(self, **steps)._for_this_bound()))
         return min(found, key=self._finished_cost)
+
+    def _by_rule(self) -> FinishedModel:
+        """What suits most clips, without a search."""
+        steps, usual = self._reference_steps()
+        reference = quantise_reference(self.points[0], steps[usual])
+        fitter = self._fitter(reference)
+        with ThreadPoolExecutor(1) as beside:
+            made = beside.submit(self._basis, self.effort.space_bases[-1], reference)
+            data = beside.submit(self._reference_data, reference)
+            fitter.prepare(fitter.first_choice)
+            basis = made.result()
+            group = ruled(fitter, basis)
+            return FinishedModel(reference, data.result(), basis, [group])
 
     def _at_this_bound(self, model: FinishedModel) -> FinishedModel:
         """A model of a tighter bound with the residuals that this one leaves."""
@@ -170,8 +191,7 @@ class ModelSearch:
         return replace(model, groups=groups)
 
     def _for_this_bound(self) -> FinishedModel:
-        steps = reference_steps(self.points[0], self.unit) if self.times.size > 1 else [OF_ONE_FRAME * self.unit]
-        usual = min(range(len(steps)), key=lambda k: abs(steps[k] - USUAL * self.unit))
+        steps, usual = self._reference_steps()
         model = self._with_reference(steps[usual])
         if model.moves and self.effort.reference_steps:
             model = self._with_better_reference(model, steps, usual)
@@ -185,6 +205,22 @@ class ModelSearch:
         del model  # and with it all that was found out on the way
         finished_groups = [finished(group, basis, self.effort) for group in groups]
         return FinishedModel(reference, self._reference_data(reference), basis, finished_groups)
+
+    def _reference_steps(self) -> tuple[list[float], int]:
+        """Steps of the reference frame that are worth trying, and which of them is the usual one."""
+        steps = reference_steps(self.points[0], self.unit) if self.times.size > 1 else [OF_ONE_FRAME * self.unit]
+        return steps, min(range(len(steps)), key=lambda k: abs(steps[k] - USUAL * self.unit))
+
+    def _fitter(self, reference: ReferenceFrame) -> GroupFitter:
+        return GroupFitter(
+            self.points,
+            reference.points,
+            self.points[0],
+            times=self.times[: len(self.points)],
+            bound=self.bound,
+            unit=self.unit,
+            residual_step=self.residual_step,
+        )
 
     def _with_better_reference(self, model: _Model, steps: Sequence[float], usual: int) -> _Model:
         better = self._with_best_reference(model, steps, usual)
@@ -234,15 +270,7 @@ class ModelSearch:
 
     def _with_reference(self, step: float) -> _Model:
         reference = quantise_reference(self.points[0], step)
-        fitter = GroupFitter(
-            self.points,
-            reference.points,
-            self.points[0],
-            times=self.times[: len(self.points)],
-            bound=self.bound,
-            unit=self.unit,
-            residual_step=self.residual_step,
-        )
+        fitter = self._fitter(reference)
         choices, spaces = [fitter.first_choice], _Spaces(partial(self._basis, reference=reference))
         if self.effort.time_bases:
             first = self.effort.space_bases[0] if self._is_large else LOOKS

@@ -1,12 +1,15 @@
 """Principal trajectories of a group of frames: few of many, without ever forming more than the group.
 
-The squares are added up on the smaller side, vertices or coordinates of frames. Where few trajectories carry the
-motion, block subspace iteration finds them (Halko, Martinsson and Tropp 2011, "Finding structure with randomness",
-algorithm 4.4; here the first block is cosines, so that nothing is random); else all of them are found at once.
+Where few of many trajectories carry the motion, signed sums of vertices span them, block after block until what is left
+of the next block is little (Halko, Martinsson and Tropp 2011, "Finding structure with randomness", algorithm 4.2; signs
+are the bits of a fixed hash, so that nothing is random). Else the squares are added up on the smaller side, vertices or
+coordinates of frames, and block subspace iteration finds the leading ones (algorithm 4.4 there; the first block is
+cosines), or all of them are found at once.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -32,6 +35,27 @@ SPANS, SINGLE_BLOCK, DOUBLE_BLOCK = 4, 512, 4096
 
 TINY = 1e-300
 """In the place of a length of zero."""
+
+SUMS, SUM_BLOCKS = 64, 8
+"""Signed sums of vertices in a block, and blocks of them."""
+
+WORTH_SUMS = 512
+"""Vertices and coordinates of frames from which on signed sums are quicker than squares."""
+
+LARGEST_SPAN = 0.35
+"""Share of all that there are that a span may be of."""
+
+SPANNED = 0.1
+"""What a span may leave out, as a share of what is left out of the trajectories in any case."""
+
+WITHIN = 1e-12
+"""Squared length of what is left of a unit vector, below which a span holds it."""
+
+ROWS_AT_ONCE = 1024
+"""Rows that are multiplied at once; products do not depend on the number of threads."""
+
+Span = tuple[Float64Array, Float64Array]
+"""Coefficients (vertices, n) of orthonormal vectors (columns, n): displacements are their product but for little."""
 
 
 def principal_trajectories(moved: Float64Array, least: float) -> tuple[Float64Array, Float64Array]:
@@ -114,3 +138,97 @@ def _leading(squares: Float64Array, least: float) -> tuple[Float64Array, Float64
         count *= 2
     values, vectors = np.linalg.eigh(squares)
     return np.maximum(values[::-1], 0.0), vectors[:, ::-1]
+
+
+def leading_span(rows: Rows, least: float) -> Span | None:
+    """Orthonormal vectors that span all but about :data:`SPANNED` of `least` of the rows' energy.
+
+    None where that takes so many that the squares are quicker.
+
+    Parameters
+    ----------
+    rows : (vertices, n) float32 or float64
+    least : float
+        Sum of squares.
+    """
+    vertices, size = rows.shape
+    most = int(LARGEST_SPAN * min(vertices, size))
+    if min(vertices, size) < WORTH_SUMS:
+        return None
+    sums = _signed_sums(rows)
+    axes, parts = np.zeros((size, 0)), [np.zeros((vertices, 0))]
+    before = math.inf
+    for block in range(SUM_BLOCKS):
+        signs = [-1.0 if (block & other).bit_count() % 2 else 1.0 for other in range(SUM_BLOCKS)]
+        left = _outside(np.tensordot(signs, sums, axes=1).T, axes)
+        energy = float(np.square(left).sum())
+        if energy <= SPANNED * least:
+            return np.concatenate(parts, axis=1), axes
+        # What is left falls more slowly from block to block.
+        blocks = min(most // SUMS, SUM_BLOCKS - 1) - block
+        if blocks <= 0 or (block > 1 and energy * (energy / before) ** blocks > SPANNED * least):
+            return None
+        before = energy
+        more = np.linalg.qr(_outside(np.linalg.qr(left)[0], axes))[0]
+        parts.append(products(rows, more))
+        axes = np.concatenate([axes, more], axis=1)
+    return None
+
+
+def _signed_sums(rows: Rows) -> Float64Array:
+    """(SUM_BLOCKS, SUMS, n) float64: each row is added to one of the sums, or taken from it."""
+    count = SUM_BLOCKS * SUMS
+    sums = np.zeros((count, rows.shape[1]), rows.dtype)
+    hashed = (np.arange(len(rows), dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
+    signs = (1.0 - 2.0 * (hashed & np.uint64(1))).astype(rows.dtype)
+
+    def add_up(first: int, end: int) -> None:
+        for begin in range(0, len(rows), count):
+            some = slice(begin + first, min(begin + end, len(rows)))
+            some_rows = rows[some]
+            sums[first : first + len(some_rows)] += some_rows * signs[some, None]
+
+    in_shares(add_up, count)
+    return sums.astype(np.float64).reshape(SUM_BLOCKS, SUMS, -1)
+
+
+def _outside(vectors: Float64Array, axes: Float64Array) -> Float64Array:
+    """What orthonormal axes leave of vectors, both in columns."""
+    return vectors - axes @ (axes.T @ vectors)
+
+
+def with_more(span: Span, rows: Rows, vectors: Float64Array) -> Span:
+    """A span with vectors, (n, few), in it too; `rows` are those that it is of."""
+    coefficients, axes = span
+    for vector in vectors.T:
+        left = _outside(vector[:, None] / np.sqrt(max(float(vector @ vector), TINY)), axes)
+        length = float(np.square(left).sum())
+        if length > WITHIN:
+            left = _outside(left / np.sqrt(length), axes)
+            axes = np.concatenate([axes, left / np.sqrt(np.square(left).sum())], axis=1)
+    more = axes[:, coefficients.shape[1] :]
+    return np.concatenate([coefficients, products(rows, more)], axis=1), axes
+
+
+def principal_axes_within(span: Span, least: float) -> tuple[Float64Array, Float64Array]:
+    """:func:`principal_trajectories` of what a span holds."""
+    coefficients, axes = span
+    energies, turned = np.linalg.eigh(sums_of_squares(coefficients))
+    energies, turned = np.maximum(energies[::-1], 0.0), turned[:, ::-1]
+    left = np.append(np.cumsum(energies[::-1])[::-1], 0.0)
+    kept = int(np.argmax(left <= least))
+    return energies[:kept], _turned(axes @ turned[:, :kept])
+
+
+def products(rows: Rows, factors: Float64Array) -> Float64Array:
+    """``rows @ factors`` in the rows' precision, (vertices, k) float64."""
+    found = np.empty((len(rows), factors.shape[1]))
+    factors = np.ascontiguousarray(factors, rows.dtype)
+
+    def multiply(first: int, end: int) -> None:
+        for block in range(first, end):
+            some = slice(block * ROWS_AT_ONCE, (block + 1) * ROWS_AT_ONCE)
+            found[some] = rows[some] @ factors
+
+    in_shares(multiply, -(-len(rows) // ROWS_AT_ONCE))
+    return found

@@ -43,6 +43,9 @@ one bit a number, about as many at four; 0.33 takes 2 % more at any rate."""
 MOST_TURNS = 1.0 / 3.0
 """Share of the numbers that may change the speed; where more do, straight lines are no candidate."""
 
+SAMPLED, FEWEST_SAMPLED = 3, 8
+"""One in so many functions is coded by every method, to choose one for all, where those are so many at least."""
+
 BITS_OF_AN_ERROR = 6.0 / math.log(2.0)
 """Bits that a squared error of step^2 is worth: the error of a number, step^2 / 12, falls to a quarter with each bit,
 which is a slope of step^2 / 12 * 2 ln 2."""
@@ -92,11 +95,15 @@ def quantise_time_functions(scaled: Float64Array, step: float) -> QuantisedTimeF
         If the step is not positive, or so small that numbers exceed 2^30 steps.
     """
 
-    def cost(item: QuantisedTimeFunctions) -> float:
-        error = (item.decoded - scaled) / step
+    def cost(item: QuantisedTimeFunctions, of: Float64Array = scaled) -> float:
+        error = (item.decoded - of) / step
         return item.bits + BITS_OF_AN_ERROR * float(np.einsum("tak,tak->", error, error))
 
-    return min(quantised_by_each_method(scaled, step), key=cost)
+    some = scaled[:, :, ::SAMPLED]
+    if some.shape[2] < FEWEST_SAMPLED:
+        return min(quantised_by_each_method(scaled, step), key=cost)
+    method = min(quantised_by_each_method(some, step), key=lambda item: cost(item, some)).method
+    return quantised_by_each_method(scaled, step, method)[0]
 
 
 class TimeFunctionCost:
@@ -116,8 +123,9 @@ class TimeFunctionCost:
     def __init__(self, scaled: Float64Array, step: float) -> None:
         self._scaled = scaled
         self._off = np.abs(np.diff(scaled, n=2, axis=0, prepend=np.zeros((2, *scaled.shape[1:]))))
-        rough = float(np.log2(1.0 + self._off / step).sum())
-        self._factor = quantise_time_functions(scaled, step).bits / rough if rough else 0.0
+        every = SAMPLED if scaled.shape[2] >= SAMPLED * FEWEST_SAMPLED else 1
+        rough = float(np.log2(1.0 + self._off[:, :, ::every] / step).sum())
+        self._factor = quantise_time_functions(scaled[:, :, ::every], step).bits / rough if rough else 0.0
 
     def bits(self, used: NDArray[np.intp], step: float) -> float:
         """Of some of the functions, about."""
@@ -130,8 +138,13 @@ class TimeFunctionCost:
         return rounded
 
 
-def quantised_by_each_method(scaled: Float64Array, step: float) -> list[QuantisedTimeFunctions]:
-    """Functions of time by every method that can be; see :func:`quantise_time_functions`."""
+def quantised_by_each_method(
+    scaled: Float64Array, step: float, only: int | None = None
+) -> list[QuantisedTimeFunctions]:
+    """Functions of time by every method that can be, or by one alone; see :func:`quantise_time_functions`.
+
+    Predicted ones where the one cannot be.
+    """
     if not 0.0 < step < math.inf:
         raise SettingsError(f"the step of functions of time must be a positive number, not {step}")
     frames = scaled.shape[0]
@@ -143,13 +156,15 @@ def quantised_by_each_method(scaled: Float64Array, step: float) -> list[Quantise
     def transformed(method: int, quantised: Int64Array) -> QuantisedTimeFunctions:
         return QuantisedTimeFunctions(method, quantised, _core.time_function_values(method, quantised, step))
 
-    ways = [lambda: QuantisedTimeFunctions(PREDICTED, *_core.quantise_predicted(wanted, ROUNDING, step))]
-    if 0 < frames <= LONGEST_TRANSFORM:
+    ways: list[Callable[[], QuantisedTimeFunctions]] = []
+    if only in (None, TRANSFORMED) and 0 < frames <= LONGEST_TRANSFORM:
         ways.append(lambda: transformed(TRANSFORMED, _transform(wanted)))
-    if frames > 0:
+    if only in (None, STRAIGHT) and frames > 0:
         straight = _core.quantise_straight(wanted, 1.0 - ROUNDING)
         if np.count_nonzero(straight) <= MOST_TURNS * straight.size:
             ways.append(lambda: transformed(STRAIGHT, straight))
+    if only in (None, PREDICTED) or not ways:
+        ways.insert(0, lambda: QuantisedTimeFunctions(PREDICTED, *_core.quantise_predicted(wanted, ROUNDING, step)))
 
     def measured(way: Callable[[], QuantisedTimeFunctions]) -> QuantisedTimeFunctions:
         found = way()

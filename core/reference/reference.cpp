@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <numeric>
+#include <optional>
 
 #include "errors.hpp"
 #include "reference/point_model.hpp"
@@ -42,40 +43,60 @@ Polygons welded(const Polygons &mesh, const std::vector<i32> &point_of, i64 poin
     return found;
 }
 
-std::vector<u8> encode(const Polygons &mesh, std::span<const Vector> grid, u8 kind, const std::vector<i32> &point_of) {
-    RangeCoder<Mode::encode> coder;
-    Polygons surface = mesh;
-    std::vector<Vector> points(grid.begin(), grid.end());
-    if (kind & welds_points) {
-        std::vector<i32> coded = point_of;
-        const i64 count = code_welds(coder, CornerTable(mesh), coded);
-        points.resize(count);
-        for (std::size_t vertex = 0; vertex < grid.size(); ++vertex) points[point_of[vertex]] = grid[vertex];
-        surface = welded(mesh, point_of, count);
+// A surface that is predicted across: the mesh, or the mesh with its welds, which are coded first.
+struct Surface {
+    Surface(const Polygons &mesh, std::span<const Vector> grid, const std::vector<i32> *point_of)
+        : points(grid.begin(), grid.end()) {
+        if (point_of) {
+            std::vector<i32> coded = *point_of;
+            const i64 count = code_welds(coder, CornerTable(mesh), coded);
+            points.resize(count);
+            for (std::size_t vertex = 0; vertex < grid.size(); ++vertex) points[(*point_of)[vertex]] = grid[vertex];
+            corners.emplace(welded(mesh, *point_of, count));
+        } else {
+            corners.emplace(mesh);
+        }
+        order = prediction_order(*corners);
+        around = neighbourhoods(*corners);
+        Predictor seen(*corners, around, points);
+        weights = choose_term_weights(order, seen);
     }
-    const CornerTable corners(std::move(surface));
-    const std::vector<i32> order = prediction_order(corners);
-    const std::vector<Neighbourhood> around = neighbourhoods(corners);
-    Predictor seen(corners, around, points);
-    TermWeights weights = choose_term_weights(order, seen);
-    Predictor predictor(corners, around, std::move(points));
-    PointModel model(kind & matches_residuals);
-    model.code_weights(coder, weights);
-    model.code(coder, order, weights, predictor);
-    return coder.finish();
-}
+
+    std::vector<u8> encode(bool matches) const {
+        RangeCoder<Mode::encode> after = coder;
+        Predictor predictor(*corners, around, points);
+        PointModel model(matches);
+        TermWeights coded = weights;
+        model.code_weights(after, coded);
+        model.code(after, order, weights, predictor);
+        return after.finish();
+    }
+
+    RangeCoder<Mode::encode> coder;
+    std::vector<Vector> points;
+    std::optional<CornerTable> corners;
+    std::vector<i32> order;
+    std::vector<Neighbourhood> around;
+    TermWeights weights;
+};
 
 }  // namespace
 
 CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> grid) {
     const std::vector<i32> point_of = shared_points(mesh, grid);
-    CodedReference best{0, encode(mesh, grid, 0, point_of)};
-    const auto try_also = [&](u8 kind) {
-        std::vector<u8> data = encode(mesh, grid, kind, point_of);
-        if (data.size() < best.data.size()) best = {kind, std::move(data)};
+    std::optional<Surface> best_surface(std::in_place, mesh, grid, nullptr);
+    CodedReference best{0, best_surface->encode(false)};
+    const auto try_also = [&](u8 kind, const Surface &surface) {
+        std::vector<u8> data = surface.encode(kind & matches_residuals);
+        if (data.size() >= best.data.size()) return false;
+        best = {kind, std::move(data)};
+        return true;
     };
-    if (!point_of.empty()) try_also(welds_points);
-    try_also(best.kind | matches_residuals);
+    if (!point_of.empty()) {
+        Surface welds(mesh, grid, &point_of);
+        if (try_also(welds_points, welds)) best_surface.emplace(std::move(welds));
+    }
+    try_also(best.kind | matches_residuals, *best_surface);
     return best;
 }
 
