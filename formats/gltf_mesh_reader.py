@@ -49,7 +49,8 @@ class Block:
 class GltfMesh:
     """A mesh as one object: blocks, whose vertices stand one after the other, and which of them are the object's.
 
-    `weights`, (targets,), are those of the morph targets where nothing moves them.
+    `weights`, (targets,), are those of the morph targets where nothing moves them; `starts` are the first rows of the
+    vertices of each primitive, `corner_rows`, (corners,), the row of each corner of the object's faces.
     """
 
     connectivity: Connectivity
@@ -58,6 +59,8 @@ class GltfMesh:
     gather: NDArray[np.int64] | None
     weights: Float64Array
     left_out: tuple[str, ...]
+    starts: tuple[int, ...]
+    corner_rows: Int32Array
 
 
 def read_mesh(file: GltfFile, index: int) -> GltfMesh:
@@ -68,7 +71,7 @@ def read_mesh(file: GltfFile, index: int) -> GltfMesh:
         raise InputError(f"mesh {index} is damaged ({error}); export the file again") from error
 
 
-class _Rows:
+class PrimitiveRows:
     """The attributes of a primitive by their names, compressed or not."""
 
     def __init__(self, file: GltfFile, primitive: Mapping[str, Any]) -> None:
@@ -116,7 +119,7 @@ class _Reader:
         self._known: dict[str, tuple[int, int]] = {}
         self._blocks: list[Block] = []
         self._rows = 0
-        self._sources: list[_Rows] = []
+        self._sources: list[PrimitiveRows] = []
         self._left_out: dict[str, None] = {}
 
     def read(self) -> GltfMesh:
@@ -124,9 +127,11 @@ class _Reader:
         materials: list[NDArray[np.int64]] = []
         lines: list[Int32Array] = []
         drawn: list[tuple[int, NDArray[np.int64]]] = []
+        starts: list[int] = []
         for primitive in self._entry["primitives"]:
-            rows = _Rows(self._file, primitive)
+            rows = PrimitiveRows(self._file, primitive)
             start, count = self._block(primitive, rows)
+            starts.append(start)
             indices, mode = rows.indices(count) + start, rows.mode
             drawn.append((mode, indices))
             if mode in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
@@ -148,12 +153,21 @@ class _Reader:
         own = self._entry.get("extras", {}).get("pdecodec")
         if isinstance(own, dict):
             if own.get("of") == fingerprint(self._rows, drawn):
-                return self._restored(own, weights, sum(indices.size for _, indices in drawn))
+                return self._restored(own, weights, sum(indices.size for _, indices in drawn), tuple(starts))
             self._left_out["what pdecodec noted of faces and seams (another program changed the mesh)"] = None
         attributes = [*self._vertex_attributes(connectivity), *self._materials(materials)]
-        return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), None, weights, tuple(self._left_out))
+        return GltfMesh(
+            connectivity,
+            tuple(attributes),
+            tuple(self._blocks),
+            None,
+            weights,
+            tuple(self._left_out),
+            tuple(starts),
+            connectivity.face_indices,
+        )
 
-    def _block(self, primitive: Mapping[str, Any], rows: _Rows) -> tuple[int, int]:
+    def _block(self, primitive: Mapping[str, Any], rows: PrimitiveRows) -> tuple[int, int]:
         """First row and number of the vertices of a primitive; those of an earlier one where they are the same."""
         packed = primitive.get("extensions", {}).get(DRACO)
         key = repr((sorted(rows.accessors.items()), primitive.get("targets"), packed))
@@ -222,7 +236,9 @@ class _Reader:
         values = np.where(of_faces >= 0, np.searchsorted(used, of_faces), -1).astype(np.int32)
         return [Attribute(MATERIAL, "face", values, labels=labels)]
 
-    def _restored(self, own: Mapping[str, Any], weights: Float64Array, corners: int) -> GltfMesh:
+    def _restored(
+        self, own: Mapping[str, Any], weights: Float64Array, corners: int, starts: tuple[int, ...]
+    ) -> GltfMesh:
         """The object as it was before our writer cut it at seams and into triangles, of so many corners."""
         vertices = int(own["vertices"])
         if not 0 < vertices <= self._rows or len(self._blocks) != 1:
@@ -255,7 +271,8 @@ class _Reader:
         if "NORMAL" in there and connectivity.face_count and own.get("normals") != "added":
             attributes.append(normal_group(connectivity, array("normalGroups") if "normalGroups" in own else None))
         gather = None if vertices == self._rows else np.arange(vertices, dtype=np.int64)
-        return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), gather, weights, tuple(self._left_out))
+        left_out = tuple(self._left_out)
+        return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), gather, weights, left_out, starts, rows)
 
 
 def _as_noted(name: str, by_corner: Float32Array, uv: Mapping[str, Any]) -> Attribute:
@@ -270,7 +287,7 @@ def _as_noted(name: str, by_corner: Float32Array, uv: Mapping[str, Any]) -> Attr
     return Attribute(name, "corner", values, indices)
 
 
-def _influences(source: _Rows, rows: int) -> tuple[NDArray[np.int64] | None, Float64Array | None]:
+def _influences(source: PrimitiveRows, rows: int) -> tuple[NDArray[np.int64] | None, Float64Array | None]:
     """Joints of each vertex and their shares, (vertices, k), which sum to one."""
     joints, weights = [], []
     number = 0

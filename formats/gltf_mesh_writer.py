@@ -71,6 +71,11 @@ class Motion:
     normal_targets: Float32Array | None = None
     normal_error: float = 0.0
 
+    @property
+    def first_weights(self) -> list[float]:
+        """Weights at the first frame."""
+        return [0.0] * len(self.targets) if self.functions is None else [float(one) for one in self.functions[0]]
+
 
 def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRows | None) -> Motion:
     """The fewest targets that give an object's motion.
@@ -396,7 +401,7 @@ def write_mesh(
     notes["of"] = fingerprint(sources.size, drawn)
     mesh: dict[str, Any] = {"primitives": primitives, "extras": {"pdecodec": notes}}
     if morphs:
-        mesh["weights"] = [0.0] * len(morphs) if motion.functions is None else motion.functions[0].tolist()
+        mesh["weights"] = motion.first_weights
     return builder.add("meshes", mesh)
 
 

@@ -43,6 +43,8 @@ class Output:
     progress : callable or None
     quantize, meshopt : bool
         Smaller files, of formats that list these options.
+    layer : bool
+        Of what goes onto a file: whether it is only a layer over it.
     """
 
     path: Path
@@ -52,6 +54,7 @@ class Output:
     progress: Progress | None = None
     quantize: bool = False
     meshopt: bool = False
+    layer: bool = False
 
     def whole_file(self) -> AbstractContextManager[Path]:
         """A path to write to, which becomes :attr:`path` when the block ends well."""
@@ -87,6 +90,8 @@ class Format:
         What files of this format begin with; and what some of them begin with that is another format's too.
     reader, writer : str or None
         ``"module:function"``, imported at first use (:data:`Reader`, :data:`Writer`).
+    onto : str or None
+        Likewise, what puts motion onto a file of the format (:data:`pdecodec.formats.onto.OntoWriter`).
     write_with : str
         What to use where there is no `writer`.
     extra : str or None
@@ -113,6 +118,7 @@ class Format:
     shared_magic: tuple[bytes, ...] = ()
     reader: str | None = None
     writer: str | None = None
+    onto: str | None = None
     write_with: str = ""
     extra: str | None = None
     frame_per_file: bool = False
@@ -239,7 +245,7 @@ def open_sequence(
     where = Path(path)
     _check_fps(fps)
     finish_interrupted(where if where.is_dir() else where.parent)
-    entry = _format_to_read(where)
+    entry = format_to_read(where)
     for name, value in (("mesh", mesh), ("clip", clip)):
         if value is not None and name not in entry.options:
             users = ", ".join(other.title for other in _formats.whole().values() if name in other.options)
@@ -252,7 +258,7 @@ def open_sequence(
         with naming_file(where):
             files = {"mesh": None if mesh is None else os.path.abspath(mesh)}
             return IsolatedSequence(where, {**given, **files, "fps": fps})
-    reader: Reader = _load(entry, entry.reader, "read", where)
+    reader: Reader = load(entry, entry.reader, "read", where)
     with naming_file(where):
         return reader(where, fps=fps, **{name: given[name] for name in entry.options})
 
@@ -307,8 +313,8 @@ def write_sequence(
     where = Path(path)
     check_path(where)
     _check_fps(fps)
-    entry = _format_to_write(where, is_folder=os.fspath(path).endswith(("/", os.sep)))
-    writer: Writer = _load(entry, entry.writer, "written", where)
+    entry = format_to_write(where, is_folder=os.fspath(path).endswith(("/", os.sep)))
+    writer: Writer = load(entry, entry.writer, "written", where)
     if velocities is not None and not entry.holds_velocities:
         users = ", ".join(other.title for other in _formats.whole().values() if other.holds_velocities)
         raise SettingsError(f"velocities are held by {users}; leave them out, or write them apart", path=where)
@@ -376,7 +382,8 @@ def _failures() -> str:
     return f"; {failed}" if failed else ""
 
 
-def _format_to_read(path: Path) -> Format:
+def format_to_read(path: Path) -> Format:
+    """The format of an input, a file, a pattern or a folder; InputError where there is none."""
     if path.is_dir():
         return _format_of_folder(path)
     entry = _by_extension(path)
@@ -411,7 +418,8 @@ def _format_of_folder(folder: Path) -> Format:
     return found[0]
 
 
-def _format_to_write(path: Path, *, is_folder: bool) -> Format:
+def format_to_write(path: Path, *, is_folder: bool) -> Format:
+    """The format that an output's name asks for; InputError where there is none."""
     entry = _by_extension(path)
     if is_folder or not path.suffix or (entry is None and path.is_dir()):
         return next(entry for entry in _formats.whole().values() if entry.frame_per_file and entry.writes)
@@ -423,7 +431,8 @@ def _format_to_write(path: Path, *, is_folder: bool) -> Format:
     return entry
 
 
-def _load(entry: Format, where: str | None, action: str, path: Path) -> Any:
+def load(entry: Format, where: str | None, action: str, path: Path) -> Any:
+    """What ``"module:function"`` of a format names; errors where it has none, or needs what is not installed."""
     if where is None:
         instead = f"use {entry.write_with}" if entry.write_with else "choose another format"
         raise InputError(f"{entry.title} ({entry.name}) cannot be {action} here; {instead}", path=path)
