@@ -125,11 +125,10 @@ BUILT_IN = (
         options=("clip", "transforms"),
         write_options=("quantize", "meshopt"),
         keeps="the tree and its names, faces and vertex order (noted beside the triangles), UV sets with seams, "
-        "vertex colours, hard edges, material names, lines, points, frame rate, times (float32); skins, morph targets "
-        "and moving nodes are applied at --fps; Draco and meshopt compression are read (pip install 'pdecodec[gltf]'), "
-        "quantised numbers too; GPU instances become objects",
-        loses="face groups, tangents, other attributes, animation of anything but nodes and weights; the scene is "
-        "turned Y-up",
+        "colours, hard edges, material names, face sets (as primitives, named in their extras), lines, points, frame "
+        "rate, times (float32); skins, morph targets and moving nodes are applied at --fps; Draco and meshopt "
+        "compression are read (pip install 'pdecodec[gltf]'), quantised numbers too; GPU instances become objects",
+        loses="tangents, other attributes, animation of anything but nodes and weights; the scene is turned Y-up",
     ),
     Format(
         name="xdmf",
