@@ -168,6 +168,7 @@ def choices_figure(findings: Findings) -> Figure:
         ),
         draw=draw,
         size=(11.0, 3.6),
+        shows_table=True,
     )
 
 
