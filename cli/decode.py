@@ -49,6 +49,14 @@ MUCH_OUTPUT = 10 * 10**9
     show_default=True,
     help="What a time before the first frame or after the last one means.",
 )
+@click.option(
+    "--onto",
+    metavar="ORIGINAL",
+    help="Write ORIGINAL again, with all that it has (materials, textures, cameras, skeletons, custom attributes), and "
+    "this motion in the place of its own: Alembic, USD, glTF and OBJ, OUT of the same format.",
+)
+@click.option("--clip", metavar="NAME", help="Which animation of ORIGINAL the motion replaces (glTF); the first.")
+@click.option("--layer", is_flag=True, help="USD: write only a layer over ORIGINAL: points, normals and velocities.")
 @write_options
 @place_options
 @click.option("--max-memory", callback=parse_bytes, metavar="BYTES", help="Refuse files that need more, such as 2G.")
@@ -104,12 +112,15 @@ def _decode(
     unit: str | None,
     max_memory: int | None,
     max_output: int | None,
+    onto: str | None,
+    clip: str | None,
+    layer: bool,
     dry_run: bool,
     overwrite: bool,
     as_json: bool,
 ) -> None:
     from pdecodec.decoder import DecodeLimits, open_animation
-    from pdecodec.formats import write_sequence
+    from pdecodec.formats import write_onto, write_sequence
     from pdecodec.formats.choosing import select_objects
     from pdecodec.formats.companions import output_files
     from pdecodec.formats.scene_space import place
@@ -125,7 +136,11 @@ def _decode(
     refuse_pdeanim(output, "decode writes meshes; name another format")
     together = velocities and _holds_velocities(output)
     outputs = [output, _velocity_path(output)] if velocities and not together else [output]
-    job.check(outputs, [times], overwrite=overwrite, dry_run=dry_run)
+    if onto is None and (layer or clip):
+        raise SettingsError(f"{'--layer' if layer else '--clip'} is for --onto; leave it out")
+    if onto is not None and quantize:
+        raise SettingsError("--quantize would move the nodes of the original; leave it out, or --onto")
+    job.check(outputs, [times, onto], overwrite=overwrite, dry_run=dry_run)
     if Path(source).is_dir():
         raise InputError("is a folder; decode takes a .pdeanim file", path=source)
     limits = DecodeLimits() if max_memory is None else DecodeLimits(max_memory=max_memory)
@@ -141,26 +156,20 @@ def _decode(
         _check_output(sequences, max_output, animation.path)
         say_notices(positions)
         say_start(job, positions)
+
+        def write(some: MeshSequence, path: str, **options: Any) -> tuple[str, ...]:
+            if onto is not None:
+                return write_onto(some, onto, path, clip=clip, layer=layer, meshopt=meshopt, **options)
+            return write_sequence(some, path, quantize=quantize, meshopt=meshopt, **options)
+
         if dry_run:
-
-            def write(some: MeshSequence, path: str) -> object:
-                return write_sequence(some, path, quantize=quantize, meshopt=meshopt)
-
             say_plan(job, positions, write, files=1, size=bytes_of(source, [Path(source)]))
             return
         notices: dict[str, None] = {}
         for path, sequence in zip(outputs, sequences, strict=False):
             with progress_bar() as progress:
                 inside = speeds if together else None
-                found = write_sequence(
-                    sequence,
-                    path,
-                    overwrite=overwrite,
-                    velocities=inside,
-                    progress=progress,
-                    quantize=quantize,
-                    meshopt=meshopt,
-                )
+                found = write(sequence, path, overwrite=overwrite, velocities=inside, progress=progress)
             notices.update(dict.fromkeys(found))
         for notice in notices:
             say(f"note: {notice}")

@@ -41,6 +41,14 @@ CONVENTIONS = """\
 - **Transforms** above objects are applied to positions, or kept (`--transforms keep`) as the attribute `transform`:
   rows of a time and a matrix. Meshes that move rigidly, to two units in the last place of float32, are written to glTF,
   USD and Alembic as one shape under transforms. Formats without transforms get positions with transforms applied.
+- **Onto an original** (`decode --onto`, `write_onto`): glTF, USD, Alembic and OBJ files are written again with all that
+  they have, whether it is read here or not, and another motion. Objects must be those of the original. Normals are
+  computed anew where it has some; transforms stay, and positions are brought into the spaces of their shapes. Skeletons
+  and blend shapes stay and no longer deform what is moved. USD: the root layer is copied, other files are named from
+  the new place; `--layer` writes points, normals and velocities alone, over the original as a sublayer. glTF: meshes
+  under nodes that move, and those that move rigidly, go to the scene's root, and tangents are left out.
+  Alembic: properties that its Python library has no type for, and bounds of children, are left out, aloud; instances
+  that are moved are instances no more. OBJ: every frame is the original's first with other numbers.
 - **Up axis and unit** are the metadata `up_axis` and `unit`, where a file says them. `--up-axis` turns the scene,
   `--scale` scales it and its unit, `--unit` says what nobody recorded. USD files say what is known and no more; glTF
   and Alembic are Y-up, so that other scenes are turned, aloud.

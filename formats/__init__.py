@@ -8,9 +8,10 @@ if __name__ != "pdecodec.formats":
     raise ImportError(f"import this package as pdecodec.formats, not as {__name__}")
 
 from pdecodec.formats.catalogue import BUILT_IN
+from pdecodec.formats.onto import write_onto
 from pdecodec.formats.registry import Format, list_formats, open_sequence, register_format, write_sequence
 
 for _entry in BUILT_IN:
     register_format(_entry)
 
-__all__ = ["Format", "list_formats", "open_sequence", "register_format", "write_sequence"]
+__all__ = ["Format", "list_formats", "open_sequence", "register_format", "write_onto", "write_sequence"]

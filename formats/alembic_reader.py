@@ -137,7 +137,15 @@ class AlembicSequence(SceneSequence):
     def _matrices(self, shape: _Shape, start: int, stop: int) -> Float64Array | None:
         if not any(one.moves or not np.array_equal(one.matrices[0], np.eye(4)) for one in shape.chain):
             return None
-        times = self.times[start:stop]
+        return self.shape_matrices(shape, self.times[start:stop])
+
+    @property
+    def top(self) -> Any:
+        """The object above all others."""
+        return self._archive.getTop()
+
+    def shape_matrices(self, shape: _Shape, times: Float64Array) -> Float64Array:
+        """(times, 4, 4) from a shape's space to the scene's at times [s], for points that are rows."""
         matrices = np.broadcast_to(np.eye(4), (times.size, 4, 4))
         for transform in shape.chain:
             matrices = matrices @ transform.at(times)
@@ -167,8 +175,9 @@ class AlembicSequence(SceneSequence):
 
 @dataclass(kw_only=True, eq=False)
 class _Shape(Shape):
-    """A shape, its positions and their times [s], and the transforms from the one above it up to the top."""
+    """A shape's object, its positions and their times [s], and the transforms from the one above it up to the top."""
 
+    node: Any
     positions: Any
     times: Float64Array
     chain: tuple[_Transform, ...]
@@ -393,6 +402,7 @@ def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[_Tran
                 attributes=extras.attributes,
                 gather=gather,
                 left_out=extras.left_out,
+                node=node,
                 positions=positions,
                 times=times if moves else times[:1],
                 chain=chain,

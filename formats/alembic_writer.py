@@ -96,7 +96,7 @@ def _write(sequence: MeshSequence, path: Path, output: Output) -> tuple[str, ...
     room = ReservedRoom(path)
     # Alembic ends the process where its last bytes find no room: room is made before anything is written.
     room.reserve(sum(map(_described_bytes, sequence.objects)) + sequence.frame_count * 64 * len(sequence.objects))
-    sampling = archive.addTimeSampling(_time_sampling(sequence.times, output.rate))
+    sampling = archive.addTimeSampling(time_sampling(sequence.times, output.rate))
     top = archive.getTop()
     Abc.ODoubleProperty(top.getProperties(), FPS_PROPERTY).setValue(output.rate)
     if sequence.metadata:
@@ -123,7 +123,8 @@ def _described_bytes(item: MeshObject) -> int:
     return OBJECT_BYTES + 2 * (sum(array.nbytes for array in arrays) + labels)
 
 
-def _time_sampling(times: Float64Array, rate: float) -> Any:
+def time_sampling(times: Float64Array, rate: float) -> Any:
+    """Alembic's time sampling of times [s]: even at the rate, or another, or each by itself."""
     found = rate if times.size == 1 else regular_rate(times, rate)
     if found is not None:
         return AbcCoreAbstract.TimeSampling(1.0 / found, float(times[0]))

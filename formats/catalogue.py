@@ -23,6 +23,7 @@ BUILT_IN = (
         extensions=(".obj",),
         reader="pdecodec.formats.obj_reader:open_obj",
         writer="pdecodec.formats.obj_writer:write_obj",
+        onto="pdecodec.formats.obj_onto:write_obj_onto",
         frame_per_file=True,
         holds_runs=True,
         keeps="objects, faces, lines, main UV set with seams, vertex colours, hard edges, groups, materials, smoothing "
@@ -83,6 +84,7 @@ BUILT_IN = (
         shared_magic=(b"\x89HDF\r\n\x1a\n",),
         reader="pdecodec.formats.alembic_reader:open_alembic",
         writer="pdecodec.formats.alembic_writer:write_alembic",
+        onto="pdecodec.formats.alembic_onto:write_alembic_onto",
         times="microseconds",
         extra="abc",
         options=("transforms", "skip_unsupported"),
@@ -102,6 +104,7 @@ BUILT_IN = (
         shared_magic=(b"PK\x03\x04",),
         reader="pdecodec.formats.usd_reader:UsdSequence",
         writer="pdecodec.formats.usd_writer:write_usd",
+        onto="pdecodec.formats.usd_onto:write_usd_onto",
         times="microseconds",
         extra="usd",
         options=("transforms", "skip_unsupported"),
@@ -121,15 +124,15 @@ BUILT_IN = (
         magic=(b"glTF",),
         reader="pdecodec.formats.gltf_reader:GltfSequence",
         writer="pdecodec.formats.gltf_writer:write_gltf",
+        onto="pdecodec.formats.gltf_onto:write_gltf_onto",
         times="float32",
         options=("clip", "transforms"),
         write_options=("quantize", "meshopt"),
         keeps="the tree and its names, faces and vertex order (noted beside the triangles), UV sets with seams, "
-        "vertex colours, hard edges, material names, lines, points, frame rate, times (float32); skins, morph targets "
-        "and moving nodes are applied at --fps; Draco and meshopt compression are read (pip install 'pdecodec[gltf]'), "
-        "quantised numbers too; GPU instances become objects",
-        loses="face groups, tangents, other attributes, animation of anything but nodes and weights; the scene is "
-        "turned Y-up",
+        "colours, hard edges, material names, face sets (as primitives, named in their extras), lines, points, frame "
+        "rate, times (float32); skins, morph targets and moving nodes are applied at --fps; Draco and meshopt "
+        "compression are read (pip install 'pdecodec[gltf]'), quantised numbers too; GPU instances become objects",
+        loses="tangents, other attributes, animation of anything but nodes and weights; the scene is turned Y-up",
     ),
     Format(
         name="xdmf",

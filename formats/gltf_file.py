@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import copy
 import hashlib
 import importlib
 import json
@@ -249,6 +250,7 @@ class GltfBuilder:
         self.root: dict[str, Any] = {"asset": {"version": "2.0", "generator": "pdecodec"}}
         self._data = bytearray()
         self._unpacked = 0
+        self._others: list[dict[str, Any]] = []
         self._encoder: Any = None
         if meshopt:
             try:
@@ -259,6 +261,25 @@ class GltfBuilder:
                 ) from error
             self._encoder.encode_vertex_version(MESHOPT_VERTEX_VERSION)
             self.require(MESHOPT)
+
+    def begin_with(self, file: GltfFile) -> None:
+        """Take all that a file has, its buffers joined to one, before anything is added."""
+        mine = self.root.get("extensionsRequired", ())
+        self.root = copy.deepcopy(dict(file.root))
+        for extension in mine:
+            self.require(extension)
+        numbers: dict[int, tuple[int, int]] = {}
+        for index, (entry, data) in enumerate(zip(self.root.get("buffers", []), file.buffers, strict=True)):
+            if data:
+                numbers[index] = 0, self._append(data)
+            else:
+                self._others.append(entry)
+                numbers[index] = len(self._others), 0
+        for view in self.root.get("bufferViews", []):
+            packed = [view["extensions"][name] for name in MESHOPT_NAMES if name in view.get("extensions", {})]
+            for entry in (view, *packed):
+                number, offset = numbers[entry["buffer"]]
+                entry |= {"buffer": number, "byteOffset": entry.get("byteOffset", 0) + offset}
 
     def require(self, extension: str) -> None:
         """Name an extension without which the file cannot be shown."""
@@ -287,7 +308,7 @@ class GltfBuilder:
             entry["byteOffset"] = self._append(data.tobytes())
         else:
             mode, found = packed
-            entry |= {"buffer": 1, "byteOffset": self._unpacked}
+            entry |= {"buffer": 1 + len(self._others), "byteOffset": self._unpacked}
             self._unpacked += data.nbytes + -data.nbytes % _ALIGNMENT
             place = {"buffer": 0, "byteOffset": self._append(found), "byteLength": len(found)}
             entry["extensions"] = {MESHOPT: {**place, "byteStride": stride, "count": len(data), "mode": mode}}
@@ -363,7 +384,7 @@ class GltfBuilder:
     def to_glb(self) -> bytes:
         """The file as one binary."""
         self._data += bytes(-len(self._data) % _ALIGNMENT)
-        self.root["buffers"] = [{"byteLength": len(self._data)}, *self._fallback()]
+        self.root["buffers"] = [{"byteLength": len(self._data)}, *self._others, *self._fallback()]
         text = self._json()
         text += b" " * (-len(text) % _ALIGNMENT)
         length = GLB_HEADER.size + 2 * CHUNK_HEADER.size + len(text) + len(self._data)
@@ -385,7 +406,7 @@ class GltfBuilder:
     def to_gltf(self) -> bytes:
         """The file as JSON, the numbers in it as text."""
         uri = "data:application/octet-stream;base64," + base64.b64encode(self._data).decode("ascii")
-        self.root["buffers"] = [{"byteLength": len(self._data), "uri": uri}, *self._fallback()]
+        self.root["buffers"] = [{"byteLength": len(self._data), "uri": uri}, *self._others, *self._fallback()]
         return self._json()
 
     def _json(self) -> bytes:

@@ -5,7 +5,7 @@ Vertices that were cut at hard edges and UV seams stay apart: each has one norma
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.attribute_roles import COLOR, MATERIAL, UV, role_name
+from pdecodec.formats.attribute_roles import COLOR, GROUP, MATERIAL, UV, face_groups, role_name
 from pdecodec.formats.gltf_compression import DRACO, DracoMesh, decode_draco
 from pdecodec.formats.gltf_file import (
     LINE_LOOP,
@@ -49,7 +49,8 @@ class Block:
 class GltfMesh:
     """A mesh as one object: blocks, whose vertices stand one after the other, and which of them are the object's.
 
-    `weights`, (targets,), are those of the morph targets where nothing moves them.
+    `weights`, (targets,), are those of the morph targets where nothing moves them; `starts` are the first rows of the
+    vertices of each primitive, `corner_rows`, (corners,), the row of each corner of the object's faces.
     """
 
     connectivity: Connectivity
@@ -58,6 +59,8 @@ class GltfMesh:
     gather: NDArray[np.int64] | None
     weights: Float64Array
     left_out: tuple[str, ...]
+    starts: tuple[int, ...]
+    corner_rows: Int32Array
 
 
 def read_mesh(file: GltfFile, index: int) -> GltfMesh:
@@ -68,7 +71,7 @@ def read_mesh(file: GltfFile, index: int) -> GltfMesh:
         raise InputError(f"mesh {index} is damaged ({error}); export the file again") from error
 
 
-class _Rows:
+class PrimitiveRows:
     """The attributes of a primitive by their names, compressed or not."""
 
     def __init__(self, file: GltfFile, primitive: Mapping[str, Any]) -> None:
@@ -116,7 +119,7 @@ class _Reader:
         self._known: dict[str, tuple[int, int]] = {}
         self._blocks: list[Block] = []
         self._rows = 0
-        self._sources: list[_Rows] = []
+        self._sources: list[PrimitiveRows] = []
         self._left_out: dict[str, None] = {}
 
     def read(self) -> GltfMesh:
@@ -124,15 +127,19 @@ class _Reader:
         materials: list[NDArray[np.int64]] = []
         lines: list[Int32Array] = []
         drawn: list[tuple[int, NDArray[np.int64]]] = []
+        starts: list[int] = []
+        groups: list[list[str]] = []
         for primitive in self._entry["primitives"]:
-            rows = _Rows(self._file, primitive)
+            rows = PrimitiveRows(self._file, primitive)
             start, count = self._block(primitive, rows)
+            starts.append(start)
             indices, mode = rows.indices(count) + start, rows.mode
             drawn.append((mode, indices))
             if mode in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
                 triangles = _triangles(mode, indices)
                 faces.append(triangles)
                 materials.append(np.full(len(triangles), primitive.get("material", -1), np.int64))
+                groups.append(_groups_of(primitive))
             elif mode != POINTS:
                 lines += _lines(mode, indices)
         triangles = np.concatenate(faces) if faces else np.zeros((0, 3), np.int32)
@@ -148,12 +155,21 @@ class _Reader:
         own = self._entry.get("extras", {}).get("pdecodec")
         if isinstance(own, dict):
             if own.get("of") == fingerprint(self._rows, drawn):
-                return self._restored(own, weights, sum(indices.size for _, indices in drawn))
+                return self._restored(own, weights, sum(indices.size for _, indices in drawn), tuple(starts))
             self._left_out["what pdecodec noted of faces and seams (another program changed the mesh)"] = None
-        attributes = [*self._vertex_attributes(connectivity), *self._materials(materials)]
-        return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), None, weights, tuple(self._left_out))
+        attributes = [*self._vertex_attributes(connectivity), *self._materials(materials), *_groups(groups, materials)]
+        return GltfMesh(
+            connectivity,
+            tuple(attributes),
+            tuple(self._blocks),
+            None,
+            weights,
+            tuple(self._left_out),
+            tuple(starts),
+            connectivity.face_indices,
+        )
 
-    def _block(self, primitive: Mapping[str, Any], rows: _Rows) -> tuple[int, int]:
+    def _block(self, primitive: Mapping[str, Any], rows: PrimitiveRows) -> tuple[int, int]:
         """First row and number of the vertices of a primitive; those of an earlier one where they are the same."""
         packed = primitive.get("extensions", {}).get(DRACO)
         key = repr((sorted(rows.accessors.items()), primitive.get("targets"), packed))
@@ -222,7 +238,9 @@ class _Reader:
         values = np.where(of_faces >= 0, np.searchsorted(used, of_faces), -1).astype(np.int32)
         return [Attribute(MATERIAL, "face", values, labels=labels)]
 
-    def _restored(self, own: Mapping[str, Any], weights: Float64Array, corners: int) -> GltfMesh:
+    def _restored(
+        self, own: Mapping[str, Any], weights: Float64Array, corners: int, starts: tuple[int, ...]
+    ) -> GltfMesh:
         """The object as it was before our writer cut it at seams and into triangles, of so many corners."""
         vertices = int(own["vertices"])
         if not 0 < vertices <= self._rows or len(self._blocks) != 1:
@@ -248,14 +266,47 @@ class _Reader:
                 self._left_out[name] = None
                 continue
             values = self._sources[0].read(color["accessor"]).astype(np.float32)
-            attributes.append(Attribute(name, "vertex", values[:vertices]))
+            domain = color.get("domain", "vertex")
+            # Of faces and objects, the first corner of each.
+            firsts = np.cumsum(connectivity.face_counts, dtype=np.int64) - connectivity.face_counts
+            chosen = {"corner": rows, "face": rows[firsts], "object": rows[:1]}
+            attributes.append(
+                Attribute(name, domain, values[chosen[domain]] if domain in chosen else values[:vertices])
+            )
         if "materials" in own:
             labels = tuple(map(str, own["materials"]))
             attributes.append(Attribute(MATERIAL, "face", array("faceMaterials") - np.int32(1), labels=labels))
+        for name, group in own.get("groups", {}).items():
+            members = read_integers(group["faces"], corners + MOST_UNUSED) - np.int32(1)
+            values = members if group["labels"] else members.astype(np.uint8)
+            attributes.append(Attribute(name, "face", values, labels=tuple(map(str, group["labels"]))))
         if "NORMAL" in there and connectivity.face_count and own.get("normals") != "added":
             attributes.append(normal_group(connectivity, array("normalGroups") if "normalGroups" in own else None))
         gather = None if vertices == self._rows else np.arange(vertices, dtype=np.int64)
-        return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), gather, weights, tuple(self._left_out))
+        left_out = tuple(self._left_out)
+        return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), gather, weights, left_out, starts, rows)
+
+
+def _groups_of(primitive: Mapping[str, Any]) -> list[str]:
+    """Names of the sets of faces that a primitive says it is in."""
+    extras = primitive.get("extras")
+    found = extras.get("groups") if isinstance(extras, dict) else None
+    return [str(one) for one in found] if isinstance(found, list) else []
+
+
+def _groups(names: Sequence[list[str]], materials: Sequence[NDArray[np.int64]]) -> list[Attribute]:
+    """Sets of faces that primitives are: by the names that they have, or numbered where materials do not part them."""
+    if not any(names):
+        used = [int(one[0]) for one in materials if one.size]
+        if len(set(used)) == len(used):
+            return []
+        names = [[f"primitive_{number}"] for number in range(len(names))]
+    ends = np.cumsum([one.size for one in materials])
+    members: dict[str, list[NDArray[np.int64]]] = {}
+    for labels, end, one in zip(names, ends.tolist(), materials, strict=True):
+        for label in labels:
+            members.setdefault(label, []).append(np.arange(end - one.size, end))
+    return face_groups(GROUP, [(label, np.concatenate(found)) for label, found in members.items()], int(ends[-1]))
 
 
 def _as_noted(name: str, by_corner: Float32Array, uv: Mapping[str, Any]) -> Attribute:
@@ -270,7 +321,7 @@ def _as_noted(name: str, by_corner: Float32Array, uv: Mapping[str, Any]) -> Attr
     return Attribute(name, "corner", values, indices)
 
 
-def _influences(source: _Rows, rows: int) -> tuple[NDArray[np.int64] | None, Float64Array | None]:
+def _influences(source: PrimitiveRows, rows: int) -> tuple[NDArray[np.int64] | None, Float64Array | None]:
     """Joints of each vertex and their shares, (vertices, k), which sum to one."""
     joints, weights = [], []
     number = 0

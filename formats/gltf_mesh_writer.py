@@ -9,14 +9,14 @@ Normals are moved by the same functions, and by further ones where those do not 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.formats.attribute_roles import MATERIAL, colors, indexed_rows, uv_sets
+from pdecodec.formats.attribute_roles import GROUP, MATERIAL, colors, expanded, indexed_rows, is_role, uv_sets
 from pdecodec.formats.gltf_file import (
     INDEX_DATA,
     LINES,
@@ -31,6 +31,12 @@ from pdecodec.formats.gltf_file import (
 )
 from pdecodec.formats.normals import NormalRows, group_attribute
 from pdecodec.sequence import Attribute, Connectivity, Float32Array, Float64Array, MeshObject
+
+GROUPS = "groups"
+"""What the extras of a primitive call the sets that its faces are in; and of a mesh, which faces each set has."""
+
+MOST_TARGETS_OF_PARTS = 2048
+"""Morph targets of all primitives of a mesh that sets of faces may part: each is named in each of them."""
 
 EXACT = 2.0**-21
 """Largest error over the largest coordinate that counts as exact: four units in the last place of float32."""
@@ -70,6 +76,11 @@ class Motion:
     normals: Float32Array | None = None
     normal_targets: Float32Array | None = None
     normal_error: float = 0.0
+
+    @property
+    def first_weights(self) -> list[float]:
+        """Weights at the first frame."""
+        return [0.0] * len(self.targets) if self.functions is None else [float(one) for one in self.functions[0]]
 
 
 def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRows | None) -> Motion:
@@ -254,17 +265,31 @@ def held_by_mesh(item: MeshObject, attribute: Attribute) -> bool:
         attribute is group_attribute(item)
     ):
         return True
-    return any(attribute is one for one in (*uv_sets(item), *_held_colors(item)))
+    held = (*uv_sets(item), *(color for color, _ in _held_colors(item)), *_groups_of(item))
+    return any(attribute is one for one in held)
 
 
-def _held_colors(item: MeshObject) -> list[Attribute]:
-    """Colours by vertex, between 0 and 1 as glTF wants them."""
+def _held_colors(item: MeshObject) -> list[tuple[Attribute, Float32Array]]:
+    """Colours between 0 and 1, as glTF wants them, and their rows: of each vertex, or of each corner of a face."""
     found = []
+    faces, corners = item.connectivity.face_counts, item.connectivity.face_indices.size
     for one in colors(item):
         values, indices, filled = indexed_rows(one)
-        if one.domain == "vertex" and not filled and values.size and values.min() >= 0 and values.max() <= 1:
-            found.append(one if indices is None else Attribute(one.name, "vertex", values[indices]))
+        if filled or not values.size or not (values.min() >= 0 and values.max() <= 1):
+            continue
+        rows = values if indices is None else values[indices]
+        if one.domain == "vertex":
+            found.append((one, rows))
+        elif corners and (one.domain == "corner" or len(rows) in (1, len(faces))):
+            counts = {"corner": 1, "face": faces, "object": corners}[one.domain]
+            found.append((one, np.repeat(rows, counts, axis=0)))
     return found
+
+
+def _groups_of(item: MeshObject) -> list[Attribute]:
+    """Attributes that say which faces are in a set."""
+    found = [one for one in item.attributes if one.domain == "face" and is_role(one, GROUP) and one.values.ndim == 1]
+    return [one for one in found if one.values.dtype.kind in "iu"]
 
 
 @dataclass(frozen=True)
@@ -325,6 +350,8 @@ def write_mesh(
     columns = [uv.values if uv.indices is None else uv.indices for uv in sets]
     if rows is not None:
         columns.append(rows.corner_rows)
+    held = _held_colors(item)
+    columns += [values for color, values in held if color.domain != "vertex"]
     sources, corner_rows = _cut(connectivity, columns)
     if lattice is not None:
         builder.require(QUANTIZATION)
@@ -344,10 +371,12 @@ def write_mesh(
     for number, uv in enumerate(sets):
         attributes[f"TEXCOORD_{number}"] = _write_uv(builder, uv, corner_rows, sources.size, notes)
         notes["uvs"][uv.name]["accessor"] = f"TEXCOORD_{number}"
-    for number, color in enumerate(_held_colors(item)):
-        values, _, _ = indexed_rows(color)
-        attributes[f"COLOR_{number}"] = builder.floats(values[sources], target=VERTEX_DATA)
-        notes.setdefault("colors", {})[color.name] = {"accessor": f"COLOR_{number}"}
+    for number, (color, values) in enumerate(held):
+        by_row = values[sources] if color.domain == "vertex" else np.zeros((sources.size, values.shape[1]), np.float32)
+        if color.domain != "vertex":
+            by_row[corner_rows] = values
+        attributes[f"COLOR_{number}"] = builder.floats(by_row, target=VERTEX_DATA)
+        notes.setdefault("colors", {})[color.name] = {"accessor": f"COLOR_{number}", "domain": color.domain}
     # What targets add has no offset.
     added = None if lattice is None else dataclasses.replace(lattice, offset=np.zeros(3))
     morphs = [
@@ -368,13 +397,15 @@ def write_mesh(
     primitives: list[dict[str, Any]] = []
     drawn: list[tuple[int, NDArray[Any]]] = []
 
-    def add(mode: int, indices: NDArray[Any] | None, label: str | None = None) -> None:
+    def add(mode: int, indices: NDArray[Any] | None, label: str | None = None, groups: Sequence[str] = ()) -> None:
         primitive: dict[str, Any] = {"attributes": attributes, "mode": mode}
         drawn.append((mode, np.arange(sources.size) if indices is None else indices))
         if indices is not None:
             primitive["indices"] = builder.integers(indices, target=INDEX_DATA, triangles=mode == TRIANGLES)
         if label is not None:
             primitive["material"] = material(label)
+        if groups:
+            primitive["extras"] = {GROUPS: list(groups)}
         if morphs:
             primitive["targets"] = morphs
         primitives.append(primitive)
@@ -384,10 +415,15 @@ def write_mesh(
     labels, of_faces = _materials_of(item)
     if labels:
         notes["materials"], notes["faceMaterials"] = list(labels), noted_integers(of_faces + 1)
-    for number in range(-1, len(labels)):
-        chosen = triangles[of_faces[faces] == number]
+    if groups := _groups_of(item):
+        notes[GROUPS] = {
+            one.name: {"labels": list(one.labels), "faces": noted_integers(expanded(one).astype(np.int64) + 1)}
+            for one in groups
+        }
+    for members, number, names in _parts(of_faces, groups, most=max(1, MOST_TARGETS_OF_PARTS // max(1, len(morphs)))):
+        chosen = triangles[members[faces]]
         if len(chosen):
-            add(TRIANGLES, chosen.reshape(-1), None if number < 0 else labels[number])
+            add(TRIANGLES, chosen.reshape(-1), None if number < 0 else labels[number], names)
     segments = _segments(connectivity)
     if segments.size:
         add(LINES, segments)
@@ -396,7 +432,7 @@ def write_mesh(
     notes["of"] = fingerprint(sources.size, drawn)
     mesh: dict[str, Any] = {"primitives": primitives, "extras": {"pdecodec": notes}}
     if morphs:
-        mesh["weights"] = [0.0] * len(morphs) if motion.functions is None else motion.functions[0].tolist()
+        mesh["weights"] = motion.first_weights
     return builder.add("meshes", mesh)
 
 
@@ -473,6 +509,27 @@ def _materials_of(item: MeshObject) -> tuple[tuple[str, ...], NDArray[np.int64]]
             values = one.values if one.indices is None else one.values[one.indices]
             return one.labels, values.astype(np.int64)
     return (), np.full(item.connectivity.face_count, -1, np.int64)
+
+
+def _parts(
+    materials: NDArray[np.int64], groups: Sequence[Attribute], most: int
+) -> Iterator[tuple[NDArray[np.bool_], int, list[str]]]:
+    """Parts of a mesh that have one material and are in the same sets: which faces, the material, names of the sets.
+
+    Where that are more than `most` parts, sets do not part them.
+    """
+    keys = np.column_stack([materials, *(expanded(one).astype(np.int64) for one in groups)])
+    found, members = np.unique(keys, axis=0, return_inverse=True)
+    if len(found) > most:
+        found, members = np.unique(keys[:, :1], axis=0, return_inverse=True)
+    for number, (material, *values) in enumerate(found.tolist()):
+        names = []
+        for one, value in zip(groups, values, strict=False):
+            if one.labels and 0 <= value < len(one.labels):
+                names.append(one.labels[value])
+            elif not one.labels and value > 0:
+                names.append(one.name.removeprefix(f"{GROUP}:"))
+        yield members.reshape(-1) == number, material, names
 
 
 def _segments(connectivity: Connectivity) -> NDArray[np.int64]:

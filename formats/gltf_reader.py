@@ -71,6 +71,12 @@ class GltfSequence(SceneSequence):
     transforms : {"bake", "keep"}
         What becomes of nodes above meshes that have no skin.
 
+    Attributes
+    ----------
+    file, nodes : GltfFile, Nodes
+    clip_number : int
+        Which of the file's animations was taken.
+
     Raises
     ------
     InputError
@@ -81,11 +87,11 @@ class GltfSequence(SceneSequence):
         self, path: Path, *, fps: float | None, clip: str | None = None, transforms: Transforms = "bake"
     ) -> None:
         file = read_gltf(path)
-        chosen, clip_notices = _choose_clip(file, clip)
-        self._nodes = Nodes(file, chosen)
-        parts = _parts_of(file, self._nodes)
+        chosen, self.clip_number, clip_notices = _choose_clip(file, clip)
+        self.file, self.nodes = file, Nodes(file, chosen)
+        parts = _parts_of(file, self.nodes)
         if not parts:
-            raise InputError(f"holds no mesh: there are {len(self._nodes.entries)} nodes without one", path=path)
+            raise InputError(f"holds no mesh: there are {len(self.nodes.entries)} nodes without one", path=path)
         self.times, self.fps, time_notices = _timing(chosen, fps)
         self._posed: tuple[int, int, Pose] | None = None
         self._take(parts, transforms)
@@ -102,7 +108,7 @@ class GltfSequence(SceneSequence):
     def _pose(self, start: int, stop: int) -> Pose:
         """Where nodes are at some frames, which shapes have in common."""
         if self._posed is None or self._posed[:2] != (start, stop):
-            self._posed = start, stop, Pose(self._nodes, self.times[start:stop])
+            self._posed = start, stop, Pose(self.nodes, self.times[start:stop])
         return self._posed[2]
 
     def _matrices(self, shape: _Part, start: int, stop: int) -> Float64Array | None:
@@ -112,7 +118,7 @@ class GltfSequence(SceneSequence):
         return world if shape.instance is None else shape.instance @ world
 
     def _read(self, shape: _Part, start: int, stop: int, out: Float32Array) -> None:
-        weights = self._nodes.weights(shape.node, self.times[start:stop], shape.mesh.weights)
+        weights = self.nodes.weights(shape.node, self.times[start:stop], shape.mesh.weights)
         pose = self._pose(start, stop)
         blocks = [_moved(block, weights, shape.skin, pose) for block in shape.mesh.blocks]
         points = blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=1)
@@ -165,19 +171,20 @@ def _timing(clip: Clip | None, fps: float | None) -> Timing:
     return frames_at_rate(first, last, rate, max(SAME_TIME, FLOAT32_ROUNDING * last)), rate, notices
 
 
-def _choose_clip(file: GltfFile, name: str | None) -> tuple[Clip | None, tuple[str, ...]]:
+def _choose_clip(file: GltfFile, name: str | None) -> tuple[Clip | None, int, tuple[str, ...]]:
+    """An animation, its number, and a line where there are others."""
     entries = file.listed("animations")
     names = [str(entry.get("name", f"animation_{index}")) for index, entry in enumerate(entries)]
     if name is not None and name not in names:
         there = ", ".join(map(repr, names)) or "none"
         raise InputError(f"has no animation {name!r}; there is {there}")
     if not entries:
-        return None, ()
+        return None, 0, ()
     index = 0 if name is None else names.index(name)
     notices: tuple[str, ...] = ()
     if name is None and len(names) > 1:
         notices = (f"has {len(names)} animations, {names[0]!r} is taken; --clip names another: {', '.join(names)}",)
-    return read_clip(file, index), notices
+    return read_clip(file, index), index, notices
 
 
 def _parts_of(file: GltfFile, nodes: Nodes) -> list[_Part]:

@@ -31,7 +31,7 @@ from pdecodec.formats.gltf_mesh_writer import (
 )
 from pdecodec.formats.normals import normal_rows, smooth_rows
 from pdecodec.formats.registry import Output
-from pdecodec.formats.rigid_motion import rigid_keys
+from pdecodec.formats.rigid_motion import RigidKeys, rigid_keys
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, metres_per_unit, place, up_axis_of
 from pdecodec.formats.scene_writing import DEFAULT_NAME, steps_of
 from pdecodec.sequence import Float32Array, MeshSequence
@@ -57,12 +57,7 @@ def write_gltf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     InputError
         If the place is taken or cannot be written to, the positions are not finite, or too many for one file.
     """
-    rows = sum(item.vertex_count for item in sequence.objects if item.connectivity.face_count)
-    needed = 12 * sequence.frame_count * (sequence.vertex_count + rows)
-    if needed > MOST_MEMORY:
-        raise InputError(
-            f"{needed / 1e9:.1f} GB of positions and normals do not fit a glTF file; take fewer --frames or --object"
-        )
+    check_size(sequence)
     notices = []
     axis, metres = up_axis_of(sequence), metres_per_unit(sequence)
     if axis is None:
@@ -82,85 +77,28 @@ def write_gltf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     return (*notices, *left_out(sequence, "glTF", held_by_mesh, metadata=tuple(sequence.metadata)))
 
 
-class _Scene:
-    def __init__(self, builder: GltfBuilder, sequence: MeshSequence, output: Output, *, turn: bool) -> None:
+def check_size(sequence: MeshSequence) -> None:
+    """Raise InputError where there are too many positions for one file."""
+    rows = sum(item.vertex_count for item in sequence.objects if item.connectivity.face_count)
+    needed = 12 * sequence.frame_count * (sequence.vertex_count + rows)
+    if needed > MOST_MEMORY:
+        raise InputError(
+            f"{needed / 1e9:.1f} GB of positions and normals do not fit a glTF file; take fewer --frames or --object"
+        )
+
+
+class GltfScene:
+    """Nodes and animations of a file that is being written, and the motion of a sequence."""
+
+    def __init__(self, builder: GltfBuilder, sequence: MeshSequence, output: Output, *, turn: bool = False) -> None:
         self._builder, self._sequence, self._output, self._turn = builder, sequence, output, turn
         self._branches: dict[tuple[str, ...], int] = {}
         self._roots: list[int] = []
-        self._materials: dict[str, int] = {}
         self._samplers: list[dict[str, Any]] = []
         self._channels: list[dict[str, Any]] = []
         self._notices: list[str] = []
-
-    def write(self) -> list[str]:
-        sequence, builder = self._sequence, self._builder
-        frames = self._read()
-        between = self._between()
-        key_times: int | None = None
-        baked = targets = first = 0
-        angle = coarsest = 0.0
-        smoothed = 0
-        for item in sequence.objects:
-            own = slice(first, first + item.vertex_count)
-            first = own.stop
-            if not item.vertex_count:
-                # glTF has no mesh of nothing: its node keeps the name.
-                self._node(item.name, {})
-                continue
-            # A mesh without normals is faceted in glTF.
-            rows = normal_rows(item)
-            if rows is None and item.connectivity.face_count:
-                rows = smooth_rows(item)
-                smoothed += 1
-            part, thirds = frames[:, own], None if between is None else between[:, own]
-            turns = rigid_keys(part, thirds) if item.connectivity.face_count else None
-            place: dict[str, Any] = {}
-            if turns is not None:
-                part, thirds = part[:1] - turns.centre, None
-                place = {"translation": turns.centre.tolist()}
-            motion = motion_of(part, thirds, rows)
-            lattice = lattice_of(motion, centred=turns is not None) if self._output.quantize else None
-            if lattice is not None:
-                place = {"translation": lattice.offset.tolist(), **place, "scale": [lattice.scale] * 3}
-                coarsest = max(coarsest, lattice.error)
-            baked = max(baked, len(motion.targets) if motion.functions is None else 0)
-            targets, angle = max(targets, len(motion.targets)), max(angle, motion.normal_error)
-            mesh = write_mesh(builder, item, motion, rows, self._material, lattice)
-            node = self._node(item.name, {"mesh": mesh, **place})
-            if key_times is None and (len(motion.targets) or turns):
-                key_times = builder.floats(sequence.times, bounds=True)
-            if len(motion.targets) and key_times is not None:
-                self._animate(node, key_times, motion)
-            for path, values in turns.keys.items() if turns else ():
-                self._channel(node, path, key_times, builder.floats(values), "LINEAR")
-        noted = {key: text for key, text in sequence.metadata.items() if key != UP_AXIS}
-        if metres_per_unit(sequence) is None:
-            noted.setdefault(UNIT, "")
-        builder.root["asset"]["extras"] = {"pdecodec": noted}
-        if not self._channels and (sequence.frame_count > 1 or sequence.times[0] != 0):
-            self._hold_still()
-        if self._channels:
-            extras = {"pdecodec": {"fps": self._output.rate, "frames": sequence.frame_count}}
-            animation = {"name": "motion", "samplers": self._samplers, "channels": self._channels, "extras": extras}
-            builder.add("animations", animation)
-        builder.add("scenes", {"nodes": self._roots})
-        builder.root["scene"] = 0
-        if baked:
-            self._notices.append(
-                f"motion of too many functions of time to be exact between frames: {baked} targets, a frame each"
-            )
-        if targets > MOST_TARGETS:
-            self._notices.append(
-                f"{targets} targets: some viewers keep {MOST_TARGETS} (Filament), most 2048; take fewer --frames"
-            )
-        if self._output.quantize:
-            self._notices.append(f"positions are rounded to 16 bits: up to {coarsest:.2g} off along an axis")
-        if angle > SEEN_ANGLE:
-            self._notices.append(f"normals are up to {angle:.2g} degrees off, as functions of time give them")
-        if smoothed:
-            objects = f"{smoothed} object{'s' * (smoothed > 1)}"
-            self._notices.append(f"normals of {objects} are not recorded: written as of smooth surfaces")
-        return self._notices
+        self._motions: list[tuple[int, bool, float]] = []
+        self._key_times: int | None = None
 
     def _read(self) -> Float32Array:
         """Every frame, turned Y-up."""
@@ -187,8 +125,16 @@ class _Scene:
             sampled = place(sampled, up_axis="Y")
         return sampled.read_frames(0, times.size)
 
-    def _animate(self, node: int, key_times: int, motion: Motion) -> None:
+    def _animate(self, node: int, motion: Motion, turns: RigidKeys | None) -> None:
+        """Let a node's mesh move by its targets, and the node by its keys."""
+        self._motions.append((len(motion.targets), motion.functions is None, motion.normal_error))
+        if self._key_times is None and (len(motion.targets) or turns):
+            self._key_times = self._builder.floats(self._sequence.times, bounds=True)
         frames = self._sequence.frame_count
+        for path, values in turns.keys.items() if turns else ():
+            self._channel(node, path, self._key_times, self._builder.floats(values), "LINEAR")
+        if not len(motion.targets):
+            return
         if motion.functions is None:
             output, interpolation = self._builder.unit_rows(frames), "LINEAR"
         elif len(motion.functions) == frames:
@@ -198,7 +144,25 @@ class _Scene:
         else:
             splines = cubic_keys(motion.functions, self._sequence.times)
             output, interpolation = self._builder.floats(splines.reshape(-1)), "CUBICSPLINE"
-        self._channel(node, "weights", key_times, output, interpolation)
+        self._channel(node, "weights", self._key_times, output, interpolation)
+
+    def _motion_notices(self) -> list[str]:
+        """Lines about what motion became."""
+        baked = max((targets for targets, each_frame, _ in self._motions if each_frame), default=0)
+        targets = max((targets for targets, _, _ in self._motions), default=0)
+        angle = max((angle for _, _, angle in self._motions), default=0.0)
+        notices = []
+        if baked:
+            notices.append(
+                f"motion of too many functions of time to be exact between frames: {baked} targets, a frame each"
+            )
+        if targets > MOST_TARGETS:
+            notices.append(
+                f"{targets} targets: some viewers keep {MOST_TARGETS} (Filament), most 2048; take fewer --frames"
+            )
+        if angle > SEEN_ANGLE:
+            notices.append(f"normals are up to {angle:.2g} degrees off, as functions of time give them")
+        return notices
 
     def _channel(self, node: int, path: str, keys: int | None, output: int, interpolation: str) -> None:
         self._samplers.append({"input": keys, "output": output, "interpolation": interpolation})
@@ -226,6 +190,66 @@ class _Scene:
         siblings = self._roots if parent is None else self._builder.root["nodes"][parent].setdefault("children", [])
         siblings.append(index)
         return index
+
+
+class _Scene(GltfScene):
+    """Every object of a sequence as a node with a mesh."""
+
+    def __init__(self, builder: GltfBuilder, sequence: MeshSequence, output: Output, *, turn: bool) -> None:
+        super().__init__(builder, sequence, output, turn=turn)
+        self._materials: dict[str, int] = {}
+
+    def write(self) -> list[str]:
+        sequence, builder = self._sequence, self._builder
+        frames = self._read()
+        between = self._between()
+        first = smoothed = 0
+        coarsest = 0.0
+        for item in sequence.objects:
+            own = slice(first, first + item.vertex_count)
+            first = own.stop
+            if not item.vertex_count:
+                # glTF has no mesh of nothing: its node keeps the name.
+                self._node(item.name, {})
+                continue
+            # A mesh without normals is faceted in glTF.
+            rows = normal_rows(item)
+            if rows is None and item.connectivity.face_count:
+                rows = smooth_rows(item)
+                smoothed += 1
+            part, thirds = frames[:, own], None if between is None else between[:, own]
+            turns = rigid_keys(part, thirds) if item.connectivity.face_count else None
+            place: dict[str, Any] = {}
+            if turns is not None:
+                part, thirds = part[:1] - turns.centre, None
+                place = {"translation": turns.centre.tolist()}
+            motion = motion_of(part, thirds, rows)
+            lattice = lattice_of(motion, centred=turns is not None) if self._output.quantize else None
+            if lattice is not None:
+                place = {"translation": lattice.offset.tolist(), **place, "scale": [lattice.scale] * 3}
+                coarsest = max(coarsest, lattice.error)
+            mesh = write_mesh(builder, item, motion, rows, self._material, lattice)
+            node = self._node(item.name, {"mesh": mesh, **place})
+            self._animate(node, motion, turns)
+        noted = {key: text for key, text in sequence.metadata.items() if key != UP_AXIS}
+        if metres_per_unit(sequence) is None:
+            noted.setdefault(UNIT, "")
+        builder.root["asset"]["extras"] = {"pdecodec": noted}
+        if not self._channels and (sequence.frame_count > 1 or sequence.times[0] != 0):
+            self._hold_still()
+        if self._channels:
+            extras = {"pdecodec": {"fps": self._output.rate, "frames": sequence.frame_count}}
+            animation = {"name": "motion", "samplers": self._samplers, "channels": self._channels, "extras": extras}
+            builder.add("animations", animation)
+        builder.add("scenes", {"nodes": self._roots})
+        builder.root["scene"] = 0
+        self._notices += self._motion_notices()
+        if self._output.quantize:
+            self._notices.append(f"positions are rounded to 16 bits: up to {coarsest:.2g} off along an axis")
+        if smoothed:
+            objects = f"{smoothed} object{'s' * (smoothed > 1)}"
+            self._notices.append(f"normals of {objects} are not recorded: written as of smooth surfaces")
+        return self._notices
 
     def _material(self, label: str) -> int:
         """Index of the material of a name."""

@@ -26,7 +26,7 @@ from pdecodec.formats.frame_files import (
     is_frame_pattern,
     write_frames,
 )
-from pdecodec.formats.normals import group_attribute, normal_rows
+from pdecodec.formats.normals import NormalRows, group_attribute, normal_rows
 from pdecodec.formats.registry import Output
 from pdecodec.formats.scene_writing import DEFAULT_NAME
 from pdecodec.sequence import Attribute, Float32Array, MeshObject, MeshSequence
@@ -46,6 +46,19 @@ def write_obj(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     InputError
         If the place is taken or not writable, several frames are to go to one file, or a position is not finite.
     """
+    placed, new_folder = frame_output(output)
+    notices: dict[str, None] = {}
+
+    def frame_bytes(run: MeshSequence, first: int) -> FrameBytes:
+        notices.update(dict.fromkeys(left_out(run, "OBJ", _is_written, metadata=("mtllib",))))
+        return _FrameText(run, output.rate, first).of_frame
+
+    write_frames(sequence, placed, "OBJ", frame_bytes, new_folder=new_folder)
+    return tuple(notices)
+
+
+def frame_output(output: Output) -> tuple[Output, bool]:
+    """The output with the pattern of its frames where it names a folder, and whether that is new; errors as above."""
     path, new_folder = output.path, False
     if not is_frame_pattern(path) and (path.suffix.lower() != ".obj" or path.is_dir()):
         folder, path = path, path / f"{path.resolve().name}.{FOLDER_PADDING}.obj"
@@ -56,14 +69,22 @@ def write_obj(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
             raise InputError(
                 f"this folder holds other OBJ files ({foreign[0]}); choose an empty one or a pattern", path=folder
             )
-    notices: dict[str, None] = {}
+    return dataclasses.replace(output, path=path), new_folder
 
-    def frame_bytes(run: MeshSequence, first: int) -> FrameBytes:
-        notices.update(dict.fromkeys(left_out(run, "OBJ", _is_written, metadata=("mtllib",))))
-        return _FrameText(run, output.rate, first).of_frame
 
-    write_frames(sequence, dataclasses.replace(output, path=path), "OBJ", frame_bytes, new_folder=new_folder)
-    return tuple(notices)
+def time_comment(time: float, rate: float) -> bytes:
+    """The line that says when a frame is [s], and how many there are in a second; both numbers read back exactly."""
+    return f"# time {float(time)!r} s at {float(rate)!r} frames per second\n".encode()
+
+
+def check_finite(points: Float32Array, frame: int) -> None:
+    """Raise InputError where a position (vertices, 3) is not finite."""
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if bad.size:
+        raise InputError(
+            f"vertex {bad[0]} is not finite ({points[bad[0]].tolist()}), OBJ has no text for it; repair the sequence",
+            frame=frame,
+        )
 
 
 def _is_written(item: MeshObject, attribute: Attribute) -> bool:
@@ -96,16 +117,8 @@ class _FrameText:
 
     def of_frame(self, points: Float32Array, frame: int) -> bytes:
         """The text of a frame's positions (vertices, 3); InputError where one is not finite."""
-        bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
-        if bad.size:
-            raise InputError(
-                f"vertex {bad[0]} is not finite ({points[bad[0]].tolist()}), OBJ has no text for it; "
-                "repair the sequence",
-                frame=self._first + frame,
-            )
-        # Both numbers read back exactly.
-        noted = f"# time {float(self._times[frame])!r} s at {float(self._rate)!r} frames per second\n"
-        parts = [noted.encode(), self._head]
+        check_finite(points, self._first + frame)
+        parts = [time_comment(self._times[frame], self._rate), self._head]
         for item in self._objects:
             own = points[item.vertices]
             parts += (item.before, _vertex_text(own, item.color), item.normal_text(own), item.after)
@@ -157,24 +170,28 @@ class _ObjectText:
         """``vn`` lines at positions (vertices, 3)."""
         if self.normals is None:
             return b""
-        rows = np.round(self.normals.of(points[None])[0], NORMAL_DECIMALS) + np.float32(0)
-        return _rows_text(rows, "vn")
+        return normals_text(self.normals, points)
+
+
+def normals_text(rows: NormalRows, points: Float32Array) -> bytes:
+    """``vn`` lines of rows of normals at positions (vertices, 3)."""
+    return rows_text(np.round(rows.of(points[None])[0], NORMAL_DECIMALS) + np.float32(0), "vn")
 
 
 def _vertex_text(points: Float32Array, color: Float32Array | None) -> bytes:
     """``v`` lines of finite points, and of colours (vertices, 3 or 4), of which NaN rows are none."""
     if color is None:
-        return _rows_text(points, "v")
+        return rows_text(points, "v")
     colored = np.isfinite(color[:, 0])
     if colored.all():
-        return _rows_text(np.hstack([points, color]), "v")
+        return rows_text(np.hstack([points, color]), "v")
     return b"".join(
-        _rows_text(np.concatenate([point, shade])[None] if has else point[None], "v")
+        rows_text(np.concatenate([point, shade])[None] if has else point[None], "v")
         for point, shade, has in zip(points, color, colored.tolist(), strict=True)
     )
 
 
-def _rows_text(rows: Float32Array, word: str) -> bytes:
+def rows_text(rows: Float32Array, word: str) -> bytes:
     """Lines of a word and finite numbers, (rows, columns); all of nine digits where that is not enough for one."""
     text = _core.write_rows(np.ascontiguousarray(rows), word)
     if text is None:
@@ -203,7 +220,7 @@ def _texture(uv: Attribute | None, corners: int) -> tuple[bytes, NDArray[np.int6
     if not np.isfinite(values).all():
         raise InputError("a UV is not finite, OBJ has no text for it; repair the attribute")
     indices = np.arange(corners) if uv.indices is None else uv.indices.astype(np.int64)
-    return _rows_text(values, "vt"), indices, len(values)
+    return rows_text(values, "vt"), indices, len(values)
 
 
 def _polyline_text(item: MeshObject, first_vertex: int) -> bytes:

@@ -48,6 +48,8 @@ class Output:
     progress : callable or None
     quantize, meshopt : bool
         Smaller files, of formats that list these options.
+    layer : bool
+        Of what goes onto a file: whether it is only a layer over it.
     """
 
     path: Path
@@ -57,6 +59,7 @@ class Output:
     progress: Progress | None = None
     quantize: bool = False
     meshopt: bool = False
+    layer: bool = False
 
     def whole_file(self) -> AbstractContextManager[Path]:
         """A path to write to, which becomes :attr:`path` when the block ends well."""
@@ -102,6 +105,8 @@ class Format:
         What files of this format begin with; and what some of them begin with that is another format's too.
     reader, writer : str or None
         ``"module:function"``, imported at first use (:data:`Reader`, :data:`Writer`).
+    onto : str or None
+        Likewise, what puts motion onto a file of the format (:data:`pdecodec.formats.onto.OntoWriter`).
     write_with : str
         What to use where there is no `writer`.
     extra : str or None
@@ -131,6 +136,7 @@ class Format:
     shared_magic: tuple[bytes, ...] = ()
     reader: str | None = None
     writer: str | None = None
+    onto: str | None = None
     write_with: str = ""
     extra: str | None = None
     frame_per_file: bool = False
@@ -263,7 +269,7 @@ def open_sequence(
         return _open_remote(RemoteFile(str(path)), fps, {**given, "isolate": isolate})
     where = Path(path)
     finish_interrupted(where if where.is_dir() else where.parent)
-    entry = _format_to_read(where)
+    entry = format_to_read(where)
     for name, value in (("mesh", mesh), ("clip", clip)):
         if value is not None and name not in entry.options:
             users = ", ".join(other.title for other in _formats.whole().values() if name in other.options)
@@ -276,7 +282,7 @@ def open_sequence(
         with naming_file(where):
             files = {"mesh": None if mesh is None else os.path.abspath(mesh)}
             return IsolatedSequence(where, {**given, **files, "fps": fps})
-    reader: Reader = _load(entry, entry.reader, "read", where)
+    reader: Reader = load(entry, entry.reader, "read", where)
     with naming_file(where):
         return reader(where, fps=fps, **{name: given[name] for name in entry.options})
 
@@ -292,7 +298,7 @@ def _open_remote(file: RemoteFile, fps: float | None, options: dict[str, Any]) -
         for name in ("mesh", "clip"):
             if options[name] is not None:
                 raise SettingsError(f"--{name} is not for {entry.title}; leave it out", path=file.address)
-        reader: Reader = _load(entry, entry.reader, "read", Path(file.name))
+        reader: Reader = load(entry, entry.reader, "read", Path(file.name))
         with naming_file(file.address):
             return reader(file, fps=fps)
     folder = Path(tempfile.mkdtemp(prefix="pdecodec-"))
@@ -370,8 +376,8 @@ def write_sequence(
     where = Path(path)
     check_path(where)
     _check_fps(fps)
-    entry = _format_to_write(where, is_folder=os.fspath(path).endswith(("/", os.sep)))
-    writer: Writer = _load(entry, entry.writer, "written", where)
+    entry = format_to_write(where, is_folder=os.fspath(path).endswith(("/", os.sep)))
+    writer: Writer = load(entry, entry.writer, "written", where)
     if velocities is not None and not entry.holds_velocities:
         users = ", ".join(other.title for other in _formats.whole().values() if other.holds_velocities)
         raise SettingsError(f"velocities are held by {users}; leave them out, or write them apart", path=where)
@@ -449,7 +455,8 @@ def _failures() -> str:
     return f"; {failed}" if failed else ""
 
 
-def _format_to_read(path: Path) -> Format:
+def format_to_read(path: Path) -> Format:
+    """The format of an input, a file, a pattern or a folder; InputError where there is none."""
     if path.is_dir():
         return _format_of_folder(path)
     entry = _by_extension(path)
@@ -484,7 +491,8 @@ def _format_of_folder(folder: Path) -> Format:
     return found[0]
 
 
-def _format_to_write(path: Path, *, is_folder: bool) -> Format:
+def format_to_write(path: Path, *, is_folder: bool) -> Format:
+    """The format that an output's name asks for; InputError where there is none."""
     entry = _by_extension(path)
     if is_folder or not path.suffix or (entry is None and path.is_dir()):
         return next(entry for entry in _formats.whole().values() if entry.frame_per_file and entry.writes)
@@ -496,7 +504,8 @@ def _format_to_write(path: Path, *, is_folder: bool) -> Format:
     return entry
 
 
-def _load(entry: Format, where: str | None, action: str, path: Path) -> Any:
+def load(entry: Format, where: str | None, action: str, path: Path) -> Any:
+    """What ``"module:function"`` of a format names; errors where it has none, or needs what is not installed."""
     if where is None:
         instead = f"use {entry.write_with}" if entry.write_with else "choose another format"
         raise InputError(f"{entry.title} ({entry.name}) cannot be {action} here; {instead}", path=path)

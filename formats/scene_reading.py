@@ -93,10 +93,14 @@ class Refusals:
 
 def hidden_notices(shapes: Sequence[Shape]) -> tuple[str, ...]:
     """A line that names shapes that the file hides: there is no place for it here."""
-    names = [repr(shape.name) for shape in shapes if shape.hidden]
+    names = [shape.name for shape in shapes if shape.hidden]
+    return (f"hidden in the file, always or at times, and there all the time here: {listed(names)}",) if names else ()
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names for a line: the first few, and how many more there are."""
     more = [f"{len(names) - MOST_NAMES} more"] if len(names) > MOST_NAMES else []
-    listed = ", ".join([*names[:MOST_NAMES], *more])
-    return (f"hidden in the file, always or at times, and there all the time here: {listed}",) if names else ()
+    return ", ".join([*map(repr, names[:MOST_NAMES]), *more])
 
 
 @dataclass(kw_only=True, eq=False)
@@ -183,6 +187,11 @@ class SceneSequence(MeshSequence):
     @abstractmethod
     def _matrices(self, shape: Any, start: int, stop: int) -> Float64Array | None:
         """(stop - start, 4, 4) from the shape's space to the scene's, for points that are rows; None for none."""
+
+    @property
+    def shapes(self) -> Sequence[Any]:
+        """What each object is in the file."""
+        return self._shapes
 
     def _take(self, shapes: Sequence[Any], transforms: str) -> None:
         """Take shapes as objects, when times are known; `transforms` is ``bake`` or ``keep``."""

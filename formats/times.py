@@ -206,3 +206,11 @@ def _numbers(arrays: Mapping[str, NDArray[Any]], name: str) -> Float64Array | No
     if array.dtype.kind not in "fiu":
         raise InputError(f"{name} must be numbers, not {array.dtype}")
     return array.astype(np.float64)
+
+
+def codes_of(times: Float64Array, rate: float) -> Float64Array:
+    """Time codes of times, whole where they are whole but for rounding."""
+    codes = times * rate
+    whole = np.rint(codes)
+    found: Float64Array = np.where(np.abs(codes - whole) <= 1e-9 * np.maximum(1.0, np.abs(whole)), whole, codes)
+    return found

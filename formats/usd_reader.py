@@ -24,7 +24,15 @@ from pdecodec.formats.attribute_roles import CURVE_BASIS, CURVE_WRAP, SUBDIVISIO
 from pdecodec.formats.registry import Transforms
 from pdecodec.formats.scene_reading import MOST_INSTANCED, Extras, Refusals, SceneSequence, Shape
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, mirrors, unit_text
-from pdecodec.formats.times import Timing, merged_times, rate_or_default, resampled, snapped_times, without_gaps
+from pdecodec.formats.times import (
+    Timing,
+    codes_of,
+    merged_times,
+    rate_or_default,
+    resampled,
+    snapped_times,
+    without_gaps,
+)
 from pdecodec.formats.usd_attributes import METADATA, SAMPLED, first_value, object_name, read_extras
 from pdecodec.formats.usd_implicit import Implicit, read_implicit
 from pdecodec.formats.usd_instances import Instancer, open_instancer
@@ -143,6 +151,19 @@ class UsdSequence(SceneSequence):
                 points = shape.skinning.deform(points, code)
             out[row] = shape.fitted(points, self._path, start + row)
 
+    @property
+    def root_layer(self) -> Any:
+        """The layer that the stage begins with."""
+        return self._stage.GetRootLayer()
+
+    def prim_matrices(self, prim: Any, times: Float64Array) -> Float64Array:
+        """(times, 4, 4) from the space of a prim of the stage to the scene's at times [s], for points that are rows."""
+        cache, found = UsdGeom.XformCache(), []
+        for code in codes_of(times, self._stage.GetTimeCodesPerSecond()).tolist():
+            cache.SetTime(Usd.TimeCode(code))
+            found.append(np.array(cache.GetLocalToWorldTransform(prim), np.float64))
+        return np.array(found, np.float64).reshape(-1, 4, 4)
+
     def close(self) -> None:
         # The stage closes when nothing refers to it any more.
         self._shapes = []
@@ -170,9 +191,7 @@ def _timing(stage: Any, shapes: Sequence[_Shape], fps: float | None) -> tuple[Fl
     else:
         sampled = bool(stage.GetRootLayer().customLayerData.get(SAMPLED))
         times = without_gaps(stored, nominal) if curved and not sampled else stored
-    codes = times * per_second
-    whole = np.rint(codes)
-    codes = np.where(np.abs(codes - whole) < 1e-9 * np.maximum(1, np.abs(whole)), whole, codes)
+    codes = codes_of(times, per_second)
     return codes, (snapped_times(codes / per_second, per_second), nominal, notices)
 
 

@@ -17,6 +17,7 @@ from pdecodec.formats.registry import Output
 from pdecodec.formats.rigid_motion import rigid_parts
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, matrices_at, metres_per_unit, transform_of, up_axis_of
 from pdecodec.formats.scene_writing import ShapeWriter, drawn_as, steps_of, tree_paths, write_shapes
+from pdecodec.formats.times import codes_of
 from pdecodec.formats.usd_attributes import (
     ADDED,
     METADATA,
@@ -88,7 +89,7 @@ class _Stage:
 
     def _describe(self, paths: Sequence[tuple[str, ...]]) -> None:
         sequence, stage = self._sequence, self._stage
-        codes = _codes(sequence.times, self._output.rate)
+        codes = codes_of(sequence.times, self._output.rate)
         stage.SetTimeCodesPerSecond(self._output.rate)
         stage.SetMetadataByDictKey("customLayerData", SAMPLED, True)
         stage.SetFramesPerSecond(self._output.rate)
@@ -152,15 +153,7 @@ class _Stage:
         return path
 
 
-def _codes(times: Float64Array, rate: float) -> Float64Array:
-    """Time codes of times, whole where they are whole but for rounding."""
-    codes = times * rate
-    whole = np.rint(codes)
-    found: Float64Array = np.where(np.abs(codes - whole) <= 1e-9 * np.maximum(1.0, np.abs(whole)), whole, codes)
-    return found
-
-
-def _vectors(rows: Float32Array) -> Any:
+def vectors(rows: Float32Array) -> Any:
     """(n, 3) as Vt.Vec3fArray."""
     return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rows))
 
@@ -191,14 +184,14 @@ class _PrimWriter(ShapeWriter):
         # Coordinate by coordinate: minima along rows of three are ten times as slow.
         axes = np.ascontiguousarray(points.transpose(0, 2, 1))
         extents = np.stack([axes.min(axis=2), axes.max(axis=2)], axis=1)
-        codes = _codes(times, self._rate)
+        codes = codes_of(times, self._rate)
         for frame, (code, normals) in enumerate(zip(codes.tolist(), self.normals_at(points), strict=True)):
-            self._points.Set(_vectors(points[frame]), code)
-            self._extent.Set(_vectors(extents[frame]), code)
+            self._points.Set(vectors(points[frame]), code)
+            self._extent.Set(vectors(extents[frame]), code)
             if normals is not None:
-                self._normals.Set(_vectors(normals), code)
+                self._normals.Set(vectors(normals), code)
             if speeds is not None:
-                self._geometry.CreateVelocitiesAttr().Set(_vectors(speeds[frame]), code)
+                self._geometry.CreateVelocitiesAttr().Set(vectors(speeds[frame]), code)
         if self._transform is None or self._op is None:
             return
         matrices = matrices_at(self._transform, times).reshape(-1, 16).tolist()

@@ -19,10 +19,11 @@ from pdecodec.decoder import open_animation
 from pdecodec.encoder import encode
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.formats.attribute_roles import face_sets
 from pdecodec.formats.gltf_file import GltfBuilder, read_gltf
 from pdecodec.formats.gltf_mesh_writer import EXACT
 from pdecodec.formats.scene_space import bake_transforms
-from pdecodec.sequence import ArraySequence, Connectivity, MeshObject
+from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from tests.browser_tools import assert_valid, play_in_browser
 from tests.mesh_cases import connectivity_of, grid
 from tests.scene_cases import (
@@ -70,7 +71,7 @@ def test_a_motion_of_few_functions_of_time_has_a_target_for_each_and_any_other_o
     notices = write_sequence(scene(up_axis="Y", unit="m"), tmp_path / "y.glb")
     told = "motion of too many functions of time to be exact between frames: 4 targets, a frame each"
     smooth = "normals of 2 objects are not recorded: written as of smooth surfaces"
-    assert notices == (told, smooth, "glTF has no place for attributes: group")
+    assert notices == (told, smooth)
     assert len(targets_of(tmp_path / "y.glb")) == 4
     assert_valid(tmp_path / "x.glb")
 
@@ -477,6 +478,81 @@ def test_what_some_primitives_have_is_kept_where_it_is(tmp_path: Path) -> None:
         assert found["normal_group"].values.tolist() == [0, 0, 0, 0, 0, 0, 1, 1, 0]
         hidden = "hidden in the file, always or at times, and there all the time here: 'node_0'"
         assert read.notices == ("not kept: _HEAT", hidden)
+
+
+def two_triangles(*attributes: Attribute, frames: int = 2) -> ArraySequence:
+    """Two triangles that share an edge."""
+    item = MeshObject("mesh", connectivity_of(4, [[0, 1, 2], [2, 1, 3]]), attributes)
+    points = np.random.default_rng(1).normal(size=(frames, 4, 3)).astype(np.float32)
+    return ArraySequence(points, objects=[item], times=np.arange(frames) / 24, fps=24.0, metadata=SPACE)
+
+
+@pytest.mark.parametrize(("domain", "rows"), [("vertex", 4), ("corner", 6), ("face", 2), ("object", 1)])
+def test_colours_of_every_domain_come_back_and_are_colours_of_rows(tmp_path: Path, domain: Any, rows: int) -> None:
+    values = np.random.default_rng(2).random((rows, 3)).astype(np.float32)
+    notices = write_sequence(two_triangles(Attribute("color", domain, values)), tmp_path / "x.glb")
+    assert not any("no place" in line for line in notices)
+    file = read_gltf(tmp_path / "x.glb")
+    (primitive,) = file.root["meshes"][0]["primitives"]
+    counts = {"face": 3, "object": 6}
+    shown = file.accessor(primitive["attributes"]["COLOR_0"])[file.accessor(primitive["indices"])]
+    of_corners = values[[0, 1, 2, 2, 1, 3]] if domain == "vertex" else np.repeat(values, counts.get(domain, 1), axis=0)
+    assert np.array_equal(shown, of_corners)
+    with open_sequence(tmp_path / "x.glb") as read:
+        (found,) = (one for one in read.objects[0].attributes if one.name == "color")
+        assert found.domain == domain
+        assert np.array_equal(found.values, values)
+    assert_valid(tmp_path / "x.glb")
+
+
+def test_sets_of_faces_are_primitives_named_in_their_extras_and_come_back(tmp_path: Path) -> None:
+    group = Attribute("group", "face", np.array([1, 0], np.int32), labels=("left", "right"))
+    material = Attribute("material", "face", np.array([0, 0], np.int32), labels=("skin",))
+    masks = [
+        Attribute(f"group:{name}", "face", np.array(row, np.uint8)) for name, row in (("a", [1, 1]), ("b", [0, 1]))
+    ]
+    for attributes, names in (((group, material), [["left"], ["right"]]), (tuple(masks), [["a"], ["a", "b"]])):
+        write_sequence(two_triangles(*attributes), tmp_path / "x.glb", overwrite=True)
+        primitives = read_gltf(tmp_path / "x.glb").root["meshes"][0]["primitives"]
+        assert [one["extras"]["groups"] for one in primitives] == names
+        with open_sequence(tmp_path / "x.glb") as read:
+            found = {one.name: one for one in read.objects[0].attributes}
+            for one in attributes:
+                assert found[one.name].values.tolist() == one.values.tolist()
+                assert found[one.name].labels == one.labels
+        assert_valid(tmp_path / "x.glb")
+
+        def forget(made: GltfBuilder) -> None:
+            del made.root["meshes"][0]["extras"]
+
+        # Another program leaves the primitives: they say what they are.
+        path = rewritten(tmp_path / "x.glb", tmp_path / "y.glb", forget)
+        with open_sequence(path) as read:
+            item = read.objects[0]
+            assert sorted(name for name, _ in face_sets(item, "group")) == sorted({one for row in names for one in row})
+        path.unlink()
+
+
+def test_primitives_that_materials_do_not_part_are_numbered_sets_of_faces(tmp_path: Path) -> None:
+    made, _ = triangle()
+    builder, primitives = made.builder, made.builder.root["meshes"][0]["primitives"]
+    primitives.append({"attributes": {"POSITION": builder.floats([[0, 0, 1], [1, 0, 1], [0, 1, 1]], bounds=True)}})
+    with open_sequence(made.save(tmp_path / "x.glb")) as read:
+        (found,) = (one for one in read.objects[0].attributes if one.name == "group")
+        assert (found.values.tolist(), found.labels) == ([0, 1], ("primitive_0", "primitive_1"))
+
+
+def test_more_sets_than_targets_allow_are_noted_and_do_not_part_a_mesh(tmp_path: Path) -> None:
+    faces = 3000
+    vertices = np.random.default_rng(0).normal(size=(1, faces + 2, 3)).astype(np.float32)
+    connectivity = connectivity_of(faces + 2, [[k, k + 1, k + 2] for k in range(faces)])
+    group = Attribute("group", "face", np.arange(faces, dtype=np.int32), labels=tuple(map(str, range(faces))))
+    clip = ArraySequence(vertices, objects=[MeshObject("mesh", connectivity, (group,))], fps=24.0, metadata=SPACE)
+    write_sequence(clip, tmp_path / "x.glb")
+    assert len(read_gltf(tmp_path / "x.glb").root["meshes"][0]["primitives"]) == 1
+    with open_sequence(tmp_path / "x.glb") as read:
+        (found,) = (one for one in read.objects[0].attributes if one.name == "group")
+        assert np.array_equal(found.values, group.values)
 
 
 def test_a_clip_is_taken_by_name_at_a_rate_that_is_asked_for_or_assumed_aloud(tmp_path: Path) -> None:

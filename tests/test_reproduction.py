@@ -18,6 +18,7 @@ from pdecodec.report.reproduction import bspline, printed
 from pdecodec.report.reproduction.functions import (
     ROUNDING,
     SOLVES_EQ_10,
+    growth_exponent,
     printed_functions,
     residuals,
     space_derivatives,
@@ -27,6 +28,7 @@ from pdecodec.report.reproduction.leak import draw_another_shape
 from pdecodec.report.reproduction.method import (
     HONEST,
     PRINTED,
+    FrameErrors,
     Variant,
     align,
     choose_rates,
@@ -36,7 +38,10 @@ from pdecodec.report.reproduction.method import (
     parameters,
     reconstruct,
 )
+from pdecodec.report.reproduction.physics import CLAMPED_FREE, PERIODS, PLAIN, TIED, TWO, beam_errors, mode
+from pdecodec.report.reproduction.rates import COARSENING, PDE, POLYNOMIALS, SPLINES, measure_model
 from pdecodec.report.reproduction.rope import RopeSettings, own_substeps
+from pdecodec.report.reproduction.sweep import times_table_1
 
 RATES = [(1.0, 1.0), (2.0, 2.0), (0.7, 3.1), (5.0, 1.3)]
 
@@ -151,6 +156,29 @@ def test_the_literal_equation_23_shears_a_curve_that_bends() -> None:
     assert np.abs(values - 1).max() > 0.05
 
 
+@pytest.mark.parametrize("parameter", ["index", "arc length of frame 0"])
+def test_where_one_u_serves_all_the_product_is_the_minimiser_of_equation_25(parameter: str) -> None:
+    curve = swinging_curve(points=90)
+    variant = replace(HONEST, parameter=parameter, alpha=2.5, r=3.0)  # type: ignore[arg-type]
+    u = parameters(curve, variant.parameter)[..., 0]
+    columns = design(u, np.linspace(0, 1, 11), curve[0], variant)
+    rows = columns[::2].reshape(-1, 32)
+    found = columns @ np.linalg.lstsq(rows, curve[::2].reshape(-1, 3), rcond=None)[0]
+    np.testing.assert_allclose(reconstruct(curve, variant).decoded, found, rtol=0, atol=1e-9)
+
+
+def test_pieces_and_segments_only_add_to_what_a_model_can_do() -> None:
+    curves = swinging_curve(points=120)[None]
+    for model in (PDE, POLYNOMIALS, SPLINES):
+        sizes = [measure_model(curves, 10.0, model, *size) for size in ((1, 1), (2, 2), (3, 3))]
+        errors = [point.unrounded.relative for point in sizes]
+        assert errors[0] > errors[1] > errors[2]
+        # From the coded bytes: hardly worse than before rounding, and less than the constants as float32.
+        for point in sizes:
+            assert point.errors.largest <= COARSENING * point.unrounded.largest
+            assert point.coded_bytes < (point.plain_bytes or 0)
+
+
 def test_chosen_rates_leave_no_more_at_the_keyframes_than_the_fixed_ones() -> None:
     curve = swinging_curve()
     chosen = choose_rates(curve, HONEST)
@@ -161,17 +189,46 @@ def test_chosen_rates_leave_no_more_at_the_keyframes_than_the_fixed_ones() -> No
     assert after <= before
 
 
+# The physics
+
+
+def test_a_beams_mode_is_clamped_at_one_end_and_free_at_the_other() -> None:
+    u = np.linspace(0.0, 1.0, 20_001)
+    for beta in CLAMPED_FREE:
+        shape = mode(u, beta)
+        slope = np.gradient(shape, u)
+        bend = np.gradient(slope, u)
+        assert abs(shape[0]) < 1e-9
+        assert abs(slope[0]) < 1e-3 * beta
+        assert abs(bend[-3]) < 1e-2 * np.abs(bend).max()
+        assert abs(shape[-1]) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_functions_are_exact_on_a_vibrating_beam_and_polynomials_are_not() -> None:
+    for lines in beam_errors().values():
+        assert lines[TIED].max() < 1e-11
+        assert (lines[PLAIN][PERIODS >= 0.45] > 1e-2).all()
+        assert (lines[TWO] > 1e-6).all()
+
+
+def test_waves_grow_with_the_square_of_their_number_by_the_printed_sign() -> None:
+    assert growth_exponent(2.0, 2.0, 2.0) == pytest.approx(4 * growth_exponent(1.0, 2.0, 2.0))
+    # w = e^(st) sin(ku) with s = k^2 alpha / r^2: m w_tt = K w_uuuu.
+    k, s = 2 * math.pi, growth_exponent(1.0, 3.0, 1.5)
+    assert s**2 == pytest.approx((3.0 / 1.5**2) ** 2 * k**4)
+
+
 # The baseline
 
 
 def test_a_spline_fitted_and_evaluated_at_one_parameter_is_close_and_at_another_is_not() -> None:
     curve = swinging_curve(points=400)
-    errors = {name: frame_errors(curve, reading(curve), 10.0) for name, (_, reading) in bspline.READINGS.items()}
     fair = frame_errors(curve, bspline.fair(curve), 10.0)
     literal = frame_errors(curve, bspline.printed(curve), 10.0)
     assert fair.average[::2].max() < 1e-4
     assert literal.mean > 10 * fair.mean
-    assert len(errors) == 6
+    best = frame_errors(curve, bspline.by_arc_length(curve), 10.0)
+    assert best.average[::2].max() < 1e-4
 
 
 # What is quoted
@@ -221,7 +278,7 @@ def test_the_page_opens_with_the_verdicts_and_stands_alone(small_report: tuple[P
     for target in re.findall(r'(?:src|href)="(?!data:)([^"]+)"', page):
         assert (folder / target).is_file(), target
     assert "http" not in re.sub(r"data:[^\"]+", "", page)
-    assert len(printed_json["verdicts"]) == 10
+    assert len(printed_json["verdicts"]) == 12
     assert {item["judgement"] for item in printed_json["verdicts"]} <= {
         "reproduced",
         "reproduced with a condition",
@@ -235,6 +292,22 @@ def test_the_judgement_on_the_equation_does_not_depend_on_the_rope(small_report:
     assert first["found"].startswith("16 of 32 solve")
 
 
+def test_the_table_of_choices_changes_one_thing_at_a_time(small_report: tuple[Path, dict]) -> None:
+    rows = json.loads((small_report[0] / "report.json").read_text())["figures"]["one-choice-at-a-time"]["rows"]
+    assert len({(row[0], row[1]) for row in rows}) == len(rows) == 15
+    mean = {(row[0].split(",")[0], row[1]): row[2] for row in rows}
+    # Where all is by index and nothing removed, arc length of an evenly spaced rope is the same.
+    assert mean["u by index", "nothing removed"] == pytest.approx(mean["u by arc length", "nothing removed"], rel=1e-4)
+    for column in ("nothing removed", "Eq. 23, kept", "a rotation, kept"):
+        assert mean["u of Eq. 24", column] < mean["u by index", column]
+
+
+def test_errors_below_the_papers_are_no_failure() -> None:
+    small = FrameErrors(np.full(11, 1e-4), np.full(11, 1e-3))
+    assert times_table_1(small) < 0.1
+    assert times_table_1(FrameErrors(np.full(11, 1e-4), np.full(11, 0.04))) == pytest.approx(0.04 / 0.019478)
+
+
 def test_the_bytes_of_the_papers_parameter_are_those_of_the_clip(small_report: tuple[Path, dict]) -> None:
     record = json.loads((small_report[0] / "report.json").read_text())["figures"]["bytes"]
     column = {name: index for index, name in enumerate(record["columns"])}
@@ -243,6 +316,9 @@ def test_the_bytes_of_the_papers_parameter_are_those_of_the_clip(small_report: t
     assert raw == 96 * 4 * 11 * 12
     assert rows["PDE as printed"][column["u of Eq. 24 [bytes]"]] == raw
     assert rows["PDE as printed"][column["constants [bytes]"]] == 4 * 32 * 12
+    # u by index is known: nothing but the constants is counted, nor for B-splines but their control points.
+    assert rows["PDE, u by index"][column["total [bytes]"]] == 4 * 32 * 12
+    assert rows["B-splines, u by index"][column["total [bytes]"]] == 4 * 300 * 12
 
 
 def test_the_committed_verdicts_are_of_the_papers_size() -> None:

@@ -23,9 +23,20 @@ from pdecodec.report.reproduction.method import affine_between, rotation_between
 from pdecodec.report.stability.alignment import JITTERS, jitter, kabsch_plain, kabsch_proper, shape
 from pdecodec.report.stability.atlas import SECTIONS, make_atlas
 from pdecodec.report.stability.codec import coded
+from pdecodec.report.stability.extremes import (
+    ITERATED,
+    RADIUS,
+    SMALL,
+    WAYS,
+    WHOLE,
+    cloth_error,
+    material_stretch,
+    passes_through,
+)
+from pdecodec.report.stability.extremes import hanging_stretch as extreme_stretch
 from pdecodec.report.stability.fit_data import noise_gain, spline_weights, time_weights
-from pdecodec.report.stability.fit_rates import NAMES, WELL_CONDITIONED, relative_error, sample_fit
-from pdecodec.report.stability.massspring import Chain, hanging_stretch, implicit_euler, largest_motion
+from pdecodec.report.stability.fit_rates import NAMES, WELL_CONDITIONED, exact_errors, relative_error, sample_fit
+from pdecodec.report.stability.massspring import LITERAL, Chain, hanging_stretch, implicit_euler, largest_motion
 from pdecodec.report.stability.nasty_clips import NASTY
 from pdecodec.report.stability.parametrisation import curves, planar_figure
 from pdecodec.report.stability.simulation import DIVERGED
@@ -49,6 +60,17 @@ def test_where_rates_are_small_only_the_well_conditioned_basis_finds_the_minimis
     for name in NAMES:
         error = relative_error(fit.solve(name, wanted, 1e-4, 1e-4, dtype), wanted)
         assert (error < 1.01 * exact) == (name == WELL_CONDITIONED), name
+
+
+def test_the_well_conditioned_basis_leaves_the_exact_minimisers_error_at_any_rate() -> None:
+    fit, wanted = sample_fit(40)
+    rates = np.array([1e-6, 1e-2, 2.0, 15.0])
+    exact = exact_errors(fit, wanted, rates)
+    found = [
+        [relative_error(fit.solve(WELL_CONDITIONED, wanted, alpha, r, np.float64), wanted) for r in rates]
+        for alpha in rates
+    ]
+    np.testing.assert_allclose(found, exact, rtol=1e-6)
 
 
 def test_where_rates_are_moderate_all_solvers_find_the_same() -> None:
@@ -136,6 +158,35 @@ def test_implicit_euler_falls_freely_when_nothing_pulls() -> None:
     positions, velocities = implicit_euler(chain, chain.positions(), np.zeros((3, 3)), 0.1)
     np.testing.assert_allclose(velocities[1:, 1], -0.980665, rtol=1e-6)
     np.testing.assert_allclose(positions[0], 0.0)
+
+
+def test_the_first_line_of_the_algorithm_with_the_constraints_own_forces_is_explicit_and_diverges() -> None:
+    chain = Chain()
+    step = 20 * 2 / chain.highest_frequency
+    assert largest_motion("XPBD", chain, step, 60) < DIVERGED < largest_motion(LITERAL, chain, step, 60)
+
+
+def test_a_chain_solved_as_a_whole_holds_any_weight_length_and_stiffness() -> None:
+    whole = WAYS[WHOLE]
+    assert extreme_stretch(whole, mass_ratio=1e6, seconds=1.0) < 1e-12
+    assert extreme_stretch(whole, links=1000, seconds=0.5) < 1e-12
+    for stiffness in (1e3, 1e7, 1e12):
+        found = extreme_stretch(whole, stiffness=stiffness)
+        assert found == pytest.approx(material_stretch(12, stiffness), rel=1e-4)
+
+
+def test_small_steps_stretch_less_than_as_many_iterations_and_neither_runs_off() -> None:
+    for case in ({"mass_ratio": 1e3}, {"links": 100}, {"stiffness": 1e6}):
+        iterated, small = (extreme_stretch(WAYS[name], seconds=2.0, **case) for name in (ITERATED, SMALL))
+        assert 0 < small < 0.5 * iterated < 10
+    (_, spread), (_, piled) = cloth_error(9, 8, [(20, 1, "xpbd"), (1, 20, "xpbd")], 320)
+    assert spread < 0.5 * piled
+
+
+def test_a_ball_is_passed_where_a_step_is_longer_than_it_is_thick_and_the_ground_never() -> None:
+    assert passes_through(0.4 * RADIUS / 0.01, 0.01, through="ball") == 0.0
+    assert passes_through(5.0 * RADIUS / 0.01, 0.01, through="ball") > 0.5
+    assert all(passes_through(speed, 0.01, through="ground") == 0.0 for speed in (1.0, 100.0, 1e4))
 
 
 # The codec

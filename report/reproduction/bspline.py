@@ -43,18 +43,11 @@ def control_points_on_the_curve(curve: Float64Array) -> Float64Array:
     return _linear_in_time(curve, lambda points: BSpline(uniform_knots(CONTROL_POINTS), points[chosen], DEGREE)(index))
 
 
-def least_squares_by_index(curve: Float64Array) -> Float64Array:
-    """Least squares by point index, equal knots: the plainest correct reading."""
+def fair_keyframes(curve: Float64Array) -> Float64Array:
+    """Least squares by point index, equal knots, (6, points, 3): the plainest correct reading, nothing stored for u."""
     index = np.linspace(0.0, 1.0, curve.shape[1])
     knots = uniform_knots(CONTROL_POINTS)
-    return _linear_in_time(curve, lambda points: _fit(index, points, knots)(index))
-
-
-def fair_keyframes(curve: Float64Array) -> Float64Array:
-    """Least squares by arc length at frame 0, knots where the points are: what a decoder can evaluate."""
-    u = arc_length(curve[0])
-    knots = averaged_knots(u, CONTROL_POINTS)
-    return np.stack([_fit(u, points, knots)(u) for points in curve[KEYFRAMES]])
+    return np.stack([_fit(index, points, knots)(index) for points in curve[KEYFRAMES]])
 
 
 def fair(curve: Float64Array) -> Float64Array:
@@ -68,23 +61,35 @@ def fair_and_cubic_in_time(curve: Float64Array) -> Float64Array:
     return np.asarray(CubicSpline(keyframes, fair_keyframes(curve))(np.arange(len(curve))))
 
 
+def by_arc_length(curve: Float64Array) -> Float64Array:
+    """Least squares by arc length at frame 0, knots where the points are."""
+    u = arc_length(curve[0])
+    knots = averaged_knots(u, CONTROL_POINTS)
+    return _linear_in_time(curve, lambda points: _fit(u, points, knots)(u))
+
+
 def equal_numbers(curve: Float64Array) -> Float64Array:
-    """A tensor-product spline of 8 x 4 control points, 32 constants an axis as in Eq. 17."""
-    u, time = arc_length(curve[0]), np.linspace(0.0, 1.0, len(curve))
+    """A tensor-product spline of 8 x 4 control points by index, 32 constants an axis as in Eq. 17."""
+    return surface(curve, np.linspace(0.0, 1.0, curve.shape[1]))
+
+
+def surface(curve: Float64Array, u: Float64Array) -> Float64Array:
+    """The spline surface of 8 x 4 control points over u and time, at all frames: (frames, points, axes) float64."""
+    time = np.linspace(0.0, 1.0, len(curve))
     space = BSpline.design_matrix(u, uniform_knots(EQUAL_SPACE), DEGREE).toarray()
     along = np.linalg.lstsq(space, curve[KEYFRAMES].transpose(1, 0, 2).reshape(len(u), -1), rcond=None)[0]
     in_time = BSpline.design_matrix(time, uniform_knots(EQUAL_TIME), DEGREE).toarray()
-    keyframes = along.reshape(EQUAL_SPACE, -1, 3).transpose(1, 0, 2)
+    keyframes = along.reshape(EQUAL_SPACE, -1, curve.shape[2]).transpose(1, 0, 2)
     control = np.linalg.lstsq(in_time[KEYFRAMES], keyframes.reshape(len(keyframes), -1), rcond=None)[0]
-    return np.asarray(np.einsum("ta,ub,abc->tuc", in_time, space, control.reshape(EQUAL_TIME, EQUAL_SPACE, 3)))
+    return np.asarray(np.einsum("ta,ub,abc->tuc", in_time, space, control.reshape(EQUAL_TIME, EQUAL_SPACE, -1)))
 
 
 READINGS: dict[str, tuple[int, Callable[[Float64Array], Float64Array]]] = {
     "fitted by index, evaluated at u of Eq. 24 (as printed)": (300, printed),
     "every 17th point a control point, no fit": (300, control_points_on_the_curve),
-    "least squares by index": (300, least_squares_by_index),
-    "least squares by arc length, fitted knots": (300, fair),
+    "least squares by index": (300, fair),
     "the same, cubic in time": (300, fair_and_cubic_in_time),
+    "least squares by arc length, fitted knots": (300, by_arc_length),
     "spline surface of 8 x 4 control points": (32, equal_numbers),
 }
 """Control points of a curve over all keyframes, and the reading, by name."""

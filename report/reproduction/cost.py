@@ -1,5 +1,7 @@
 """What the method costs: design variables as the paper counts them, bytes that a decoder needs, and CPU time.
 
+What is known to a decoder without being stored, such as the number of a point along its curve, costs nothing here.
+
 Two ways to have keyframes. Taken from the simulation as it is, they cost as much as all frames: the solver passes
 through every one of them. Simulated with a doubled step they cost half, and are other keyframes; but then XPBD with
 that step gives the frames between as well, for the same price.
@@ -14,16 +16,21 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from pdecodec.decoder import open_animation
-from pdecodec.encoder import encode
-from pdecodec.metrics import measure_distortion
-from pdecodec.report.charts import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, name_rows, write
+from pdecodec.report.charts import BLUE, GREEN, GREY, ORANGE, PURPLE, name_rows, write
 from pdecodec.report.figure import Canvas, Figure, Table
 from pdecodec.report.reproduction import bspline, printed
-from pdecodec.report.reproduction.method import HONEST, PRINTED, FrameErrors, frame_errors, reconstruct
-from pdecodec.report.reproduction.rope import FRAMES, Rope, as_curves, own_substeps, simulate
+from pdecodec.report.reproduction.functions import space_functions, time_functions
+from pdecodec.report.reproduction.method import (
+    HONEST,
+    PRINTED,
+    FrameErrors,
+    align,
+    coordinate_parameter,
+    frame_errors,
+    product_fit,
+)
+from pdecodec.report.reproduction.rope import FRAMES, KEYFRAMES, Rope, as_curves, own_substeps, simulate
 from pdecodec.sequence import Float64Array
-from pdecodec.settings import EncodeSettings
 
 if TYPE_CHECKING:
     from pdecodec.report.reproduction.findings import Findings
@@ -46,25 +53,20 @@ RUNS = 2
 PART_COLOURS = {
     "positions": GREY,
     "u of Eq. 24": ORANGE,
-    "reference frame": SKY,
     "transformations": PURPLE,
     "constants": BLUE,
     "control points": GREEN,
-    "motion": BLUE,
 }
-
-_MESH = frozenset({"CONN", "ORDR", "ATTR"})
-"""Sections that hold faces and what belongs to them, which are counted nowhere here."""
 
 
 @dataclass(frozen=True)
 class Store:
-    """What one representation of the clip takes: design variables as the paper counts them, None where it does not;
-    bytes by what they are for; the largest vertex distance over D at frames 0 to 10.
+    """What one representation of the clip takes: design variables as the paper counts them; bytes by what they are
+    for; the largest vertex distance over D at frames 0 to 10.
     """
 
     name: str
-    variables: int | None
+    variables: int
     parts: dict[str, int]
     largest_error: float | None = None
 
@@ -89,22 +91,9 @@ def stores(rope: Rope, *, printed_error: float, honest_error: float, spline_erro
     return [
         Store("raw positions", sides * rings * FRAMES, {"positions": FRAMES * raw}, 0.0),
         Store("PDE as printed", sides * CONSTANTS, literal, printed_error),
-        Store("PDE, u a decoder knows", None, {"constants": constants, "reference frame": raw}, honest_error),
-        Store("B-splines, fair", control, {"control points": control * vector, "reference frame": raw}, spline_error),
-        _file(rope, "pdecodec --profile paper", EncodeSettings(profile="paper")),
-        _file(rope, "pdecodec, PDE's error as printed", EncodeSettings(max_error=printed_error * rope.diameter)),
-        _file(rope, "pdecodec, PDE's error honest", EncodeSettings(max_error=honest_error * rope.diameter)),
+        Store("PDE, u by index", sides * CONSTANTS, {"constants": constants}, honest_error),
+        Store("B-splines, u by index", control, {"control points": control * vector}, spline_error),
     ]
-
-
-def _file(rope: Rope, name: str, settings: EncodeSettings) -> Store:
-    report = encode(rope.clip, settings=settings)
-    with open_animation(report.data or b"") as animation:
-        largest = measure_distortion(rope.clip, animation.to_array()).max_error / rope.diameter
-    sizes = dict(report.sections)
-    reference = sizes.pop("REST")
-    motion = sum(size for key, size in sizes.items() if key not in _MESH)
-    return Store(name, None, {"reference frame": reference, "motion": motion}, largest)
 
 
 @dataclass(frozen=True)
@@ -145,8 +134,10 @@ def routes(rope: Rope) -> list[Route]:
     ) -> Route:
         return route(name, simulation, *_timed(lambda: np.stack([fit(curve) for curve in source])))
 
+    index = np.linspace(0.0, 1.0, settings.rings)
+
     def honest(curve: Float64Array) -> Float64Array:
-        return reconstruct(curve, HONEST).decoded
+        return product_fit(curve, index, HONEST.alpha, HONEST.r)
 
     return [
         route("XPBD, every frame", fine_seconds, wanted),
@@ -157,9 +148,53 @@ def routes(rope: Rope) -> list[Route]:
     ]
 
 
-def printed_fit_seconds(rope: Rope) -> float:
-    """CPU time of the method as printed on all curves: fit and evaluation at all frames [s]."""
-    return _timed(lambda: np.stack([reconstruct(curve, PRINTED).found for curve in rope.curves]))[1]
+@dataclass(frozen=True)
+class Speed:
+    """One way to fit all curves and evaluate them at all frames: CPU time of one thread [s], mean error E_A as it
+    measures itself (printed: aligned; else in the scene).
+    """
+
+    name: str
+    seconds: float
+    mean: float
+
+
+def speeds(rope: Rope) -> list[Speed]:
+    """The printed method by its normal equations and by singular values; with u known as a product; B-splines."""
+    curves, diameter = rope.curves, rope.diameter
+    aligned = np.stack([align(curve, PRINTED.removal).aligned for curve in curves])
+    time_axis = np.linspace(0.0, 1.0, FRAMES)
+    in_time = time_functions(time_axis, PRINTED.alpha)
+
+    def as_printed(solve: Callable[[Float64Array, Float64Array], Float64Array]) -> Float64Array:
+        found = np.empty_like(aligned)
+        for curve, rebuilt in zip(aligned, found, strict=True):
+            along = space_functions(coordinate_parameter(curve), PRINTED.r)
+            for axis in range(3):
+                # Eq. 18: of each time the four functions, of each u the eight.
+                columns = (in_time[:, None, :, None] * along[:, :, axis, None, :]).reshape(*curve.shape[:2], CONSTANTS)
+                rows = columns[KEYFRAMES].reshape(-1, CONSTANTS)
+                rebuilt[..., axis] = columns @ solve(rows, curve[KEYFRAMES][..., axis].ravel())
+        return found
+
+    def normal_equations(rows: Float64Array, wanted: Float64Array) -> Float64Array:
+        return np.asarray(np.linalg.solve(rows.T @ rows, rows.T @ wanted))  # Eq. 25
+
+    def singular_values(rows: Float64Array, wanted: Float64Array) -> Float64Array:
+        return np.asarray(np.linalg.lstsq(rows, wanted, rcond=None)[0])
+
+    index = np.linspace(0.0, 1.0, curves.shape[2])
+    ways: dict[str, tuple[Float64Array, Callable[[], Float64Array]]] = {
+        "as printed, normal equations (Eq. 25)": (aligned, lambda: as_printed(normal_equations)),
+        "as printed, singular values": (aligned, lambda: as_printed(singular_values)),
+        "u by index, as a product": (curves, lambda: product_fit(curves, index, PRINTED.alpha, PRINTED.r)),
+        "B-splines of 50 control points": (curves, lambda: np.stack([bspline.fair(curve) for curve in curves])),
+    }
+    found = []
+    for name, (wanted, way) in ways.items():
+        rebuilt, seconds = _timed(way)
+        found.append(Speed(name, seconds, frame_errors(wanted, rebuilt, diameter).mean))
+    return found
 
 
 def _timed(work: Callable[[], T]) -> tuple[T, float]:
@@ -177,9 +212,8 @@ def bytes_figure(findings: Findings) -> Figure:
     parts = tuple(dict.fromkeys(part for store in kept for part in store.parts))
 
     def label(store: Store) -> str:
-        variables = "" if store.variables is None else f", {store.variables:,} variables"
-        error = "" if not store.largest_error else f", largest error {store.largest_error:.3f}"
-        return f"{store.name}\n{(variables + error).lstrip(', ') or 'exact'}"
+        error = f", largest error {store.largest_error:.3f}" if store.largest_error else ", exact"
+        return f"{store.name}\n{store.variables:,} variables{error}"
 
     def draw(canvas: Canvas) -> None:
         panel = canvas.subplots()
@@ -188,18 +222,19 @@ def bytes_figure(findings: Findings) -> Figure:
             largest = max(store.parts, key=lambda part: store.parts[part])
             panel.barh(height, store.total / 1e3, color=PART_COLOURS[largest], height=0.62)
             write(panel, f"{store.total / 1e3:,.1f} kB, mostly {largest}", (store.total / 1e3, height), (5, 0))
-        panel.set(xscale="log", xlabel="kB that a decoder needs, connectivity not counted", xlim=(0.5, 3e5))
+        panel.set(xscale="log", xlabel="kB that a decoder needs as float32, connectivity not counted", xlim=(1, 3e5))
 
-    raw, literal, honest, same = *kept[:3], kept[-1]
+    raw, literal, honest, splines = kept
     return Figure(
         name="bytes",
         title="768 design variables, and what the decoder needs beside them",
         lesson=(
-            f"As printed, the 768 constants are {literal.parts['constants'] / 1e3:.1f} kB, and u of Eq. 24 "
-            f"{literal.parts['u of Eq. 24'] / 1e6:.2f} MB, exactly as much as the raw positions: the whole takes "
-            f"{literal.total / raw.total:.1%} of them. With u from a stored reference frame it is "
-            f"{honest.total / 1e3:.0f} kB at errors up to {honest.largest_error:.3f} D; a pdecodec file of that same "
-            f"largest error takes {same.total / 1e3:.1f} kB, reference frame included."
+            f"The 768 constants are {honest.total:,} bytes as float32, {honest.total / raw.total:.2%} of the raw "
+            "positions, as the paper counts: with u by index that is all a decoder needs, at errors up to "
+            f"{honest.largest_error:.3f} D over all curves. As printed u of Eq. 24 comes on top, "
+            f"{literal.parts['u of Eq. 24'] / 1e6:.2f} MB and exactly as much as the raw positions. B-splines by index "
+            f"need {splines.total / 1e3:.1f} kB for errors up to {splines.largest_error:.3f}. What bytes buy at equal "
+            "error is in the next chart."
         ),
         table=Table.from_columns(
             {
@@ -211,7 +246,47 @@ def bytes_figure(findings: Findings) -> Figure:
             }
         ),
         draw=draw,
-        size=(10.0, 4.8),
+        size=(10.0, 3.4),
+    )
+
+
+def speed_figure(findings: Findings) -> Figure:
+    """What fit and evaluation take."""
+    found, fine = findings.speeds, findings.routes[0].seconds
+
+    def draw(canvas: Canvas) -> None:
+        panel = canvas.subplots()
+        names = [*(item.name for item in found), "paper: PDE", "paper: B-splines"]
+        seconds = [*(item.seconds for item in found), printed.SECONDS_PDE, printed.SECONDS_SPLINE]
+        colours = [BLUE] * (len(found) - 1) + [GREEN, GREY, GREY]
+        for height, value, colour in zip(name_rows(panel, names), seconds, colours, strict=True):
+            panel.barh(height, value, color=colour, height=0.6)
+            write(panel, f"{value:.3f} s", (value, height), (5, 0))
+        panel.set(xlabel="CPU time of one thread, 24 curves, fit and evaluation at 11 frames [s]")
+        panel.set_xlim(0, 1.15 * max(seconds))
+
+    normal, values, product, splines = found
+    return Figure(
+        name="quickness",
+        title="How quick the reconstruction is",
+        lesson=(
+            f"As printed, with a matrix of its own for each curve and axis, normal equations take {normal.seconds:.2f} "
+            f"s in numpy and one thread, singular values {values.seconds:.2f} s; the paper has {printed.SECONDS_PDE} s "
+            f"in C++. Where u is by index all curves share one factorisation: {product.seconds:.3f} s, less than "
+            f"B-splines ({splines.seconds:.3f} s; paper {printed.SECONDS_SPLINE} s). Eleven frames of our XPBD take "
+            f"{fine:.2f} s. The normal equations leave a mean of {normal.mean:.5f} where singular values leave "
+            f"{values.mean:.5f}."
+        ),
+        table=Table.from_columns(
+            {
+                "way": [item.name for item in found],
+                "CPU time [s]": [item.seconds for item in found],
+                "share of XPBD": [item.seconds / fine for item in found],
+                "mean E_A": [item.mean for item in found],
+            }
+        ),
+        draw=draw,
+        size=(9.5, 3.4),
     )
 
 

@@ -1,9 +1,11 @@
 """The paper's method on one curve, with everything it leaves open as an option.
 
 Sections 4.3 to 4.5: eliminate the transformation (Eqs. 19 to 23), give every point a parameter u (Eq. 24), fit the 32
-functions to the keyframes (Eq. 25), evaluate them at all frames (Eq. 17), measure (Eqs. 26 and 27). The fit is solved
-by singular values, and all 32 functions by the basis of the same space that stays well conditioned, so that what is
-seen here is the method and not rounding; what the printed normal equations do is in the report on stability.
+functions to the keyframes (Eq. 25), evaluate them at all frames (Eq. 17), measure (Eqs. 26 and 27). Eq. 25 are normal
+equations; here its minimiser is found by singular values, and all 32 functions by the basis of the same space that
+stays well conditioned, so that what is seen is the method and not rounding. Where one u serves all frames and axes the
+functions are products, and so is the fit. What each of these takes is measured in the section on cost, what rounding
+does to the printed equations in the report on stability.
 """
 
 from __future__ import annotations
@@ -16,9 +18,11 @@ from typing import Literal
 import numpy as np
 
 from pdecodec.report.reproduction.functions import (
+    ALPHA,
     SOLVES_EQ_10,
     SPACE_FUNCTIONS,
     TIME_FUNCTIONS,
+    R,
     printed_functions,
     unit_basis,
 )
@@ -35,6 +39,9 @@ PARAMETERS: tuple[Parameter, ...] = (
 )
 """Where u comes from; only the last three are known to a decoder that has the shape at frame 0."""
 
+SHARED_PARAMETERS: tuple[Parameter, ...] = ("arc length of frame 0", "index")
+"""One u for all frames and axes."""
+
 PARAMETERS_COMPARED: tuple[Parameter, ...] = ("Eq. 24, every frame", "arc length of frame 0", "index")
 
 Target = Literal["position", "displacement"]
@@ -49,7 +56,7 @@ FUNCTION_SETS: tuple[Functions, ...] = ("all 32", "16 that solve Eq. 10", "the o
 RANK = 1e-12
 """Relative singular value under which a direction of the scaled columns counts as rounding."""
 
-RATES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
+RATES = (0.0, 1.0, 2.0, 3.0, 4.5, 6.0)
 """Values of alpha and of r that are tried where they are chosen; at 0 all 32 functions are polynomials."""
 
 RANK_OF_CURVE = 1e-9
@@ -58,8 +65,8 @@ RANK_OF_CURVE = 1e-9
 LEAST_TURN = 1e-9 / 4.0
 """Share of a curve's energy that pulls towards no rotation: it decides where a straight curve may spin freely."""
 
-THINNED = 8
-"""Every so many points take part where rates are chosen: 32 unknowns need no 832 points."""
+THINNED = 16
+"""Every so many points take part where rates are chosen: 8 functions along a curve need no 832 points."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,8 +92,13 @@ class Variant:
     removal: Removal = "Eq. 23"
     affine_functions: bool = False
     functions: Functions = "all 32"
-    alpha: float = 2.0
-    r: float = 2.0
+    alpha: float = ALPHA
+    r: float = R
+
+    @property
+    def is_product(self) -> bool:
+        """Whether the columns are all products of functions of t and of one u."""
+        return self.parameter in SHARED_PARAMETERS and self.functions == "all 32" and not self.affine_functions
 
     @property
     def numbers(self) -> int:
@@ -97,8 +109,8 @@ class Variant:
 PRINTED = Variant()
 """The method as printed: positions, Eq. 23 literally, Eq. 24 at every frame, all 32 functions."""
 
-HONEST = Variant(parameter="arc length of frame 0", removal="none")
-"""The same with nothing but what a decoder can know."""
+HONEST = Variant(parameter="index", removal="none")
+"""The same with nothing but what a decoder knows: the number of a point, for which nothing is stored."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,13 +142,46 @@ def reconstruct(curve: Float64Array, variant: Variant) -> Reconstruction:
     aligned = alignment.aligned
     first, time = aligned[0], np.linspace(0.0, 1.0, len(aligned))
     base = first if variant.target == "displacement" else np.zeros_like(first)
+    given = parameters(aligned, variant.parameter)
+    if variant.is_product:
+        found = product_fit(aligned - base, given[0, :, 0], variant.alpha, variant.r) + base
+        return Reconstruction(aligned, found, _undo(found, alignment))
     found = np.empty_like(aligned)
-    for u, axes in _systems(parameters(aligned, variant.parameter)):
+    for u, axes in _systems(given):
         columns = design(u, time, first, variant)
         rows = columns[KEYFRAMES].reshape(-1, columns.shape[-1])
         wanted = (aligned - base)[KEYFRAMES][..., axes].reshape(len(rows), -1)
         found[..., axes] = columns @ least_squares(rows, wanted) + base[:, axes]  # Eqs. 25 and 17
     return Reconstruction(aligned, found, _undo(found, alignment))
+
+
+def product_fit(values: Float64Array, u: Float64Array, alpha: float, r: float) -> Float64Array:
+    """Eqs. 25 and 17 where one u serves all frames and axes, at all frames: the same minimiser, factor by factor.
+
+    Parameters
+    ----------
+    values : (..., frames, points, 3) float64
+        Leading axes are curves with the same u.
+    u : (points,) float64
+    alpha, r : float
+    """
+    frames = values.shape[-3]
+    in_time = unit_basis(np.linspace(0.0, 1.0, frames), alpha, TIME_FUNCTIONS)
+    orthonormal = np.linalg.qr(unit_basis(u, r, SPACE_FUNCTIONS))[0]
+    to_frames = in_time @ np.linalg.pinv(in_time[KEYFRAMES])
+    coefficients = np.einsum("pb,...kpa->...kba", orthonormal, values[..., KEYFRAMES, :, :], optimize=True)
+    return np.asarray(np.einsum("tk,...kba,pb->...tpa", to_frames, coefficients, orthonormal, optimize=True))
+
+
+def reconstruct_in_pieces(curve: Float64Array, pieces: int, alpha: float = ALPHA, r: float = R) -> Float64Array:
+    """The honest method on a curve cut into pieces of equal length, 32 constants each: (frames, points, 3) float64."""
+    return np.concatenate(
+        [
+            product_fit(piece, np.linspace(0.0, 1.0, piece.shape[1]), alpha, r)
+            for piece in np.array_split(curve, pieces, axis=1)
+        ],
+        axis=1,
+    )
 
 
 def align(curve: Float64Array, removal: Removal) -> Alignment:
@@ -188,12 +233,12 @@ def between_keyframes(values: Float64Array) -> Float64Array:
 def parameters(aligned: Float64Array, parameter: Parameter) -> Float64Array:
     """The parameter u of every frame, point and axis, (frames, points, 3 or 1): all axes share one where 1."""
     frames, points, _ = aligned.shape
-    if parameter == "Eq. 24, every frame":
-        return coordinate_parameter(aligned)
-    if parameter == "Eq. 24, keyframes":
-        return between_keyframes(coordinate_parameter(aligned))
-    if parameter == "Eq. 24, frame 0":
-        return np.broadcast_to(coordinate_parameter(aligned[:1]), aligned.shape)
+    if parameter.startswith("Eq. 24"):
+        # Across a straight curve Eq. 24 is 0 / 0, and one number is all that there is to fit: any u will do.
+        literal = np.nan_to_num(coordinate_parameter(aligned), nan=0.0)
+        if parameter == "Eq. 24, keyframes":
+            return between_keyframes(literal)
+        return literal if parameter == "Eq. 24, every frame" else np.broadcast_to(literal[:1], aligned.shape)
     u = arc_length(aligned[0]) if parameter == "arc length of frame 0" else np.linspace(0.0, 1.0, points)
     return np.broadcast_to(u[None, :, None], (frames, points, 1))
 
@@ -201,7 +246,8 @@ def parameters(aligned: Float64Array, parameter: Parameter) -> Float64Array:
 def coordinate_parameter(aligned: Float64Array) -> Float64Array:
     """Eq. 24: each coordinate over its own range at its own frame; not a number where that range is 0."""
     low, high = aligned.min(axis=1, keepdims=True), aligned.max(axis=1, keepdims=True)
-    return np.asarray((aligned - low) / (high - low))  # Eq. 24
+    with np.errstate(invalid="ignore"):
+        return np.asarray((aligned - low) / (high - low))  # Eq. 24
 
 
 def arc_length(points: Float64Array) -> Float64Array:
@@ -250,6 +296,10 @@ def choose_rates(curve: Float64Array, variant: Variant, rates: Iterable[float] =
 
     def error(pair: tuple[float, float]) -> float:
         total, tried = 0.0, replace(variant, alpha=pair[0], r=pair[1])
+        if tried.is_product:
+            every = np.zeros((len(time) * 2 - 1, *keyframes.shape[1:]))
+            every[KEYFRAMES] = keyframes
+            return float(((product_fit(every, given[0, :, 0], *pair)[KEYFRAMES] - keyframes) ** 2).sum())
         for u, axes in _systems(given):
             columns = design(u, time, first, tried).reshape(u.size, -1)
             wanted = keyframes[..., axes].reshape(u.size, -1)
@@ -264,10 +314,13 @@ def choose_rates(curve: Float64Array, variant: Variant, rates: Iterable[float] =
 
 @dataclass(frozen=True, eq=False)
 class FrameErrors:
-    """Errors frame by frame over D: E_An of Eq. 26 and E_Mn of Eq. 27, (frames,) float64."""
+    """Errors frame by frame over D: E_An of Eq. 26 and E_Mn of Eq. 27, (frames,) float64; `relative` is the root mean
+    square error of all frames over that of the distances from frame 0, which is the motion that there is to rebuild.
+    """
 
     average: Float64Array
     maximum: Float64Array
+    relative: float = 0.0
 
     @property
     def mean(self) -> float:
@@ -292,7 +345,9 @@ def frame_errors(wanted: Float64Array, found: Float64Array, diameter: float) -> 
     """
     distances = np.linalg.norm(wanted - found, axis=-1) / diameter
     others = tuple(axis for axis in range(distances.ndim) if axis != distances.ndim - 2)
-    return FrameErrors(distances.mean(axis=others), distances.max(axis=others))  # Eqs. 26, 27
+    motion = float(((wanted - wanted[..., :1, :, :]) ** 2).sum())
+    relative = float(np.sqrt(((wanted - found) ** 2).sum() / motion)) if motion else 0.0
+    return FrameErrors(distances.mean(axis=others), distances.max(axis=others), relative)  # Eqs. 26, 27
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 The paper does not say how long a frame is, how stiff its rope, or how it is held. Ours is held at both ends,
 shaken, and falls from rest. A frame is an eighth of a second: within ten of them the rope falls into its curve, as in
-the paper's Figure 2. The same simulation is seen through two more windows, so that no finding hangs on that choice.
+the paper's Figure 2. Ropes of other twists, at other rates and moments: :mod:`pdecodec.report.reproduction.sweep`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ KEYFRAMES = slice(0, None, 2)
 """Frames 0, 2, 4, 6, 8, 10."""
 
 FINE_STEPS = 3
-"""Simulated frames in one of ours: the other windows look at every simulated frame."""
+"""Simulated frames in one of ours."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,26 +63,19 @@ class Rope:
     @cached_property
     def curves(self) -> Float64Array:
         """(curves, frames, points, 3) float64 [m]: ``w_nk`` of every curve, frames 0 to 10."""
-        return self._window(0, FINE_STEPS)
+        return as_curves(self.fine.points[::FINE_STEPS], self.settings)
 
     @cached_property
     def diameter(self) -> float:
         """D of Eqs. 26 and 27: distance of the two furthest points of the first curve, at frame 0 [m]."""
-        from scipy.spatial.distance import pdist
+        return diameter_of(self.curves[0, 0])
 
-        return float(pdist(self.curves[0, 0]).max())
 
-    def windows(self) -> dict[str, Float64Array]:
-        """The clip and two other looks at the same simulation, each (curves, frames, points, 3)."""
-        fine_rate = self.settings.fps * FINE_STEPS
-        return {
-            f"from rest, {self.settings.fps:g} frames a second": self.curves,
-            f"from rest, {fine_rate:g} frames a second": self._window(0, 1),
-            f"in swing, {fine_rate:g} frames a second": self._window(len(self.fine.points) - FRAMES, 1),
-        }
+def diameter_of(points: Float64Array) -> float:
+    """Distance of the two furthest of some points, (points, 3) [m]: D of Eqs. 26 and 27."""
+    from scipy.spatial.distance import pdist
 
-    def _window(self, first: int, step: int) -> Float64Array:
-        return as_curves(self.fine.points[first : first + step * (FRAMES - 1) + 1 : step], self.settings)
+    return float(pdist(points).max())
 
 
 def as_curves(points: Float32Array, settings: RopeSettings) -> Float64Array:
@@ -92,18 +85,23 @@ def as_curves(points: Float32Array, settings: RopeSettings) -> Float64Array:
 
 
 def simulate_rope(settings: RopeSettings) -> Rope:
-    """Simulate it, after one frame that does not count: that one compiles."""
-    simulate(settings, frames=2)
+    """Simulate it."""
     started = time.process_time()
     fine = simulate(settings, frames=FINE_STEPS * (FRAMES - 1) + 1, fps=settings.fps * FINE_STEPS)
     return Rope(settings, fine, time.process_time() - started)
 
 
 def simulate(
-    settings: RopeSettings, *, frames: int, fps: float | None = None, substeps: int | None = None
+    settings: RopeSettings,
+    *,
+    frames: int,
+    fps: float | None = None,
+    substeps: int | None = None,
+    turns: float | None = None,
 ) -> ArraySequence:
-    """The rope at any frame rate; `substeps` a frame, by default as many as the scene wants."""
-    scene = build("cube-rope", rings=settings.rings, sides=settings.sides)
+    """The rope at any frame rate; `substeps` a frame and `turns` of its section, by default the scene's own."""
+    twist = {} if turns is None else {"turns": turns}
+    scene = build("cube-rope", rings=settings.rings, sides=settings.sides, **twist)
     return scene.simulate(frames=frames, fps=fps or settings.fps, substeps=substeps).to_array()
 
 

@@ -147,7 +147,12 @@ INTEGRATORS: dict[str, Step] = {
     "implicit Euler": implicit_euler,
 }
 
-METHODS = (*INTEGRATORS, "XPBD", "PBD")
+LITERAL = "XPBD, forces in line 1 too"
+"""Algorithm 1 read literally: its first line adds ``dt^2 M^-1 F`` with the F of Eq. 1, which is minus the gradient of
+the constraints' own energy, and the loop then solves the same constraints again.
+"""
+
+METHODS = (*INTEGRATORS, "XPBD", LITERAL, "PBD")
 
 
 def run(method: str, chain: Chain, step: float, steps: int) -> Iterator[tuple[Float64Array, Float64Array]]:
@@ -162,9 +167,16 @@ def run(method: str, chain: Chain, step: float, steps: int) -> Iterator[tuple[Fl
                 return
             yield positions, velocities
         return
-    solver = Solver(chain.system(), substep=step, iterations=ITERATIONS, method="xpbd" if method == "XPBD" else "pbd")
+    solver = Solver(chain.system(), substep=step, iterations=ITERATIONS, method="pbd" if method == "PBD" else "xpbd")
     for _ in range(steps):
+        if method == LITERAL:
+            with np.errstate(all="ignore"):
+                pull = chain.forces(solver.positions)
+                pull[1:, 1] += chain.mass * STANDARD_GRAVITY  # gravity is the solver's
+                solver.velocities += step / chain.mass * pull
         solver.advance()
+        if not np.isfinite(solver.positions).all():
+            return
         yield solver.positions, solver.velocities
 
 

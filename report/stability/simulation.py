@@ -14,19 +14,27 @@ from pdecodec.report.charts import (
     GREY,
     ORANGE,
     PURPLE,
+    SKY,
     draw_lines,
     label_ends,
     mark_failing,
     write,
 )
 from pdecodec.report.figure import Canvas, Figure, Section, Table, Value
-from pdecodec.report.stability.massspring import METHODS, Chain, hanging_stretch, largest_motion, run
+from pdecodec.report.stability.extremes import accuracy_figure, extremes_figure, tunnelling_figure
+from pdecodec.report.stability.massspring import LITERAL, METHODS, Chain, hanging_stretch, largest_motion, run
 from pdecodec.sequence import Float64Array
 
-COLOURS = dict(zip(METHODS, (ORANGE, PURPLE, GREEN, BLUE, GREY), strict=True))
+COLOURS = dict(zip(METHODS, (ORANGE, PURPLE, GREEN, BLUE, SKY, GREY), strict=True))
+
+LONGEST = 10.0
+"""Of the steps that are tried [s]: ten times what a chain of a metre needs for a swing."""
 
 DIVERGED = 1.0
 """Kinetic energy over weight times length: a fall sets less than half of that free."""
+
+RAN_OFF = 1e3
+"""Where runs that went off to infinity are drawn."""
 
 TEST_STEPS = 300
 """Steps in which a diverging chain must show it."""
@@ -85,17 +93,19 @@ def step_figure(count: int, smallest: float) -> Figure:
 
     def draw(canvas: Canvas) -> None:
         panel = canvas.subplots()
-        panel.set(xscale="log", yscale="log", xlim=(smallest, 0.9), ylim=(0.1, 100))
+        panel.set(xscale="log", yscale="log", xlim=(smallest, 0.9), ylim=(0.1, 2 * RAN_OFF))
         panel.set(xlabel="step [s]", ylabel="largest kinetic energy within 1 s,\nover weight times length")
         for method, values in found.items():
-            panel.plot(sizes, np.clip(values, 1e-6, 1e3), color=COLOURS[method])
-        for name, place in (("explicit Euler", (1.15 * smallest, 55.0)), ("symplectic Euler", (limit * 1.06, 20.0))):
+            panel.plot(sizes, np.clip(values, 1e-6, RAN_OFF), color=COLOURS[method])
+        for name, place in (("explicit Euler", (1.15 * smallest, 420.0)), ("symplectic Euler", (limit * 1.4, 20.0))):
             write(panel, name, place, color=COLOURS[name], va="baseline")
         steady = ("implicit Euler", "XPBD", "PBD")
         label_ends(panel, [(0.1, float(found[name][-1]), name, COLOURS[name]) for name in steady])
+        write(panel, LITERAL, (limit * 1.4, 60.0), color=COLOURS[LITERAL], va="baseline")
         panel.axvline(limit, color="black", linewidth=0.9, linestyle="--")
         write(panel, "2 / highest frequency", (limit, 0.12), (3, 0), size=8.5, va="baseline")
         mark_failing(panel, "fails: more than the fall can give", above=DIVERGED, at=0.6)
+        write(panel, "ran off", (0.11, RAN_OFF), size=8.5)
         panel.set_xticks([1e-3, 1e-2, 1e-1])
 
     def breaks_at(method: str) -> float:
@@ -113,7 +123,10 @@ def step_figure(count: int, smallest: float) -> Figure:
             f"frequency, {limit * 1e3:.2g} ms. Explicit Euler diverges within a second at every step down to "
             f"{breaks_at('explicit Euler') * 1e3:.2g} ms. Implicit Euler, XPBD and PBD hold at 100 ms, but with "
             f"{found['implicit Euler'][-1]:.2g}, {found['XPBD'][-1]:.2g} and {found['PBD'][-1]:.2g} where the smallest "
-            f"step gives {found['implicit Euler'][0]:.2g}: stable, not accurate."
+            f"step gives {found['implicit Euler'][0]:.2g}: stable, not accurate. With the constraints' "
+            "forces in line 1 of Algorithm 1 as well, as its F is defined, XPBD diverges from "
+            f"{breaks_at(LITERAL) * 1e3:.2g} ms on: they are explicit there. The simulator's line 1 has the external "
+            "forces alone, as Macklin et al. 2016."
         ),
         table=Table.from_columns({"step [s]": sizes, **found}),
         draw=draw,
@@ -127,22 +140,24 @@ def step_figure(count: int, smallest: float) -> Figure:
 
 def limit_figure(stiffnesses: int, steps_tried: int) -> Figure:
     """Largest step at which a chain holds, over its stiffness."""
-    values = np.geomspace(1e2, 1e8, stiffnesses)
-    sizes = np.geomspace(1e-6, 0.2, steps_tried)
+    values = np.geomspace(1e2, 1e12, stiffnesses)
+    sizes = np.geomspace(1e-8, LONGEST, steps_tried)
     chains = [Chain(stiffness=stiffness) for stiffness in values.tolist()]
     found = {method: [_largest_stable(method, chain, sizes) for chain in chains] for method in METHODS}
     theory = [2 / chain.highest_frequency for chain in chains]
 
     def draw(canvas: Canvas) -> None:
         panel = canvas.subplots()
-        panel.set(xscale="log", yscale="log", xlim=(1e2, 6e9), ylim=(1e-6, 0.4))
+        panel.set(xscale="log", yscale="log", xlim=(1e2, 6e14), ylim=(1e-8, 30 * LONGEST))
         panel.set(xlabel="stiffness of a link [N/m]", ylabel="largest step that holds [s]")
-        panel.set_xticks(10.0 ** np.arange(2, 9))
+        panel.set_xticks(10.0 ** np.arange(2, 13, 2))
         panel.plot(values, theory, color="black", linestyle="--", linewidth=0.9)
-        panel.fill_between(values, theory, 1.0, color=FAILING, linewidth=0)
+        panel.fill_between(values, theory, LONGEST, color=FAILING, linewidth=0)
         text = "fails for forces integrated as they stand"
-        write(panel, text, (3e4, 0.02), size=8.5, color=FAILURE, va="baseline")
+        write(panel, text, (3e6, 0.012), size=8.5, color=FAILURE, va="baseline")
         draw_lines(panel, values, {name: (found[name], COLOURS[name]) for name in METHODS}, "o-", markersize=3.5)
+        panel.axhline(LONGEST, color="black", linewidth=0.9, linestyle=":")
+        write(panel, "the longest step tried", (1.5e2, LONGEST), (0, 7), size=8.5)
 
     return Figure(
         name="simulation-limit",
@@ -152,7 +167,7 @@ def limit_figure(stiffnesses: int, steps_tried: int) -> Figure:
             f"{values[-1]:.0e} N/m {found['explicit Euler'][-1]:.1g} s (within {TEST_STEPS} steps) and "
             f"{found['symplectic Euler'][-1]:.1g} s. Implicit Euler, XPBD and PBD hold at "
             f"{min(found['implicit Euler']):.2g}, {min(found['XPBD']):.2g} and {min(found['PBD']):.2g} s or more "
-            "whatever the stiffness."
+            "whatever the stiffness: there one step of free fall is more than the chain's whole fall can give."
         ),
         table=Table.from_columns(
             {"stiffness [N/m]": values, **{f"{name} [s]": holds for name, holds in found.items()}}
@@ -247,7 +262,10 @@ def simulation_section(*, quick: bool) -> Section:
         (
             energy_figure(0.4 if quick else 2.0, 1 / 600),
             step_figure(6 if quick else 19, 2e-3 if quick else 2e-4),
-            limit_figure(3 if quick else 7, 12 if quick else 48),
+            limit_figure(3 if quick else 6, 12 if quick else 46),
             iteration_figure(3 if quick else 7),
+            extremes_figure(quick=quick),
+            tunnelling_figure(quick=quick),
+            accuracy_figure(quick=quick),
         ),
     )

@@ -1,0 +1,377 @@
+"""Accuracy against what it costs, on the rope: constants, bytes and seconds of every model, and of the codec.
+
+Every model here is a product, ``X = T C U^T`` for each curve and axis, with T the functions of time at the eleven
+frames and U those along the curve; u is by index, nothing is stored for it. Made orthonormal, fit and evaluation are
+two small products, and rounding C to steps is the best that can be done with so many steps. Constants are counted as
+float32, and once more as the range coder writes them. What a file of the codec spends on the model and on everything
+else is apart.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import block_diag
+
+from pdecodec.decoder import open_animation
+from pdecodec.encoder import encode
+from pdecodec.report.baselines.coding import decode_bands, encode_bands
+from pdecodec.report.charts import BLUE, GREEN, GREY, ORANGE, PURPLE, label_ends, name_rows, write
+from pdecodec.report.figure import Canvas, Figure, Table, Value
+from pdecodec.report.reproduction import printed
+from pdecodec.report.reproduction.bspline import DEGREE, uniform_knots
+from pdecodec.report.reproduction.functions import ALPHA, SPACE_FUNCTIONS, TIME_FUNCTIONS, R, unit_basis
+from pdecodec.report.reproduction.method import FrameErrors, frame_errors
+from pdecodec.report.reproduction.rope import FRAMES, Rope, as_curves
+from pdecodec.sequence import Float64Array
+from pdecodec.settings import EncodeSettings
+
+if TYPE_CHECKING:
+    from pdecodec.report.reproduction.findings import Findings
+
+Factors = tuple[Float64Array, Float64Array]
+"""T, (frames, a), and U, (points, b), each with orthonormal columns."""
+
+SIZES = ((1, 1), (1, 2), (2, 2), (3, 3), (5, 3), (9, 3), (16, 3))
+"""Pieces that a curve is cut into, and the clip: each has 32 constants an axis, fewer where it has fewer frames."""
+
+TOLERANCES = (3e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4)
+"""Bounds at which profile auto is run, over the rope's diagonal."""
+
+RUNS = 4
+"""Of which the least time counts: what others do on the machine only adds."""
+
+NUMBER_BYTES = 4
+"""Of a constant as float32, which positions are as well."""
+
+COARSENING = 1.1
+"""Rounding may make the largest error so much larger."""
+
+PDE, POLYNOMIALS, SPLINES = "PDE, 4 x 8 functions a piece", "polynomials, 4 x 8 a piece", "B-spline surface"
+AUTO, PAPER = "pdecodec auto", "pdecodec --profile paper"
+COLOURS = {PDE: BLUE, POLYNOMIALS: ORANGE, SPLINES: GREEN, AUTO: PURPLE, PAPER: GREY}
+
+_MESH = frozenset({"CONN", "ORDR", "ATTR"})
+"""Sections that hold faces and what belongs to them."""
+
+_MODEL = frozenset({"TIME", "MODL", "GRUP", "COEF"})
+"""Sections that say which functions there are, and the numbers that multiply them."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One model at one size, or one file.
+
+    Constants a curve and axis, None for files; bytes as float32, None for files; bytes as they are coded, connectivity
+    not counted; seconds of CPU that fit and evaluation take, or encoding; errors of all curves at frames 0 to 10,
+    decoded from the coded bytes, and of the model before its constants were rounded.
+    """
+
+    model: str
+    constants: int | None
+    plain_bytes: int | None
+    coded_bytes: int
+    seconds: float
+    errors: FrameErrors
+    unrounded: FrameErrors
+
+
+def functions_of(model: str, pieces: int, segments: int, points: int) -> Factors:
+    """T and U of a model, of as many constants as 4 x 8 functions on so many pieces of a curve and of the clip."""
+    if model == SPLINES:
+        return tuple(  # type: ignore[return-value]
+            np.linalg.qr(
+                BSpline.design_matrix(np.linspace(0, 1, places), uniform_knots(min(count, places)), DEGREE).toarray()
+            )[0]
+            for places, count in ((FRAMES, TIME_FUNCTIONS * segments), (points, SPACE_FUNCTIONS * pieces))
+        )
+    alpha, r = (ALPHA, R) if model == PDE else (0.0, 0.0)
+    return in_parts(FRAMES, segments, alpha, TIME_FUNCTIONS), in_parts(points, pieces, r, SPACE_FUNCTIONS)
+
+
+def in_parts(places: int, parts: int, rate: float, count: int) -> Float64Array:
+    """Functions of one variable on each part of an axis by itself, (places, functions), orthonormal."""
+    blocks = [
+        np.linalg.qr(unit_basis(np.linspace(0, 1, rows.size), rate, count))[0]
+        for rows in np.array_split(np.arange(places), parts)
+    ]
+    return np.asarray(block_diag(*blocks))
+
+
+def fit(curves: Float64Array, factors: Factors) -> Float64Array:
+    """Constants of all curves, (a, b, curves, 3), of (curves, frames, points, 3) float64 [m]."""
+    return np.asarray(np.einsum("ta,ctpk,pb->abck", factors[0], curves, factors[1], optimize=True))
+
+
+def evaluate(constants: Float64Array, factors: Factors) -> Float64Array:
+    """(curves, frames, points, 3) float64 [m]."""
+    return np.asarray(np.einsum("ta,abck,pb->ctpk", factors[0], constants, factors[1], optimize=True))
+
+
+def measure_model(curves: Float64Array, diameter: float, model: str, pieces: int, segments: int) -> Point:
+    """Fit, round, code, decode and measure one model."""
+    seconds = math.inf
+    for _ in range(RUNS):
+        started = time.process_time()
+        factors = functions_of(model, pieces, segments, curves.shape[2])
+        constants = fit(curves, factors)
+        found = evaluate(constants, factors)
+        seconds = min(seconds, time.process_time() - started)
+    unrounded = frame_errors(curves, found, diameter)
+    shape = constants.shape
+    # A step of the largest error hardly shows in functions of length 1; halved until it does not show.
+    step = 4 * unrounded.largest * diameter
+    while True:
+        step /= 2
+        levels = np.rint(constants / step).astype(np.int64).reshape(shape[0] * shape[1], -1)
+        data = encode_bands(levels)
+        again = decode_bands(data, *levels.shape).reshape(shape) * step
+        errors = frame_errors(curves, evaluate(again, factors), diameter)
+        if errors.largest <= COARSENING * unrounded.largest:
+            break
+    plain = NUMBER_BYTES * constants.size
+    return Point(model, shape[0] * shape[1], plain, len(data), seconds, errors, unrounded)
+
+
+@dataclass(frozen=True)
+class File:
+    """One file of the codec: its point, and its bytes by what they are for."""
+
+    point: Point
+    parts: dict[str, int]
+
+
+def measure_file(rope: Rope, name: str, settings: EncodeSettings) -> File:
+    """Encode, decode and measure the rope."""
+    started = time.process_time()
+    report = encode(rope.clip, settings=settings)
+    seconds = time.process_time() - started
+    with open_animation(report.data or b"") as animation:
+        found = as_curves(animation.to_array().points, rope.settings)
+    errors = frame_errors(rope.curves, found, rope.diameter)
+    sizes = report.sections
+    parts = {
+        "model": sum(size for key, size in sizes.items() if key in _MODEL),
+        "reference frame": sizes.get("REST", 0),
+        "residuals": sizes.get("CORR", 0),
+        "connectivity and order": sum(size for key, size in sizes.items() if key in _MESH),
+    }
+    parts["header, times and remarks"] = report.file_bytes - sum(parts.values())
+    counted = report.file_bytes - parts["connectivity and order"]
+    return File(Point(name, None, None, counted, seconds, errors, errors), parts)
+
+
+def every_model(rope: Rope) -> list[Point]:
+    """Each model with each number of pieces."""
+    return [
+        measure_model(rope.curves, rope.diameter, model, pieces, segments)
+        for model in (PDE, POLYNOMIALS, SPLINES)
+        for pieces, segments in SIZES
+    ]
+
+
+def every_file(rope: Rope) -> list[File]:
+    """Profile paper, and profile auto over :data:`TOLERANCES`."""
+    files = [measure_file(rope, PAPER, EncodeSettings(profile="paper"))]
+    return files + [measure_file(rope, AUTO, EncodeSettings(tolerance=tolerance)) for tolerance in TOLERANCES]
+
+
+def _lines(points: list[Point]) -> dict[str, list[Point]]:
+    return {name: [point for point in points if point.model == name] for name in COLOURS}
+
+
+def constants_figure(findings: Findings) -> Figure:
+    """Error against the number of constants."""
+    lines = {name: found for name, found in _lines(findings.models).items() if found}
+
+    def draw(canvas: Canvas) -> None:
+        panels = canvas.subplots(1, 2, sharey=True)
+        for panel, measure, title in zip(panels, ("mean", "largest"), ("mean E_A", "largest E_M"), strict=True):
+            panel.set(xscale="log", yscale="log", xlim=(28, 2e4), ylim=(1e-6, 0.2), title=title)
+            panel.set(xlabel="constants a curve and axis")
+            panel.set_xticks([32, 128, 440, 1408], ["32", "128", "440", "1,408"])
+            panel.minorticks_off()
+            ends = []
+            for name, found in lines.items():
+                values = [getattr(point.unrounded, measure) for point in found]
+                panel.plot([point.constants for point in found], values, "o-", color=COLOURS[name])
+                ends.append((float(found[-1].constants or 0), float(values[-1]), name, COLOURS[name]))
+            label_ends(panel, ends)
+        level = {"mean": printed.PDE_MEAN, "largest": printed.PDE_LARGEST}
+        for panel, value in zip(panels, level.values(), strict=True):
+            panel.axhline(value, color="black", linewidth=0.9, linestyle="--")
+            write(panel, "Table 1", (30, value), (0, 6), size=8.5)
+        panels[0].set_ylabel("error over D, all curves, in the scene")
+
+    needed = {
+        name: min((p.constants or 0 for p in found if p.unrounded.mean <= printed.PDE_MEAN), default=0)
+        for name, found in lines.items()
+    }
+    few, many = ({name: found[at].unrounded.mean for name, found in lines.items()} for at in (0, -1))
+    return Figure(
+        name="error-against-constants",
+        title="Error against the number of constants",
+        lesson=(
+            "Every model fitted to all eleven frames; more constants are more pieces of the curve and of the clip. "
+            f"With 32 a curve and axis the PDE leaves a mean of {few[PDE]:.4f}, polynomials {few[POLYNOMIALS]:.4f}, a "
+            f"B-spline surface {few[SPLINES]:.4f}; with 1,408 {many[PDE]:.1g}, {many[POLYNOMIALS]:.1g} and "
+            f"{many[SPLINES]:.1g}. Table 1's mean takes {needed[PDE]}, {needed[POLYNOMIALS]} and {needed[SPLINES]}. "
+            "Which smooth functions they are makes little difference; how many, and where, does: this fall needs more "
+            "than four functions of time before it needs more along the curve."
+        ),
+        table=_table(findings.models),
+        draw=draw,
+        size=(11.0, 4.4),
+        consequence="it cuts curves and patches into as many pieces as the bound asks for.",
+    )
+
+
+def rate_figure(findings: Findings) -> Figure:
+    """Rate against distortion of every model and of the codec, plain and coded."""
+    models, files = findings.models, findings.files
+    lines = _lines([*models, *(file.point for file in files)])
+
+    def draw(canvas: Canvas) -> None:
+        panels = canvas.subplots(1, 2, sharey=True)
+        for panel, measure, title in zip(panels, ("mean", "largest"), ("mean E_A", "largest E_M"), strict=True):
+            panel.set(xscale="log", yscale="log", xlim=(0.4, 4e4), ylim=(1e-6, 0.2), title=title)
+            panel.set(xlabel="kB that a decoder needs, connectivity not counted")
+            for name, found in lines.items():
+                values = [getattr(point.errors, measure) for point in found]
+                size = 8 if name == PAPER else 4.5
+                panel.plot([p.coded_bytes / 1e3 for p in found], values, "o-", color=COLOURS[name], markersize=size)
+                if found[0].plain_bytes is not None:
+                    plain = [(point.plain_bytes or 0) / 1e3 for point in found]
+                    panel.plot(plain, values, "o--", color=COLOURS[name], markersize=3, linewidth=1)
+            raw = NUMBER_BYTES * findings.curves.size / 1e3
+            panel.axvline(raw, color="black", linewidth=0.9, linestyle=":")
+            write(panel, "raw float32", (raw, 0.12), (-4, 0), size=8.5, ha="right")
+        panels[0].set_ylabel("error over D, all curves, in the scene")
+        for index, (name, colour) in enumerate(COLOURS.items()):
+            write(panels[1], name, (0.5, 1.2e-4 / 2.6**index), color=colour)
+        write(panels[0], "solid: range coded; dashed: constants as float32", (0.5, 1.6e-6), size=8.5)
+
+    one = models[0]
+    smallest = min((f.point for f in files[1:] if f.point.errors.mean <= one.errors.mean), key=lambda p: p.coded_bytes)
+    return Figure(
+        name="rate-distortion",
+        title="Rate against distortion on the rope: the paper's model, B-splines, polynomials, and the codec",
+        lesson=(
+            f"The paper's 768 constants are {(one.plain_bytes or 0) / 1e3:.1f} kB as float32, and "
+            f"{one.coded_bytes / 1e3:.1f} kB when they are rounded to what the error deserves and range coded, at a "
+            f"mean error of {one.errors.mean:.4f}. Polynomials and B-splines lie on the same line or beside it. "
+            f"Profile auto reaches that mean error with {smallest.coded_bytes / 1e3:.1f} kB "
+            f"({smallest.errors.mean:.4f}), reference frame included: its functions are shared by all curves, where "
+            "the paper's are fitted curve by curve."
+        ),
+        table=_table([*models, *(file.point for file in files)]),
+        draw=draw,
+        size=(11.0, 4.8),
+    )
+
+
+def fit_time_figure(findings: Findings) -> Figure:
+    """CPU time against error."""
+    lines = _lines([*findings.models, *(file.point for file in findings.files)])
+
+    def draw(canvas: Canvas) -> None:
+        panel = canvas.subplots()
+        panel.set(xscale="log", yscale="log", xlim=(2e-3, 60), ylim=(1e-6, 0.2))
+        panel.set(xlabel="CPU time of fit and evaluation, or of encoding [s]", ylabel="mean E_A over D")
+        ends = []
+        for name, found in lines.items():
+            size = 8 if name == PAPER else 4.5
+            x, y = [point.seconds for point in found], [point.errors.mean for point in found]
+            panel.plot(x, y, "o-", color=COLOURS[name], markersize=size)
+            ends.append((x[-1], y[-1], name, COLOURS[name]))
+        label_ends(panel, ends)
+        panel.axvline(findings.routes[0].seconds, color="black", linewidth=0.9, linestyle=":")
+        write(panel, "XPBD, 11 frames", (findings.routes[0].seconds, 0.12), (-4, 0), size=8.5, ha="right")
+
+    quickest = min(findings.models, key=lambda point: point.seconds)
+    auto = [file.point for file in findings.files if file.point.model == AUTO]
+    return Figure(
+        name="fit-time",
+        title="Time against error",
+        lesson=(
+            f"With u by index a fit is two small products: {quickest.seconds:.3f} s for all curves, and at most "
+            f"{max(point.seconds for point in findings.models):.3f} s with 1,408 constants, beside "
+            f"{findings.routes[0].seconds:.1f} s of simulation. Profile auto, which tries "
+            f"models and keeps a bound, takes {min(p.seconds for p in auto):.1f} to "
+            f"{max(p.seconds for p in auto):.1f} s. One thread."
+        ),
+        table=_table([*findings.models, *(file.point for file in findings.files)]),
+        draw=draw,
+        size=(9.5, 4.6),
+    )
+
+
+def gap_figure(findings: Findings) -> Figure:
+    """Where the bytes go between the paper's constants and a file of profile auto, at about one error."""
+    one = findings.models[0]
+    fits = [file for file in findings.files[1:] if file.point.errors.mean <= one.errors.mean]
+    auto, paper = min(fits, key=lambda file: file.point.coded_bytes), findings.files[0]
+    bars: list[tuple[str, float, dict[str, int]]] = [
+        ("32 constants a curve and axis, float32", one.unrounded.mean, {"model": one.plain_bytes or 0}),
+        ("the same, rounded and range coded", one.errors.mean, {"model": one.coded_bytes}),
+        (PAPER, paper.point.errors.mean, paper.parts),
+        (AUTO, auto.point.errors.mean, auto.parts),
+    ]
+    colours = (BLUE, ORANGE, GREEN, GREY, PURPLE)
+    shades = dict(zip(paper.parts, colours, strict=True))
+
+    def draw(canvas: Canvas) -> None:
+        panel = canvas.subplots()
+        names = [f"{name}\nmean E_A {error:.4f}" for name, error, _ in bars]
+        for height, (_, _, parts) in zip(name_rows(panel, names), bars, strict=True):
+            start = 0.0
+            for part, size in parts.items():
+                panel.barh(height, size / 1e3, left=start, color=shades[part], height=0.6)
+                start += size / 1e3
+            write(panel, f"{start:.2f} kB", (start, height), (5, 0))
+        panel.set(xlabel="kB of the file", xlim=(0, 1.15 * max(sum(parts.values()) for *_, parts in bars) / 1e3))
+        for index, (part, colour) in enumerate(shades.items()):
+            place = (0.98, 0.08 + 0.09 * index)
+            write(panel, part, place, color=colour, weight="bold", ha="right", xycoords="axes fraction")
+
+    coding = 1 - one.coded_bytes / (one.plain_bytes or 1)
+    rows: list[tuple[Value, ...]] = [
+        (name, error, *(parts.get(part, 0) for part in shades), sum(parts.values())) for name, error, parts in bars
+    ]
+    return Figure(
+        name="what-the-gap-is",
+        title="Between the paper's constants and the codec: model, coding, and what a mesh needs beside",
+        lesson=(
+            f"Rounding to what the error deserves and range coding save {coding:.0%} of the paper's constants. "
+            f"Profile paper then spends {paper.parts['model']:,} bytes on the model, {paper.parts['reference frame']:,}"
+            f" on the reference frame and {paper.parts['connectivity and order']:,} on faces and vertex order; auto "
+            f"{auto.parts['model']:,}, {auto.parts['reference frame']:,} and "
+            f"{auto.parts['connectivity and order']:,}, at a mean error of {auto.point.errors.mean:.4f} where the "
+            f"paper's model has {one.errors.mean:.4f}."
+        ),
+        table=Table(("what", "mean E_A", *(f"{part} [bytes]" for part in shades), "total [bytes]"), tuple(rows)),
+        draw=draw,
+        size=(10.0, 3.8),
+        shows_table=True,
+    )
+
+
+def _table(points: list[Point]) -> Table:
+    columns: dict[str, Callable[[Point], Value]] = {
+        "model": lambda p: p.model,
+        "constants a curve and axis": lambda p: p.constants,
+        "bytes as float32": lambda p: p.plain_bytes,
+        "bytes coded": lambda p: p.coded_bytes,
+        "CPU time [s]": lambda p: p.seconds,
+        "mean E_A": lambda p: p.errors.mean,
+        "largest E_M": lambda p: p.errors.largest,
+        "mean E_A before rounding": lambda p: p.unrounded.mean,
+        "largest E_M before rounding": lambda p: p.unrounded.largest,
+    }
+    return Table(tuple(columns), tuple(tuple(read(point) for read in columns.values()) for point in points))
