@@ -38,6 +38,7 @@ struct pdeanim_animation {
     std::size_t run = 0;
     std::unique_ptr<Animation> animation;
     std::vector<std::vector<std::vector<const char *>>> labels;  // of each object's attributes
+    std::vector<pdeanim_correction> corrections;                 // of the group that was asked for last
 
     // Of several runs:
     std::mutex lock;
@@ -108,6 +109,15 @@ pdeanim_type type_of(ValueType type) {
         case ValueType::int64: return PDEANIM_INT64;
         default: return PDEANIM_UINT8;
     }
+}
+
+Quantity quantity_of(pdeanim_quantity quantity) {
+    if (quantity < PDEANIM_POSITIONS || quantity > PDEANIM_ACCELERATIONS) throw ArgumentError("an unknown quantity");
+    return static_cast<Quantity>(quantity);
+}
+
+const std::vector<SectionEntry> &sections_of(const pdeanim_animation &handle) {
+    return handle.animation ? handle.animation->container().entries() : handle.file->container().entries();
 }
 
 }  // namespace
@@ -272,15 +282,104 @@ pdeanim_status pdeanim_evaluate(pdeanim_animation *handle, pdeanim_quantity quan
                                 int64_t object, float *out, pdeanim_error *error) {
     return guarded(error, [&] {
         Animation &animation = handle->only();
-        if (quantity < PDEANIM_POSITIONS || quantity > PDEANIM_ACCELERATIONS)
-            throw ArgumentError("an unknown quantity");
+        const Quantity wanted = quantity_of(quantity);
         if (object != PDEANIM_ALL_OBJECTS) check_index(object, animation.objects(), "object");
         const std::optional<i64> which = object == PDEANIM_ALL_OBJECTS ? std::nullopt : std::optional<i64>(object);
         const i64 vertices =
             which ? animation.first_vertex(object + 1) - animation.first_vertex(object) : animation.vertices();
         if (count > 0 && (!times || (!out && vertices > 0))) throw ArgumentError("times and out must not be NULL");
-        animation.evaluate(static_cast<Quantity>(quantity), {times, count}, which,
-                           {out, count * 3 * static_cast<std::size_t>(vertices)});
+        animation.evaluate(wanted, {times, count}, which, {out, count * 3 * static_cast<std::size_t>(vertices)});
+    });
+}
+
+int64_t pdeanim_group_count(const pdeanim_animation *animation) {
+    return animation->animation ? static_cast<int64_t>(animation->animation->table().groups().size()) : 0;
+}
+
+pdeanim_status pdeanim_get_group(pdeanim_animation *handle, int64_t index, pdeanim_group *group, pdeanim_error *error) {
+    return guarded(error, [&] {
+        handle->only();
+        check_index(index, pdeanim_group_count(handle), "group");
+        const Group &found = handle->only().table().groups()[static_cast<std::size_t>(index)];
+        group->first_frame = found.first;
+        group->frame_count = found.frames;
+        group->function_count = found.functions;
+        group->axis_count = found.axes();
+    });
+}
+
+pdeanim_status pdeanim_reference(pdeanim_animation *handle, float *out, pdeanim_error *error) {
+    return guarded(error, [&] {
+        const std::vector<double> &points = handle->only().reference().points;
+        std::transform(points.begin(), points.end(), out, [](double number) { return static_cast<float>(number); });
+    });
+}
+
+pdeanim_status pdeanim_groups_at(pdeanim_animation *handle, pdeanim_quantity quantity, double time, int64_t *first,
+                                 int64_t *count, pdeanim_error *error) {
+    return guarded(error, [&] {
+        const auto [begin, end] = handle->only().groups_at(quantity_of(quantity), time);
+        *first = static_cast<int64_t>(begin);
+        *count = static_cast<int64_t>(end - begin);
+    });
+}
+
+pdeanim_status pdeanim_weights(pdeanim_animation *handle, pdeanim_quantity quantity, double time, int64_t group,
+                               double *out, pdeanim_error *error) {
+    return guarded(error, [&] {
+        handle->only();
+        check_index(group, pdeanim_group_count(handle), "group");
+        const std::vector<double> found =
+            handle->only().weights(quantity_of(quantity), time, static_cast<std::size_t>(group));
+        std::copy(found.begin(), found.end(), out);
+    });
+}
+
+pdeanim_status pdeanim_fields(pdeanim_animation *handle, int64_t group, float *out, pdeanim_error *error) {
+    return guarded(error, [&] {
+        Animation &animation = handle->only();
+        check_index(group, pdeanim_group_count(handle), "group");
+        const auto index = static_cast<std::size_t>(group);
+        const i64 channels = animation.table().groups()[index].channels();
+        animation.fields(index, {out, static_cast<std::size_t>(channels * animation.vertices())});
+    });
+}
+
+pdeanim_status pdeanim_corrections(pdeanim_animation *handle, int64_t group, const pdeanim_correction **corrections,
+                                   int64_t *count, pdeanim_error *error) {
+    return guarded(error, [&] {
+        Animation &animation = handle->only();
+        check_index(group, pdeanim_group_count(handle), "group");
+        const auto lock = animation.locked();
+        handle->corrections.clear();
+        for (const Correction &found : animation.corrections(static_cast<std::size_t>(group))) {
+            const auto &[x, y, z] = found.offset;
+            handle->corrections.push_back({static_cast<int32_t>(found.frame), found.vertex, {x, y, z}});
+        }
+        *corrections = handle->corrections.data();
+        *count = static_cast<int64_t>(handle->corrections.size());
+    });
+}
+
+pdeanim_status pdeanim_elements(pdeanim_animation *handle, int32_t *out, pdeanim_error *error) {
+    return guarded(error, [&] {
+        const std::vector<i32> found = handle->only().elements();
+        std::copy(found.begin(), found.end(), out);
+    });
+}
+
+int64_t pdeanim_section_count(const pdeanim_animation *animation) {
+    return static_cast<int64_t>(sections_of(*animation).size());
+}
+
+pdeanim_status pdeanim_get_section(const pdeanim_animation *animation, int64_t index, pdeanim_section *section,
+                                   pdeanim_error *error) {
+    return guarded(error, [&] {
+        check_index(index, pdeanim_section_count(animation), "section");
+        const SectionEntry &found = sections_of(*animation)[static_cast<std::size_t>(index)];
+        section->type = found.type.c_str();
+        section->offset = found.offset;
+        section->length = found.length;
     });
 }
 

@@ -431,10 +431,65 @@ void Animation::evaluate_frames_of_group(i64 first, i64 count, std::span<float> 
     });
 }
 
+// Groups whose functions count at a time inside the clip, by the closed form or by the spline: the first, and one behind the
+// last.
+std::pair<std::size_t, std::size_t> Animation::counting_groups(double time, int derivative) {
+    if (table_->groups()[0].basis == TimeBasis::closed_form) {
+        const std::vector<GroupWeights> found = closed_form_weights(closed_forms(), time, derivative);
+        return {found.front().group, found.back().group + 1};
+    }
+    const FrameShares shares = frame_shares(time, derivative);
+    return {table_->group_of(shares.first), table_->group_of(shares.end() - 1) + 1};
+}
+
+// What functions of time of a group count at a time inside the clip: (time axes, functions); nothing where none counts.
+std::vector<double> Animation::weights_of_group(std::size_t index, double time, int derivative) {
+    const Group &own = table_->groups()[index];
+    std::vector<double> weights;
+    if (own.basis == TimeBasis::closed_form) {
+        for (const GroupWeights &found : closed_form_weights(closed_forms(), time, derivative)) {
+            if (found.group != index) continue;
+            weights.assign(found.weights.begin(), found.weights.begin() + own.functions);
+        }
+        return weights;
+    }
+    const FrameShares shares = frame_shares(time, derivative);
+    const i64 low = most(own.first, shares.first), high = least(own.first + own.frames, shares.end());
+    for (i64 frame = low; frame < high; ++frame) {
+        const double share = shares.values[frame - shares.first];
+        if (share == 0.0) continue;
+        weights.resize(own.time_axes() * own.functions);
+        const double *row = group(index).time.data() + (frame - own.first) * weights.size();
+        for (std::size_t k = 0; k < weights.size(); ++k) weights[k] += share * row[k];
+    }
+    return weights;
+}
+
+const std::vector<ClosedForm> &Animation::closed_forms() {
+    if (closed_forms_.empty()) {
+        closed_forms_.reserve(table_->groups().size());
+        for (std::size_t k = 0; k < table_->groups().size(); ++k) closed_forms_.push_back(closed_form(k));
+    }
+    return closed_forms_;
+}
+
+// What frames count at a time inside the clip, by the spline.
+Animation::FrameShares Animation::frame_shares(double time, int derivative) {
+    if (!spline_) spline_.emplace(times());
+    FrameShares found;
+    found.values.resize(spline_->width());
+    found.first = spline_->weights(time, derivative, found.values);
+    found.values.resize(least(spline_->width(), frames() - found.first));
+    return found;
+}
+
 // Displacement of all vertices at a time by the model alone, or a derivative of it: (vertices, 3).
 std::vector<double> Animation::displacement(double time, int derivative) {
     std::vector<double> moved, part(3 * vertices());
-    const auto add = [&](std::size_t index, std::span<const double> weights) {
+    const auto [first, end] = counting_groups(time, derivative);
+    for (std::size_t index = first; index < end; ++index) {
+        const std::vector<double> weights = weights_of_group(index, time, derivative);
+        if (weights.empty()) continue;
         const auto evaluate_part = [&]<class Real>(const Motion<Real> &motion) {
             evaluate_once<Real>(motion, weights, nullptr, std::span<double>(part));
         };
@@ -445,34 +500,6 @@ std::vector<double> Animation::displacement(double time, int derivative) {
         } else {
             for (std::size_t i = 0; i < moved.size(); ++i) moved[i] += part[i];
         }
-    };
-    if (table_->groups()[0].basis == TimeBasis::closed_form) {
-        if (closed_forms_.empty()) {
-            closed_forms_.reserve(table_->groups().size());
-            for (std::size_t k = 0; k < table_->groups().size(); ++k) closed_forms_.push_back(closed_form(k));
-        }
-        for (const GroupWeights &own : closed_form_weights(closed_forms_, time, derivative)) {
-            add(own.group, std::span(own.weights).first(table_->groups()[own.group].functions));
-        }
-        return moved;
-    }
-    if (!spline_) spline_.emplace(times());
-    std::vector<double> of_frames(spline_->width());
-    const i64 first = spline_->weights(time, derivative, of_frames);
-    const i64 end = least(first + spline_->width(), frames());
-    for (std::size_t index = table_->group_of(first); index <= table_->group_of(end - 1); ++index) {
-        const Group &own = table_->groups()[index];
-        const i64 low = most(own.first, first), high = least(own.first + own.frames, end);
-        std::vector<double> weights(own.time_axes() * own.functions);
-        bool counts = false;
-        for (i64 frame = low; frame < high; ++frame) {
-            const double share = of_frames[frame - first];
-            if (share == 0.0) continue;
-            counts = true;
-            const double *row = group(index).time.data() + (frame - own.first) * weights.size();
-            for (std::size_t k = 0; k < weights.size(); ++k) weights[k] += share * row[k];
-        }
-        if (counts) add(index, weights);
     }
     moved.resize(3 * vertices());
     return moved;

@@ -42,6 +42,13 @@ struct Reference {
     std::vector<double> points;      // (vertices, 3) [scene units]
 };
 
+// What a vertex at a frame lacks, if it is not what the model decodes to.
+struct Correction {
+    i64 frame;
+    i32 vertex;
+    std::array<float, 3> offset;  // [scene units]
+};
+
 // The residuals of one frame, and what raw vertices among them stand in place of.
 struct FrameResiduals {
     const Residuals &group;
@@ -93,6 +100,25 @@ public:
     // clip its first or last frame stands still. ArgumentError for a time that is not a number.
     void evaluate(Quantity quantity, std::span<const double> times, std::optional<i64> object, std::span<float> out);
 
+    // For those who add up themselves what fields of space count (a GPU): a quantity at a time is, of all groups, the sum
+    // over functions of time of their weights times their fields; positions have the reference frame added, and what
+    // corrections there are. ArgumentError for a time that is not a number.
+    //
+    // Groups that count at a time: the first, and one behind the last. Nothing is decoded for it.
+    std::pair<std::size_t, std::size_t> groups_at(Quantity quantity, double time);
+
+    // What the functions of time of one group count: (time axes, functions).
+    std::vector<double> weights(Quantity quantity, double time, std::size_t group);
+
+    // Fields of one group [scene units]: out is (functions, vertices, axes), with 1 axis or 3.
+    void fields(std::size_t group, std::span<float> out);
+
+    // What the model lacks at the frames of one group, frame after frame.
+    std::vector<Correction> corrections(std::size_t group);
+
+    // The element, a patch or a piece of a curve, that each vertex belongs to.
+    std::vector<i32> elements();
+
     // Check every byte, and decode everything.
     void verify();
 
@@ -127,6 +153,19 @@ private:
                                                         const AnchoredReference<Real> *reference, Out out) const;
     void evaluate_model(const DecodedGroup &own, i64 frame, std::span<float> out);
     FrameResiduals residuals_at(i64 frame);
+    // What frames from `first` on count.
+    struct FrameShares {
+        i64 first = 0;
+        std::vector<double> values;
+
+        i64 end() const { return first + static_cast<i64>(values.size()); }
+    };
+    FrameShares frame_shares(double time, int derivative);
+    const std::vector<ClosedForm> &closed_forms();
+    std::pair<std::size_t, std::size_t> counting_groups(double time, int derivative);
+    std::vector<double> weights_of_group(std::size_t group, double time, int derivative);
+    bool is_outside(Quantity quantity, double time) const;
+    std::optional<i64> frame_of_positions(Quantity quantity, double time) const;
     std::vector<double> displacement(double time, int derivative);
     void evaluate_frames_of_group(i64 first, i64 count, std::span<float> out);
     void evaluate_between(double time, std::span<float> out);

@@ -182,6 +182,66 @@ PDEANIM_API pdeanim_status pdeanim_evaluate(pdeanim_animation *animation, pdeani
                                             const double *times, size_t count, int64_t object, float *out,
                                             pdeanim_error *error);
 
+/* What follows is for programs that evaluate on a graphics processor. A quantity at a time is
+ *
+ *     sum over groups of frames, and over a group's functions of time, of weight(time) * field(vertex, axis),
+ *
+ * and positions are that sum added to the reference frame, with corrections: those of a frame at its time, and between two
+ * frames those of both, times one less the share of the way that is gone, and times that share. Velocities have the
+ * difference of both corrections divided by the time from frame to frame [s]. Fields stay what they are while a group
+ * plays; a frame needs a few weights. Added up in float32 the result differs from that of pdeanim_evaluate in the last
+ * places. Of an animation of several runs these calls are PDEANIM_ARGUMENT; open a run. */
+
+typedef struct pdeanim_group {
+    int64_t first_frame, frame_count;
+    int64_t function_count; /* functions of time, each with a field */
+    int64_t axis_count; /* of a field. 1: all axes have it in common, each function has 3 weights. 3: it has 1 weight */
+} pdeanim_group;
+
+PDEANIM_API int64_t pdeanim_group_count(const pdeanim_animation *animation);
+PDEANIM_API pdeanim_status pdeanim_get_group(pdeanim_animation *animation, int64_t index, pdeanim_group *group,
+                                             pdeanim_error *error);
+
+/* The reference frame [scene units]: out[vertices][3]. */
+PDEANIM_API pdeanim_status pdeanim_reference(pdeanim_animation *animation, float *out, pdeanim_error *error);
+
+/* The groups that count for a quantity at a time [s]: `count` of them from `first` on. Nothing is decoded for it. */
+PDEANIM_API pdeanim_status pdeanim_groups_at(pdeanim_animation *animation, pdeanim_quantity quantity, double time,
+                                             int64_t *first, int64_t *count, pdeanim_error *error);
+
+/* Weights of a group's functions for a quantity at a time [s]: out[functions] where fields have 3 axes; where they have
+ * 1, out[3][functions], of each axis. */
+PDEANIM_API pdeanim_status pdeanim_weights(pdeanim_animation *animation, pdeanim_quantity quantity, double time,
+                                           int64_t group, double *out, pdeanim_error *error);
+
+/* Fields of a group [scene units]: out[functions][vertices][axes]. */
+PDEANIM_API pdeanim_status pdeanim_fields(pdeanim_animation *animation, int64_t group, float *out,
+                                          pdeanim_error *error);
+
+typedef struct pdeanim_correction {
+    int32_t frame, vertex;
+    float offset[3]; /* [scene units] */
+} pdeanim_correction;
+
+/* Corrections at the frames of a group, frame after frame; of each frame one for a vertex at most. They stay until they are
+ * asked for of another group, or the animation is closed. */
+PDEANIM_API pdeanim_status pdeanim_corrections(pdeanim_animation *animation, int64_t group,
+                                               const pdeanim_correction **corrections, int64_t *count,
+                                               pdeanim_error *error);
+
+/* The patch, or the piece of a curve, that each vertex belongs to, from 0: out[vertices]. */
+PDEANIM_API pdeanim_status pdeanim_elements(pdeanim_animation *animation, int32_t *out, pdeanim_error *error);
+
+typedef struct pdeanim_section {
+    const char *type;        /* four letters */
+    uint64_t offset, length; /* bytes of the file */
+} pdeanim_section;
+
+/* What a file's bytes are spent on: of a run, its sections; of a file of several runs those that it has as a whole. */
+PDEANIM_API int64_t pdeanim_section_count(const pdeanim_animation *animation);
+PDEANIM_API pdeanim_status pdeanim_get_section(const pdeanim_animation *animation, int64_t index,
+                                               pdeanim_section *section, pdeanim_error *error);
+
 /* Check every byte, and that everything decodes. */
 PDEANIM_API pdeanim_status pdeanim_verify(pdeanim_animation *animation, pdeanim_error *error);
 
