@@ -26,7 +26,7 @@ demo: $(INSTALLED)
 
 test: BUILDS = gcc-O3-fused
 test: lint types browser sanitize exactness
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 # The decoder under the sanitizers, over all vectors and MUTANTS damaged ones; with the system's compiler alone.
 MUTANTS ?= 4000
