@@ -32,6 +32,7 @@ TRACEBACK_VARIABLE = "PDECODEC_TRACEBACK"
 
 COMMANDS = (
     "batch",
+    "check",
     "coefficients",
     "compare",
     "convert",

@@ -6,12 +6,16 @@ import os
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from pdecodec.cli.console import set_loudness
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.storage import RemoteFile, is_address
+
+if TYPE_CHECKING:
+    from pdecodec.decoder import DecodeLimits
 
 BYTE_POWERS = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
 
@@ -104,6 +108,21 @@ _READ_OPTIONS = (
     ),
 )
 
+_LIMIT_OPTIONS = (
+    click.option(
+        "--max-memory",
+        callback=parse_bytes,
+        metavar="BYTES",
+        help="Refuse .pdeanim files that need more, such as 2G.  [default: 4G]",
+    ),
+    click.option(
+        "--max-output",
+        callback=parse_bytes,
+        metavar="BYTES",
+        help="Refuse .pdeanim files that declare more positions, such as 10GB.",
+    ),
+)
+
 _PLACE_OPTIONS = (
     click.option(
         "--up-axis",
@@ -136,6 +155,21 @@ def read_options(command: Callable[..., None]) -> Callable[..., None]:
     for option in reversed(_READ_OPTIONS):
         command = option(command)
     return command
+
+
+def limit_options(command: Callable[..., None]) -> Callable[..., None]:
+    """What a file may cost: `max_memory` and `max_output`, for :func:`decode_limits`."""
+    for option in reversed(_LIMIT_OPTIONS):
+        command = option(command)
+    return command
+
+
+def decode_limits(max_memory: int | None, max_output: int | None) -> DecodeLimits:
+    """The limits that options give; those that are not given are the usual ones."""
+    from pdecodec.decoder import DecodeLimits
+
+    usual = DecodeLimits()
+    return DecodeLimits(max_memory=usual.max_memory if max_memory is None else max_memory, max_output=max_output)
 
 
 def place_options(command: Callable[..., None]) -> Callable[..., None]:

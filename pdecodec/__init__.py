@@ -26,8 +26,11 @@ if TYPE_CHECKING:
     from pdecodec.errors import MissingExtraError as MissingExtraError
     from pdecodec.errors import PdecodecError as PdecodecError
     from pdecodec.errors import SettingsError as SettingsError
+    from pdecodec.filecheck import FileCheck as FileCheck
+    from pdecodec.filecheck import check_file as check_file
     from pdecodec.formats import open_sequence as open_sequence
     from pdecodec.formats import write_sequence as write_sequence
+    from pdecodec.mending import Finding as Finding
     from pdecodec.paperform import PaperForm as PaperForm
     from pdecodec.ratecontrol import encode_to_rms as encode_to_rms
     from pdecodec.ratecontrol import encode_to_size as encode_to_size
@@ -54,6 +57,8 @@ _HOME = {
     "DecodeLimits": "decoder",
     "EncodeReport": "encodereport",
     "EncodeSettings": "settings",
+    "FileCheck": "filecheck",
+    "Finding": "mending",
     "FrameSelection": "selection",
     "InputError": "errors",
     "LimitError": "errors",
@@ -65,6 +70,7 @@ _HOME = {
     "PaperSettings": "settings",
     "PdecodecError": "errors",
     "SettingsError": "errors",
+    "check_file": "filecheck",
     "cut_animation": "cutting",
     "encode": "encoder",
     "encode_to_rms": "ratecontrol",

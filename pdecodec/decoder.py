@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -452,6 +452,36 @@ class Animation(MeshSequence):
             "groups": len(groups),
             "group_frames": [min(frames), max(frames)],
         }
+
+    @property
+    def group_frames(self) -> list[tuple[int, int]]:
+        """First frame of each group of frames, and the one after its last; of a run its own frames, from 0."""
+        with self._naming_the_file():
+            return [(first, first + frames) for first, frames, *_ in self._core.groups]
+
+    @property
+    def part_decoders(self) -> tuple[Callable[[], object], ...]:
+        """What decode its parts but the groups of frames, each alone: names, faces, reference frame, attributes."""
+        own = self._core
+
+        def naming(decode: Callable[[], object]) -> Callable[[], object]:
+            def decoded() -> object:
+                with self._naming_the_file():
+                    return decode()
+
+            return decoded
+
+        return tuple(map(naming, (own.names, own.connectivity, own.reference, own.attributes)))
+
+    def check_section(self, kind: str) -> None:
+        """Check the bytes of one section; CorruptFileError where they are not those that were written."""
+        with self._naming_the_file():
+            self._core.check_section(kind)
+
+    def check_group(self, group: int) -> None:
+        """Check the bytes of one group of frames; CorruptFileError where they are not those that were written."""
+        with self._naming_the_file():
+            self._core.check_group(group)
 
     def verify(self) -> None:
         """Check every byte of the file, and that every part and every group decodes.

@@ -287,6 +287,22 @@ void verify(PyAnimation &self) {
     }
 }
 
+// Check the bytes of a section, of a run or of a file of several.
+void check_section(PyAnimation &self, const std::string &type) {
+    const auto own = self.opened();
+    const nb::gil_scoped_release release;
+    const Container &container = own.animation ? own.animation->container() : own.file->container();
+    container.check(container.entry(type));
+}
+
+// Check the bytes of a group of frames.
+void check_group(PyAnimation &self, std::size_t index) {
+    const auto own = self.animation();
+    if (index >= own->table().groups().size()) throw nb::index_error("there is no such group");
+    const nb::gil_scoped_release release;
+    own->table().chunks(own->container(), index);
+}
+
 using Positions3 = nb::ndarray<float, nb::shape<-1, -1, 3>, nb::c_contig, nb::device::cpu>;
 
 void evaluate(PyAnimation &self, int quantity, const Flat<double> &times, std::optional<i64> object,
@@ -332,6 +348,8 @@ void bind_animation(nb::module_ &module) {
              nb::arg("out").noconvert())
         .def("close", &PyAnimation::close)
         .def("verify", &verify)
+        .def("check_section", &check_section, nb::arg("type"))
+        .def("check_group", &check_group, nb::arg("group"))
         .def("cancel", [](PyAnimation &self) {
             self.with([](Animation &own) {
                 own.cancel();

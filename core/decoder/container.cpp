@@ -151,23 +151,25 @@ void Container::read_range(u64 offset, u64 length, std::vector<u8> &data) const 
     }
 }
 
-void Container::verify() const {
-    std::vector<u8> piece(piece_size);
-    for (const SectionEntry &entry : entries_) {
-        if (!entry.checksum) continue;
-        u32 checksum = 0;
-        u64 done = 0;
-        while (done < entry.length) {
-            const std::size_t wanted = static_cast<std::size_t>(std::min<u64>(entry.length - done, piece_size));
-            const std::size_t count = source_.read(entry.offset + done, std::span<u8>(piece).first(wanted));
-            if (count == 0) break;
-            checksum = crc32(std::span<const u8>(piece).first(count), checksum);
-            done += count;
-        }
-        if (done < entry.length || !is_checksum(checksum, *entry.checksum)) {
-            throw CorruptError("section " + entry.type + " is damaged", static_cast<i64>(entry.offset));
-        }
+void Container::check(const SectionEntry &entry) const {
+    if (!entry.checksum) return;
+    std::vector<u8> piece(static_cast<std::size_t>(std::min<u64>(entry.length, piece_size)));
+    u32 checksum = 0;
+    u64 done = 0;
+    while (done < entry.length) {
+        const std::size_t wanted = static_cast<std::size_t>(std::min<u64>(entry.length - done, piece_size));
+        const std::size_t count = source_.read(entry.offset + done, std::span<u8>(piece).first(wanted));
+        if (count == 0) break;
+        checksum = crc32(std::span<const u8>(piece).first(count), checksum);
+        done += count;
     }
+    if (done < entry.length || !is_checksum(checksum, *entry.checksum)) {
+        throw CorruptError("section " + entry.type + " is damaged", static_cast<i64>(entry.offset));
+    }
+}
+
+void Container::verify() const {
+    for (const SectionEntry &entry : entries_) check(entry);
 }
 
 }  // namespace pdeanim

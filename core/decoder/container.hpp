@@ -51,7 +51,10 @@ public:
     // Bytes of the file as they are, added to `data`; the caller checks them.
     void read_range(u64 offset, u64 length, std::vector<u8> &data) const;
 
-    // Check every section, unknown ones too, without holding more than a piece of it.
+    // Check a section, without holding more than a piece of it.
+    void check(const SectionEntry &entry) const;
+
+    // Check every section, unknown ones too.
     void verify() const;
 
 private:

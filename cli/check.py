@@ -1,0 +1,85 @@
+"""`pdecodec check`: everything that is wrong with a `.pdeanim` file."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from pdecodec.cli.console import byte_size, counted, print_json, say, visible
+from pdecodec.cli.options import decode_limits, json_option, limit_options, loudness_options
+from pdecodec.errors import CorruptFileError, InputError
+
+if TYPE_CHECKING:
+    from pdecodec.filecheck import FileCheck
+    from pdecodec.mending import Finding
+
+
+@click.command()
+@click.argument("sources", metavar="FILE...", nargs=-1, required=True)
+@click.option("--deep", is_flag=True, help="Decode everything as well, within the limits.")
+@limit_options
+@loudness_options
+@json_option
+@click.pass_context
+def check(
+    context: click.Context,
+    *,
+    sources: tuple[str, ...],
+    deep: bool,
+    max_memory: int | None,
+    max_output: int | None,
+    as_json: bool,
+) -> None:
+    """Look for all that is wrong with .pdeanim files: structure, checksums, ranges; with --deep by decoding everything.
+
+    Findings go to standard output, a line each, or as JSON; each begins with a code that stays what it is
+    (docs/damage.md lists them). The exit code is 4 where there is one that is more than a note.
+    """
+    from pdecodec.filecheck import check_file
+
+    for source in sources:
+        if Path(source).is_dir():
+            raise InputError("is a folder; check takes .pdeanim files", path=source)
+    checked = [check_file(source, deep=deep, limits=decode_limits(max_memory, max_output)) for source in sources]
+    if as_json:
+        print_json({"files": [_as_json(one) for one in checked]})
+    for one in checked:
+        if not as_json:
+            for finding in one.findings:
+                click.echo(visible(f"{one.path}: {_line(finding)}"))
+        say(f"{one.path}: {_summary(one)}")
+    if not all(one.is_sound for one in checked):
+        context.exit(CorruptFileError.exit_code)
+
+
+def _line(finding: Finding) -> str:
+    place = "" if finding.run is None else f"run {finding.run}: "
+    if finding.frames is not None:
+        first, end = finding.frames
+        place += f"frames {first} to {end - 1}: "
+    if finding.offset is not None:
+        place += f"byte {finding.offset}: "
+    return f"{finding.code}: {place}{finding.message}"
+
+
+def _summary(checked: FileCheck) -> str:
+    errors = sum(finding.severity == "error" for finding in checked.findings)
+    what = "decoded" if checked.is_deep else "looked at"
+    extent = f"{counted(checked.frames, 'frame')} in {counted(checked.groups, 'group')} {what}"
+    size = byte_size(Path(checked.path).stat().st_size)
+    return f"{'sound' if checked.is_sound else counted(errors, 'fault')}, {size}, {extent}"
+
+
+def _as_json(checked: FileCheck) -> dict[str, Any]:
+    return {
+        "path": checked.path,
+        "sound": checked.is_sound,
+        "deep": checked.is_deep,
+        "frames": checked.frames,
+        "runs": checked.runs,
+        "groups": checked.groups,
+        "findings": [dataclasses.asdict(finding) for finding in checked.findings],
+    }
