@@ -265,13 +265,13 @@ class _Reader:
             if color["accessor"] not in there:
                 self._left_out[name] = None
                 continue
-            values = self._sources[0].read(color["accessor"]).astype(np.float32)
+            shades = self._sources[0].read(color["accessor"]).astype(np.float32)
             domain = color.get("domain", "vertex")
             # Of faces and objects, the first corner of each.
             firsts = np.cumsum(connectivity.face_counts, dtype=np.int64) - connectivity.face_counts
             chosen = {"corner": rows, "face": rows[firsts], "object": rows[:1]}
             attributes.append(
-                Attribute(name, domain, values[chosen[domain]] if domain in chosen else values[:vertices])
+                Attribute(name, domain, shades[chosen[domain]] if domain in chosen else shades[:vertices])
             )
         if "materials" in own:
             labels = tuple(map(str, own["materials"]))

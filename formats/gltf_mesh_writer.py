@@ -281,7 +281,7 @@ def _held_colors(item: MeshObject) -> list[tuple[Attribute, Float32Array]]:
         if one.domain == "vertex":
             found.append((one, rows))
         elif corners and (one.domain == "corner" or len(rows) in (1, len(faces))):
-            counts = {"corner": 1, "face": faces, "object": corners}[one.domain]
+            counts = faces if one.domain == "face" else np.array([corners if one.domain == "object" else 1])
             found.append((one, np.repeat(rows, counts, axis=0)))
     return found
 

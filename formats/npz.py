@@ -141,7 +141,7 @@ class _StoredArray:
         with read_errors(self._path), self._path.open("rb") as file:
             file.seek(offset)
             numbers = np.empty(count, self.dtype)
-            read = file.readinto(memoryview(numbers).cast("B")) if count else 0  # type: ignore[attr-defined]
+            read = file.readinto(numbers.data.cast("B")) if count else 0  # type: ignore[attr-defined]
         if read < numbers.nbytes:
             raise InputError("the file ends early; write it again", path=self._path, frame=start, offset=offset)
         return numbers.reshape(stop - start, *self.shape[1:])

@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar, overload
+from typing import Any, BinaryIO, TypeVar, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -95,7 +95,8 @@ def open_animation(
     if not isinstance(source, str | os.PathLike):
         return _opened(source, str(getattr(source, "name", "a file in memory")), limits)
     if is_address(source):
-        return _opened(open_range_reader(str(source)), str(source), limits, origin=str(source))
+        remote = cast("BinaryIO", open_range_reader(str(source)))
+        return _opened(remote, str(source), limits, origin=str(source))
     try:
         file = Path(source).open("rb", buffering=0)  # noqa: SIM115 - the animation keeps it open until it is closed
     except (OSError, ValueError) as error:  # ValueError: a character that no path can have
@@ -114,7 +115,8 @@ def _opened(file: BinaryIO | bytes, path: str, limits: DecodeLimits, origin: str
         return Animation(file, path, limits, origin=origin, core=core)
     from pdecodec.runanimation import ChangingAnimation
 
-    return ChangingAnimation(file, path, limits, origin=origin, core=core)
+    animation: Animation = ChangingAnimation(file, path, limits, origin=origin, core=core)
+    return animation
 
 
 def open_core(file: BinaryIO | bytes, path: str, limits: DecodeLimits) -> _core.Animation:

@@ -47,7 +47,7 @@ class ChangingAnimation(ChangingSequence, Animation):
         Animation.close(self)
 
     @property
-    def meshes(self) -> tuple[MeshObject, ...]:  # type: ignore[override]  # each run has its own
+    def meshes(self) -> tuple[MeshObject, ...]:  # each run has its own
         self._only_run()
         return super().meshes
 

@@ -66,7 +66,7 @@ def vibration(beta: float, omega: float) -> Float64Array:
 def beam_errors() -> dict[int, dict[str, Float64Array]]:
     """For each mode, errors of each method over :data:`PERIODS`: rms at all frames, over the motion's."""
     u = np.linspace(0.0, 1.0, POINTS)
-    found: dict[int, dict[str, list[float]]] = {}
+    found: dict[int, dict[str, Float64Array]] = {}
     for number, beta in enumerate(CLAMPED_FREE, 1):
         lines: dict[str, list[float]] = {TIED: [], PLAIN: [], SPLINES: [], TWO: []}
         for omega in (2 * math.pi * PERIODS).tolist():

@@ -131,7 +131,7 @@ def measure_model(curves: Float64Array, diameter: float, model: str, pieces: int
         step /= 2
         levels = np.rint(constants / step).astype(np.int64).reshape(shape[0] * shape[1], -1)
         data = encode_bands(levels)
-        again = decode_bands(data, *levels.shape).reshape(shape) * step
+        again = decode_bands(data, *levels.shape).reshape(shape).astype(np.float64) * step
         errors = frame_errors(curves, evaluate(again, factors), diameter)
         if errors.largest <= COARSENING * unrounded.largest:
             break

@@ -197,10 +197,11 @@ def figure_5(findings: Findings) -> Figure:
     )
 
 
-def _thinned_quads(findings: Findings) -> NDArray[np.int64]:
-    """Faces of the rope, (quads, 4) int64, over every so many rings."""
+def _thinned_quads(findings: Findings) -> NDArray[np.int32]:
+    """Faces of the rope, (quads, 4) int32, over every so many rings."""
     settings = findings.rope.settings
-    grid = np.arange(settings.sides * settings.rings).reshape(settings.sides, settings.rings)[:, ::THINNED]
+    places = np.arange(settings.sides * settings.rings, dtype=np.int32)
+    grid = places.reshape(settings.sides, settings.rings)[:, ::THINNED]
     on = np.roll(grid, -1, axis=0)
     return np.stack([grid[:, :-1], grid[:, 1:], on[:, 1:], on[:, :-1]], axis=-1).reshape(-1, 4)
 
