@@ -72,8 +72,9 @@ class ClipOptions:
             raise SettingsError("give one of tolerance, max_error, rms and size, not several")
 
     def to_json(self) -> dict[str, Any]:
-        """As a JSON object, for the record of what a clip was made with."""
-        return {**asdict(self), "objects": list(self.objects)}
+        """As a JSON object, for the record of what a clip was made with: of the mesh its name alone, wherever it is."""
+        mesh = None if self.mesh is None else os.path.basename(self.mesh)
+        return {**asdict(self), "objects": list(self.objects), "mesh": mesh}
 
     def with_values(self, values: Mapping[str, Any]) -> ClipOptions:
         """With some options in place of these, by name; text is read as what the option holds.

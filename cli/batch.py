@@ -62,6 +62,12 @@ def _with_options_of_clips(command: click.Command) -> click.Command:
     metavar="BYTES",
     help="Memory that clips at once may take, by estimate; others wait.  [default: most of what is free]",
 )
+@click.option(
+    "--dask",
+    "scheduler",
+    metavar="ADDRESS",
+    help="Have the workers of a Dask cluster do the clips: tcp://host:8786, or the path of its scheduler file.",
+)
 @click.option("--part", callback=_part, metavar="K/N", help="Only every N-th clip from the K-th on, for farms.")
 @click.option("--verify", is_flag=True, help="Decode every file again, and measure it beside its source.")
 @click.option(
@@ -87,6 +93,7 @@ def batch(
     output: str,
     jobs: int | None,
     max_memory: int | None,
+    scheduler: str | None,
     part: tuple[int, int] | None,
     verify: bool,
     thorough: bool,
@@ -116,6 +123,8 @@ def batch(
 
     if fail_if_larger is not None and compare is None:
         raise SettingsError("--fail-if-larger needs --compare, to know what files were before")
+    if scheduler is not None and jobs is not None:
+        raise SettingsError("--jobs is for this machine; with --dask the workers' threads say how many clips at once")
     chosen = clips_of(clips, _clip_options(options))
     if part is not None:
         chosen = chosen[part[0] - 1 :: part[1]]
@@ -124,7 +133,7 @@ def batch(
         results = _planned(chosen, work)
     else:
         _make_folder(output)
-        results = _done(chosen, work, jobs, max_memory)
+        results = _done(chosen, work, jobs, max_memory, scheduler)
         if part is None:
             write_summary(results, output)
     if as_json:
@@ -178,13 +187,20 @@ def _planned(clips: Sequence[Clip], work: Work) -> list[Result]:
     return results
 
 
-def _done(clips: Sequence[Clip], work: Work, jobs: int | None, max_memory: int | None) -> list[Result]:
+def _done(
+    clips: Sequence[Clip], work: Work, jobs: int | None, max_memory: int | None, scheduler: str | None
+) -> list[Result]:
     """Every clip done with, in the order of the manifest."""
+    from pdecodec.batch.cluster import run_on_cluster
     from pdecodec.batch.local import run_local
 
     found: dict[str, Result] = {}
     with _said(clips) as note:
-        for result in run_local(clips, work, jobs=jobs, max_memory=max_memory):
+        if scheduler is None:
+            coming = run_local(clips, work, jobs=jobs, max_memory=max_memory)
+        else:
+            coming = run_on_cluster(clips, work, scheduler, max_memory=max_memory)
+        for result in coming:
             found[result.output] = result
             note(result)
     return [found[clip.output] for clip in clips]

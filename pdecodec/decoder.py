@@ -413,6 +413,12 @@ class Animation(MeshSequence):
         )  # fmt: skip
 
     @property
+    def group_edges(self) -> list[int]:
+        """First frame of every group of frames, which is read and decoded at once, and the number of all frames."""
+        with self._naming_the_file():
+            return [*(group[0] for group in self._core.groups), self.frame_count]
+
+    @property
     def residual_step(self) -> float:
         """What residuals are whole numbers of [scene units]."""
         with self._naming_the_file():
