@@ -4,31 +4,34 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, extent, print_json, progress_bar, say, say_notices
+from pdecodec.cli.console import byte_size, counted, extent, print_json, progress_bar, say, say_notices
 from pdecodec.cli.jobs import STREAM, Job, job_options, jobs, say_plan, say_start, streamed
 from pdecodec.cli.options import (
     bytes_of,
+    decode_limits,
     frames_option,
     json_option,
+    limit_options,
     loudness_options,
     objects_option,
     overwrite_option,
-    parse_bytes,
     place_options,
     refuse_pdeanim,
     write_options,
 )
-from pdecodec.errors import InputError, LimitError, SettingsError
+from pdecodec.errors import InputError, LimitError, PdecodecError, SettingsError
 
 if TYPE_CHECKING:
-    from pdecodec.decoder import Animation
+    from pdecodec.decoder import Animation, DecodeLimits
     from pdecodec.resample import Outside
+    from pdecodec.salvaging import Salvage
     from pdecodec.sequence import MeshSequence
 
 MUCH_OUTPUT = 10 * 10**9
@@ -59,17 +62,19 @@ MUCH_OUTPUT = 10 * 10**9
 @click.option("--layer", is_flag=True, help="USD: write only a layer over ORIGINAL: points, normals and velocities.")
 @write_options
 @place_options
-@click.option("--max-memory", callback=parse_bytes, metavar="BYTES", help="Refuse files that need more, such as 2G.")
 @click.option(
-    "--max-output",
-    callback=parse_bytes,
-    metavar="BYTES",
-    help="Refuse to decode more positions, such as 10GB.",
+    "--salvage",
+    is_flag=True,
+    help="Of a damaged file, decode every frame that is not, and say which ones are missing.",
 )
+@limit_options
 @overwrite_option
 @loudness_options
 @json_option
+@click.pass_context
 def decode(
+    context: click.Context,
+    /,
     *,
     paths: tuple[str, ...],
     output: str | None,
@@ -83,16 +88,22 @@ def decode(
     Times are taken in increasing order, each once. One frame may go to a single .obj file, several go to a folder,
     a pattern (out.####.obj) or a file that holds them all. Several IN go
     to a folder: -o folder/ --to glb.
+
+    With --salvage the exit code is 1 where a file was decoded and something of it is missing, 4 where nothing could be
+    saved. Frames come at their own times; files numbered by frame count up from the first.
     """
     if output == STREAM and as_json:
         raise SettingsError("-o - and --json both want standard output; leave out one")
+    whole = True
     for job in jobs(paths, output, extension=extension):
         with streamed(job, extension=extension or "", dry_run=options["dry_run"]) as one:
             try:
-                _decode(one, as_json=as_json, **options)
+                whole &= _decode(one, as_json=as_json, **options)
             except LimitError as error:
                 message = f"{error.message}; --max-memory raises the limit"
                 raise LimitError(message, path=error.path, frame=error.frame, offset=error.offset) from error
+    if not whole:
+        context.exit(PdecodecError.exit_code)
 
 
 def _decode(
@@ -115,11 +126,13 @@ def _decode(
     onto: str | None,
     clip: str | None,
     layer: bool,
+    salvage: bool,
     dry_run: bool,
     overwrite: bool,
     as_json: bool,
-) -> None:
-    from pdecodec.decoder import DecodeLimits, open_animation
+) -> bool:
+    """Do one job; returns whether nothing is missing."""
+    from pdecodec.decoder import Animation
     from pdecodec.formats import write_onto, write_sequence
     from pdecodec.formats.choosing import select_objects
     from pdecodec.formats.companions import output_files
@@ -143,17 +156,23 @@ def _decode(
     job.check(outputs, [times, onto], overwrite=overwrite, dry_run=dry_run)
     if Path(source).is_dir():
         raise InputError("is a folder; decode takes a .pdeanim file", path=source)
-    limits = DecodeLimits() if max_memory is None else DecodeLimits(max_memory=max_memory)
-    with open_animation(source, limits=limits) as animation:
-        chosen = _chosen(animation, at=at, times=times, fps=fps, frames=frames, outside=outside)
+    if salvage and (given or velocities):
+        raise SettingsError(f"--salvage gives frames as they are; leave out {given[0] if given else '--velocities'}")
+    # What is decoded is compared with --max-output, not all of the file.
+    limits = decode_limits(max_memory, None)
+    with _opened(source, limits, is_damaged=salvage) as (animation, saved):
+        chosen = animation
+        if isinstance(animation, Animation):
+            chosen = _chosen(animation, at=at, times=times, fps=fps, frames=frames, outside=outside)
         positions = place(select_objects(chosen, objects, job.source_name), up_axis=up_axis, scale=scale, unit=unit)
         sequences = [positions]
         speeds: MeshSequence | None = None
         if velocities:
+            assert isinstance(animation, Animation)
             speeds = sampled(animation, chosen.times, quantity="velocities", outside=outside)
             speeds = place(select_objects(speeds, objects, job.source_name), up_axis=up_axis, scale=scale, unit=unit)
             sequences.append(speeds)
-        _check_output(sequences, max_output, animation.path)
+        _check_output(sequences, max_output, source)
         say_notices(positions)
         say_start(job, positions)
 
@@ -164,7 +183,7 @@ def _decode(
 
         if dry_run:
             say_plan(job, positions, write, files=1, size=bytes_of(source, [Path(source)]))
-            return
+            return saved is None or saved.is_whole
         notices: dict[str, None] = {}
         for path, sequence in zip(outputs, sequences, strict=False):
             with progress_bar() as progress:
@@ -182,6 +201,9 @@ def _decode(
             "raw_bytes": 12 * positions.position_count,
             "seconds": time.perf_counter() - started,
         }
+        if saved is not None:
+            result |= {"missing_frames": saved.missing, "lost": saved.lost}
+            _say_missing(saved, source)
     if as_json:
         print_json(result)
     written = sum(bytes_of(path, output_files(path)) for path in outputs)
@@ -192,6 +214,33 @@ def _decode(
         f"({byte_size(result['raw_bytes'] * len(outputs))} of {values}), "
         f"{size}, {result['seconds']:.1f} s"
     )
+    return saved is None or saved.is_whole
+
+
+@contextmanager
+def _opened(source: str, limits: DecodeLimits, *, is_damaged: bool) -> Iterator[tuple[MeshSequence, Salvage | None]]:
+    """The animation; or what is undamaged of it, and what is missing."""
+    if is_damaged:
+        from pdecodec.salvaging import salvage
+
+        with salvage(source, limits=limits) as saved:
+            yield saved.sequence, saved
+        return
+    from pdecodec.decoder import open_animation
+
+    with open_animation(source, limits=limits) as animation:
+        yield animation, None
+
+
+def _say_missing(saved: Salvage, source: str) -> None:
+    count = sum(end - first for first, end in saved.missing)
+    if count:
+        ranges = ", ".join(f"{first}" if end == first + 1 else f"{first} to {end - 1}" for first, end in saved.missing)
+        say(f"{source}: {count:,} of {counted(saved.frame_count, 'frame')} missing, counted from 0: {ranges}")
+    for what in saved.lost:
+        say(f"{source}: lost: {what}")
+    if saved.is_whole:
+        say(f"{source}: nothing is missing")
 
 
 def _check_output(sequences: Sequence[MeshSequence], most: int | None, path: str) -> None:

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from pdecodec.ratecontrol import encode_to_rms as encode_to_rms
     from pdecodec.ratecontrol import encode_to_size as encode_to_size
     from pdecodec.runs import ChangingSequence as ChangingSequence
+    from pdecodec.salvaging import Salvage as Salvage
+    from pdecodec.salvaging import salvage as salvage
     from pdecodec.selection import FrameSelection as FrameSelection
     from pdecodec.selection import ObjectSelection as ObjectSelection
     from pdecodec.sequence import ArraySequence as ArraySequence
@@ -69,6 +71,7 @@ _HOME = {
     "PaperForm": "paperform",
     "PaperSettings": "settings",
     "PdecodecError": "errors",
+    "Salvage": "salvaging",
     "SettingsError": "errors",
     "check_file": "filecheck",
     "cut_animation": "cutting",
@@ -79,6 +82,7 @@ _HOME = {
     "open": "decoder",
     "open_animation": "decoder",
     "open_sequence": "formats",
+    "salvage": "salvaging",
     "write_sequence": "formats",
 }
 
