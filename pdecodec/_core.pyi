@@ -427,6 +427,9 @@ class Animation:
     @property
     def times(self) -> Float64Array: ...
     @property
+    def jumps(self) -> list[int]:
+        """Frames that motion jumps to from the frame before."""
+    @property
     def fps(self) -> float: ...
     @property
     def runs(self) -> list[tuple[int, int, int]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -79,6 +79,11 @@ class AppendingEncoder(AutoEncoder):
         """The groups that the first frames are divided into, in the model that is there."""
         begin, end = 0, len(points)
         return self._divided(self._fitter(begin, end, steps), self._usual)
+
+    @property
+    def jumps(self) -> Sequence[int]:
+        """Frames that motion jumps to, once all are coded."""
+        return self._jumps()
 
     def coded(self) -> Iterator[EncodedGroup]:
         """Its groups in order, as they are written."""

@@ -1,8 +1,9 @@
 """Cutting and joining files: groups of frames are taken as they are coded, and others are coded to stand beside them.
 
 A position at a frame depends on the frame's own group alone, so that it stays what it was, to the last bit. Between
-frames it follows the spline through all frames of the file: near a place where files were cut or joined it is another
-one, 0.27 times as much with each frame further away, and continuous in position and velocity.
+frames it follows the spline through all frames of the file, from jump to jump: near a place where files were cut or
+joined it is another one, 0.27 times as much with each frame further away, and continuous in position and velocity,
+unless it jumps there.
 """
 
 from __future__ import annotations
@@ -18,13 +19,14 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.appending import AppendingEncoder
+from pdecodec.appending import AppendingEncoder, bound_of
 from pdecodec.container import Section, Spool, stored_sections, write_container
 from pdecodec.decoder import Animation, open_animation
 from pdecodec.description import decode_remarks, encode_remarks, encode_sequence_description
 from pdecodec.encodereport import generator
 from pdecodec.errors import CorruptFileError, InputError, SettingsError
 from pdecodec.groups import CHUNK_SECTIONS, GroupEntry, read_group_table, write_group_table
+from pdecodec.jumps import jumps_across, shifted
 from pdecodec.selection import FrameSelection
 from pdecodec.sequence import SHORTEST_TIME_STEP, MeshSequence, Progress
 from pdecodec.settings import EffortName
@@ -138,8 +140,8 @@ class CodedFile:
         self._file.seek(offset)
         return self._file.read(size)
 
-    def appended(self, sequence: MeshSequence, *, effort: EffortName, progress: Progress | None) -> Iterator[Coded]:
-        """Frames of a sequence of its mesh, coded with its model.
+    def appending(self, sequence: MeshSequence, *, effort: EffortName, progress: Progress | None) -> AppendingEncoder:
+        """What codes frames of a sequence of its mesh with its model.
 
         Raises
         ------
@@ -151,16 +153,14 @@ class CodedFile:
                 "profile paper: no frames can be coded beside its own; decode it, and encode all frames", path=self.path
             )
         step = self.animation.residual_step
-        coder = AppendingEncoder(sequence, self.animation, self.entries[-1], step, effort=effort, progress=progress)
-        for group in coder.coded():
-            yield group.entry, group.chunks
+        return AppendingEncoder(sequence, self.animation, self.entries[-1], step, effort=effort, progress=progress)
 
 
 class _Described(MeshSequence):
-    """Times and names for the header of a file."""
+    """Times, names and jumps for the header of a file."""
 
-    def __init__(self, head: Animation, times: Float64Array) -> None:
-        self.objects, self.times, self.fps = head.meshes, times, head.fps
+    def __init__(self, head: Animation, times: Float64Array, jumps: list[int]) -> None:
+        self.objects, self.times, self.fps, self.jumps = head.meshes, times, head.fps, jumps
         self.metadata, self.notices = {}, ()
 
     def read_frames(self, start: int, stop: int) -> Any:
@@ -221,11 +221,13 @@ def cut_animation(
 
         def again(begin: int, stop: int) -> Iterator[Coded]:
             frames = FrameSelection(animation, range(begin, stop))
-            return file.appended(frames, effort=effort, progress=progress)
+            coder = file.appending(frames, effort=effort, progress=progress)
+            return ((group.entry, group.chunks) for group in coder.coded())
 
         kept = whole[-1] - whole[0] if whole else 0
         summary = f"frames {first} to {end - 1} of {edges[-1]}"
-        return _write(file, animation.times[first:end], pieces(), summary, end - first - kept, Path(path), overwrite)
+        described = _Described(animation, animation.times[first:end], shifted(animation.jumps, first, end, 0))
+        return _write(file, described, pieces(), summary, end - first - kept, Path(path), overwrite)
 
 
 def join_animations(
@@ -269,6 +271,9 @@ def join_animations(
     with ExitStack() as stack:
         head = stack.enter_context(CodedFile(source))
         times, names, coded_again = [head.animation.times], [os.path.basename(head.path)], 0
+        before: MeshSequence = head.animation
+        is_closed = head.entries[0].basis == "closed form"
+        jumps, bound = list(head.animation.jumps), bound_of(head.animation, head.animation.residual_step)
         coming: list[CodedFile | MeshSequence] = []
         for other in others:
             if isinstance(other, MeshSequence):
@@ -291,22 +296,31 @@ def join_animations(
             times.append(_following(times[-1], sequence.times, head.animation.fps, shift=shift, path=where))
             coded_again += 0 if isinstance(coming[-1], CodedFile) else sequence.frame_count
             names.append(name)
+            if not is_closed and jumps_across(before, sequence, bound):
+                jumps.append(sum(part.size for part in times[:-1]))
+            before = sequence
 
         def pieces() -> Iterator[Coded]:
             yield from head.coded(0, len(head.entries))
-            for one in coming:
+            starts = np.cumsum([part.size for part in times])
+            for one, start in zip(coming, starts.tolist(), strict=False):
                 if isinstance(one, CodedFile):
                     yield from one.coded(0, len(one.entries))
+                    own: Sequence[int] = one.animation.jumps
                 else:
-                    yield from head.appended(one, effort=effort, progress=progress)
+                    coder = head.appending(one, effort=effort, progress=progress)
+                    yield from ((group.entry, group.chunks) for group in coder.coded())
+                    own = coder.jumps
+                jumps.extend(start + frame for frame in own)
 
         summary = f"{' and '.join(names)} joined"
-        return _write(head, np.concatenate(times), pieces(), summary, coded_again, Path(path), overwrite)
+        described = _Described(head.animation, np.concatenate(times), jumps)
+        return _write(head, described, pieces(), summary, coded_again, Path(path), overwrite)
 
 
 def _write(
     head: CodedFile,
-    times: Float64Array,
+    described: _Described,
     pieces: Iterator[Coded],
     summary: str,
     coded_again: int,
@@ -314,7 +328,7 @@ def _write(
     overwrite: bool,
 ) -> CutReport:
     """Write groups of frames with what the head has in common with them."""
-    animation = head.animation
+    times = described.times
     remarks = {**decode_remarks(head.section("META")), "generator": generator()}
     remarks["summary"] = f"{str(remarks.get('summary', '')).partition(EDITED)[0]}{EDITED}{summary}"
     spools = [Spool(path.parent) for _ in CHUNK_SECTIONS]
@@ -327,7 +341,7 @@ def _write(
         shared = {kind: head.section(kind) for kind in SHARED_SECTIONS}
         sections = [
             Section("META", encode_remarks(remarks), required=False),
-            Section("SEQN", encode_sequence_description(_Described(animation, times))),
+            Section("SEQN", encode_sequence_description(described, sorted(described.jumps))),
             *(Section(kind, shared[kind]) for kind in ("CONN", "ORDR", "REST", "MODL") if shared[kind]),
             Section("GRUP", write_group_table(entries)),
             *(Section(name, spool) for name, spool in zip(CHUNK_SECTIONS, spools, strict=True)),

@@ -182,7 +182,8 @@ class Animation(MeshSequence):
 
     Made by :func:`open_animation`. Opening reads headers alone, and the vertex counts that the mesh begins with; the
     mesh, attributes and groups of frames are decoded when they are first needed. At the time of a frame every method
-    gives the same bits.
+    gives the same bits. To the frames in :attr:`jumps` motion is not continuous from the frames before: it is straight
+    from one to the other.
 
     It may be used from any number of threads, which take turns, and closed by any of them: calls under way end well,
     later ones with InputError. It survives a fork (the child decodes anew what it needs), and is pickled by its path,
@@ -205,6 +206,7 @@ class Animation(MeshSequence):
         self._core = core or open_core(file, path, limits)
         self._first_frame = 0 if run is None else self._core.runs[run][0]
         self.times, self.fps = self._core.times, self._core.fps
+        self.jumps = tuple(self._core.jumps)
         self._describe()
         size = 12 * self.position_count
         if limits.max_output is not None and size > limits.max_output:
@@ -459,6 +461,7 @@ class Animation(MeshSequence):
             "functions_of_time": max(functions for _, _, functions, _, _, _ in groups),
             "groups": len(groups),
             "group_frames": [min(frames), max(frames)],
+            "jumps": list(self.jumps),
         }
 
     @property

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,9 +29,9 @@ rounds otherwise."""
 TIME_RULES = (TIMES_COUNTED, TIMES_STEPPED, TIMES_BY_PERIOD)
 """In the order in which they are tried."""
 
-AT_FRAME_RATE, WHOLE_FRAME_RATE, WHOLE_START, ALL_FLAGS = 4, 8, 16, 28
+AT_FRAME_RATE, WHOLE_FRAME_RATE, WHOLE_START, HAS_JUMPS, ALL_FLAGS = 4, 8, 16, 32, 60
 """Added to the rule: its rate is the frame rate, which then is not stored again; the frame rate, or the start, is a
-whole number of 0 or more, and stored as a count."""
+whole number of 0 or more, and stored as a count; jumps follow."""
 
 LARGEST_WHOLE = 2**53
 """Whole numbers up to here are all in float64."""
@@ -55,6 +56,8 @@ class SequenceDescription:
     fps : float [1/s]
     runs : tuple of int
         Frames of each run.
+    jumps : tuple of int
+        Frames that motion jumps to from the frame before, increasing.
     coded : bytes
         Listed times, and the names of objects.
     listed : int
@@ -64,6 +67,7 @@ class SequenceDescription:
     times: Float64Array
     fps: float
     runs: tuple[int, ...]
+    jumps: tuple[int, ...]
     coded: bytes
     listed: int
 
@@ -85,8 +89,14 @@ class SequenceDescription:
             return tuple(_core.decode_names(self.coded, self.listed, count, take))
 
 
-def encode_sequence_description(sequence: MeshSequence) -> bytes:
+def encode_sequence_description(sequence: MeshSequence, jumps: Sequence[int] = ()) -> bytes:
     """Section SEQN: frames, times, names of objects. Of several runs each has names of its own (:func:`encode_names`).
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    jumps : sequence of int
+        Frames that motion jumps to from the frame before, increasing, from 1 on.
 
     Raises
     ------
@@ -102,12 +112,17 @@ def encode_sequence_description(sequence: MeshSequence) -> bytes:
     writer.count(len(runs))
     for frames in runs:
         writer.count(frames)
-    writer.numbers("B", kind | AT_FRAME_RATE * is_usual | WHOLE_FRAME_RATE * whole_fps | WHOLE_START * whole_start)
+    flags = AT_FRAME_RATE * is_usual | WHOLE_FRAME_RATE * whole_fps | WHOLE_START * whole_start
+    writer.numbers("B", kind | flags | HAS_JUMPS * bool(jumps))
     _write_real(writer, sequence.fps, is_whole=whole_fps)
     if not is_listed:
         _write_real(writer, start, is_whole=whole_start)
         if not is_usual:
             writer.numbers("d", rate)
+    if jumps:
+        writer.count(len(jumps))
+        for before, frame in itertools.pairwise([0, *jumps]):
+            writer.count(frame - before)
 
     names = [] if isinstance(sequence, ChangingSequence) else checked_texts(item.name for item in sequence.objects)
     return writer.to_bytes() + _core.encode_description(sequence.times if is_listed else np.zeros(0), names)
@@ -145,26 +160,36 @@ def decode_sequence_description(data: bytes, most_frames: int) -> SequenceDescri
         raise CorruptFileError("section SEQN declares no frames")
     if frames > most_frames:
         raise LimitError(f"section SEQN declares {frames} frames, more than the memory limit allows")
-    (flags,) = reader.integers("B")
-    kind = flags & ~ALL_FLAGS
+    (all_flags,) = reader.integers("B")
+    flags, kind = all_flags & ~HAS_JUMPS, all_flags & ~ALL_FLAGS
     fps = _read_real(reader, is_whole=bool(flags & WHOLE_FRAME_RATE))
     if fps <= 0:
         raise CorruptFileError("section SEQN has a frame rate that is not positive")
     listed, times = 0, np.zeros(0)
+    jumps: tuple[int, ...] = ()
     if flags | WHOLE_FRAME_RATE == TIMES_LISTED | WHOLE_FRAME_RATE:
+        jumps = _read_jumps(reader, frames) if all_flags & HAS_JUMPS else ()
         listed, coded = frames, reader.rest()
         with core_errors():
             times = _core.decode_times(coded, listed)
     elif kind in TIME_RULES:
         start = _read_real(reader, is_whole=bool(flags & WHOLE_START))
         rate = fps if flags & AT_FRAME_RATE else reader.reals("d")[0]
+        jumps = _read_jumps(reader, frames) if all_flags & HAS_JUMPS else ()
         coded = reader.rest()
         times = _ruled_times(kind, start, rate, frames) if rate > 0 else times
     if not times.size:
         raise CorruptFileError(f"section SEQN stores its times in an unknown way ({flags})")
     if not (np.abs(times) <= LARGEST_TIME).all() or not (np.diff(times) >= SHORTEST_TIME_STEP).all():
         raise CorruptFileError("section SEQN has times that do not increase or lie out of range")
-    return SequenceDescription(times, fps, runs, coded, listed)
+    return SequenceDescription(times, fps, runs, jumps, coded, listed)
+
+
+def _read_jumps(reader: FieldReader, frames: int) -> tuple[int, ...]:
+    gaps = [reader.count() for _ in range(min(reader.count(), frames))]
+    if not gaps or min(gaps) < 1 or sum(gaps) >= frames:
+        raise CorruptFileError("section SEQN has no jumps where it declares some, or one at no frame")
+    return tuple(itertools.accumulate(gaps))
 
 
 def _is_whole(value: float) -> bool:

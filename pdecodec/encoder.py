@@ -34,6 +34,7 @@ from pdecodec.groupchoice import GroupSearch, candidates, divided
 from pdecodec.groupfit import FittedGroup, GroupChoice, GroupFitter
 from pdecodec.groupmodel import GroupModelDescription
 from pdecodec.groups import CHUNK_SECTIONS, GroupEntry, write_group_table
+from pdecodec.jumps import JumpFinder
 from pdecodec.metrics import frame_scale
 from pdecodec.modelchoice import FinishedGroup, ModelSearch, finished, ruled
 from pdecodec.reference import ReferenceFrame, decode_reference, encode_reference, quantise_reference
@@ -254,7 +255,7 @@ class Encoder(ABC):
         model = GroupModelDescription(form=space.form, residual_step=self._residual_step, masks=space.encode_masks())
         return [
             Section("META", encode_remarks(remarks), required=False),
-            Section("SEQN", encode_sequence_description(sequence)),
+            Section("SEQN", encode_sequence_description(sequence, self._jumps())),
             Section("CONN", connectivity),
             *([Section("ORDR", order)] if order else []),
             Section("REST", self._reference_bytes),
@@ -284,7 +285,12 @@ class Encoder(ABC):
             seconds=time.perf_counter() - self._started,
             summary=self._summary(),
             data=data,
+            jumps=tuple(self._jumps()),
         )
+
+    def _jumps(self) -> Sequence[int]:
+        """Frames that motion jumps to, once all have been read: none that a decoder makes no difference for."""
+        return ()
 
     def _where(self, what: str, ending: str) -> str:
         """Patches or pieces, and the residuals, in words."""
@@ -303,10 +309,21 @@ class AutoEncoder(Encoder):
             raise SettingsError("without a bound there is nothing to choose the model by; give a tolerance")
         self._effort = EFFORTS[settings.effort]
         self._explained = 1.0
+        self._jump_finder = JumpFinder()
 
     @property
     def _space(self) -> SpaceBasis:
         return self._model.basis
+
+    def _read(self, begin: int, end: int) -> Float32Array:
+        points = super()._read(begin, end)
+        if begin == self._jump_finder.frames:  # the first time that these are read
+            self._jump_finder.add(points)
+        return points
+
+    def _jumps(self) -> Sequence[int]:
+        assert self._bound is not None  # checked before
+        return self._jump_finder.jumps(self._bound)
 
     def _groups(self) -> Iterator[tuple[GroupFitter, FittedGroup]]:
         assert self._bound is not None  # checked before

@@ -60,6 +60,8 @@ class EncodeReport:
         The file itself where it was encoded without a path.
     runs : int
         Runs of frames of one connectivity each.
+    jumps : tuple of int
+        Frames that motion jumps to from the frame before: splines between frames end and begin there.
     positions : int or None
         Vertices of all frames together, where that is not vertices times frames.
     """
@@ -81,6 +83,7 @@ class EncodeReport:
     summary: str
     data: bytes | None = None
     runs: int = 1
+    jumps: tuple[int, ...] = ()
     positions: int | None = None
 
     @property

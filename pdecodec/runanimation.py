@@ -95,6 +95,7 @@ class ChangingAnimation(ChangingSequence, Animation):
             "summary": str(remarks.get("summary", "")),
             "generator": str(remarks.get("generator", "")),
             "settings": remarks.get("settings", {}),
+            "jumps": list(self.jumps),
             "runs": len(self.runs),
             "run_frames": [int(self.run_frames.min()), int(self.run_frames.max())],
             "run_vertices": [int(self.run_vertices.min()), int(self.run_vertices.max())],

@@ -48,13 +48,15 @@ def encode_runs(
     try:
         for first, run in zip(sequence.run_starts.tolist(), sequence.runs, strict=True):
             reports.append(_encode_run(run, of_run, table, first, _within(progress, first, sequence.frame_count)))
+        starts = sequence.run_starts.tolist()
+        jumps = [first + frame for first, report in zip(starts, reports, strict=True) for frame in report.jumps]
         summary = _summary(sequence)
         remarks = {"generator": generator(), "settings": settings.changed(), "summary": summary}
         if sequence.metadata:
             remarks["metadata"] = dict(sequence.metadata)
         sections = [
             Section("META", encode_remarks(remarks), required=False),
-            Section("SEQN", encode_sequence_description(sequence)),
+            Section("SEQN", encode_sequence_description(sequence, jumps)),
             Section("RUNS", table.to_bytes()),
             Section("RDAT", table.data),
         ]
@@ -85,6 +87,7 @@ def encode_runs(
         summary=summary,
         data=data,
         runs=len(sequence.runs),
+        jumps=tuple(jumps),
         positions=sequence.position_count,
     )  # fmt: skip
 

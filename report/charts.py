@@ -195,7 +195,7 @@ def as_seen(points: Float32Array | Float64Array) -> Float64Array:
 def draw_mesh(
     panel: Any,
     seen: Float64Array,
-    polygons: Sequence[NDArray[np.int32]],
+    polygons: Sequence[NDArray[np.integer[Any]]],
     colours: Sequence[Float64Array],
     *,
     lines: bool = False,

@@ -149,6 +149,20 @@ def mapped() -> ArraySequence:
     return ArraySequence(tube(3, rows, columns), objects=[MeshObject("mapped", part, attributes)])
 
 
+def jumping(**options: Any) -> ArraySequence:
+    """A sheet that waves, and is elsewhere from one frame to the next: early, often, and at the end."""
+    points = wave(16, 4, 6)
+    for jump in (2, 5, 8, 15):
+        points[jump:] += 40.0 * np.array([jump % 2, 1, -jump])
+    return clip(points, grid(4, 6), **options)
+
+
+def runs_that_jump() -> ChangingSequence:
+    """Runs of a sheet that jumps, within a run and from one to the next."""
+    whole, other = jumping(), jumping(times=1.0 + np.arange(16) / 24)
+    return ChangingSequence([whole, other])
+
+
 def shuffled() -> ArraySequence:
     """A sheet whose vertices and faces come in any order."""
     random = np.random.default_rng(2)
@@ -313,6 +327,10 @@ SEQUENCES: dict[str, tuple[Callable[[], MeshSequence], Choices]] = {
     "irregular_times": (lambda: sheet(9, times=IRREGULAR), Choices()),
     "times_at_another_rate": (lambda: sheet(9, times=np.arange(9) / 25, fps=24), Choices()),
     "times_by_period": (lambda: sheet(9, times=np.arange(9) * (1 / 24), fps=24), Choices()),
+    "jumps": (jumping, Choices()),
+    "jumps_between_groups": (jumping, Choices(longest_group=4)),
+    "jumps_at_irregular_times": (lambda: jumping(times=np.cumsum(np.linspace(0.01, 0.3, 16) ** 2)), Choices()),
+    "runs_that_jump": (runs_that_jump, Choices()),
     "closed_form": (lambda: clip(tube(12, 4, 12), grid(4, 12, closed=True)), paper()),
     "closed_form_on_pieces": (lambda: clip(tube(9, 3, 20), grid(3, 20)), paper(piece_points=6, segment_frames=4)),
     "closed_form_of_lines": (lambda: clip(wave(8, 3, 7), connectivity(21, lines=LINES)), paper(alpha=2.5, r=3.0)),

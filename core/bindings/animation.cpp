@@ -329,6 +329,11 @@ void bind_animation(nb::module_ &module) {
                          const auto &times = own.animation ? own.animation->times() : own.file->sequence().times;
                          return to_array(std::vector<double>(times));
                      })
+        .def_prop_ro("jumps",
+                     [](PyAnimation &self) {
+                         const auto own = self.opened();
+                         return own.animation ? own.animation->jumps() : own.file->sequence().jumps;
+                     })
         .def_prop_ro("fps", [](PyAnimation &self) { return self.opened().file->sequence().fps; })
         .def_prop_ro("runs", &runs)
         .def("run_sections", &run_sections, nb::arg("run"))

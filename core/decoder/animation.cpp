@@ -474,13 +474,9 @@ const std::vector<ClosedForm> &Animation::closed_forms() {
 }
 
 // What frames count at a time inside the clip, by the spline.
-Animation::FrameShares Animation::frame_shares(double time, int derivative) {
-    if (!spline_) spline_.emplace(times());
-    FrameShares found;
-    found.values.resize(spline_->width());
-    found.first = spline_->weights(time, derivative, found.values);
-    found.values.resize(least(spline_->width(), frames() - found.first));
-    return found;
+FrameShares Animation::frame_shares(double time, int derivative) {
+    if (!spline_) spline_.emplace(times(), jumps());
+    return spline_->shares(time, derivative);
 }
 
 // Displacement of all vertices at a time by the model alone, or a derivative of it: (vertices, 3).

@@ -21,7 +21,7 @@
 #include "decoder/file.hpp"
 #include "decoder/group_table.hpp"
 #include "decoder/model.hpp"
-#include "evaluate/spline.hpp"
+#include "evaluate/broken_spline.hpp"
 #include "residuals/added.hpp"
 #include "time_functions/closed_form.hpp"
 
@@ -73,6 +73,7 @@ public:
     const Model &model() const { return model_; }
     const std::vector<double> &times() const { return sequence_.times; }
     double fps() const { return sequence_.fps; }
+    const std::vector<i64> &jumps() const { return sequence_.jumps; }
     i64 frames() const { return static_cast<i64>(sequence_.times.size()); }
     i64 vertices() const { return first_vertices_.back(); }
     i64 objects() const { return static_cast<i64>(first_vertices_.size()) - 1; }
@@ -153,13 +154,6 @@ private:
                                                         const AnchoredReference<Real> *reference, Out out) const;
     void evaluate_model(const DecodedGroup &own, i64 frame, std::span<float> out);
     FrameResiduals residuals_at(i64 frame);
-    // What frames from `first` on count.
-    struct FrameShares {
-        i64 first = 0;
-        std::vector<double> values;
-
-        i64 end() const { return first + static_cast<i64>(values.size()); }
-    };
     FrameShares frame_shares(double time, int derivative);
     const std::vector<ClosedForm> &closed_forms();
     std::pair<std::size_t, std::size_t> counting_groups(double time, int derivative);
@@ -196,7 +190,7 @@ private:
     std::optional<AnchoredReference<float>> anchored_single_;  // of the reference frame, for groups of either precision
     std::optional<AnchoredReference<double>> anchored_double_;
     std::optional<std::vector<u8>> remarks_;
-    std::optional<FrameSpline> spline_;
+    std::optional<BrokenSpline> spline_;
     std::vector<ClosedForm> closed_forms_;
 
     // Decoded groups, the latest first.

@@ -120,8 +120,14 @@ Container File::container_of(std::size_t run) const {
 
 SequenceDescription File::sequence_of(std::size_t run) const {
     if (!container_.find(table)) return sequence_;
-    const auto begin = sequence_.times.begin() + runs_[run].first;
-    return SequenceDescription::of_run({begin, begin + runs_[run].frames}, sequence_.fps,
+    const i64 first = runs_[run].first, end = first + runs_[run].frames;
+    const auto begin = sequence_.times.begin() + first;
+    std::vector<i64> jumps;
+    for (auto jump = std::upper_bound(sequence_.jumps.begin(), sequence_.jumps.end(), first);
+         jump != sequence_.jumps.end() && *jump < end; ++jump) {
+        jumps.push_back(*jump - first);
+    }
+    return SequenceDescription::of_run({begin, begin + runs_[run].frames}, std::move(jumps), sequence_.fps,
                                        container_of(run).read(of_run[names_at]));
 }
 

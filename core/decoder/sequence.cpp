@@ -13,8 +13,8 @@ namespace {
 enum TimeRule : u8 { stepped, counted, listed, by_period };
 
 // Added to the rule: its rate is the frame rate, which then is not stored again; the frame rate, or the start, is a whole
-// number of 0 or more, and stored as a count.
-constexpr u8 at_frame_rate = 4, whole_frame_rate = 8, whole_start = 16;
+// number of 0 or more, and stored as a count; jumps follow.
+constexpr u8 at_frame_rate = 4, whole_frame_rate = 8, whole_start = 16, has_jumps = 32;
 
 constexpr double largest_time = 0x1p53, shortest_step = 0x1p-53;  // [s]
 
@@ -23,6 +23,23 @@ double read_real(FieldReader &fields, bool is_whole) {
     const i64 value = fields.count();
     if (value > i64{1} << 53) throw CorruptError("section SEQN has a whole number out of range");
     return static_cast<double>(value);
+}
+
+std::vector<i64> read_jumps(FieldReader &fields, i64 frames) {
+    const i64 count = fields.count();
+    if (count < 1 || count >= frames) {
+        throw CorruptError("section SEQN has " + std::to_string(count) + " jumps in " + std::to_string(frames) +
+                           " frames");
+    }
+    std::vector<i64> found;
+    i64 at = 0;
+    for (i64 k = 0; k < count; ++k) {
+        const i64 gap = fields.count();
+        if (gap < 1 || gap >= frames - at) throw CorruptError("section SEQN has a jump at no frame");
+        at += gap;
+        found.push_back(at);
+    }
+    return found;
 }
 
 double ruled_time(u8 rule, double start, double rate, i64 frame) {
@@ -57,18 +74,23 @@ SequenceDescription SequenceDescription::of_bytes(std::span<const u8> data, i64 
         frames += own;
         found.run_frames.push_back(own);
     }
-    const u8 flags = fields.integer<u8>(), rule = flags & ~(at_frame_rate | whole_frame_rate | whole_start);
+    const u8 all_flags = fields.integer<u8>(), flags = all_flags & ~has_jumps;
+    const u8 rule = flags & ~(at_frame_rate | whole_frame_rate | whole_start);
     found.fps = read_real(fields, flags & whole_frame_rate);
     if (!(found.fps > 0.0)) throw CorruptError("section SEQN has a frame rate that is not positive");
-    const auto keep = [&](std::span<const u8> rest) { found.coded_.assign(rest.begin(), rest.end()); };
+    const auto keep_rest = [&] {
+        if (all_flags & has_jumps) found.jumps = read_jumps(fields, frames);
+        const std::span<const u8> rest = fields.rest();
+        found.coded_.assign(rest.begin(), rest.end());
+    };
     if ((flags | whole_frame_rate) == (listed | whole_frame_rate)) {
-        keep(fields.rest());
+        keep_rest();
         found.listed_ = frames;
         found.times = decode_times(found.coded_, frames);
     } else if (rule == stepped || rule == counted || rule == by_period) {
         const double start = read_real(fields, flags & whole_start);
         const double rate = flags & at_frame_rate ? found.fps : fields.real();
-        keep(fields.rest());
+        keep_rest();
         found.times.reserve(frames);
         for (i64 frame = 0; rate > 0.0 && frame < frames; ++frame) {
             found.times.push_back(ruled_time(rule, start, rate, frame));
@@ -83,10 +105,12 @@ SequenceDescription SequenceDescription::of_bytes(std::span<const u8> data, i64 
     return found;
 }
 
-SequenceDescription SequenceDescription::of_run(std::vector<double> times, double fps, std::vector<u8> names) {
+SequenceDescription SequenceDescription::of_run(std::vector<double> times, std::vector<i64> jumps, double fps,
+                                                std::vector<u8> names) {
     SequenceDescription found;
     found.run_frames = {static_cast<i64>(times.size())};
     found.times = std::move(times);
+    found.jumps = std::move(jumps);
     found.fps = fps;
     found.coded_ = std::move(names);
     return found;

@@ -1,4 +1,4 @@
-// Section SEQN: the times of the frames, and what the names of objects are decoded from.
+// Section SEQN: the times of the frames, where motion jumps, and what the names of objects are decoded from.
 #pragma once
 
 #include <span>
@@ -14,12 +14,14 @@ struct SequenceDescription {
     static SequenceDescription of_bytes(std::span<const u8> data, i64 most_frames);
 
     // Of one run of frames: its times, and the coded names of its objects.
-    static SequenceDescription of_run(std::vector<double> times, double fps, std::vector<u8> names);
+    static SequenceDescription of_run(std::vector<double> times, std::vector<i64> jumps, double fps,
+                                      std::vector<u8> names);
 
     // Names of so many objects; CorruptError if there are more or fewer.
     std::vector<std::string> names(i64 objects, const TakeMemory &take) const;
 
     std::vector<double> times;    // [s], increasing
+    std::vector<i64> jumps;       // frames that motion from the frame before jumps to, increasing
     std::vector<i64> run_frames;  // of each run of frames
     double fps = 0.0;             // frames a second that the clip was made for
 

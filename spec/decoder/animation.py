@@ -51,22 +51,25 @@ def decode(data: bytes) -> Animation:
 def decode_runs(data: bytes) -> list[Animation]:
     """Decode the bytes of a file, run after run (2.3); CorruptFileError says what is wrong with it."""
     sections = read_container(data)
-    fps, frames, times, coded = read_sequence(sections["SEQN"])
+    fps, frames, times, jumps, coded = read_sequence(sections["SEQN"])
     if "RUNS" not in sections:
         require(len(frames) == 1, "several runs of frames without RUNS")
-        return [decode_run(sections, fps, times, coded)]
+        return [decode_run(sections, fps, times, jumps, coded)]
     read_names(coded, 0)
     runs, found, end = read_runs(sections["RUNS"], sections["RDAT"], len(frames)), [], 0
     for run, count in zip(runs, frames, strict=True):
         end += count
         names = Contexts(run.sections["NAME"], TEXT_WEIGHTS)
-        own = decode_run(run.sections | {"META": sections["META"]}, fps, times[end - count : end], names)
+        begin, inside = end - count, [jump - (end - count) for jump in jumps if end - count < jump < end]
+        own = decode_run(run.sections | {"META": sections["META"]}, fps, times[begin:end], inside, names)
         require(sum(mesh.vertices for mesh in own.meshes) == run.vertices, "another number of vertices than in RUNS")
         found.append(own)
     return found
 
 
-def decode_run(sections: dict[str, bytes], fps: float, times: list[float], coded: Contexts) -> Animation:
+def decode_run(
+    sections: dict[str, bytes], fps: float, times: list[float], jumps: list[int], coded: Contexts
+) -> Animation:
     """One run, of its sections; names of objects come next in a coded stream."""
     counts, conn = read_vertex_counts(sections["CONN"])
     meshes = [Mesh(name, vertices) for name, vertices in zip(read_names(coded, len(counts)), counts, strict=True)]
@@ -78,7 +81,7 @@ def decode_run(sections: dict[str, bytes], fps: float, times: list[float], coded
     space = build_space(model, patches, reference.grid)
     groups = read_groups(sections["GRUP"], len(times), [sections[name] for name in ("TIME", "COEF", "CORR")])
     remarks = read_remarks(sections["META"])
-    return Animation(meshes, times, fps, remarks, reference, Motion(times, groups, model, reference, space))
+    return Animation(meshes, times, fps, remarks, reference, Motion(times, jumps, groups, model, reference, space))
 
 
 def decode_file(path: str | Path) -> Animation:
@@ -99,13 +102,13 @@ def read_names(coded: Contexts, objects: int) -> list[str]:
     return names
 
 
-def read_sequence(data: bytes) -> tuple[float, list[int], list[float], Contexts]:
-    """Section 4: the frame rate, frames of each run, times, and the coded stream that names come next in."""
+def read_sequence(data: bytes) -> tuple[float, list[int], list[float], list[int], Contexts]:
+    """Section 4: the frame rate, frames of each run, times, jumps, and the coded stream that names come next in."""
     fields = Fields(data)
     runs = [fields.count() for _ in range(fields.count())]
     frames, flags = sum(runs), fields.u8()
     require(runs and min(runs) >= 1, "no frames")
-    rule, at_frame_rate, whole_fps, whole_start = flags & ~28, flags & 4, flags & 8, flags & 16
+    rule, at_frame_rate, whole_fps, whole_start, has_jumps = flags & ~60, flags & 4, flags & 8, flags & 16, flags & 32
     require(rule < 4 and not (rule == LISTED and flags & 20), "an unknown rule for times")
 
     def real(is_whole: int) -> float:
@@ -122,12 +125,24 @@ def read_sequence(data: bytes) -> tuple[float, list[int], list[float], Contexts]
         require(rate > 0, "a rate of times that is not above 0")
         rules = {0: lambda i: start + i / rate, 1: lambda i: (start + i) / rate, 3: lambda i: start + i * (1 / rate)}
         times = [rules[rule](i) for i in range(frames)]
+    jumps = read_jumps(fields, frames) if has_jumps else []
     contexts = Contexts(fields.rest(), TEXT_WEIGHTS)
     if rule == LISTED:
         times = times_of(ByteModel(contexts, "bytes").read_bytes(8 * frames), frames)
     require(all(abs(time) <= 2.0**53 for time in times), "a time is out of range")
     require(all(b - a >= 2.0**-53 for a, b in pairwise(times)), "times do not increase")
-    return fps, runs, times, contexts
+    return fps, runs, times, jumps, contexts
+
+
+def read_jumps(fields: Fields, frames: int) -> list[int]:
+    """Section 4: frames that are jumped to."""
+    count = fields.count()
+    require(1 <= count < frames, "no jumps, or more than there can be")
+    jumps = [0]
+    for _ in range(count):
+        jumps.append(jumps[-1] + fields.count())
+        require(jumps[-2] < jumps[-1] < frames, "a jump at no frame")
+    return jumps[1:]
 
 
 def times_of(planes: bytes, frames: int) -> list[float]:

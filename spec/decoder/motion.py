@@ -39,6 +39,20 @@ def spline_weights(times: list[float], time: float) -> list[float]:
     return weights
 
 
+def broken_weights(times: list[float], jumps: list[int], time: float) -> list[float]:
+    """16.2: the same where stretches of frames end before jumps."""
+    frame = min(bisect_right(times, time) - 1, len(times) - 1)
+    begin = max((jump for jump in jumps if jump <= frame), default=0)
+    end = min((jump for jump in jumps if jump > frame), default=len(times))
+    weights = [0.0] * len(times)
+    if frame == end - 1 and end < len(times):
+        u = (time - times[frame]) / (times[end] - times[frame])
+        weights[frame : end + 1] = [1.0 - u, u]
+    else:
+        weights[begin:end] = spline_weights(times[begin:end], time)
+    return weights
+
+
 def of_differences(slopes: list[float], h: list[float]) -> list[float]:
     """16.2: a sum of slopes s_j as one of the d_j: the transposed equations, solved from above."""
     last = len(h)
@@ -92,9 +106,15 @@ class Motion:
     """Positions at any time."""
 
     def __init__(
-        self, times: list[float], groups: list[Group], model: Model, reference: ReferenceFrame, space: Space
+        self,
+        times: list[float],
+        jumps: list[int],
+        groups: list[Group],
+        model: Model,
+        reference: ReferenceFrame,
+        space: Space,
     ) -> None:
-        self._times, self.groups, self.space, self.step = times, groups, space, model.step
+        self._times, self._jumps, self.groups, self.space, self.step = times, jumps, groups, space, model.step
         self._order = space.patches.order
         self._reference = reference.points[self._order]
         self._firsts = [0, *accumulate(group.frames for group in groups)][:-1]
@@ -163,7 +183,7 @@ class Motion:
         """Groups that take part at a time, each with weights and rows psi[x, k]."""
         if self._forms:
             return [(index, [(1.0, np.array([row] * 3))]) for index, row in weights_in_closed_form(self._forms, time)]
-        weights, found = spline_weights(self._times, time), []
+        weights, found = broken_weights(self._times, self._jumps, time), []
         for index, begin in enumerate(self._firsts):
             frames = [t for t in range(self.groups[index].frames) if weights[begin + t]]
             if frames:
