@@ -49,6 +49,10 @@ CONVENTIONS = """\
   under nodes that move, and those that move rigidly, go to the scene's root, and tangents are left out.
   Alembic: properties that its Python library has no type for, and bounds of children, are left out, aloud; instances
   that are moved are instances no more. OBJ: every frame is the original's first with other numbers.
+- **Connectivity that changes** is runs of frames, each of one connectivity: Alembic, USD, OBJ, PLY, VTU and PVD are
+  read as such and written from them. Between the last frame of a run and the first of the next the earlier is still.
+  Frames without vertices are left out, aloud. In Alembic and USD an object is one shape, empty where a run does not
+  have it; its transforms are applied, points have ids, and attributes are samples of their run.
 - **Up axis and unit** are the metadata `up_axis` and `unit`, where a file says them. `--up-axis` turns the scene,
   `--scale` scales it and its unit, `--unit` says what nobody recorded. USD files say what is known and no more; glTF
   and Alembic are Y-up, so that other scenes are turned, aloud.

@@ -30,7 +30,7 @@ from pdecodec.formats.alembic_writer import OBJECT_BYTES, SAMPLE_BYTES, time_sam
 from pdecodec.formats.normals import NormalRows, normal_rows
 from pdecodec.formats.onto import Fitted, Placed, blocks_onto, corner_order
 from pdecodec.formats.registry import Output
-from pdecodec.formats.scene_writing import drawn_as
+from pdecodec.formats.shape_writing import drawn_as
 from pdecodec.reserved_room import ReservedRoom
 from pdecodec.sequence import Float32Array, MeshObject, MeshSequence
 from pdecodec.whole_output import failure_of

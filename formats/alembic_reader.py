@@ -27,6 +27,7 @@ from pdecodec.formats.alembic_attributes import (
     FPS_PROPERTY,
     METADATA_PROPERTY,
     matrix_rows,
+    own_properties,
     read_extras,
     to_numpy,
     value_at,
@@ -285,13 +286,17 @@ class _Scan:
         """
         if self.is_first and (changed := _change_times(props)):
             self.changes[path] = changed
-        if self.is_first or path not in self.changes or self._at is None:
+        if path not in self.changes:
             return None, times
+        if self._at is None:
+            return _select(float(times[0])), times
         edges = np.array([-np.inf, *self.changes[path], np.inf])
         number = int(np.searchsorted(edges, self._at + SAME_TIME, side="right")) - 1
         inside = (times >= edges[number] - SAME_TIME) & (times < edges[number + 1] - SAME_TIME)
         own = times[inside] if inside.any() else times[:1]
-        return _select(float(own[0])), own
+        # Attributes may be others than those of the first of these samples, where what else there is has changed.
+        before = own[own <= self._at + SAME_TIME]
+        return _select(float(before[-1] if before.size else own[0])), own
 
 
 def _walk(node: Any, path: str, chain: tuple[_Transform, ...], hidden: bool, scan: _Scan) -> None:
@@ -360,7 +365,7 @@ def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[_Tran
         "curves": lambda: [schema.getNumVerticesProperty()],
         "points": lambda: [schema.getIdsProperty()],
     }.get(kind, lambda: [schema.getFaceCountsProperty(), schema.getFaceIndicesProperty()])()
-    at, times = scan.look(path, props, _sample_times(positions))
+    at, times = scan.look(path, [*props, *own_properties(schema)], _sample_times(positions))
     points = Connectivity(len(positions.getValue(_select(times[0]))))
     gather = None
     if kind == "curves":

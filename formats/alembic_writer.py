@@ -16,26 +16,24 @@ from typing import Any
 import imath
 import numpy as np
 from alembic3d import Abc, AbcCoreAbstract, AbcGeom
+from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.alembic_attributes import (
     ADDED,
     FPS_PROPERTY,
     METADATA_PROPERTY,
+    SCOPES,
+    ExtrasWriter,
     int_array,
     matrix_of,
     normal_sample,
     unsigned_array,
     uv_sample,
     vector_array,
-    write_extras,
 )
 from pdecodec.formats.attribute_roles import (
-    CURVE_BASIS,
-    CURVE_WRAP,
-    SUBDIVISION,
     UV,
-    label_of,
     reversed_corners,
     source_name,
     uv_sets,
@@ -43,10 +41,11 @@ from pdecodec.formats.attribute_roles import (
 from pdecodec.formats.registry import Output
 from pdecodec.formats.rigid_motion import rigid_parts
 from pdecodec.formats.scene_space import matrices_at, place, transform_of, up_axis_of
-from pdecodec.formats.scene_writing import ShapeWriter, tree_paths, write_shapes
+from pdecodec.formats.scene_writing import tree_paths
+from pdecodec.formats.shape_writing import ShapeKey, ShapeWriter, shape_keys, write_shapes
 from pdecodec.formats.times import regular_rate
 from pdecodec.reserved_room import ReservedRoom
-from pdecodec.sequence import Attribute, Float32Array, Float64Array, MeshObject, MeshSequence
+from pdecodec.sequence import MAX_INDEX, Attribute, Float32Array, Float64Array, MeshObject, MeshSequence
 from pdecodec.whole_output import failure_of
 
 OBJECT_BYTES, SAMPLE_BYTES = 2**16, 2**10
@@ -79,7 +78,7 @@ def write_alembic(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         sequence = place(sequence, up_axis="Y")
         if output.velocities is not None:
             output = dataclasses.replace(output, velocities=place(output.velocities, up_axis="Y"))
-    if output.velocities is None:
+    if output.velocities is None and len(sequence.runs) == 1:
         sequence = rigid_parts(sequence)
     with output.whole_file() as partial:
         try:
@@ -95,28 +94,34 @@ def _write(sequence: MeshSequence, path: Path, output: Output) -> tuple[str, ...
     archive = Abc.OArchive(str(path))
     room = ReservedRoom(path)
     # Alembic ends the process where its last bytes find no room: room is made before anything is written.
-    room.reserve(sum(map(_described_bytes, sequence.objects)) + sequence.frame_count * 64 * len(sequence.objects))
+    keys = shape_keys(sequence)
+    room.reserve(OBJECT_BYTES * len(keys) + sequence.frame_count * 64 * len(keys))
     sampling = archive.addTimeSampling(time_sampling(sequence.times, output.rate))
     top = archive.getTop()
     Abc.ODoubleProperty(top.getProperties(), FPS_PROPERTY).setValue(output.rate)
     if sequence.metadata:
         text = json.dumps(dict(sequence.metadata), sort_keys=True)
         Abc.OStringProperty(top.getProperties(), METADATA_PROPERTY).setValue(text)
-    paths, renamed = tree_paths(sequence.objects)
+    paths, renamed = tree_paths([key.name for key in keys])
     branches = _Branches(sequence, paths, top, sampling)
-    shapes = [
-        _ShapeWriter(item, branches.parent(steps), steps[-1], sampling)
-        for item, steps in zip(sequence.objects, paths, strict=True)
-    ]
-    frame_bytes = sum(shape.frame_bytes(speeds=output.velocities is not None) for shape in shapes)
-    for times in write_shapes(sequence, output, "Alembic", shapes, lambda frames: room.reserve(frames * frame_bytes)):
+    changes = len(sequence.runs) > 1
+    shapes = {
+        key: _ShapeWriter(key, branches.parent(steps), steps[-1], sampling, changes=changes)
+        for key, steps in zip(keys, paths, strict=True)
+    }
+
+    def make_room(frames: int) -> None:
+        speeds = output.velocities is not None
+        room.reserve(sum(shape.block_bytes(frames, speeds=speeds) for shape in shapes.values()))
+
+    for times in write_shapes(sequence, output, "Alembic", shapes, make_room):
         branches.write(times)
-    notices = dict.fromkeys(notice for shape in shapes for notice in shape.notices)
+    notices = dict.fromkeys(notice for shape in shapes.values() for notice in shape.notices)
     return (*renamed, *notices)
 
 
 def _described_bytes(item: MeshObject) -> int:
-    """At most, of what is written of an object beside its samples."""
+    """At most, of what is written of an object in a run of frames beside its samples."""
     arrays = [item.connectivity.face_counts, item.connectivity.face_indices, item.connectivity.line_indices]
     arrays += [one for each in item.attributes for one in (each.values, each.indices) if one is not None]
     labels = sum(len(label) for each in item.attributes for label in each.labels)
@@ -144,7 +149,9 @@ class _Branches:
 
     def __init__(self, sequence: MeshSequence, paths: Sequence[tuple[str, ...]], top: Any, sampling: int) -> None:
         self._nodes: dict[tuple[str, ...], Any] = {(): top}
-        transforms = [transform_of(item) for item in sequence.objects]
+        # Several runs of frames have their transforms applied.
+        objects = sequence.objects if len(sequence.runs) == 1 else ()
+        transforms = [transform_of(item) for item in objects] or [None] * len(paths)
         above: dict[tuple[str, ...], list[Attribute | None]] = {}
         for steps, transform in zip(paths, transforms, strict=True):
             above.setdefault(steps[:-1], []).append(transform)
@@ -194,75 +201,101 @@ def _same(a: Attribute | None, b: Attribute | None) -> bool:
 
 
 class _ShapeWriter(ShapeWriter):
-    """One object: its shape, and samples as frames come."""
+    """One shape, and samples as frames come."""
 
-    def __init__(self, item: MeshObject, parent: Any, name: str, sampling: int) -> None:
-        super().__init__(item, "Alembic")
-        self._scheme = label_of(item, SUBDIVISION) if self.drawn.kind == "mesh" else None
-        shape, self._new_sample = _SHAPES["subdivision" if self._scheme else self.drawn.kind]
+    def __init__(self, key: ShapeKey, parent: Any, name: str, sampling: int, *, changes: bool) -> None:
+        super().__init__(key, "Alembic", changes=changes)
+        shape, self._new_sample = _SHAPES["subdivision" if key.kind == "mesh" and key.subdivision else key.kind]
         self._handle = shape(parent, name, sampling)
         self._schema = self._handle.getSchema()
-        self._ids = imath.IntArray(0)
+        self._extras = ExtrasWriter(self._handle, sampling if changes else None)
         self._previous: Float32Array | None = None
+        """Positions of the frame before, if it is of the same run."""
+        self._has_uvs = self._has_normals = False
+
+    def begin(self, item: MeshObject, times: Float64Array) -> None:
+        super().begin(item, times)
+        self._previous = None
+        self._ids = imath.IntArray(0)
+        numbers = self.numbered_points(MAX_INDEX)
+        if numbers is not None:
+            self._ids = int_array(numbers)
         self._corner_rows: Any = None
-        if self.normals is not None and not self.normals.is_smooth:
+        # Whether normals are of vertices or of corners is said once for all runs.
+        if self.normals is not None and (self.changes or not self.normals.is_smooth):
             order = reversed_corners(item.connectivity.face_counts)
             self._corner_rows = unsigned_array(self.normals.corner_rows[order])
         self.in_samples += [uv.name for uv in uv_sets(item)[:1]]
 
-    def frame_bytes(self, *, speeds: bool) -> int:
-        """At most, of a sample."""
+    def block_bytes(self, frames: int, *, speeds: bool) -> int:
+        """At most, of samples of so many frames that are next."""
         normals = 0 if self.normals is None else self.normals.count + len(self.normals.corner_rows)
         points = self.item.vertex_count if self.drawn.gather is None else len(self.drawn.gather)
-        return SAMPLE_BYTES + 12 * (points * (2 if speeds else 1) + normals)
+        described = _described_bytes(self.item) if self._previous is None else 0
+        return described + frames * (SAMPLE_BYTES + 12 * (points * (2 if speeds else 1) + normals))
 
     def write(self, points: Float32Array, speeds: Float32Array | None, times: Float64Array) -> None:
         for frame, normals in enumerate(self.normals_at(points)):
             self._sample(points[frame], None if speeds is None else speeds[frame], normals)
 
     def _sample(self, points: Float32Array, speeds: Float32Array | None, normals: Float32Array | None) -> None:
+        first = self._previous is None
         if speeds is None and self._previous is not None and np.array_equal(points, self._previous):
             self._schema.setFromPrevious()
+            self._extras.repeat()
             return
-        # After the first a sample is of positions alone: the rest is that of the first.
+        # After the first of a run a sample is of positions alone: the rest is that of the first.
         sample = self._new_sample()
-        if self._previous is None:
+        if first:
             self._describe(sample)
         sample.setPositions(vector_array(points))
         if speeds is not None:
             sample.setVelocities(vector_array(speeds))
         if normals is not None:
             sample.setNormals(normal_sample(normals, self._corner_rows))
-        if self.drawn.kind == "points":
+        elif first and self._has_normals:
+            sample.setNormals(normal_sample(np.zeros((0, 3), np.float32), unsigned_array([])))
+        self._has_normals |= normals is not None
+        if self.key.kind == "points":
             sample.setIds(self._ids)
         self._schema.set(sample)
-        if self._previous is None:
-            self.notices += write_extras(self.item, self.drawn, self._handle, self.in_samples)
+        if first:
+            self.notices += self._extras.write(self.item, self.drawn, self.in_samples)
+        else:
+            self._extras.repeat()
         self._previous = points.copy()
 
     def _describe(self, sample: Any) -> None:
         """Faces or curves, and the main UV set."""
         connectivity = self.item.connectivity
-        if self.drawn.kind == "mesh":
+        if self.key.kind == "mesh":
             order = reversed_corners(connectivity.face_counts)
             sample.setFaceCounts(int_array(connectivity.face_counts))
             sample.setFaceIndices(int_array(connectivity.face_indices[order]))
-            for uv in uv_sets(self.item)[:1]:
-                if uv.name != UV:
-                    self._schema.setUVSourceName(source_name(uv, UV, UV))
-                sample.setUVs(uv_sample(uv, connectivity, order))
-            if self._scheme:
-                sample.setSubdivisionScheme(self._scheme)
-        elif self.drawn.kind == "curves":
+            self._describe_uvs(sample, order)
+            if self.key.subdivision:
+                sample.setSubdivisionScheme(self.key.subdivision)
+        elif self.key.kind == "curves":
             self._describe_curves(sample)
+
+    def _describe_uvs(self, sample: Any, order: NDArray[np.int64]) -> None:
+        for uv in uv_sets(self.item)[:1]:
+            if uv.name != UV and not self._has_uvs:
+                self._schema.setUVSourceName(source_name(uv, UV, UV))
+            sample.setUVs(uv_sample(uv, self.item.connectivity, order, by_corner=self.changes))
+            self._has_uvs = True
+            return
+        if self._has_uvs:
+            nothing = vector_array(np.zeros((0, 2)))
+            sample.setUVs(AbcGeom.OV2fGeomParamSample(nothing, unsigned_array([]), SCOPES["corner"]))
 
     def _describe_curves(self, sample: Any) -> None:
         sample.setCurvesNumVertices(int_array(self.item.connectivity.line_counts))
-        basis = label_of(self.item, CURVE_BASIS) or "linear"
+        basis = self.key.curve_basis or "linear"
         cubic = _BASES.get(basis.removeprefix("cubic ")) if basis.startswith("cubic ") else None
         sample.setType(AbcGeom.CurveType.kLinear if cubic is None else AbcGeom.CurveType.kCubic)
         sample.setBasis(AbcGeom.BasisType.kNoBasis if cubic is None else cubic)
         if cubic is None and basis != "linear":
-            self.notices.append(f"curves of object {self.item.name!r} are written as lines, not as {basis}")
-        wrap, periodic = AbcGeom.CurvePeriodicity, label_of(self.item, CURVE_WRAP) == "periodic"
+            self.notices.append(f"curves of object {self.key.name!r} are written as lines, not as {basis}")
+        wrap, periodic = AbcGeom.CurvePeriodicity, self.key.curve_wrap == "periodic"
         sample.setWrap(wrap.kPeriodic if periodic else wrap.kNonPeriodic)

@@ -88,13 +88,14 @@ BUILT_IN = (
         times="microseconds",
         extra="abc",
         options=("transforms", "skip_unsupported"),
+        holds_runs=True,
         holds_transforms=True,
         holds_velocities=True,
         keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, hard "
-        "edges, face sets, constant parameters, transforms (--transforms keep), instances as objects, irregular "
-        "times, velocities (written)",
-        loses="stored velocities, parameters that change, cameras and lights, NURBS, changing "
-        "connectivity, files of the HDF5 kind",
+        "edges, face sets, constant parameters, connectivity that changes, with the parameters of each run, ids of "
+        "points that come and go, transforms (--transforms keep), instances as objects, irregular times, velocities "
+        "(written)",
+        loses="stored velocities, parameters that change, cameras and lights, NURBS, files of the HDF5 kind",
     ),
     Format(
         name="usd",
@@ -102,20 +103,22 @@ BUILT_IN = (
         extensions=(".usd", ".usda", ".usdc", ".usdz"),
         magic=(b"PXR-USDC", b"#usda 1.0"),
         shared_magic=(b"PK\x03\x04",),
-        reader="pdecodec.formats.usd_reader:UsdSequence",
+        reader="pdecodec.formats.usd_reader:open_usd",
         writer="pdecodec.formats.usd_writer:write_usd",
         onto="pdecodec.formats.usd_onto:write_usd_onto",
         times="microseconds",
         extra="usd",
         options=("transforms", "skip_unsupported"),
+        holds_runs=True,
         holds_transforms=True,
         holds_velocities=True,
         keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, hard "
-        "edges, other constant primvars, face subsets and material names, transforms (--transforms keep), irregular "
-        "times, up axis, unit, velocities (written); UsdSkel and blend shapes are applied, implicit shapes "
+        "edges, other constant primvars, face subsets and material names, connectivity that changes, with the primvars "
+        "of each run, ids of points that come and go, transforms (--transforms keep), irregular times, up axis, unit, "
+        "velocities (written); UsdSkel and blend shapes are applied, implicit shapes "
         "become polygons, instances objects",
         loses="stored velocities, primvars that change, creases, cameras and lights, materials but for "
-        "their names, visibility, NURBS, changing connectivity",
+        "their names, visibility, NURBS, instances that come and go",
     ),
     Format(
         name="gltf",

@@ -354,7 +354,7 @@ def runs_of_frames(
         begin, end, _ = kept[number]
         return open_run(begin, (times[begin:end], fps, ())) if number else first
 
-    return ChangingSequence(
+    sequence = ChangingSequence(
         OpenedRuns(of, len(kept)),
         times=np.concatenate([times[begin:end] for begin, end, _ in kept]),
         frames=frames,
@@ -363,6 +363,8 @@ def runs_of_frames(
         metadata=first.metadata,
         notices=first.notices,
     )
+    sequence.unsupported = first.unsupported
+    return sequence
 
 
 def _difference(mine: Connectivity, first: Connectivity) -> str:

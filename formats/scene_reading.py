@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import GROUP, MATERIAL, UV, face_groups
@@ -144,7 +144,7 @@ class Shape:
 
 def runs_of_scene(
     times: Float64Array,
-    changes: Sequence[Sequence[float]],
+    changes: Sequence[ArrayLike],
     timing: Timing,
     open_run: Callable[[int, Timing], MeshSequence],
 ) -> MeshSequence:
@@ -153,14 +153,14 @@ def runs_of_scene(
     Parameters
     ----------
     times : (frames,) float64 [s]
-    changes : sequence of sequences of float [s]
+    changes : sequence of array of float [s]
         When the connectivity of each object changes.
     timing : Timing
         Of all frames.
     open_run : callable
         Gives the run from a frame on, given its timing.
     """
-    edges = np.unique(np.concatenate([np.zeros(0), *changes]))
+    edges = np.unique(np.concatenate([np.zeros(0), *map(np.asarray, changes)]))
     numbers = np.searchsorted(edges, times + SAME_TIME, side="right")
     firsts = np.flatnonzero(np.diff(numbers, prepend=numbers[0] - 1)).tolist()
     if len(firsts) == 1:

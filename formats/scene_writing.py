@@ -1,11 +1,10 @@
-"""What writers of scenes share: names as paths of a tree, what an object is drawn as, its attributes as parameters."""
+"""What writers of scenes share: names as paths of a tree, sets of faces, attributes as parameters."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,21 +22,11 @@ from pdecodec.formats.attribute_roles import (
     face_sets,
     indexed_rows,
     is_role,
-    label_of,
     uv_sets,
 )
-from pdecodec.formats.normals import NORMAL_GROUP, normal_rows
-from pdecodec.formats.registry import Output
 from pdecodec.formats.scene_space import TRANSFORM
-from pdecodec.sequence import (
-    Attribute,
-    Connectivity,
-    Float32Array,
-    Float64Array,
-    Int32Array,
-    MeshObject,
-    MeshSequence,
-)
+from pdecodec.formats.shape_writing import Drawn
+from pdecodec.sequence import Attribute, Float32Array, Int32Array, MeshObject
 
 DEFAULT_NAME = "mesh"
 """Name of an object, or of a step of its path, that has none."""
@@ -52,7 +41,7 @@ def steps_of(name: str) -> tuple[str, ...]:
 
 
 def tree_paths(
-    objects: Sequence[MeshObject], valid: Callable[[str], str] = lambda name: name
+    names: Sequence[str], valid: Callable[[str], str] = lambda name: name
 ) -> tuple[list[tuple[str, ...]], tuple[str, ...]]:
     """Paths of objects from their names, and a line about those that had to change.
 
@@ -63,107 +52,21 @@ def tree_paths(
     branches: set[tuple[str, ...]] = set()
     paths: list[tuple[str, ...]] = []
     renamed: dict[str, None] = {}
-    wanted = [steps_of(item.name) or (DEFAULT_NAME,) for item in objects]
+    wanted = [steps_of(name) or (DEFAULT_NAME,) for name in names]
     for steps in wanted:
         branches.update(tuple(map(valid, steps[:length])) for length in range(1, len(steps)))
-    for item, steps in zip(objects, wanted, strict=True):
+    for name, steps in zip(names, wanted, strict=True):
         path = tuple(map(valid, steps))
         number = 1
         while path in taken or path in branches:
             number += 1
             path = (*path[:-1], valid(f"{steps[-1]}_{number}"))
-        if "/".join(path) != item.name:
-            renamed[f"{item.name!r} as {'/'.join(path)!r}"] = None
+        if "/".join(path) != name:
+            renamed[f"{name!r} as {'/'.join(path)!r}"] = None
         taken.add(path)
         paths.append(path)
     notices = (f"names that had to change: {', '.join(renamed)}",) if renamed else ()
     return paths, notices
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """What an object is in formats where meshes, curves and points are things apart.
-
-    Attributes
-    ----------
-    kind : {"mesh", "curves", "points"}
-        Faces; lines alone, every vertex in one; else points.
-    gather : (line points,) int32 or None
-        Vertex of each point of its curves, where that is not all of them in order.
-    hidden_lines : bool
-        Whether it has lines that do not show: beside faces, or beside vertices that no line has.
-    """
-
-    kind: Literal["mesh", "curves", "points"]
-    gather: Int32Array | None = None
-    hidden_lines: bool = False
-
-
-def drawn_as(connectivity: Connectivity) -> Drawn:
-    """What an object of this connectivity is drawn as."""
-    if connectivity.face_count:
-        return Drawn("mesh", hidden_lines=connectivity.line_count > 0)
-    if not connectivity.line_count:
-        return Drawn("points")
-    indices = connectivity.line_indices
-    if connectivity.line_counts.min() < 2 or np.unique(indices).size < connectivity.vertex_count:
-        return Drawn("points", hidden_lines=True)
-    in_order = np.array_equal(indices, np.arange(connectivity.vertex_count))
-    return Drawn("curves", gather=None if in_order else indices)
-
-
-class ShapeWriter(ABC):
-    """Writes one object.
-
-    Parameters
-    ----------
-    item : MeshObject
-    title : str
-        Of the format.
-    """
-
-    def __init__(self, item: MeshObject, title: str) -> None:
-        self.item, self.drawn = item, drawn_as(item.connectivity)
-        # A subdivision surface has no normals but its own.
-        self.normals = None if label_of(item, SUBDIVISION) else normal_rows(item)
-        self.in_samples = [] if self.normals is None else [NORMAL_GROUP]
-        """Names of attributes that samples hold."""
-        self.notices: list[str] = []
-        if self.drawn.hidden_lines:
-            self.notices.append(f"lines of object {item.name!r} show in pdecodec alone: {title}'s curves are apart")
-
-    def normals_at(self, points: Float32Array) -> Iterator[Float32Array | None]:
-        """Rows of normals (rows, 3) at each of some positions (frames, vertices, 3); None where there are none."""
-        return iter([None] * len(points)) if self.normals is None else self.normals.of_each(points)
-
-    @abstractmethod
-    def write(self, points: Float32Array, speeds: Float32Array | None, times: Float64Array) -> None:
-        """Write samples of positions, and of velocities, at times [s], for the points that the object is drawn with."""
-
-
-def write_shapes(
-    sequence: MeshSequence,
-    output: Output,
-    title: str,
-    shapes: Sequence[ShapeWriter],
-    before: Callable[[int], None] = lambda frames: None,
-) -> Iterator[Float64Array]:
-    """Write samples of all shapes block by block; the times [s] of each block, when it is written.
-
-    `before` is called with the number of frames of a block that is about to be written.
-    """
-    for start, block in output.blocks(sequence, title):
-        before(len(block))
-        times = sequence.times[start : start + len(block)]
-        moving = None if output.velocities is None else output.velocities.read_frames(start, start + len(block))
-        first = 0
-        for shape in shapes:
-            own: Any = slice(first, first + shape.item.vertex_count)
-            if shape.drawn.gather is not None:
-                own = first + shape.drawn.gather
-            shape.write(block[:, own], None if moving is None else moving[:, own], times)
-            first += shape.item.vertex_count
-        yield times
 
 
 def named_face_sets(item: MeshObject, valid: Callable[[str], str]) -> Iterator[tuple[str, str, str, Int32Array]]:
@@ -171,13 +74,17 @@ def named_face_sets(item: MeshObject, valid: Callable[[str], str]) -> Iterator[t
     taken: set[str] = set()
     for role in (GROUP, MATERIAL):
         for label, members in face_sets(item, role):
-            name = base = valid(label or role)
-            number = 1
-            while name in taken:
-                number += 1
-                name = f"{base}_{number}"
-            taken.add(name)
-            yield role, label, name, members
+            yield role, label, unlike(valid(label or role), taken), members
+
+
+def unlike(name: str, taken: set[str]) -> str:
+    """A name that is not taken yet, which then is: itself, or with a number behind it."""
+    found, number = name, 1
+    while found in taken:
+        number += 1
+        found = f"{name}_{number}"
+    taken.add(found)
+    return found
 
 
 @dataclass(frozen=True)

@@ -12,25 +12,24 @@ import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 
 from pdecodec.errors import InputError
-from pdecodec.formats.attribute_roles import CURVE_BASIS, CURVE_WRAP, SUBDIVISION, label_of
 from pdecodec.formats.registry import Output
 from pdecodec.formats.rigid_motion import rigid_parts
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, matrices_at, metres_per_unit, transform_of, up_axis_of
-from pdecodec.formats.scene_writing import ShapeWriter, drawn_as, steps_of, tree_paths, write_shapes
+from pdecodec.formats.scene_writing import steps_of, tree_paths
+from pdecodec.formats.shape_writing import ShapeKey, ShapeWriter, shape_keys, write_shapes
 from pdecodec.formats.times import codes_of
 from pdecodec.formats.usd_attributes import (
     ADDED,
     METADATA,
     NAME,
     NORMALS,
-    OWN,
     SAMPLED,
+    ExtrasWriter,
     int_array,
     valid_name,
-    write_extras,
 )
-from pdecodec.formats.usd_reader import SUBDIVISION_SCHEMES
-from pdecodec.sequence import Float32Array, Float64Array, MeshObject, MeshSequence
+from pdecodec.formats.usd_shapes import SUBDIVISION_SCHEMES
+from pdecodec.sequence import Attribute, Float32Array, Float64Array, MeshObject, MeshSequence
 from pdecodec.whole_output import check_writable, failure_of, move_into, partial_folder, write_errors
 
 ROOT = "scene"
@@ -47,7 +46,7 @@ _BASES = {"bezier": "bezier", "bspline": "bspline", "catmullrom": "catmullRom"}
 def write_usd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     """Write a stage: text where the name ends in ``.usda``, else binary; in a package for ``.usdz``."""
     path = output.path
-    if output.velocities is None:
+    if output.velocities is None and len(sequence.runs) == 1:
         sequence = rigid_parts(sequence)
     check_writable(path, overwrite=output.overwrite)
     with partial_folder(path) as folder, write_errors(path):
@@ -74,20 +73,22 @@ class _Stage:
     def __init__(self, sequence: MeshSequence, stage: Any, output: Output) -> None:
         self._sequence, self._stage, self._output = sequence, stage, output
         self.notices: list[str] = []
-        paths, _ = tree_paths(sequence.objects, valid_name)
-        self._describe(paths)
-        self._prims = [
-            _PrimWriter(stage.GetPrimAtPath(self._make_path(item, steps)), item, output.rate)
-            for item, steps in zip(sequence.objects, paths, strict=True)
-        ]
+        keys = shape_keys(sequence)
+        paths, _ = tree_paths([key.name for key in keys], valid_name)
+        self._describe([key.name for key in keys], paths)
+        changes = len(sequence.runs) > 1
+        self._shapes = {
+            key: _PrimWriter(stage.GetPrimAtPath(self._make_path(key, steps)), key, output.rate, changes=changes)
+            for key, steps in zip(keys, paths, strict=True)
+        }
 
     def write(self) -> tuple[str, ...]:
-        for _ in write_shapes(self._sequence, self._output, "USD", self._prims):
+        for _ in write_shapes(self._sequence, self._output, "USD", self._shapes):
             self._stage.GetRootLayer().Save()
-        told = dict.fromkeys(notice for prim in self._prims for notice in prim.notices)
+        told = dict.fromkeys(notice for shape in self._shapes.values() for notice in shape.notices)
         return (*self.notices, *told)
 
-    def _describe(self, paths: Sequence[tuple[str, ...]]) -> None:
+    def _describe(self, names: Sequence[str], paths: Sequence[tuple[str, ...]]) -> None:
         sequence, stage = self._sequence, self._stage
         codes = codes_of(sequence.times, self._output.rate)
         stage.SetTimeCodesPerSecond(self._output.rate)
@@ -120,9 +121,9 @@ class _Stage:
         layer.customLayerData = data
         # Names that USD cannot hold come back, from the prims' custom data; others do not.
         renamed = [
-            f"{item.name!r} as {'/'.join(path)!r}"
-            for item, path in zip(sequence.objects, paths, strict=True)
-            if tuple(map(valid_name, steps_of(item.name))) != path
+            f"{name!r} as {'/'.join(path)!r}"
+            for name, path in zip(names, paths, strict=True)
+            if tuple(map(valid_name, steps_of(name))) != path
         ]
         if renamed:
             self.notices.append(f"names that had to change: {', '.join(renamed)}")
@@ -134,16 +135,16 @@ class _Stage:
             self._root = root.GetPath()
             stage.SetDefaultPrim(root)
 
-    def _make_path(self, item: MeshObject, steps: tuple[str, ...]) -> Any:
-        """The path of an object's prim, those above it made where they are not there yet."""
+    def _make_path(self, key: ShapeKey, steps: tuple[str, ...]) -> Any:
+        """The path of a shape's prim, those above it made where they are not there yet."""
         path = self._root
-        names = steps_of(item.name)
+        names = steps_of(key.name)
         for index, step in enumerate(steps):
             path = path.AppendChild(step)
             last = index == len(steps) - 1
             prim = self._stage.GetPrimAtPath(path)
             if not prim:
-                kind = _SCHEMAS[drawn_as(item.connectivity).kind] if last else UsdGeom.Xform
+                kind = _SCHEMAS[key.kind] if last else UsdGeom.Xform
                 prim = kind.Define(self._stage, path).GetPrim()
                 if index < len(names) and valid_name(names[index]) == step != names[index]:
                     prim.SetCustomDataByKey(NAME, names[index])
@@ -159,27 +160,54 @@ def vectors(rows: Float32Array) -> Any:
 
 
 class _PrimWriter(ShapeWriter):
-    """One object: its prim, and samples as frames come."""
+    """One shape: its prim, and samples as frames come.
 
-    def __init__(self, prim: Any, item: MeshObject, rate: float) -> None:
-        super().__init__(item, "USD")
-        self._rate = rate
-        self._geometry = _SCHEMAS[self.drawn.kind](prim)
+    What is described is a sample at the first frame of a run where there are several runs.
+    """
+
+    def __init__(self, prim: Any, key: ShapeKey, rate: float, *, changes: bool) -> None:
+        super().__init__(key, "USD", changes=changes)
+        self._rate, self._prim = rate, prim
+        self._geometry = _SCHEMAS[key.kind](prim)
         self._points = self._geometry.CreatePointsAttr()
         self._extent = self._geometry.CreateExtentAttr()
-        self._transform = transform_of(item)
-        self._op = None
+        self._extras = ExtrasWriter(prim)
+        self._normals: Any = None
+        self._transform: Attribute | None = None
+        self._op: Any = None
+        self._first: Any = None
+        """Time code at which the first run begins, or USD's for what has no samples."""
+        self._at: Any = None
+        """The same of this run."""
+        if key.kind == "mesh":
+            schemes = {ours: theirs for theirs, ours in SUBDIVISION_SCHEMES.items()}
+            self._geometry.CreateSubdivisionSchemeAttr(schemes.get(key.subdivision or "", "none"))
+        elif key.kind == "curves":
+            self._describe_curves()
+
+    def begin(self, item: MeshObject, times: Float64Array) -> None:
+        super().begin(item, times)
+        ends = [Usd.TimeCode(code) for code in codes_of(times[[0, -1]], self._rate).tolist()]
+        ends = ends[: times.size] if self.changes else [Usd.TimeCode.Default()]
+        self._at = ends[0]
+        if self._first is None:
+            self._first = self._at
+        if self.changes and not item.vertex_count:
+            self._points.Set(Vt.Vec3fArray(), self._at)
+        elif not self.changes:
+            self._transform = transform_of(item)
         if self._transform is not None:
             self._geometry.SetResetXformStack(True)
             self._op = self._geometry.AddTransformOp()
-        self._normals: Any = None
         self._describe()
-        self._write_own(prim)
-        self.notices += write_extras(prim, item, self.drawn, self.in_samples)
+        self.notices += self._extras.write(item, self.drawn, self.in_samples, ends)
 
     def write(self, points: Float32Array, speeds: Float32Array | None, times: Float64Array) -> None:
         if not points.shape[1]:
-            self._points.Set(Vt.Vec3fArray())
+            if not self.changes:
+                self._points.Set(Vt.Vec3fArray())
+            elif speeds is not None:
+                self._geometry.CreateVelocitiesAttr().Set(Vt.Vec3fArray(), self._at)
             return
         # Coordinate by coordinate: minima along rows of three are ten times as slow.
         axes = np.ascontiguousarray(points.transpose(0, 2, 1))
@@ -202,39 +230,42 @@ class _PrimWriter(ShapeWriter):
             self._op.Set(Gf.Matrix4d(*numbers), code)
 
     def _describe(self) -> None:
-        """Faces or curves: what does not change."""
-        connectivity, geometry = self.item.connectivity, self._geometry
-        if self.drawn.kind == "mesh":
-            geometry.CreateFaceVertexCountsAttr(int_array(connectivity.face_counts))
-            geometry.CreateFaceVertexIndicesAttr(int_array(connectivity.face_indices))
-            schemes = {ours: theirs for theirs, ours in SUBDIVISION_SCHEMES.items()}
-            geometry.CreateSubdivisionSchemeAttr(schemes.get(label_of(self.item, SUBDIVISION) or "", "none"))
-            if self.normals is not None and self.normals.is_smooth:
-                self._normals = geometry.CreateNormalsAttr()
-            elif self.normals is not None:
-                kind = Sdf.ValueTypeNames.Normal3fArray
-                self._normals = UsdGeom.PrimvarsAPI(geometry).CreatePrimvar(NORMALS, kind, "faceVarying")
-                self._normals.SetIndices(int_array(self.normals.corner_rows))
-        elif self.drawn.kind == "curves":
-            geometry.CreateCurveVertexCountsAttr(int_array(connectivity.line_counts))
-            basis = label_of(self.item, CURVE_BASIS) or "linear"
-            cubic = _BASES.get(basis.removeprefix("cubic "))
-            geometry.CreateTypeAttr("cubic" if cubic else "linear")
-            if cubic:
-                geometry.CreateBasisAttr(cubic)
-            elif basis != "linear":
-                self.notices.append(f"curves of object {self.item.name!r} are written as lines, not as {basis}")
-            wrap = label_of(self.item, CURVE_WRAP)
-            geometry.CreateWrapAttr(wrap if wrap in ("periodic", "pinned") else "nonperiodic")
+        """Faces, curves or ids of points: what does not change within a run."""
+        connectivity, geometry, at = self.item.connectivity, self._geometry, self._at
+        if self.key.kind == "mesh":
+            geometry.CreateFaceVertexCountsAttr().Set(int_array(connectivity.face_counts), at)
+            geometry.CreateFaceVertexIndicesAttr().Set(int_array(connectivity.face_indices), at)
+            self._describe_normals()
+        elif self.key.kind == "curves":
+            geometry.CreateCurveVertexCountsAttr().Set(int_array(connectivity.line_counts), at)
+        numbers = self.numbered_points(np.iinfo(np.int64).max)
+        if numbers is not None:
+            geometry.CreateIdsAttr().Set(Vt.Int64Array.FromNumpy(np.ascontiguousarray(numbers, np.int64)), at)
 
-    def _write_own(self, prim: Any) -> None:
-        """What USD's shapes cannot say, in attributes of our own."""
-        connectivity = self.item.connectivity
-        arrays = {}
-        if self.drawn.gather is not None:
-            arrays["vertex"] = self.drawn.gather
-        if self.drawn.hidden_lines:
-            arrays = {"lineCounts": connectivity.line_counts, "lineIndices": connectivity.line_indices}
-        for name, array in arrays.items():
-            attribute = prim.CreateAttribute(f"{OWN}:{name}", Sdf.ValueTypeNames.IntArray, True, Sdf.VariabilityUniform)
-            attribute.Set(int_array(array))
+    def _describe_normals(self) -> None:
+        """Of vertices where that is enough; where connectivity changes, always of corners: that is said once."""
+        if self.normals is None:
+            if self._normals is not None:
+                self._normals.Set(Vt.Vec3fArray(), self._at)
+                self._normals.SetIndices(Vt.IntArray(), self._at)
+        elif self.normals.is_smooth and not self.changes:
+            self._normals = self._geometry.CreateNormalsAttr()
+        else:
+            if self._normals is None:
+                kind = Sdf.ValueTypeNames.Normal3fArray
+                self._normals = UsdGeom.PrimvarsAPI(self._geometry).CreatePrimvar(NORMALS, kind, "faceVarying")
+                if self._first != self._at:
+                    self._normals.Set(Vt.Vec3fArray(), self._first)
+                    self._normals.SetIndices(Vt.IntArray(), self._first)
+            self._normals.SetIndices(int_array(self.normals.corner_rows), self._at)
+
+    def _describe_curves(self) -> None:
+        geometry, basis = self._geometry, self.key.curve_basis or "linear"
+        cubic = _BASES.get(basis.removeprefix("cubic "))
+        geometry.CreateTypeAttr("cubic" if cubic else "linear")
+        if cubic:
+            geometry.CreateBasisAttr(cubic)
+        elif basis != "linear":
+            self.notices.append(f"curves of object {self.key.name!r} are written as lines, not as {basis}")
+        wrap = self.key.curve_wrap
+        geometry.CreateWrapAttr(wrap if wrap in ("periodic", "pinned") else "nonperiodic")

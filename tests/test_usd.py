@@ -267,19 +267,46 @@ def test_joints_move_curves_and_points_too_and_normals_that_would_stand_still_ar
         read.read_frames(0, 1)
 
 
-def test_faces_that_change_are_refused_or_left_out_by_name(tmp_path: Path) -> None:
+def test_faces_that_change_begin_a_run_of_frames(tmp_path: Path) -> None:
     stage = stage_at(tmp_path / "x.usda")
     triangle(stage, "/good")
-    changing = triangle(stage, "/branch/changing").GetFaceVertexIndicesAttr()
+    changing = triangle(stage, "/branch/changing")
     for code, faces in ((0, [0, 1, 2]), (5, [0, 1, 2]), (7, [2, 1, 0])):
-        changing.Set(faces, code)
+        changing.GetFaceVertexIndicesAttr().Set(faces, code)
+    for code, up in ((0, 0), (5, 1), (7, 8)):
+        changing.GetPointsAttr().Set([(0, 0, up), (1, 0, up), (0, 1, up)], code)
     stage.Save()
-    with pytest.raises(InputError, match="object 'branch/changing' has faces that change at time code 7"):
+    with open_sequence(tmp_path / "x.usda") as read:
+        assert read.run_starts.tolist() == [0, 2]
+        assert (read.times * 24).round(9).tolist() == [0, 5, 7]
+        faces = [run.objects[1].connectivity.face_indices.tolist() for run in read.runs]
+        assert faces == [[0, 1, 2], [2, 1, 0]]
+    # Between the samples of two runs the earlier one stands still, though USD itself goes on to the later one.
+    with open_sequence(tmp_path / "x.usda", fps=24) as read:
+        assert read.run_starts.tolist() == [0, 7]
+        up = [float(points[3, 2]) for _, block in read.blocks() for points in block]
+        assert np.allclose(up, [0, 0.2, 0.4, 0.6, 0.8, 1, 1, 8])
+
+
+def test_points_without_ids_are_others_where_there_are_more_or_fewer(tmp_path: Path) -> None:
+    stage = stage_at(tmp_path / "x.usda")
+    drops = UsdGeom.Points.Define(stage, "/drops")
+    for code, count in enumerate((0, 2, 2, 3)):
+        drops.GetPointsAttr().Set([(number, code, 0) for number in range(count)], code)
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        assert "1 of 4 frames have no vertices" in read.notices[-1]
+        assert [(run.vertex_count, run.frame_count) for run in read.runs] == [(2, 2), (3, 1)]
+        assert not read.runs[0].objects[0].attributes
+
+
+def test_instances_of_what_changes_are_refused_by_name(tmp_path: Path) -> None:
+    stage, _ = instancer(tmp_path / "x.usda")
+    for code, faces in ((0, [0, 1, 2]), (3, [2, 1, 0])):
+        UsdGeom.Mesh(stage.GetPrimAtPath("/up/many/tree/leaf")).GetFaceVertexIndicesAttr().Set(faces, code)
+    stage.Save()
+    with pytest.raises(InputError, match="object 'up/many' has a prototype whose faces or points change"):
         open_sequence(tmp_path / "x.usda")
-    with open_sequence(tmp_path / "x.usda", skip_unsupported=True) as read:
-        assert [item.name for item in read.objects] == ["good"]
-        assert [item.name for item in read.unsupported] == ["branch/changing"]
-        assert "'branch/changing' is left out" in read.notices[0]
 
 
 @pytest.mark.parametrize(
@@ -395,7 +422,7 @@ def test_instances_become_objects_and_prototypes_stand_nowhere_themselves(tmp_pa
 def test_instances_that_cannot_be_placed_are_refused_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: Any, message: str
 ) -> None:
-    monkeypatch.setattr("pdecodec.formats.usd_reader.MOST_INSTANCED", 17)
+    monkeypatch.setattr("pdecodec.formats.usd_shapes.MOST_INSTANCED", 17)
     stage, made = instancer(tmp_path / "x.usda")
     made.CreateIdsAttr()
     change(made)
