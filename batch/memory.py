@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Condition
 
-from pdecodec.encoder import BASIS_BYTES, GROUP_BYTES, group_frames
+from pdecodec.encodememory import BASIS_BYTES, FIXED_BYTES, GROUP_BYTES, GROUP_COPIES
 from pdecodec.spacebasis import MOST_FUNCTIONS
 
 AVAILABLE_SHARE = 0.8
@@ -19,31 +19,8 @@ UNKNOWN_MEMORY = 4 * 2**30
 """Where the system does not say how much there is [bytes]."""
 
 
-GROUP_COPIES = 13
-"""Times the displacements of a group, in float64, that the search of a model holds at most: measured on motion that
-takes most functions of time, 12.2 on 3,000 vertices and 11.9 on 20,000. Smooth motion takes a third of it."""
-
-FIXED_BYTES = 2**27
-"""Of interpreter and libraries."""
-
-VERTEX_BYTES = 600
-"""Of a vertex: its faces, reference frame and patches, however few frames there are."""
-
-
-def encoding_bytes(frames: int, vertices: int) -> int:
-    """Memory that encoding a clip takes at most, about [bytes]: however long the clip is, that of its longest group.
-
-    Parameters
-    ----------
-    frames, vertices : int
-    """
-    group = 24 * vertices * min(frames, group_frames(vertices))
-    basis = min(BASIS_BYTES, 8 * MOST_FUNCTIONS * vertices)
-    return FIXED_BYTES + GROUP_COPIES * group + basis + VERTEX_BYTES * vertices
-
-
 def encoding_bytes_of_file(size: int) -> int:
-    """The same of a file that cannot be looked at yet: as if all its bytes were positions."""
+    """Memory that encoding a file takes that cannot be looked at yet: as if all its bytes were positions."""
     group = min(2 * size, GROUP_BYTES)
     basis = min(BASIS_BYTES, 8 * MOST_FUNCTIONS * size // 12)
     return FIXED_BYTES + GROUP_COPIES * group + basis

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from pdecodec.batch.clips import Clip, ClipOptions
-from pdecodec.batch.memory import MemoryBudget, encoding_bytes, encoding_bytes_of_file
+from pdecodec.batch.memory import MemoryBudget, encoding_bytes_of_file
 from pdecodec.batch.records import (
     STATE_FOLDER,
     Place,
@@ -24,6 +24,7 @@ from pdecodec.batch.records import (
     stamp_of,
     write_record,
 )
+from pdecodec.encodememory import encoding_bytes
 from pdecodec.encodereport import EncodeReport, generator
 from pdecodec.errors import CorruptFileError, InputError, PdecodecError
 from pdecodec.formats import open_sequence

@@ -13,7 +13,7 @@ import click
 
 from pdecodec.cli.console import byte_size, counted, print_json, progress_bar, ratio, say, visible
 from pdecodec.cli.encode import encode
-from pdecodec.cli.options import json_option, loudness_options, parse_bytes
+from pdecodec.cli.options import json_option, loudness_options, naming_options, parse_bytes
 from pdecodec.cli.report import parse_share
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.storage import is_address
@@ -154,14 +154,8 @@ def batch(
 def _clip_options(given: dict[str, Any]) -> ClipOptions:
     from pdecodec.batch.clips import ClipOptions
 
-    try:
+    with naming_options(given):
         return ClipOptions().with_values({name: value for name, value in given.items() if value is not None})
-    except SettingsError as error:
-        # The library names its settings, which are options here.
-        name, _, rest = error.message.partition(" ")
-        if name not in given:
-            raise
-        raise SettingsError(f"--{name.replace('_', '-')} {rest}") from error
 
 
 def _make_folder(folder: str) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pdecodec.cli.console import counted, say
-from pdecodec.cli.options import check_apart, check_output, output_option, overwrite_option
+from pdecodec.cli.options import check_apart, check_output, output_option, overwrite_option, within_limits
 from pdecodec.errors import InputError, SettingsError, naming_file
 from pdecodec.whole_output import whole_file
 
@@ -22,6 +22,7 @@ AXES = "xyz"
 @click.command()
 @click.argument("source", metavar="FILE")
 @output_option
+@within_limits
 @overwrite_option
 def coefficients(*, source: str, output: str, overwrite: bool) -> None:
     """Write the 32 coefficients of each curve, axis and segment of time of FILE, encoded with --profile paper.

@@ -18,6 +18,7 @@ from pdecodec.cli.options import (
     overwrite_option,
     place_options,
     read_options,
+    within_limits,
     write_options,
 )
 from pdecodec.errors import SettingsError
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 @read_options
 @place_options
 @write_options
+@within_limits
 @overwrite_option
 @loudness_options
 @json_option

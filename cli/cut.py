@@ -16,6 +16,7 @@ from pdecodec.cli.options import (
     output_option,
     overwrite_option,
     read_options,
+    within_limits,
 )
 from pdecodec.errors import SettingsError
 
@@ -45,6 +46,7 @@ effort_option = click.option(
 @click.option("--times", metavar="A:B", help="Frames at these times and between [s].")
 @click.option("--recode", is_flag=True, help="Where a group of frames is cut through, code its frames again.")
 @effort_option
+@within_limits
 @overwrite_option
 @loudness_options
 @json_option
@@ -91,6 +93,7 @@ def cut(
 )
 @effort_option
 @read_options
+@within_limits
 @overwrite_option
 @loudness_options
 @json_option

@@ -26,7 +26,7 @@ from pdecodec.cli.options import (
     refuse_pdeanim,
     write_options,
 )
-from pdecodec.errors import InputError, LimitError, PdecodecError, SettingsError
+from pdecodec.errors import InputError, PdecodecError, SettingsError
 
 if TYPE_CHECKING:
     from pdecodec.decoder import Animation, DecodeLimits
@@ -97,11 +97,7 @@ def decode(
     whole = True
     for job in jobs(paths, output, extension=extension):
         with streamed(job, extension=extension or "", dry_run=options["dry_run"]) as one:
-            try:
-                whole &= _decode(one, as_json=as_json, **options)
-            except LimitError as error:
-                message = f"{error.message}; --max-memory raises the limit"
-                raise LimitError(message, path=error.path, frame=error.frame, offset=error.offset) from error
+            whole &= _decode(one, as_json=as_json, **options)
     if not whole:
         context.exit(PdecodecError.exit_code)
 

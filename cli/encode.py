@@ -10,9 +10,12 @@ from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say
 from pdecodec.cli.jobs import STREAM, Job, job_options, jobs, say_plan, say_start, streamed
 from pdecodec.cli.options import (
     bytes_of,
+    decode_limits,
     frames_option,
     json_option,
     loudness_options,
+    max_output_option,
+    naming_options,
     objects_option,
     overwrite_option,
     parse_bytes,
@@ -94,6 +97,14 @@ if TYPE_CHECKING:
     show_default=True,
     help="fast: one basis, for previews. best: all bases, for archives. Profile auto.",
 )
+@click.option(
+    "--max-memory",
+    callback=parse_bytes,
+    metavar="BYTES",
+    help="Memory to encode within, about, such as 1G: groups of frames become shorter, which costs bytes; and what a "
+    ".pdeanim IN may ask for.",
+)
+@max_output_option
 @frames_option
 @objects_option
 @read_options
@@ -118,8 +129,11 @@ def encode(
         raise SettingsError("-o - and --json both want standard output; leave out one")
     if extension is not None and extension.lstrip(".").lower() != "pdeanim":
         raise SettingsError(f"--to {extension}: encode writes .pdeanim files; for other formats use pdecodec convert")
+    from pdecodec.decoder import usual_limits
+
+    limits = decode_limits(options["max_memory"], options.pop("max_output"))
     for job in jobs(paths, output, extension=extension, default="pdeanim"):
-        with streamed(job, extension="pdeanim", dry_run=options["dry_run"]) as one:
+        with usual_limits(limits), streamed(job, extension="pdeanim", dry_run=options["dry_run"]) as one:
             _encode(one, as_json=as_json, **options)
 
 
@@ -161,14 +175,8 @@ def _encode(
         raise SettingsError("give one of --tolerance, --max-error, --rms and --size, not several")
     paper = {"segment_frames": segment_frames, "piece_points": piece_points, "alpha": alpha, "r": r}
     given: dict[str, Any] = {name: value for name, value in paper.items() if value is not None}
-    try:
+    with naming_options((*settings, *paper)):
         checked = EncodeSettings(**settings, paper=PaperSettings(**given))
-    except SettingsError as error:
-        # The library names its settings, which are options here.
-        name, _, rest = error.message.partition(" ")
-        if name not in (*settings, *paper):
-            raise
-        raise SettingsError(f"--{name.replace('_', '-')} {rest}") from error
     if not output.lower().endswith(".pdeanim"):
         raise SettingsError(f"{output}: encode writes .pdeanim files; for other formats use pdecodec convert")
     job.check([output], [mesh], overwrite=overwrite, dry_run=dry_run)
@@ -192,7 +200,7 @@ def _encode(
 
             say_plan(job, sequence, write, files=len(files), size=source_bytes)
             return
-        with progress_bar() as progress, naming_file(source):
+        with progress_bar() as progress, naming_file(source), naming_options(settings):
             if size is not None:
                 report = encode_to_size(sequence, size, output, checked, overwrite=overwrite, progress=progress)
             elif rms is not None:

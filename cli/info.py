@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pdecodec.cli.console import byte_size, counted, print_json, print_rows, progress_bar, ratio, say, say_notices
-from pdecodec.cli.options import bytes_of, json_option, loudness_options, read_options
+from pdecodec.cli.options import bytes_of, json_option, loudness_options, read_options, within_limits
 from pdecodec.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 @read_options
 @click.option("--all-frames", is_flag=True, help="Read every frame, for the bounds of the whole sequence.")
 @click.option("--tree", "as_tree", is_flag=True, help="Show objects as a tree of their names.")
+@within_limits
 @loudness_options
 @json_option
 def info(

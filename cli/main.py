@@ -18,7 +18,7 @@ import click
 
 from pdecodec import __version__
 from pdecodec.cli.console import set_loudness, visible
-from pdecodec.errors import InputError, PdecodecError, SettingsError
+from pdecodec.errors import InputError, LimitError, PdecodecError, SettingsError
 
 EXIT_INTERRUPTED = 130
 """128 + SIGINT, as shells report it."""
@@ -133,6 +133,9 @@ def run(arguments: Sequence[str]) -> int:
         error.show(shown)
         click.echo(visible(shown.getvalue()), err=True, nl=False)
         return SettingsError.exit_code
+    except LimitError as error:
+        option = "--max-output" if "the output limit" in error.message else "--max-memory"
+        return _fail(f"{error}; {option} raises the limit", error.exit_code)
     except PdecodecError as error:
         return _fail(str(error), error.exit_code)
     except SystemExit as error:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -108,6 +110,13 @@ _READ_OPTIONS = (
     ),
 )
 
+max_output_option = click.option(
+    "--max-output",
+    callback=parse_bytes,
+    metavar="BYTES",
+    help="Refuse .pdeanim files that declare more positions, such as 10GB.",
+)
+
 _LIMIT_OPTIONS = (
     click.option(
         "--max-memory",
@@ -115,12 +124,7 @@ _LIMIT_OPTIONS = (
         metavar="BYTES",
         help="Refuse .pdeanim files that need more, such as 2G.  [default: 4G]",
     ),
-    click.option(
-        "--max-output",
-        callback=parse_bytes,
-        metavar="BYTES",
-        help="Refuse .pdeanim files that declare more positions, such as 10GB.",
-    ),
+    max_output_option,
 )
 
 _PLACE_OPTIONS = (
@@ -164,12 +168,37 @@ def limit_options(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
+def within_limits(command: Callable[..., None]) -> Callable[..., None]:
+    """``--max-memory`` and ``--max-output`` for every `.pdeanim` file that a command opens."""
+
+    @functools.wraps(command)
+    def limited(*arguments: Any, max_memory: int | None, max_output: int | None, **options: Any) -> None:
+        from pdecodec.decoder import usual_limits
+
+        with usual_limits(decode_limits(max_memory, max_output)):
+            command(*arguments, **options)
+
+    return limit_options(limited)
+
+
 def decode_limits(max_memory: int | None, max_output: int | None) -> DecodeLimits:
     """The limits that options give; those that are not given are the usual ones."""
     from pdecodec.decoder import DecodeLimits
 
     usual = DecodeLimits()
     return DecodeLimits(max_memory=usual.max_memory if max_memory is None else max_memory, max_output=max_output)
+
+
+@contextmanager
+def naming_options(names: Iterable[str]) -> Iterator[None]:
+    """Within, errors about settings of the library name the options that they are here."""
+    try:
+        yield
+    except SettingsError as error:
+        name, _, rest = error.message.partition(" ")
+        if name not in names:
+            raise
+        raise SettingsError(f"--{name.replace('_', '-')} {rest}") from error
 
 
 def place_options(command: Callable[..., None]) -> Callable[..., None]:

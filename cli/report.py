@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from pdecodec.cli.console import print_json, progress_bar, say, say_notices, visible
-from pdecodec.cli.options import fps_option, json_option
+from pdecodec.cli.options import fps_option, json_option, within_limits
 from pdecodec.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -73,6 +73,7 @@ def parse_share(context: click.Context, parameter: click.Parameter, value: str |
     metavar="P%",
     help="With --compare: exit with 1 where a file of pdecodec's grew by more than this.",
 )
+@within_limits
 @fps_option
 @json_option
 @click.pass_context

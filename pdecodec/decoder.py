@@ -9,6 +9,7 @@ import io
 import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -62,6 +63,19 @@ class DecodeLimits:
     max_output: int | None = None
 
 
+_usual_limits: ContextVar[DecodeLimits | None] = ContextVar("limits of files that are opened without", default=None)
+
+
+@contextmanager
+def usual_limits(limits: DecodeLimits) -> Iterator[None]:
+    """Within, files that are opened without limits have these, whatever opens them: readers, cuts, reports."""
+    token = _usual_limits.set(limits)
+    try:
+        yield
+    finally:
+        _usual_limits.reset(token)
+
+
 def open_animation(
     source: str | os.PathLike[str] | bytes | BinaryIO, *, limits: DecodeLimits | None = None
 ) -> Animation:
@@ -74,6 +88,7 @@ def open_animation(
         more, the whole file in memory, or a file that can seek. The latter stays the caller's: nobody else
         may move it while the animation is open, unless it is a plain file of the system.
     limits : DecodeLimits, optional
+        Default: those of :func:`usual_limits`, else its own defaults.
 
     Returns
     -------
@@ -89,7 +104,7 @@ def open_animation(
     LimitError
         If it asks for more memory than `limits` allow.
     """
-    limits = limits or DecodeLimits()
+    limits = limits or _usual_limits.get() or DecodeLimits()
     if isinstance(source, bytes):
         return _opened(source, "bytes in memory", limits)
     if not isinstance(source, str | os.PathLike):
@@ -212,7 +227,7 @@ class Animation(MeshSequence):
         if limits.max_output is not None and size > limits.max_output:
             raise LimitError(
                 f"declares {self.frame_count} frames of {self.position_count / self.frame_count:.10g} vertices, {size} "
-                f"bytes of positions; the limit is {limits.max_output}; raise it if you trust the file",
+                f"bytes of positions; the output limit is {limits.max_output}; raise it if you trust the file",
                 path=path,
             )
 

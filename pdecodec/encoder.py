@@ -28,6 +28,7 @@ from pdecodec.connectivity import encode_connectivity
 from pdecodec.container import Section, Spool, container_pieces, section_sizes, write_container
 from pdecodec.description import encode_remarks, encode_sequence_description
 from pdecodec.effort import EFFORTS
+from pdecodec.encodememory import LONGEST_GROUP, memory_plan
 from pdecodec.encodereport import EncodeReport, counted, generator
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.groupchoice import GroupSearch, candidates, divided
@@ -43,7 +44,7 @@ from pdecodec.runs import ChangingSequence
 from pdecodec.selection import CodedOrderSequence
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
-from pdecodec.spacebasis import MOST_FUNCTIONS, SpaceBasis
+from pdecodec.spacebasis import SpaceBasis
 from pdecodec.storage import is_address, remote_output
 from pdecodec.whole_output import check_writable
 
@@ -55,27 +56,12 @@ FINEST_STEP = 2.0**-24
 FARTHEST = 1e37
 """Largest coordinate: float32 ends at 3.4e38, and motion between frames may swing beyond them."""
 
-GROUP_BYTES = 2**28
-"""Memory for the displacements of a group, float64."""
-
-BASIS_BYTES = 2**29
-"""Memory for the functions of all patches, float64: a mesh of millions of vertices gets fewer of them."""
-
-FEWEST_FUNCTIONS = 16
-"""Functions of a patch however large the mesh is."""
-
-LONGEST_GROUP = 512
-"""Frames of a group at most: principal trajectories take the cube of their number."""
-
 SEARCHED_GROUPS = 8
 """Groups at the beginning of a clip, then one in twice as many, that are searched for how to divide and encode them.
 Others are taken as the one before was, unless they cost more by `WORTH_SEARCHING`: the search is most of the time."""
 
 WORTH_SEARCHING = 1.1
 """How many times what a frame of the group before cost is reason to search."""
-
-SHORTEST_GROUP = 8
-"""Frames of a group however large the mesh is."""
 
 
 def encode(
@@ -308,6 +294,7 @@ class AutoEncoder(Encoder):
         if self._bound is None:
             raise SettingsError("without a bound there is nothing to choose the model by; give a tolerance")
         self._effort = EFFORTS[settings.effort]
+        self._plan = memory_plan(sequence.vertex_count, sequence.frame_count, settings.max_memory)
         self._explained = 1.0
         self._jump_finder = JumpFinder()
 
@@ -355,7 +342,6 @@ class AutoEncoder(Encoder):
 
     def _choose_model(self, points: Float32Array, steps: Mapping[str, float]) -> list[FinishedGroup]:
         """Reference frame and space basis; the groups that the first frames are divided into."""
-        vertices = max(1, self._sequence.vertex_count)
         self._model = ModelSearch(
             points=points,
             times=self._sequence.times,
@@ -363,7 +349,7 @@ class AutoEncoder(Encoder):
             bound=steps["bound"],
             unit=steps["unit"],
             residual_step=steps["residual_step"],
-            functions=min(MOST_FUNCTIONS, max(FEWEST_FUNCTIONS, BASIS_BYTES // (8 * vertices))),
+            functions=self._plan.functions,
             effort=self._effort,
         ).run()
         self._reference, self._reference_bytes = self._model.reference, self._model.reference_data
@@ -408,7 +394,7 @@ class AutoEncoder(Encoder):
 
     def _group_ranges(self) -> list[tuple[int, int]]:
         frames = self._sequence.frame_count
-        longest = min(group_frames(self._sequence.vertex_count), self._settings.group_frames or LONGEST_GROUP)
+        longest = min(self._plan.group_frames, self._settings.group_frames or LONGEST_GROUP)
         count = -(-frames // longest)
         edges = [frames * k // count for k in range(count + 1)]
         return list(itertools.pairwise(edges))
@@ -430,11 +416,6 @@ class AutoEncoder(Encoder):
             carried = f"{most} functions of time"
         groups = "" if len(entries) == 1 else f" in {len(entries)} groups of frames"
         return f"{' and '.join(bases)} x {kind}: {carried}{groups}, on {where}"
-
-
-def group_frames(vertices: int) -> int:
-    """Frames of a group at most, of a mesh of so many vertices."""
-    return min(max(GROUP_BYTES // (24 * max(1, vertices)), SHORTEST_GROUP), LONGEST_GROUP)
 
 
 def _bits(parts: Sequence[FinishedGroup]) -> float:

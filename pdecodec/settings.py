@@ -98,6 +98,9 @@ class EncodeSettings:
     group_frames : int or None
         Frames of a group at most, from 2 on, under profile "auto"; None: as many as memory allows. What is cut out of a
         file, or read of one that is far away, is whole groups: short ones cost bytes.
+    max_memory : int or None [bytes]
+        Memory that encoding takes about, interpreter included, under profile "auto": groups of frames become shorter
+        until they fit, which costs bytes. None: what groups of usual length take.
     uv_tolerance : float or None
         How far texture coordinates may be off on each axis, in units of the texture; None keeps them to the last bit.
     order : {"keep", "free"}
@@ -116,6 +119,7 @@ class EncodeSettings:
     profile: Profile = "auto"
     effort: EffortName = "default"
     group_frames: int | None = None
+    max_memory: int | None = None
     uv_tolerance: float | None = None
     order: Order = "keep"
     paper: PaperSettings = field(default_factory=PaperSettings)
@@ -128,11 +132,13 @@ class EncodeSettings:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise SettingsError(f"{name} must be a positive number, not {value}")
-        _check_kinds(self, ("group_frames",), Integral, "a whole number")
+        _check_kinds(self, ("group_frames", "max_memory"), Integral, "a whole number")
         if self.group_frames is not None and self.group_frames < 2:
             raise SettingsError(f"group_frames must be at least 2, not {self.group_frames}")
         if self.group_frames is not None and self.profile == "paper":
             raise SettingsError("group_frames is a setting of the profile auto; the paper's is segment_frames")
+        if self.max_memory is not None and self.profile == "paper":
+            raise SettingsError("max_memory is a setting of the profile auto; the paper's takes short segments anyway")
         for name, kind in (("profile", Profile), ("order", Order), ("effort", EffortName)):
             known = get_args(kind)
             if getattr(self, name) not in known:

@@ -18,9 +18,10 @@ import pytest
 import pdecodec
 from pdecodec.batch import Clip, ClipOptions, Result, Work, clips_of, do_clip, local
 from pdecodec.batch.local import run_local
-from pdecodec.batch.memory import MemoryBudget, available_memory, encoding_bytes
+from pdecodec.batch.memory import MemoryBudget, available_memory
 from pdecodec.batch.work import make_clip
 from pdecodec.cli.main import run
+from pdecodec.encodememory import encoding_bytes
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import write_sequence
 from pdecodec.sequence import ArraySequence, MeshObject

@@ -148,6 +148,39 @@ class Error(ctypes.Structure):
     )
 
 
+class Options(ctypes.Structure):
+    _fields_ = (
+        ("size", ctypes.c_size_t),
+        ("max_memory", ctypes.c_uint64),
+        ("threads", ctypes.c_uint32),
+        ("max_output", ctypes.c_uint64),
+    )
+
+
+@pytest.mark.parametrize("name", ["many_pieces", "runs"])
+def test_a_file_that_declares_more_positions_than_are_wanted_is_refused(installed: Path, name: str) -> None:
+    library = ctypes.CDLL(os.fspath(library_of(installed)))
+    path = ROOT / "spec" / "vectors" / "accept" / f"{name}.pdeanim"
+    data = path.read_bytes()
+    with open_animation(path) as animation:
+        declared = 12 * animation.position_count
+
+    def opened(max_output: int, size: int = ctypes.sizeof(Options)) -> tuple[int, bytes]:
+        handle, error = ctypes.c_void_p(), Error()
+        options = Options(size, 0, 1, max_output)
+        status = library.pdeanim_open_memory(data, ctypes.c_size_t(len(data)), ctypes.byref(options),
+                                             ctypes.byref(handle), ctypes.byref(error))  # fmt: skip
+        assert (status == 0) == (handle.value is not None)
+        library.pdeanim_close(handle)
+        return status, error.text
+
+    assert opened(declared) == opened(0) == (0, b"")
+    status, text = opened(declared - 1)
+    assert (status, b"the output limit is" in text) == (2, True)
+    # Callers that were compiled before the field was there have none.
+    assert opened(1, size=Options.max_output.offset) == (0, b"")
+
+
 def test_memory_limits_arguments_and_damage_end_in_codes_and_never_in_a_crash(installed: Path, tmp_path: Path) -> None:
     library = ctypes.CDLL(os.fspath(library_of(installed)))
     data = encoded(with_attributes(), tmp_path / "clip.pdeanim").read_bytes()
@@ -183,6 +216,11 @@ def test_memory_limits_arguments_and_damage_end_in_codes_and_never_in_a_crash(in
     assert b"unknown quantity" in error.text
     assert evaluate(0, 99) == 3
     assert b"there is no object 99" in error.text
+    for count in (-1, -(2**62)):
+        found = library.pdeanim_evaluate(handle, 0, ctypes.c_void_p(times.ctypes.data), ctypes.c_size_t(count),
+                                         ctypes.c_int64(-1), ctypes.c_void_p(out.ctypes.data),
+                                         ctypes.byref(error))  # fmt: skip
+        assert (found, error.text) == (3, b"there cannot be so many times")
     times[0] = np.nan
     assert evaluate(0, -1) == 3
     library.pdeanim_close(handle)

@@ -218,7 +218,7 @@ def test_a_small_file_that_declares_much_is_announced(tmp_path: Path, capsys: Ca
     parts = with_section(parts, "SEQN", sequence(frames, flags=28))
     bomb.write_bytes(seal(with_section(parts, "GRUP", b"".join(group.pack() for group in rows))))
     assert bomb.stat().st_size < 10_000
-    with pytest.raises(LimitError, match=r"1000 vertices, 12000000000 bytes of positions; the limit is"):
+    with pytest.raises(LimitError, match=r"1000 vertices, 12000000000 bytes of positions; the output limit is"):
         open_animation(bomb, limits=DecodeLimits(max_output=10**10))
     command = ["decode", str(bomb), "-o", str(tmp_path / "out.npz"), "--dry-run"]
     run(command)

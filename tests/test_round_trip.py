@@ -288,7 +288,7 @@ class Instrumented(MeshSequence):
 
 
 def test_a_group_of_frames_is_read_once_and_is_no_longer_than_memory_allows(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdecodec.encoder.GROUP_BYTES", 24 * 30 * 50)
+    monkeypatch.setattr("pdecodec.encodememory.GROUP_BYTES", 24 * 30 * 50)
     sequence = Instrumented(frames=200, vertices=30)
     report, animation = round_trip(sequence, effort="fast")
     # Frame 0 alone gives the reference frame; then every frame is read once, from front to back.

@@ -93,5 +93,5 @@ def test_settings_out_of_range_are_named(kind: type[Any], chosen: dict[str, Any]
 
 
 def test_an_option_that_is_no_setting_is_refused_with_those_there_are() -> None:
-    with pytest.raises(SettingsError, match="there are effort, group_frames, max_error, order, paper, profile"):
+    with pytest.raises(SettingsError, match="there are effort, group_frames, max_error, max_memory, order"):
         encode(ArraySequence([[[0, 0, 0]]]), quality=3)

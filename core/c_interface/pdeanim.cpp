@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cstdint>
 #include <cstring>
 #include <mutex>
 #include <new>
@@ -84,6 +85,22 @@ template <class Work> pdeanim_status guarded(pdeanim_error *error, const Work &w
     }
 }
 
+// Refuse files that declare more positions than are wanted.
+void check_output(const pdeanim_animation &animation, u64 limit) {
+    constexpr u64 bytes_per_position = 12;
+    const std::vector<Run> &runs = animation.file->runs();
+    u64 found = 0;  // fewer than 2^31 vertices, at frames whose times are in memory, far fewer than 2^33: no overflow
+    for (const Run &run : runs) {
+        const i64 vertices = animation.animation ? animation.animation->vertices() : run.vertices;
+        found += static_cast<u64>(run.frames) * static_cast<u64>(vertices);
+    }
+    if (limit > 0 && found > limit / bytes_per_position) {
+        throw LimitError("declares " + std::to_string(found) + " positions of " + std::to_string(bytes_per_position) +
+                         " bytes each; the output limit is " + std::to_string(limit) +
+                         "; raise it if you trust the file");
+    }
+}
+
 pdeanim_animation *open_source(std::unique_ptr<Source> source, const pdeanim_options *given) {
     // Fields that the caller's version of the structure does not have are as if they were 0.
     pdeanim_options known{};
@@ -91,7 +108,9 @@ pdeanim_animation *open_source(std::unique_ptr<Source> source, const pdeanim_opt
     Animation::Options options;
     options.threads = static_cast<int>(std::min<uint32_t>(known.threads, 1024));
     const u64 memory = known.max_memory > 0 ? known.max_memory : File::usual_memory;
-    return new pdeanim_animation(std::make_shared<const File>(std::move(source), memory), options);
+    auto opened = std::make_unique<pdeanim_animation>(std::make_shared<const File>(std::move(source), memory), options);
+    check_output(*opened, known.max_output);
+    return opened.release();
 }
 
 void check_index(i64 index, i64 count, const char *what) {
@@ -288,6 +307,9 @@ pdeanim_status pdeanim_evaluate(pdeanim_animation *handle, pdeanim_quantity quan
         const i64 vertices =
             which ? animation.first_vertex(object + 1) - animation.first_vertex(object) : animation.vertices();
         if (count > 0 && (!times || (!out && vertices > 0))) throw ArgumentError("times and out must not be NULL");
+        // A negative count, turned into one without a sign, is more than there is memory for.
+        if (count > PTRDIFF_MAX / (3 * sizeof(float)) / static_cast<std::size_t>(std::max<i64>(vertices, 1)))
+            throw ArgumentError("there cannot be so many times");
         animation.evaluate(wanted, {times, count}, which, {out, count * 3 * static_cast<std::size_t>(vertices)});
     });
 }

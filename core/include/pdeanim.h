@@ -69,6 +69,7 @@ typedef struct pdeanim_options {
     size_t size;         /* sizeof(pdeanim_options): later versions may add fields behind those that there are */
     uint64_t max_memory; /* bytes that a file may ask for; 0: 4 GiB */
     uint32_t threads;    /* that decode beside each other; 0: one a processor */
+    uint64_t max_output; /* bytes of positions, 12 for each vertex and frame, that a file may declare; 0: any number */
 } pdeanim_options;
 
 /* An open file. */

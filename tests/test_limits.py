@@ -1,0 +1,137 @@
+"""What a file may cost: limits of every command, and of an encode."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pdecodec
+from pdecodec.cli.main import run
+from pdecodec.decoder import usual_limits
+from pdecodec.encodememory import encoding_bytes, memory_plan
+
+ROOT = Path(__file__).resolve().parent.parent
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def animation(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("limits") / "clip.pdeanim"
+    points = np.random.default_rng(0).normal(size=(12, 30, 3)).cumsum(axis=0)
+    pdecodec.encode(pdecodec.ArraySequence(points), path, tolerance=1e-2)
+    return path
+
+
+@pytest.fixture(scope="module")
+def paper(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("limits") / "paper.pdeanim"
+    points = np.random.default_rng(0).normal(size=(12, 30, 3)).cumsum(axis=0)
+    pdecodec.encode(pdecodec.ArraySequence(points), path, profile="paper")
+    return path
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["info"],
+        ["check"],
+        ["compare", "IN", "IN"],
+        ["convert", "IN", "out.npz"],
+        ["decode", "IN", "out.npz"],
+        ["encode", "IN", "out.pdeanim"],
+        ["coefficients", "PAPER", "-o", "out.npz"],
+        ["cut", "IN", "--frames", "0:4", "--recode", "-o", "out.pdeanim"],
+        ["join", "IN", "IN", "--shift", "-o", "out.pdeanim"],
+        ["report", "IN", "-o", "report", "--no-baselines"],
+    ],
+    ids=lambda command: command[0],
+)
+def test_every_command_that_opens_a_file_takes_limits_and_names_the_option_that_raises_them(
+    command: list[str], animation: Path, paper: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name, *rest = command
+    places = {"IN": str(animation), "PAPER": str(paper)}
+    arguments = [name, *(places.get(one, one) for one in (rest or ["IN"]))]
+    memory = "200M" if name == "encode" else "9k"  # an encode itself takes as much
+    cases = [("--max-output", "1k", "the output limit is 1024")]
+    if name != "encode":
+        cases.append(("--max-memory", memory, "the limit is 9216"))
+    for option, value, words in cases:
+        assert run([*arguments, option, value]) == (3 if name == "decode" and option == "--max-output" else 4)
+        shown = capsys.readouterr()
+        if name == "check":
+            assert f"{option[2:4] and option[6:]}-limit: " in shown.out
+        elif name == "decode" and option == "--max-output":
+            assert "--max-output allows" in shown.err
+        else:
+            assert words in shown.err
+            assert shown.err.endswith(f"; {option} raises the limit\n")
+        assert not [item for item in tmp_path.iterdir() if item.is_file()]
+
+
+def test_limits_of_a_context_hold_for_whatever_opens_a_file_within_it(animation: Path) -> None:
+    with usual_limits(pdecodec.DecodeLimits(max_memory=9000)):
+        for opening in (pdecodec.open, pdecodec.open_sequence):
+            with pytest.raises(pdecodec.LimitError, match="the limit is 9000"):
+                opening(animation)
+        with pdecodec.open(animation, limits=pdecodec.DecodeLimits()) as own:
+            assert own.frame_count == 12
+    with pdecodec.open(animation) as after:
+        assert after.frame_count == 12
+
+
+def test_a_plan_keeps_within_its_memory_and_is_the_usual_one_where_that_fits() -> None:
+    usual = memory_plan(20_000, 400, None)
+    assert memory_plan(20_000, 400, encoding_bytes(400, 20_000)) == usual
+    plans = [memory_plan(20_000, 400, size * 2**20) for size in (200, 400, 800, 1600)]
+    frames = [plan.group_frames for plan in plans]
+    assert frames == sorted(set(frames))
+    assert frames[0] >= 1
+    assert all(plan.functions >= 16 for plan in plans)
+
+
+def test_an_encode_that_cannot_be_done_within_a_limit_says_how_much_it_takes(tmp_path: Path, capsys: Capture) -> None:
+    source = tmp_path / "clip.npz"
+    np.savez(source, points=np.zeros((3, 1000, 3), np.float32))
+    assert run(["encode", str(source), str(tmp_path / "out.pdeanim"), "--max-memory", "1M"]) == 2
+    line = capsys.readouterr().err
+    assert "--max-memory must be 135" in line
+    assert "for 1000 vertices, not 1048576" in line
+    with pytest.raises(pdecodec.SettingsError, match="max_memory is a setting of the profile auto"):
+        pdecodec.EncodeSettings(max_memory=2**30, profile="paper")
+
+
+MEASURED = """
+import resource, sys
+import numpy as np
+import pdecodec
+
+random = np.random.default_rng(0)
+points = np.zeros((120, 6000, 3), np.float32)
+points[:] = random.uniform(size=(6000, 3))
+points += random.normal(0, 0.01, points.shape).astype(np.float32)
+limit = int(sys.argv[1]) or None
+report = pdecodec.encode(pdecodec.ArraySequence(points), tolerance=1e-2, effort="fast", max_memory=limit)
+assert report.max_error <= report.bound
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024, report.groups)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="peak memory is counted in kilobytes on Linux alone")
+def test_an_encode_stays_within_the_memory_that_it_is_given() -> None:
+    def measured(limit: int) -> tuple[int, int]:
+        command = [sys.executable, "-c", MEASURED, str(limit)]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+        peak, groups = done.stdout.split()
+        return int(peak), int(groups)
+
+    limit = 180 * 2**20
+    free, groups = measured(0)
+    peak, more_groups = measured(limit)
+    assert peak < limit < free
+    assert groups < more_groups
