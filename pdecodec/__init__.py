@@ -12,6 +12,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pdecodec.arrays import ArrayEvaluator as ArrayEvaluator
     from pdecodec.cutting import cut_animation as cut_animation
     from pdecodec.cutting import join_animations as join_animations
     from pdecodec.decoder import Animation as Animation
@@ -51,6 +52,7 @@ __version__ = "0.1.0"
 
 _HOME = {
     "Animation": "decoder",
+    "ArrayEvaluator": "arrays",
     "ArraySequence": "sequence",
     "Attribute": "sequence",
     "ChangingSequence": "runs",

@@ -2,6 +2,7 @@
 #include "decoder/animation.hpp"
 
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
@@ -305,15 +306,62 @@ void check_group(PyAnimation &self, std::size_t index) {
 
 using Positions3 = nb::ndarray<float, nb::shape<-1, -1, 3>, nb::c_contig, nb::device::cpu>;
 
+Quantity quantity_of(int number) {
+    if (number < 0 || number > 2) throw nb::value_error("an unknown quantity");
+    return static_cast<Quantity>(number);
+}
+
 void evaluate(PyAnimation &self, int quantity, const Flat<double> &times, std::optional<i64> object,
               const Positions3 &out) {
-    if (quantity < 0 || quantity > 2) throw nb::value_error("an unknown quantity");
+    const Quantity wanted = quantity_of(quantity);
     if (object && (*object < 0 || *object >= self.animation()->objects()))
         throw nb::index_error("there is no such object");
     self.with([&](Animation &animation) {
-        animation.evaluate(static_cast<Quantity>(quantity), view(times), object, {out.data(), out.size()});
+        animation.evaluate(wanted, view(times), object, {out.data(), out.size()});
         return 0;
     });
+}
+
+Group group_of(PyAnimation &self, std::size_t index) {
+    const auto own = self.animation();
+    const std::vector<Group> &groups = own->table().groups();
+    if (index >= groups.size()) throw nb::index_error("there is no such group");
+    return groups[index];
+}
+
+nb::object weights(PyAnimation &self, int quantity, double time, std::size_t index) {
+    const Group own = group_of(self, index);
+    const Quantity wanted = quantity_of(quantity);
+    return to_rows(self.with([&](Animation &animation) { return animation.weights(wanted, time, index); }),
+                   static_cast<std::size_t>(own.functions));
+}
+
+nb::object fields(PyAnimation &self, std::size_t index) {
+    const Group own = group_of(self, index);
+    const i64 vertices = self.animation()->vertices();
+    auto *kept = new std::vector<float>(static_cast<std::size_t>(own.channels() * vertices));
+    const nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<std::vector<float> *>(pointer); });
+    self.with([&](Animation &animation) {
+        animation.fields(index, *kept);
+        return 0;
+    });
+    const std::size_t shape[] = {static_cast<std::size_t>(own.functions), static_cast<std::size_t>(vertices),
+                                 static_cast<std::size_t>(own.axes())};
+    return nb::cast(nb::ndarray<nb::numpy, float>(kept->data(), 3, shape, owner));
+}
+
+nb::tuple corrections(PyAnimation &self, std::size_t group) {
+    group_of(self, group);
+    const std::vector<Correction> found = self.with([&](Animation &own) { return own.corrections(group); });
+    std::vector<i64> frames;
+    std::vector<i32> vertices;
+    std::vector<float> offsets;
+    for (const Correction &one : found) {
+        frames.push_back(one.frame);
+        vertices.push_back(one.vertex);
+        offsets.insert(offsets.end(), one.offset.begin(), one.offset.end());
+    }
+    return nb::make_tuple(to_array(std::move(frames)), to_array(std::move(vertices)), to_rows(std::move(offsets), 3));
 }
 
 }  // namespace
@@ -351,6 +399,16 @@ void bind_animation(nb::module_ &module) {
         .def("coefficients", &coefficients, nb::arg("group"))
         .def("evaluate", &evaluate, nb::arg("quantity"), nb::arg("times"), nb::arg("object").none(),
              nb::arg("out").noconvert())
+        .def(
+            "groups_at",
+            [](PyAnimation &self, int quantity, double time) {
+                const Quantity wanted = quantity_of(quantity);
+                return self.with([&](Animation &own) { return own.groups_at(wanted, time); });
+            },
+            nb::arg("quantity"), nb::arg("time"))
+        .def("weights", &weights, nb::arg("quantity"), nb::arg("time"), nb::arg("group"))
+        .def("fields", &fields, nb::arg("group"))
+        .def("corrections", &corrections, nb::arg("group"))
         .def("close", &PyAnimation::close)
         .def("verify", &verify)
         .def("check_section", &check_section, nb::arg("type"))
