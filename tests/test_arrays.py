@@ -18,7 +18,8 @@ VECTORS = Path(__file__).resolve().parent.parent / "spec" / "vectors" / "accept"
 LIBRARIES = ("numpy", "array_api_strict", "torch", "jax.numpy", "cupy")
 NAMES = (
     "closed_form_and_residuals", "groups_of_cosines", "groups_of_shapes", "groups_of_one_frame", "groups_in_double",
-    "irregular_times", "points", "raw_vertices", "residuals_in_a_cycle", "runs", "jumps_between_groups", "one_vertex", "static", "two_frames",
+    "irregular_times", "points", "raw_vertices", "residuals_in_a_cycle", "runs", "jumps_between_groups",
+    "one_vertex", "static", "two_frames",
 )  # fmt: skip
 """Files of every kind of functions of time, with and without corrections."""
 SINGLE = float(np.finfo(np.float32).eps)
