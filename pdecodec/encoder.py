@@ -37,7 +37,7 @@ from pdecodec.groupmodel import GroupModelDescription
 from pdecodec.groups import CHUNK_SECTIONS, GroupEntry, write_group_table
 from pdecodec.jumps import JumpFinder
 from pdecodec.metrics import frame_scale
-from pdecodec.modelchoice import FinishedGroup, ModelSearch, finished, ruled
+from pdecodec.modelchoice import FinishedGroup, ModelSearch, References, finished, ruled
 from pdecodec.reference import ReferenceFrame, decode_reference, encode_reference, quantise_reference
 from pdecodec.residuals import LAST_BINADE, residual_step
 from pdecodec.runs import ChangingSequence
@@ -342,16 +342,19 @@ class AutoEncoder(Encoder):
 
     def _choose_model(self, points: Float32Array, steps: Mapping[str, float]) -> list[FinishedGroup]:
         """Reference frame and space basis; the groups that the first frames are divided into."""
-        self._model = ModelSearch(
-            points=points,
-            times=self._sequence.times,
-            objects=self._sequence.objects,
-            bound=steps["bound"],
-            unit=steps["unit"],
-            residual_step=steps["residual_step"],
-            functions=self._plan.functions,
-            effort=self._effort,
-        ).run()
+        with ThreadPoolExecutor(1) as beside:
+            self._model = ModelSearch(
+                points=points,
+                times=self._sequence.times,
+                objects=self._sequence.objects,
+                bound=steps["bound"],
+                unit=steps["unit"],
+                residual_step=steps["residual_step"],
+                functions=self._plan.functions,
+                effort=self._effort,
+                references=References(self._sequence.objects, beside),
+                beside=beside,
+            ).run()
         self._reference, self._reference_bytes = self._model.reference, self._model.reference_data
         first = self._model.groups[0]
         if first.choice.time != "cosines":

@@ -30,10 +30,15 @@ from pdecodec.spacebasis import SpaceBasis
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
+Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 
 SAMPLED_SHARE, FEWEST_VERTICES = 1 / 8, 1024
 """Of a larger mesh, elements are looked at that have this share of the vertices, and so many at least."""
+
+PART = 128
+"""Vertices at most of parts of the partition tree that are looked at as a whole, where space bases are compared: those
+of the largest usual patches."""
 
 
 class BitCounter(Protocol):
@@ -46,11 +51,13 @@ class BitCounter(Protocol):
         """Compute what choices of a time basis and origin share: calls in several threads would each do it."""
 
 
-def bit_counter(fitter: GroupFitter, basis: SpaceBasis, like: BitCounter | None = None) -> BitCounter:
+def bit_counter(
+    fitter: GroupFitter, basis: SpaceBasis, like: BitCounter | None = None, *, whole_parts: bool = False
+) -> BitCounter:
     """Fits of all of a small mesh, estimates of a large one."""
     if not fitter.is_large:
         return FitCounter(fitter, basis)
-    return Estimate(fitter, basis, like if isinstance(like, Estimate) else None)
+    return Estimate(fitter, basis, like if isinstance(like, Estimate) else None, whole_parts=whole_parts)
 
 
 class FitCounter:
@@ -67,18 +74,16 @@ class FitCounter:
 
 
 class _Sample:
-    """Some elements of a space basis: of those that take little as of those that take much.
+    """Some elements of a space basis, and what they are looked at for.
 
     Parameters
     ----------
     points : (frames, vertices, 3) float32 [scene units]
     basis : SpaceBasis
-    coefficients : (functions of space, channels) float64
-        In any functions of time.
-    step : float
-        Their quantisation step.
-    elements : (n,) int64, optional
-        Chosen here where there are none.
+    elements : (n,) int64
+        Ascending.
+    weight : float
+        How many times as much all elements' coefficients take as those of these, about.
 
     Attributes
     ----------
@@ -98,38 +103,90 @@ class _Sample:
         Of these; see :attr:`pdecodec.spacebasis.SpaceBasis.subbands`.
     """
 
-    def __init__(
-        self,
-        points: Float32Array,
-        basis: SpaceBasis,
-        coefficients: Float64Array,
-        step: float,
-        elements: Int64Array | None,
-    ) -> None:
-        vertices, count = basis.order.size, basis.element_count
-        # About what each element takes: some of them take many times as much as others.
-        rough = np.log2(1.0 + np.square(coefficients / step)).sum(axis=1)
-        weights = np.add.reduceat(np.append(rough, 0.0), basis.coefficient_starts[:-1])
-        weights[np.diff(basis.coefficient_starts) == 0] = 0.0
-        if elements is None:
-            share = min(max(SAMPLED_SHARE, FEWEST_VERTICES / vertices), 1.0)
-            sampled = max(1, round(share * count))
-            places = ((np.arange(sampled) + 0.5) * count / sampled).astype(np.int64)
-            elements = np.sort(np.argsort(weights, kind="stable")[places])
-        self.elements = elements
+    def __init__(self, points: Float32Array, basis: SpaceBasis, elements: Int64Array, weight: float) -> None:
+        self.elements, self.weight = elements, weight
         self.starts = np.concatenate([[0], np.cumsum(np.diff(basis.starts)[elements])])
-        self.vertices = np.concatenate([basis.order[basis.starts[e] : basis.starts[e + 1]] for e in elements])
+        self.vertices = _vertices(basis, elements)
         self.order = np.arange(self.vertices.size, dtype=np.int32)
         self.points = np.ascontiguousarray(points[:, self.vertices])
-        self.copies = vertices / self.vertices.size
-        some = float(weights[elements].sum())
-        self.weight = float(weights.sum()) / some if some else 1.0
+        self.copies = basis.order.size / self.vertices.size
         starts, kinds, parents = basis.subbands
-        nodes = kinds.size - count
+        nodes = kinds.size - basis.element_count
         subbands = np.concatenate([np.arange(nodes), nodes + elements])
         sizes = np.diff(starts)[subbands]
         self.subbands = np.concatenate([[0], np.cumsum(sizes)]), kinds[subbands], parents[subbands]
         self.rows = np.repeat(starts[subbands] - self.subbands[0][:-1], sizes) + np.arange(sizes.sum())
+
+
+def _vertices(basis: SpaceBasis, elements: Int64Array) -> Int32Array:
+    """Vertices of some elements, element after element."""
+    parts = [basis.order[basis.starts[e] : basis.starts[e + 1]] for e in elements]
+    return np.concatenate(parts) if parts else np.zeros(0, np.int32)
+
+
+def _weights(basis: SpaceBasis, coefficients: Float64Array, step: float) -> Float64Array:
+    """(elements,) float64: about what each takes; some of them take many times as much as others.
+
+    Parameters
+    ----------
+    basis : SpaceBasis
+    coefficients : (functions of space, channels) float64
+        In any functions of time.
+    step : float
+        Their quantisation step.
+    """
+    rough = np.log2(1.0 + np.square(coefficients / step)).sum(axis=1)
+    weights: Float64Array = np.add.reduceat(np.append(rough, 0.0), basis.coefficient_starts[:-1])
+    weights[np.diff(basis.coefficient_starts) == 0] = 0.0
+    return weights
+
+
+def _chosen(basis: SpaceBasis, weights: Float64Array, *, whole_parts: bool) -> Int64Array:
+    """Elements from all over the mesh, of those that take little as of those that take much.
+
+    Parameters
+    ----------
+    basis : SpaceBasis
+    weights : (elements,) float64
+        About what each takes.
+    whole_parts : bool
+        Whether all elements of a part of the partition tree are taken, or none: smaller and larger ones are of the same
+        vertices then.
+    """
+    part_of = np.unique(_parts(basis), return_inverse=True)[1] if whole_parts else np.arange(basis.element_count)
+    part_weights = np.bincount(part_of, weights)
+    share = min(max(SAMPLED_SHARE, FEWEST_VERTICES / basis.order.size), 1.0)
+    sampled = max(1, round(share * part_weights.size))
+    places = ((np.arange(sampled) + 0.5) * part_weights.size / sampled).astype(np.int64)
+    return np.flatnonzero(np.isin(part_of, np.argsort(part_weights, kind="stable")[places]))
+
+
+def _parts(basis: SpaceBasis) -> Int64Array:
+    """(elements,) int64: the highest node of the partition tree above each of at most PART vertices, or its own."""
+    children, node_of = basis.patches.children, basis.patches.node_of
+    sizes = np.zeros(children.size, np.int64)
+    sizes[node_of] = np.diff(basis.starts)
+    for node in range(children.size - 1, -1, -1):
+        if children[node] >= 0:
+            sizes[node] = sizes[children[node]] + sizes[children[node] + 1]
+    parts = np.full(children.size, -1)
+    for node in range(children.size):
+        if parts[node] < 0 and (sizes[node] <= PART or children[node] < 0):
+            parts[node] = node
+        if children[node] >= 0:
+            parts[children[node] : children[node] + 2] = parts[node]
+    found: Int64Array = parts[node_of]
+    return found
+
+
+def _of_vertices(basis: SpaceBasis, vertices: Int32Array) -> Int64Array:
+    """Elements that are of given vertices, for the most part."""
+    given = np.zeros(basis.order.size, np.int64)
+    given[vertices] = 1
+    found: Int64Array = np.flatnonzero(
+        2 * np.add.reduceat(given[basis.order], basis.starts[:-1]) > np.diff(basis.starts)
+    )
+    return found
 
 
 class Estimate:
@@ -141,19 +198,34 @@ class Estimate:
         Of the whole mesh.
     basis : SpaceBasis
     like : Estimate, optional
-        Of the same points from another reference frame, whose elements are taken again.
+        Of the same points, in another space basis or from another reference frame: the same vertices are looked at.
+    whole_parts : bool
+        Whether estimates in other space bases will look at the same vertices.
+
+    Attributes
+    ----------
+    basis : SpaceBasis
+    sample : _Sample
     """
 
-    def __init__(self, fitter: GroupFitter, basis: SpaceBasis, like: Estimate | None = None) -> None:
-        self._fitter, self._basis = fitter, basis
+    def __init__(
+        self, fitter: GroupFitter, basis: SpaceBasis, like: Estimate | None = None, *, whole_parts: bool = False
+    ) -> None:
+        self._fitter, self.basis = fitter, basis
         usual = fitter.first_choice
         self._usual_step = grid_step(usual.step)
-        moved = fitter.displacements(usual.origin)
-        values = basis.project(moved.coefficients(usual.time))
-        elements = like._sample.elements if like and like._basis.element_count == basis.element_count else None
-        self._sample: _Sample = _Sample(fitter.points, basis, values, self._usual_step, elements)
-        rows: Float64Array = values[self._sample.rows]
-        self._coefficients: dict[tuple[Displacements, TimeFunctions], Float64Array] = {(moved, usual.time): rows}
+        self._coefficients: dict[tuple[Displacements, TimeFunctions], Float64Array] = {}
+        elements = _of_vertices(basis, like.sample.vertices) if like else np.zeros(0, np.int64)
+        if like and np.array_equal(np.sort(_vertices(basis, elements)), np.sort(like.sample.vertices)):
+            self.sample: _Sample = _Sample(fitter.points, basis, elements, like.sample.weight)
+            return
+        values = fitter.projected(basis, usual)
+        weights = _weights(basis, values, self._usual_step)
+        if not elements.size:
+            elements = _chosen(basis, weights, whole_parts=whole_parts)
+        some = float(weights[elements].sum())
+        self.sample = _Sample(fitter.points, basis, elements, float(weights.sum()) / some if some else 1.0)
+        self._coefficients[fitter.displacements(usual.origin), usual.time] = values[self.sample.rows]
 
     def prepare(self, choice: GroupChoice) -> None:
         moved = self._fitter.displacements(choice.origin)
@@ -164,11 +236,12 @@ class Estimate:
     def _projected(self, moved: Displacements, time: TimeFunctions) -> Float64Array:
         """Coefficients (rows of the sample, channels) of all functions of time of a kind."""
         if (moved, time) not in self._coefficients:
-            self._coefficients[moved, time] = self._basis.project(moved.coefficients(time))[self._sample.rows]
+            values = self.basis.project(moved.coefficients(time), self.sample.elements)
+            self._coefficients[moved, time] = values
         return self._coefficients[moved, time]
 
     def bits(self, choice: GroupChoice) -> float:
-        sample, axes, step = self._sample, axes_of(choice.time), grid_step(choice.step)
+        sample, axes, step = self.sample, axes_of(choice.time), grid_step(choice.step)
         moved, frames = self._fitter.displacements(choice.origin), self._fitter.frames
         quantised, largest = quantise_sparsely(self._projected(moved, choice.time), step, axes)
         time_bits = time_step = 0.0
@@ -201,11 +274,11 @@ class Estimate:
     def _residual_bits(
         self, entry: GroupEntry, functions: Float64Array, quantised: Int64Array, largest: Int64Array
     ) -> float:
-        fitter, sample = self._fitter, self._sample
+        fitter, sample = self._fitter, self.sample
         time = functions_of_time(entry, functions, fitter.times)
-        everywhere = np.zeros((self._basis.functions, entry.width), np.int64)
+        everywhere = np.zeros((self.basis.functions, entry.width), np.int64)
         everywhere[sample.rows] = quantised
-        moved = group_functions(entry, time, everywhere, self._basis, sample.elements)
+        moved = group_functions(entry, time, everywhere, self.basis, sample.elements)
         model = fitter.held(moved, sample.points, sample.order)
         limits = margins(entry, time, largest, fitter.residual_step)
         residuals = model.missing(limits, None, None, thread_count())

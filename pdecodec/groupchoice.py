@@ -74,12 +74,22 @@ class GroupSearch:
     fitter : GroupFitter
     basis : SpaceBasis
     like : GroupSearch, optional
-        Of the same points from another reference frame.
+        Of the same points, in another space basis or from another reference frame.
+    compares_bases : bool
+        Whether it is for comparing space bases.
     """
 
-    def __init__(self, fitter: GroupFitter, basis: SpaceBasis, like: GroupSearch | None = None) -> None:
+    def __init__(
+        self,
+        fitter: GroupFitter,
+        basis: SpaceBasis,
+        like: GroupSearch | None = None,
+        *,
+        compares_bases: bool = False,
+    ) -> None:
         self.fitter = fitter
-        self._counter: BitCounter = bit_counter(fitter, basis, like._counter if like else None)
+        counter = like._counter if like else None
+        self._counter: BitCounter = bit_counter(fitter, basis, counter, whole_parts=compares_bases)
         self._found: dict[GroupChoice, float] = {}
         first, last = grid_index(FINEST * fitter.unit), grid_index(COARSEST * fitter.unit)
         self._steps, self._closer_steps = _Axis("step", first, last, STRIDE), _Axis("step", first, last, 1)
@@ -200,7 +210,7 @@ def candidates(search: GroupSearch, usual: GroupChoice) -> list[GroupChoice]:
         return [usual]
     is_small = not fitter.is_large
     ways = [
-        replace(fitter.first_choice, time=time, origin=origin)
+        replace(usual, time=time, origin=origin)
         for origin in ORIGINS
         for time in (TIME_FUNCTIONS if is_small else TIME_FUNCTIONS[:1])
         if time != "poses" or fitter.displacements(origin).has_poses
@@ -212,7 +222,7 @@ def candidates(search: GroupSearch, usual: GroupChoice) -> list[GroupChoice]:
         worth = [choice for choice in ordered if search.bits(choice) <= WORTH_A_LOOK * search.bits(best)]
         return [replace(usual, time=choice.time, origin=choice.origin) for choice in worth]
     moved = fitter.displacements(best.origin)
-    step = grid_step(fitter.first_choice.step)
+    step = grid_step(usual.step)
     narrow = moved.spread("trajectories", step)
     times = [time for time, most in MOST_SPREAD.items() if moved.spread(time, step) <= most * narrow]
     if moved.has_poses:

@@ -282,7 +282,7 @@ class GroupFitter:
     def with_usual_step(self, basis: SpaceBasis) -> GroupChoice:
         """What is fitted where nothing is tried: the first choice with the step that leaves the usual mean error."""
         choice = self.first_choice
-        values = self._projected(basis, choice)
+        values = self.projected(basis, choice)
         rows = np.abs(values[:: max(1, values.size // ROWS_LOOKED_AT)])
         positions = self.frames * len(self._reference) * len(rows) / max(1, len(values))
 
@@ -296,7 +296,7 @@ class GroupFitter:
         steps = range(grid_index(FINEST * self.unit), grid_index(COARSEST_UNTRIED * self.unit) + 1)
         return replace(choice, step=steps[max(0, bisect.bisect_left(steps, True, key=is_too_coarse) - 1)])
 
-    def _projected(self, basis: SpaceBasis, choice: GroupChoice) -> Float64Array:
+    def projected(self, basis: SpaceBasis, choice: GroupChoice) -> Float64Array:
         """Coefficients of all functions of time of a kind; kept until those of others are wanted."""
         wanted = basis, choice.time, choice.origin
         if self._projection is None or self._projection[0] != wanted:
@@ -327,7 +327,7 @@ class GroupFitter:
         step, time_step = grid_step(choice.step), grid_step(choice.step + choice.time_step)
         moved, axes = self.displacements(choice.origin), axes_of(choice.time)
         values = moved.coefficients(choice.time)
-        quantised, largest = quantise_sparsely(self._projected(basis, choice), step, axes)
+        quantised, largest = quantise_sparsely(self.projected(basis, choice), step, axes)
         time_functions: QuantisedTimeFunctions | None = None
         if choice.time == "cosines":
             count = cosines_needed(largest)

@@ -9,20 +9,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.effort import SMALL_CLIP, Effort
+from pdecodec.effort import SMALL_CLIP, Effort, SpaceBases
 from pdecodec.groupchoice import ChosenGroup, GroupSearch, candidates, divided
 from pdecodec.groupfit import SMALL_MESH, FittedGroup, GroupChoice, GroupFitter
 from pdecodec.reference import ReferenceFrame, encode_reference, quantise_reference
 from pdecodec.sequence import MeshObject
 from pdecodec.shares import side_by_side
-from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis
+from pdecodec.spacebasis import SpaceBasis, SpaceKind, clear_space_basis, trial_space_basis
 
 Float32Array = NDArray[np.float32]
 
@@ -91,7 +91,7 @@ class FinishedModel:
 
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """A reference frame, a space basis made on it, and choices of the first groups."""
+    """A reference frame, a space basis to try on it, and choices of the first groups."""
 
     reference: ReferenceFrame
     basis: SpaceBasis
@@ -104,22 +104,48 @@ class _Model:
 
 
 class _Spaces:
-    """Space bases on one reference frame and searches in them, each made once."""
+    """Space bases to try on one reference frame, made beside other work, and searches in them; each made once."""
 
-    def __init__(self, build: Callable[[tuple[SpaceKind, int]], SpaceBasis]) -> None:
-        self._build = build
-        self._bases: dict[tuple[SpaceKind, int], SpaceBasis] = {}
+    def __init__(self, build: Callable[[tuple[SpaceKind, int]], SpaceBasis], beside: ThreadPoolExecutor) -> None:
+        self._build, self._beside = build, beside
+        self._bases: dict[tuple[SpaceKind, int], Future[SpaceBasis]] = {}
         self._searches: dict[tuple[GroupFitter, tuple[SpaceKind, int]], GroupSearch] = {}
+        self._first_searches: dict[GroupFitter, GroupSearch] = {}
+
+    def begin(self, spaces: Sequence[tuple[SpaceKind, int]]) -> None:
+        """Begin to make bases that will be asked for."""
+        for space in spaces:
+            if space not in self._bases:
+                self._bases[space] = self._beside.submit(self._build, space)
 
     def basis(self, space: tuple[SpaceKind, int]) -> SpaceBasis:
-        if space not in self._bases:
-            self._bases[space] = self._build(space)
-        return self._bases[space]
+        self.begin([space])
+        return self._bases[space].result()
 
     def search(self, fitter: GroupFitter, space: tuple[SpaceKind, int]) -> GroupSearch:
+        """A search that looks at the vertices that the first one of the same frames does."""
         if (fitter, space) not in self._searches:
-            self._searches[fitter, space] = GroupSearch(fitter, self.basis(space))
+            search = GroupSearch(fitter, self.basis(space), self._first_searches.get(fitter), compares_bases=True)
+            self._searches[fitter, space] = search
+            self._first_searches.setdefault(fitter, search)
         return self._searches[fitter, space]
+
+
+class References:
+    """Sections of reference frames, made beside other work, each once."""
+
+    def __init__(self, objects: Sequence[MeshObject], beside: ThreadPoolExecutor) -> None:
+        self._objects, self._beside = objects, beside
+        self._made: dict[float, Future[bytes]] = {}
+
+    def begin(self, reference: ReferenceFrame) -> None:
+        """Begin to make what will be asked for."""
+        if reference.step not in self._made:
+            self._made[reference.step] = self._beside.submit(encode_reference, reference, self._objects)
+
+    def data(self, reference: ReferenceFrame) -> bytes:
+        self.begin(reference)
+        return self._made[reference.step].result()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,8 +164,9 @@ class ModelSearch:
     functions : int
         Of a patch at most.
     effort : Effort
-    references : dict
-        Sections of reference frames by their steps, as far as they have been made.
+    references : References
+    beside : ThreadPoolExecutor
+        Makes what is needed later.
     """
 
     points: Float32Array
@@ -150,7 +177,8 @@ class ModelSearch:
     residual_step: float
     functions: int
     effort: Effort
-    references: dict[float, bytes] = field(default_factory=dict)
+    references: References
+    beside: ThreadPoolExecutor
 
     def run(self) -> FinishedModel:
         """The reference frame, space basis and first groups that cost least together.
@@ -173,13 +201,12 @@ class ModelSearch:
         steps, usual = self._reference_steps()
         reference = quantise_reference(self.points[0], steps[usual])
         fitter = self._fitter(reference)
-        with ThreadPoolExecutor(1) as beside:
-            made = beside.submit(self._basis, self.effort.space_bases[-1], reference)
-            data = beside.submit(self._reference_data, reference)
-            fitter.prepare(fitter.first_choice)
-            basis = made.result()
-            group = ruled(fitter, basis)
-            return FinishedModel(reference, data.result(), basis, [group])
+        made = self.beside.submit(self._basis, self.effort.space_bases[-1], reference)
+        self.references.begin(reference)
+        fitter.prepare(fitter.first_choice)
+        basis = clear_space_basis(made.result(), reference.grid)
+        group = ruled(fitter, basis)
+        return FinishedModel(reference, self.references.data(reference), basis, [group])
 
     def _at_this_bound(self, model: FinishedModel) -> FinishedModel:
         """A model of a tighter bound with the residuals that this one leaves."""
@@ -195,16 +222,14 @@ class ModelSearch:
         model = self._with_reference(steps[usual])
         if model.moves and self.effort.reference_steps:
             model = self._with_better_reference(model, steps, usual)
+        made = self.beside.submit(clear_space_basis, model.basis, model.reference.grid)
         if self.effort.fine_steps:
             model = replace(model, groups=[group.tuned() for group in model.groups])
-        reference, basis, groups = (
-            model.reference,
-            model.basis,
-            [(group.fitter, group.choice) for group in model.groups],
-        )
+        reference, groups = model.reference, [(group.fitter, group.choice) for group in model.groups]
         del model  # and with it all that was found out on the way
+        basis = made.result()
         finished_groups = [finished(group, basis, self.effort) for group in groups]
-        return FinishedModel(reference, self._reference_data(reference), basis, finished_groups)
+        return FinishedModel(reference, self.references.data(reference), basis, finished_groups)
 
     def _reference_steps(self) -> tuple[list[float], int]:
         """Steps of the reference frame that are worth trying, and which of them is the usual one."""
@@ -261,70 +286,65 @@ class ModelSearch:
     def _reference_bits(self, reference: ReferenceFrame) -> float:
         """The first frames' share of the bits of a reference frame."""
         share = len(self.points) / self.times.size
-        return 8.0 * share * len(self._reference_data(reference))
-
-    def _reference_data(self, reference: ReferenceFrame) -> bytes:
-        if reference.step not in self.references:
-            self.references[reference.step] = encode_reference(reference, self.objects)
-        return self.references[reference.step]
+        return 8.0 * share * len(self.references.data(reference))
 
     def _with_reference(self, step: float) -> _Model:
         reference = quantise_reference(self.points[0], step)
         fitter = self._fitter(reference)
-        choices, spaces = [fitter.first_choice], _Spaces(partial(self._basis, reference=reference))
-        if self.effort.time_bases:
-            first = self.effort.space_bases[0] if self._is_large else LOOKS
-            choices = candidates(spaces.search(fitter, first), fitter.first_choice)
+        spaces = _Spaces(partial(self._basis, reference=reference), self.beside)
+        first = self.effort.space_bases[0] if self._is_large else LOOKS
+        spaces.begin([first, *self._space_kinds])
+        self.references.begin(reference)
+        fitter.prepare(fitter.first_choice)
+        usual = fitter.with_usual_step(spaces.basis(first)) if self._is_large else fitter.first_choice
+        choices = candidates(spaces.search(fitter, first), usual) if self.effort.time_bases else [usual]
         space = self._choose_space([(fitter, choices[0])], spaces)
-        group = spaces.search(fitter, space).choose(choices)
+        group = GroupSearch(fitter, spaces.basis(space)).choose(choices)
         groups = divided(group, spaces.basis(space)) if self.effort.division else [group]
         if len(groups) > 1 or groups[0].choice.time != choices[0].time:
             # What is left to space is another thing now.
             other = self._choose_space([(group.fitter, group.choice) for group in groups], spaces)
             if other != space:
                 space = other
-                groups = [spaces.search(group.fitter, space).choose([group.choice]) for group in groups]
+                groups = [GroupSearch(group.fitter, spaces.basis(space)).choose([group.choice]) for group in groups]
         return _Model(reference, spaces.basis(space), space, groups)
 
     def _with_other_reference(self, model: _Model, step: float) -> _Model:
         """A model with another reference frame and all else as it is, functions of time included."""
         reference = quantise_reference(self.points[0], step)
-
-        def same() -> tuple[SpaceBasis, list[ChosenGroup]]:
-            basis = self._basis(model.space, reference)
-            searches = [
-                GroupSearch(group.fitter.from_reference(reference.points), basis, group.search)
-                for group in model.groups
-            ]
-            return basis, [search.chosen(group.choice) for search, group in zip(searches, model.groups, strict=True)]
-
-        with ThreadPoolExecutor(1) as beside:
-            data = beside.submit(self._reference_data, reference)
-            basis, groups = same()
-            data.result()
+        self.references.begin(reference)
+        basis = self._basis(model.space, reference)
+        searches = [
+            GroupSearch(group.fitter.from_reference(reference.points), basis, group.search) for group in model.groups
+        ]
+        groups = [search.chosen(group.choice) for search, group in zip(searches, model.groups, strict=True)]
         return _Model(reference, basis, model.space, groups)
 
     def _basis(self, space: tuple[SpaceKind, int], reference: ReferenceFrame) -> SpaceBasis:
         kind, points = space
-        return build_space_basis(kind, self.objects, reference.grid, points=points, functions=self.functions)
+        return trial_space_basis(kind, self.objects, reference.grid, points=points, functions=self.functions)
+
+    @property
+    def _space_kinds(self) -> SpaceBases:
+        return self.effort.space_bases + (() if self._is_large else self.effort.more_of_small)
 
     def _choose_space(
         self, groups: Sequence[tuple[GroupFitter, GroupChoice]], spaces: _Spaces
     ) -> tuple[SpaceKind, int]:
         """Kind and size of the space basis in which the groups take fewest bits."""
-        effort = self.effort
         moving = [(fitter, choice) for fitter, choice in groups if fitter.moves]
-        kinds = effort.space_bases + (() if self._is_large else effort.more_of_small)
+        kinds = self._space_kinds
         if not moving or len(kinds) == 1:
             return kinds[0]
 
         def cost(space: tuple[SpaceKind, int]) -> float:
             bits = sum(spaces.search(fitter, space).bits(choice) for fitter, choice in moving)
             is_dear = self._is_large and space[1] > kinds[0][1]
-            return bits / (1.0 - effort.larger_must_save) if is_dear else bits
+            return bits / (1.0 - self.effort.larger_must_save) if is_dear else bits
 
         for fitter, choice in moving:
             fitter.prepare(choice)
+            spaces.search(fitter, kinds[0])  # whose vertices the others look at
         costs = side_by_side(*(partial(cost, space) for space in kinds))
         return kinds[costs.index(min(costs))]
 

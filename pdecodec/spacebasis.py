@@ -161,9 +161,13 @@ class SpaceBasis:
         """Whether every decoder drops the same columns, however it rounds."""
         return self.nearest > CLEAR
 
-    def project(self, values: Float64Array) -> Float64Array:
-        """Coefficients of values on vertices: (vertices, channels), mesh order, to (functions, channels) float64."""
-        return self.core.project(np.ascontiguousarray(values, np.float64), thread_count())
+    def project(self, values: Float64Array, elements: Int64Array | None = None) -> Float64Array:
+        """Coefficients of values on vertices: (vertices, channels), mesh order, to (functions, channels) float64.
+
+        With `elements`, ascending, only those of the whole's affine functions, the nodes' wavelets and these elements'
+        functions, one after another.
+        """
+        return self.core.project(np.ascontiguousarray(values, np.float64), elements, thread_count())
 
     def encode_masks(self) -> bytes:
         """Which of 1, x, y, z the nodes keep, as a decoder needs it: a coded stream."""
@@ -196,12 +200,34 @@ def build_space_basis(
         False leaves the functions of Eqs. 14 and 16 alone.
     """
     form = SpaceForm(kind, points, functions, rate=rate, affine=affine)
-    patches = _elements(form, objects, reference, None)
-    for threshold in range(THRESHOLDS):
-        basis = SpaceBasis(replace(form, threshold=threshold), patches, reference)
+    return clear_space_basis(SpaceBasis(form, _elements(form, objects, reference, None), reference), reference)
+
+
+def clear_space_basis(basis: SpaceBasis, reference: Int64Array) -> SpaceBasis:
+    """A space basis, or one with another threshold: one that all decoders build alike.
+
+    Parameters
+    ----------
+    basis : SpaceBasis
+        Of threshold 0.
+    reference : (vertices, 3) int64
+        Grid coordinates that it was made of.
+    """
+    for threshold in range(1, THRESHOLDS):
         if basis.is_clear:
             break
+        basis = SpaceBasis(replace(basis.form, threshold=threshold), basis.patches, reference)
     return basis
+
+
+def trial_space_basis(
+    kind: SpaceKind, objects: Sequence[MeshObject], reference: Int64Array, *, points: int, functions: int
+) -> SpaceBasis:
+    """A space basis to estimate with, for :func:`clear_space_basis` to look at once it is chosen: to make its functions
+    is most of the work.
+    """
+    form = SpaceForm(kind, points, functions)
+    return SpaceBasis(form, _elements(form, objects, reference, None), reference)
 
 
 def decode_space_basis(

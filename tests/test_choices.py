@@ -15,7 +15,7 @@ from pdecodec.decoder import open_animation
 from pdecodec.displacements import ORIGINS, TIME_FUNCTIONS, Displacements, Origin, TimeFunctions
 from pdecodec.encoder import encode
 from pdecodec.encodereport import EncodeReport
-from pdecodec.estimate import bit_counter
+from pdecodec.estimate import Estimate, bit_counter
 from pdecodec.groupfit import GroupFitter
 from pdecodec.groups import cosines
 from pdecodec.reference import quantise_reference
@@ -156,6 +156,20 @@ def test_estimates_of_a_large_mesh_are_near_to_what_fits_take(time: TimeFunction
         choice = replace(fitter.first_choice, time=time, origin=origin, step=fitter.first_choice.step + more)
         counter.prepare(choice)
         assert counter.bits(choice) == pytest.approx(fitter.fit(basis, choice).bits, rel=0.15)
+
+
+def test_space_bases_are_compared_on_the_same_vertices() -> None:
+    sequence = waving_sheet()
+    fitter, basis = fitter_of(sequence, 0.02)
+    grid_points = quantise_reference(sequence.read_frames(0, 1)[0], 0.4 * 0.02).grid
+    first = Estimate(fitter, basis, whole_parts=True)
+    assert first.sample.vertices.size < 0.7 * basis.order.size
+    for points in (32, 128):
+        other = build_space_basis("patch", sequence.objects, grid_points, points=points, functions=MOST_FUNCTIONS)
+        found = Estimate(fitter, other, first)
+        assert found.sample.elements.size != first.sample.elements.size
+        assert set(found.sample.vertices) == set(first.sample.vertices)
+        assert found.sample.weight == first.sample.weight
 
 
 def test_rounding_again_towards_what_is_missed_takes_fewer_bits_and_keeps_the_bound() -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pdecodec.groups import GroupEntry, TimeBasis, evaluate_group, group_functions
 from pdecodec.patches import build_patches, early_patches
 from pdecodec.sequence import Connectivity, MeshObject
-from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis
+from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis, trial_space_basis
 
 RNG_SEED = 20
 
@@ -96,6 +96,24 @@ def test_motion_without_functions_of_time_has_coefficients_of_no_channel() -> No
     found = basis.project(np.zeros((20, 0)))
     assert found.shape == (basis.functions, 0)
     assert expanded(basis, found).shape == (20, 0)
+
+
+@pytest.mark.parametrize("kind", ["patch", "curve"])
+def test_some_elements_are_projected_to_as_all_are_whether_their_functions_are_made_or_not(kind: SpaceKind) -> None:
+    item, rest = grid(23, 17)
+    values = np.random.default_rng(RNG_SEED).normal(size=(len(rest), 5))
+    basis = build_space_basis(kind, [item], rest, points=16, functions=12)
+    unmade = trial_space_basis(kind, [item], rest, points=16, functions=12)
+    elements = np.array([0, 3, basis.element_count - 1])
+    edges = basis.coefficient_starts
+    rows = [np.arange(edges[0]), *(np.arange(edges[e], edges[e + 1]) for e in elements)]
+    wanted = basis.project(values)[np.concatenate(rows)]
+    np.testing.assert_array_equal(basis.project(values, elements), wanted)
+    np.testing.assert_array_equal(unmade.project(values, elements), wanted)
+    assert unmade.project(np.zeros((len(rest), 0)), elements).shape == (len(wanted), 0)
+    for wrong in ([3, 0], [0, basis.element_count], [-1]):
+        with pytest.raises(ValueError, match="elements ascend"):
+            basis.project(values, np.array(wrong))
 
 
 def test_an_affine_motion_needs_four_functions_however_many_patches_there_are() -> None:

@@ -91,25 +91,62 @@ std::span<const double> SpaceBasis::functions_of(i64 element) const {
 std::vector<double> SpaceBasis::project(std::span<const double> values, i64 channels, int threads) const {
     std::vector<double> affine(affine_count * tree_.nodes() * channels), coefficients(functions() * channels);
     in_shares(elements_.count(), threads, [&](i64 first, i64 end) {
-        project(first, end, values.data(), channels, affine.data(), coefficients.data());
+        std::vector<const double *> made;
+        for (i64 e = first; e < end; ++e) {
+            made.clear();
+            const i64 points = elements_.patches->size(e);
+            for (i64 k = 0; k < elements_.rank(e); ++k) made.push_back(functions_of(e).data() + k * points);
+            project(e, made, values.data(), channels, affine.data(),
+                    coefficients.data() + elements_.coefficient_starts[e] * channels);
+        }
     });
     tree_.analyse(affine, coefficients.data(), channels);
     return coefficients;
 }
 
-void SpaceBasis::project(i64 first, i64 end, const double *values, i64 channels, double *affine,
-                         double *coefficients) const {
+i64 SpaceBasis::functions_with(std::span<const i64> chosen) const {
+    i64 count = tree_.functions();
+    for (const i64 e : chosen) count += elements_.rank(e) - elements_.affine[e];
+    return count;
+}
+
+std::vector<double> SpaceBasis::project_some(std::span<const double> values, i64 channels, std::span<const i64> chosen,
+                                             int threads) const {
+    std::vector<i64> starts(elements_.count(), -1);  // of the chosen ones, where their functions begin
+    i64 rows = tree_.functions();
+    for (const i64 e : chosen) {
+        starts[e] = rows;
+        rows += elements_.rank(e) - elements_.affine[e];
+    }
+    std::vector<double> affine(affine_count * tree_.nodes() * channels), coefficients(rows * channels);
+    in_shares(elements_.count(), threads, [&](i64 first, i64 end) {
+        ElementFunctions functions(elements_);
+        std::vector<const double *> made;
+        for (i64 e = first; e < end; ++e) {
+            made.clear();
+            const i64 points = elements_.patches->size(e);
+            const i64 count = starts[e] < 0 ? elements_.affine[e] : elements_.rank(e);
+            if (!is_made_) functions.make(e, count);
+            for (i64 k = 0; k < count; ++k)
+                made.push_back(is_made_ ? functions_of(e).data() + k * points : functions.function(k));
+            project(e, made, values.data(), channels, affine.data(),
+                    starts[e] < 0 ? nullptr : coefficients.data() + starts[e] * channels);
+        }
+    });
+    tree_.analyse(affine, coefficients.data(), channels);
+    return coefficients;
+}
+
+// `others`: where the coefficients of an element's functions that are not affine go.
+void SpaceBasis::project(i64 element, std::span<const double *const> functions, const double *values, i64 channels,
+                         double *affine, double *others) const {
     const Patches &patches = *elements_.patches;
     std::vector<const double *> rows;
-    for (i64 e = first; e < end; ++e) {
-        rows.clear();
-        for (const i32 vertex : patches.vertices(e)) rows.push_back(values + vertex * channels);
-        const double *function = functions_of(e).data();
-        for (i64 k = 0; k < elements_.rank(e); ++k, function += rows.size()) {
-            double *row = k < elements_.affine[e] ? affine + (affine_count * patches.node_of[e] + k) * channels
-                                                  : coefficients + (elements_.first_function(e) + k) * channels;
-            add_multiples(row, channels, rows.data(), function, static_cast<i64>(rows.size()));
-        }
+    for (const i32 vertex : patches.vertices(element)) rows.push_back(values + vertex * channels);
+    for (i64 k = 0; k < static_cast<i64>(functions.size()); ++k) {
+        double *row = k < elements_.affine[element] ? affine + (affine_count * patches.node_of[element] + k) * channels
+                                                    : others + (k - elements_.affine[element]) * channels;
+        add_multiples(row, channels, rows.data(), functions[k], static_cast<i64>(rows.size()));
     }
 }
 

@@ -51,8 +51,15 @@ public:
     // Coefficients of values on vertices, both with a row of `channels` each. The functions are made.
     std::vector<double> project(std::span<const double> values, i64 channels, int threads) const;
 
+    // The same of the whole's affine functions, the nodes' wavelets and the functions of some elements alone, ascending,
+    // which follow each other. Functions are made on the way unless they are.
+    std::vector<double> project_some(std::span<const double> values, i64 channels, std::span<const i64> chosen,
+                                     int threads) const;
+    i64 functions_with(std::span<const i64> chosen) const;
+
 private:
-    void project(i64 first, i64 end, const double *values, i64 channels, double *affine, double *coefficients) const;
+    void project(i64 element, std::span<const double *const> functions, const double *values, i64 channels,
+                 double *affine, double *others) const;
 
     Elements elements_;
     PartitionTree tree_;

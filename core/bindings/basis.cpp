@@ -77,6 +77,14 @@ std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &
     return std::make_shared<Patches>(cut_curves({order.data(), order.data() + vertices}, bounds, points));
 }
 
+void check_chosen(std::span<const i64> elements, const SpaceBasis &basis) {
+    i64 before = -1;
+    for (const i64 element : elements) {
+        require(element > before && element < basis.elements().count(), "elements ascend, and are there");
+        before = element;
+    }
+}
+
 // A space basis, and the array that it looks at.
 struct PySpaceBasis {
     PySpaceBasis(int kind, i64 points, int functions, int threshold, double rate, bool affine,
@@ -92,14 +100,22 @@ struct PySpaceBasis {
         basis.emplace(form, patches, points_of(grid), coded, threads);
     }
 
-    nb::object project(const Values &values, int threads) {
+    nb::object project(const Values &values, const std::optional<Flat<i64>> &elements, int threads) {
         require(static_cast<i64>(values.shape(0)) == basis->vertices(), "one row of values a vertex");
-        const std::size_t channels = values.shape(1), functions = static_cast<std::size_t>(basis->functions());
+        if (elements) check_chosen(view(*elements), *basis);
+        const std::span<const double> all(values.data(), values.size());
+        const std::size_t channels = values.shape(1);
+        const std::size_t functions =
+            static_cast<std::size_t>(elements ? basis->functions_with(view(*elements)) : basis->functions());
         auto found = std::make_unique<std::vector<double>>();
         {
             nb::gil_scoped_release release;
-            basis->make_functions(threads);
-            *found = basis->project({values.data(), values.size()}, static_cast<i64>(channels), threads);
+            if (elements) {
+                *found = basis->project_some(all, static_cast<i64>(channels), view(*elements), threads);
+            } else {
+                basis->make_functions(threads);
+                *found = basis->project(all, static_cast<i64>(channels), threads);
+            }
         }
         double *first = found->data();
         nb::capsule owner(found.release(),
@@ -176,13 +192,7 @@ void make_motion(PyMotion *made, const PySpaceBasis &of_basis, const Quantised &
                 quantised.shape(1) % axes == 0 &&
                 static_cast<i64>(quantised.shape(1)) / axes <= Motion<float>::most_functions,
             "one row of coefficients a function of space");
-    if (elements) {
-        i64 before = -1;
-        for (const i64 element : view(*elements)) {
-            require(element > before && element < basis.elements().count(), "elements ascend, and are there");
-            before = element;
-        }
-    }
+    if (elements) check_chosen(view(*elements), basis);
     if (single) {
         new (made) PyMotion{take<float>(basis, quantised, axes, step, elements, threads)};
     } else {
@@ -255,7 +265,7 @@ void bind_basis(nb::module_ &module) {
             },
             nb::arg("threads"))
         .def("functions_of", &py_functions_of, nb::arg("element"))
-        .def("project", &PySpaceBasis::project, nb::arg("values"), nb::arg("threads"));
+        .def("project", &PySpaceBasis::project, nb::arg("values"), nb::arg("elements").none(), nb::arg("threads"));
     nb::class_<PyMotion>(module, "Motion")
         .def("__init__", &make_motion, nb::arg("basis"), nb::arg("quantised").noconvert(), nb::arg("axes"),
              nb::arg("step"), nb::arg("single"), nb::arg("elements").none(), nb::arg("threads"), nb::keep_alive<1, 2>())
