@@ -19,7 +19,7 @@ BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3' \
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test browser lint types sanitize fuzz exactness bench bench-rd figures reproduce stability paper dist docs vectors clean
+.PHONY: demo test browser lint types sanitize fuzz exactness bench bench-rd figures reproduce stability paper dist docs vectors wasm clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
@@ -102,6 +102,11 @@ dist: $(READY)
 docs: $(INSTALLED)
 	$(BIN)/python docs/make_cli.py docs/cli.md
 	$(BIN)/python docs/make_formats.py docs/formats.md
+
+# The decoder as WebAssembly, for the player; the test of its sources says when.
+wasm: $(INSTALLED)
+	$(PIP) 'ziglang==0.17.1'
+	$(BIN)/python core/wasm/build.py player/pdeanim.wasm
 
 vectors: $(INSTALLED)
 	$(BIN)/python -m spec.make_vectors

@@ -1,4 +1,4 @@
-"""The layout of four folders side by side that install as one package."""
+"""The layout of folders side by side that install as one package."""
 
 from __future__ import annotations
 
@@ -28,13 +28,14 @@ def run_python(*arguments: str, cwd: Path = ROOT, path: Path = ROOT) -> subproce
     )
 
 
-def test_the_four_folders_are_one_package() -> None:
+def test_the_folders_are_one_package() -> None:
     mapped = PROJECT["tool"]["scikit-build"]["wheel"]["packages"]
     assert mapped == {
         "pdecodec": "pdecodec",
         "pdecodec/formats": "formats",
         "pdecodec/batch": "batch",
         "pdecodec/report": "report",
+        "pdecodec/player": "player",
         "pdecodec/cli": "cli",
     }
 
@@ -50,7 +51,7 @@ def test_the_changelog_has_a_dated_entry_for_this_version() -> None:
     assert f"## [{PROJECT['project']['version']}] - 20" in text
 
 
-@pytest.mark.parametrize("name", ["batch", "cli", "formats", "report"])
+@pytest.mark.parametrize("name", ["batch", "cli", "formats", "player", "report"])
 def test_a_folder_imported_by_its_bare_name_says_which_name_to_use(name: str) -> None:
     result = run_python("-c", f"import {name}")
     assert result.returncode == 1
@@ -83,7 +84,7 @@ def test_every_public_name_can_be_imported() -> None:
         pdecodec.nothing  # noqa: B018
 
 
-def test_a_wheel_holds_all_four_folders_as_one_package_and_works_from_elsewhere(tmp_path: Path) -> None:
+def test_a_wheel_holds_all_folders_as_one_package_and_works_from_elsewhere(tmp_path: Path) -> None:
     if shutil.which("c++") is None:
         pytest.skip("there is no C++ compiler in the path")
     # Objects of the core that lie in build/ already are taken from there: what is tested is what the wheel holds.
@@ -112,6 +113,7 @@ def test_a_wheel_holds_all_four_folders_as_one_package_and_works_from_elsewhere(
             for file in (ROOT / top).rglob("*.py")
         }
         assert modules | {"pdecodec/py.typed", "pdecodec/_core.pyi"} <= set(names)
+        assert {"pdecodec/player/pdeanim.wasm", "pdecodec/player/pdeanim.js"} <= set(names)
         assert not any("__pycache__" in name for name in names)
         archive.extractall(tmp_path / "installed")
     # Without the site's start-up files: they lead to this checkout.

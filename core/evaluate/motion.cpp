@@ -14,6 +14,13 @@ namespace {
 // Of so many functions of time at most, an element may keep fields: it never has more functions than twice that.
 constexpr i64 most_fields = 64;
 
+// Whether one loop does for all numbers of vertices: code for a page is fetched, and its registers are few.
+#if defined(__wasm__)
+constexpr bool is_small = true;
+#else
+constexpr bool is_small = false;
+#endif
+
 template <class Real> constexpr int lanes = 32 / sizeof(Real);
 
 template <class Real> constexpr i64 padded(i64 size) { return (size + lanes<Real> - 1) / lanes<Real> * lanes<Real>; }
@@ -159,7 +166,9 @@ PDEANIM_INLINE void write_vertices(Target<Real> &to, i64 vertices, Out *out) {
 // Twelve sums are kept in registers, or fewer.
 template <int frames, bool is_shared, class Real, class Out>
 PDEANIM_INLINE void write_element(Target<Real> to, i64 vertices, Out *out) {
-    if constexpr (frames == 1) {
+    if constexpr (is_small) {
+        while (to.size > 0) write_vertices<frames, is_shared, 1, 1>(to, vertices, out);
+    } else if constexpr (frames == 1) {
         while (to.size > 3 * lanes<Real>) write_vertices<frames, is_shared, 4, 1>(to, vertices, out);
         if (to.size > 2 * lanes<Real>) write_vertices<frames, is_shared, 3, 1>(to, vertices, out);
         if (to.size > lanes<Real>) write_vertices<frames, is_shared, 2, 1>(to, vertices, out);

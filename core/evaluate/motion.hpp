@@ -20,8 +20,13 @@
 
 namespace pdeanim {
 
-// Frames that are evaluated together.
+// Frames that are evaluated together. In a page frames are shown one by one, and code is fetched: there it is without the
+// loops for several.
+#if defined(__wasm__)
+constexpr i64 frames_at_once = 1;
+#else
 constexpr i64 frames_at_once = 8;
+#endif
 
 // The reference frame in the order of the elements.
 template <class Real> struct AnchoredReference {

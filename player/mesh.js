@@ -1,0 +1,108 @@
+/**
+ * What is drawn of a mesh: triangles, edges, and for normals the corners around each vertex. Faces are polygons of any size;
+ * a triangle fan of each is drawn.
+ */
+
+/** Triangles of all objects of an animation, or of one: vertices numbered through, and the face that each is of. */
+export function trianglesOf(objects) {
+  let count = 0;
+  for (const { faceSizes } of objects) for (const size of faceSizes) count += Math.max(size - 2, 0);
+  const triangles = new Uint32Array(3 * count);
+  const faces = new Uint32Array(count);
+  let at = 0;
+  let face = 0;
+  for (const { firstVertex, faceSizes, faceIndices } of objects) {
+    let corner = 0;
+    for (const size of faceSizes) {
+      for (let k = 1; k + 1 < size; k++) {
+        triangles[3 * at] = firstVertex + faceIndices[corner];
+        triangles[3 * at + 1] = firstVertex + faceIndices[corner + k];
+        triangles[3 * at + 2] = firstVertex + faceIndices[corner + k + 1];
+        faces[at++] = face;
+      }
+      corner += size;
+      face++;
+    }
+  }
+  return { triangles, faces };
+}
+
+/** Edges of faces, each once, and of lines: two vertices each. */
+export function edgesOf(objects) {
+  const found = [];
+  for (const { firstVertex, vertexCount, faceSizes, faceIndices, lineSizes, lineIndices } of objects) {
+    const seen = new Set();
+    let corner = 0;
+    for (const size of faceSizes) {
+      for (let k = 0; k < size; k++) {
+        const a = faceIndices[corner + k];
+        const b = faceIndices[corner + ((k + 1) % size)];
+        const key = Math.min(a, b) * vertexCount + Math.max(a, b);
+        if (a === b || seen.has(key)) continue;
+        seen.add(key);
+        found.push(firstVertex + a, firstVertex + b);
+      }
+      corner += size;
+    }
+    corner = 0;
+    for (const size of lineSizes) {
+      for (let k = 0; k + 1 < size; k++) {
+        found.push(firstVertex + lineIndices[corner + k], firstVertex + lineIndices[corner + k + 1]);
+      }
+      corner += size;
+    }
+  }
+  return Uint32Array.from(found);
+}
+
+/** Of each vertex the other two of the triangles around it: `starts[v]` to `starts[v + 1]` - 1 number pairs of `others`. */
+export function cornersAround(triangles, vertexCount) {
+  const starts = new Uint32Array(vertexCount + 1);
+  for (const vertex of triangles) starts[vertex + 1]++;
+  for (let vertex = 0; vertex < vertexCount; vertex++) starts[vertex + 1] += starts[vertex];
+  const next = starts.slice();
+  const others = new Uint32Array(2 * triangles.length);
+  for (let corner = 0; corner < triangles.length; corner += 3) {
+    for (let k = 0; k < 3; k++) {
+      const place = 2 * next[triangles[corner + k]]++;
+      others[place] = triangles[corner + ((k + 1) % 3)];
+      others[place + 1] = triangles[corner + ((k + 2) % 3)];
+    }
+  }
+  return { starts, others };
+}
+
+/** Normals of vertices: the sum over triangles around each, by their areas, of length 1. */
+export function normalsOf(positions, triangles, out = new Float32Array(positions.length)) {
+  out.fill(0);
+  for (let corner = 0; corner < triangles.length; corner += 3) {
+    const a = 3 * triangles[corner];
+    const b = 3 * triangles[corner + 1];
+    const c = 3 * triangles[corner + 2];
+    const ux = positions[b] - positions[a];
+    const uy = positions[b + 1] - positions[a + 1];
+    const uz = positions[b + 2] - positions[a + 2];
+    const vx = positions[c] - positions[a];
+    const vy = positions[c + 1] - positions[a + 1];
+    const vz = positions[c + 2] - positions[a + 2];
+    const x = uy * vz - uz * vy;
+    const y = uz * vx - ux * vz;
+    const z = ux * vy - uy * vx;
+    add(out, a, x, y, z);
+    add(out, b, x, y, z);
+    add(out, c, x, y, z);
+  }
+  for (let at = 0; at < out.length; at += 3) {
+    const length = Math.sqrt(out[at] ** 2 + out[at + 1] ** 2 + out[at + 2] ** 2) || 1;
+    out[at] /= length;
+    out[at + 1] /= length;
+    out[at + 2] /= length;
+  }
+  return out;
+}
+
+function add(out, at, x, y, z) {
+  out[at] += x;
+  out[at + 1] += y;
+  out[at + 2] += z;
+}

@@ -1,0 +1,156 @@
+/** What can go wrong: `code` says of which kind it is. */
+export class PdeanimError extends Error {
+  code:
+    | "corrupt"
+    | "limit"
+    | "argument"
+    | "read-failed"
+    | "no-memory"
+    | "cancelled"
+    | "internal"
+    | "bytes-missing";
+  /** Byte of the file, or -1. */
+  offset: number;
+  /** Frame, or -1. */
+  frame: number;
+}
+
+/** Where bytes of a file come from. */
+export interface Source {
+  readonly size: number;
+  readonly isMissing: boolean;
+  read(offset: number, size: number): Uint8Array | null;
+  fetchMissing?(): Promise<void>;
+}
+
+/** A whole file in memory. */
+export class MemorySource implements Source {
+  constructor(data: ArrayBuffer | ArrayBufferView);
+  readonly size: number;
+  readonly isMissing: boolean;
+  read(offset: number, size: number): Uint8Array;
+}
+
+/** A file at an address, read in parts. */
+export class HttpSource implements Source {
+  static open(address: string | URL, request?: RequestInit): Promise<HttpSource>;
+  readonly size: number;
+  readonly isMissing: boolean;
+  /** Bytes that were fetched so far. */
+  readonly bytesFetched: number;
+  read(offset: number, size: number): Uint8Array | null;
+  fetchMissing(): Promise<void>;
+}
+
+export interface OpenOptions {
+  /** Bytes that the file may ask for; 2 GiB where nothing is said. */
+  maxMemory?: number;
+  /** What requests are made with, such as headers. */
+  request?: RequestInit;
+  /** The module, where it is not beside the script. */
+  wasm?: BufferSource;
+}
+
+export interface AnimatedObject {
+  name: string;
+  firstVertex: number;
+  vertexCount: number;
+  /** Corners of each face. */
+  faceSizes: Int32Array;
+  /** Their vertices, face after face, from 0 within the object. */
+  faceIndices: Int32Array;
+  lineSizes: Int32Array;
+  lineIndices: Int32Array;
+}
+
+export interface Attribute {
+  name: string;
+  domain: "vertices" | "faces" | "corners" | "object";
+  columns: number;
+  /** Row after row. */
+  values: Float32Array | Float64Array | Int32Array | BigInt64Array | Uint8Array;
+  /** Row of each element, -1 for none; null: element k has row k. */
+  indices: Int32Array | null;
+  /** What integers stand for, if they do. */
+  labels: string[];
+}
+
+export interface FrameGroup {
+  firstFrame: number;
+  frameCount: number;
+  functionCount: number;
+  /** Of a field: 1 where all axes have it in common, else 3. */
+  axisCount: 1 | 3;
+}
+
+export interface Corrections {
+  frames: Int32Array;
+  vertices: Int32Array;
+  /** x, y, z of one after the other [scene units]. */
+  offsets: Float32Array;
+}
+
+export interface Section {
+  type: string;
+  offset: number;
+  length: number;
+}
+
+export interface EvaluateOptions {
+  /** One object's vertices alone. */
+  object?: number;
+  /** Written to, and returned. */
+  out?: Float32Array;
+}
+
+/** Compile the decoder ahead of the first `open`. */
+export function compile(bytes?: BufferSource): Promise<WebAssembly.Module>;
+
+/** A deforming mesh, at any time. */
+export class PdeAnimation {
+  private constructor();
+  static open(
+    from: ArrayBuffer | ArrayBufferView | string | URL | Source,
+    options?: OpenOptions,
+  ): Promise<PdeAnimation>;
+
+  readonly frameCount: number;
+  readonly vertexCount: number;
+  readonly objectCount: number;
+  readonly runCount: number;
+  readonly groupCount: number;
+  /** Frames a second, as the file was made for. */
+  readonly frameRate: number;
+  /** Of the frames [s]. */
+  readonly times: Float64Array;
+  /** First and last time [s]. */
+  readonly start: number;
+  readonly end: number;
+  /** Bytes of the file. */
+  readonly fileSize: number;
+
+  prepare(time: number): Promise<void>;
+  at(time: number): PdeAnimation;
+  firstFrameOfRun(run: number): number;
+  run(index: number): PdeAnimation;
+  object(index: number): AnimatedObject;
+  readonly objects: AnimatedObject[];
+  attributes(object: number): Attribute[];
+
+  positions(time: number, options?: EvaluateOptions): Float32Array;
+  velocities(time: number, options?: EvaluateOptions): Float32Array;
+  accelerations(time: number, options?: EvaluateOptions): Float32Array;
+
+  readonly groups: FrameGroup[];
+  groupOf(frame: number): number;
+  reference(): Float32Array;
+  groupsAt(time: number): [first: number, behind: number];
+  weights(time: number, group: number): Float64Array;
+  fields(group: number): Float32Array;
+  corrections(group: number): Corrections;
+  elements(): Int32Array;
+  readonly sections: Section[];
+
+  verify(): void;
+  close(): void;
+}

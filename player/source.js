@@ -1,0 +1,105 @@
+import { PdeanimError } from "./errors.js";
+
+/** Bytes that are asked for at once: a few milliseconds of a slow line, and all headers of most files. */
+const BLOCK_BYTES = 1 << 16;
+
+/** A whole file in memory. */
+export class MemorySource {
+  /** @param {ArrayBuffer | ArrayBufferView} data */
+  constructor(data) {
+    this.bytes = ArrayBuffer.isView(data)
+      ? new Uint8Array(data.buffer, data.byteOffset, data.byteLength)
+      : new Uint8Array(data);
+    this.size = this.bytes.length;
+  }
+
+  /** Bytes from `offset` on, fewer at the end of the file alone; null where they must be fetched first. */
+  read(offset, size) {
+    return this.bytes.subarray(offset, offset + size);
+  }
+
+  /** Whether there is something to be fetched. */
+  get isMissing() {
+    return false;
+  }
+}
+
+/** A file at an address, of which parts are read as they are needed (HTTP ranges). */
+export class HttpSource {
+  /**
+   * Read the first part. A server that knows no ranges sends all.
+   * @param {string | URL} address
+   * @param {RequestInit} request what requests are made with, such as headers
+   */
+  static async open(address, request = {}) {
+    const source = new HttpSource(address, request);
+    await source.#fetchBlocks(0, 1);
+    return source;
+  }
+
+  #blocks = new Map();
+  #tag = null;
+  #missing = null;
+
+  constructor(address, request) {
+    this.address = String(address);
+    this.request = request;
+    this.size = 0;
+    this.bytesFetched = 0;
+  }
+
+  read(offset, size) {
+    const end = Math.min(offset + size, this.size);
+    const first = Math.floor(offset / BLOCK_BYTES);
+    const behind = Math.ceil(end / BLOCK_BYTES);
+    const found = new Uint8Array(Math.max(end - offset, 0));
+    for (let block = first; block < behind; block++) {
+      const bytes = this.#blocks.get(block);
+      if (!bytes) {
+        this.#missing = { first: block, behind };
+        return null;
+      }
+      const start = block * BLOCK_BYTES;
+      const from = Math.max(offset - start, 0);
+      found.set(bytes.subarray(from, Math.min(end - start, bytes.length)), start + from - offset);
+    }
+    return found;
+  }
+
+  get isMissing() {
+    return this.#missing !== null;
+  }
+
+  /** Fetch what the last read lacked. */
+  async fetchMissing() {
+    const { first, behind } = this.#missing;
+    await this.#fetchBlocks(first, behind);
+    this.#missing = null;
+  }
+
+  async #fetchBlocks(first, behind) {
+    const headers = new Headers(this.request.headers);
+    headers.set("Range", `bytes=${first * BLOCK_BYTES}-${behind * BLOCK_BYTES - 1}`);
+    const response = await fetch(this.address, { ...this.request, headers });
+    if (!response.ok) throw new PdeanimError(`${this.address}: the server answers ${response.status}`, "read-failed");
+    const tag = response.headers.get("ETag");
+    if (this.size && tag !== this.#tag) {
+      throw new PdeanimError(`${this.address}: the file has changed; open it again`, "read-failed");
+    }
+    this.#tag = tag;
+    const bytes = new Uint8Array(await response.arrayBuffer());
+    this.bytesFetched += bytes.length;
+    let start = 0;
+    if (response.status === 206) {
+      const range = /bytes (\d+)-\d+\/(\d+)/.exec(response.headers.get("Content-Range") ?? "");
+      if (!range) throw new PdeanimError(`${this.address}: the server does not say which bytes it sends`, "read-failed");
+      start = Number(range[1]);
+      this.size = Number(range[2]);
+    } else {
+      this.size = bytes.length;
+    }
+    for (let at = 0; at < bytes.length; at += BLOCK_BYTES) {
+      this.#blocks.set((start + at) / BLOCK_BYTES, bytes.subarray(at, at + BLOCK_BYTES));
+    }
+  }
+}
