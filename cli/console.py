@@ -14,6 +14,7 @@ import click
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from pdecodec.encodereport import Question
     from pdecodec.sequence import MeshSequence, Progress
 
 PIPE_WIDTH = 200
@@ -74,6 +75,29 @@ def print_rows(rows: Sequence[Sequence[str]]) -> None:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         click.echo("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip())
+
+
+def alternatives_in_rows(questions: Sequence[Question]) -> list[tuple[str, str, str]]:
+    """What was chosen, what that takes, and what else would have taken how much; a row for each choice."""
+    rows = []
+    for question in questions:
+        taken = [f"{item.way}: {item.size:,}" for item in question.ways if item.chosen]
+        others = [f"{item.way}: {item.size:,}" for item in question.ways if not item.chosen]
+        what = f"{question.what}, {counted(question.frames, 'frame')}"
+        rows.append((what, "; ".join(taken), "; ".join(others) or "nothing else"))
+    return rows
+
+
+def print_alternatives(questions: Sequence[Question]) -> None:
+    """:func:`alternatives_in_rows` to standard output."""
+    if questions:
+        print_rows([("choice", "taken, in bytes", "instead of"), *alternatives_in_rows(questions)])
+
+
+def say_alternatives(questions: Sequence[Question]) -> None:
+    """The same to standard error."""
+    for what, taken, others in alternatives_in_rows(questions):
+        say(f"{what}: {taken} bytes; instead of {others}")
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say, say_notices
+from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say, say_alternatives, say_notices
 from pdecodec.cli.jobs import STREAM, Job, job_options, jobs, say_plan, say_start, streamed
 from pdecodec.cli.options import (
     bytes_of,
@@ -96,6 +96,12 @@ if TYPE_CHECKING:
     default="default",
     show_default=True,
     help="fast: one basis, for previews. best: all bases, for archives. Profile auto.",
+)
+@click.option(
+    "--why",
+    is_flag=True,
+    help="Tell what else could have been taken and what it would have cost, and keep that in the file for "
+    "pdecodec info --why. Takes twice as long and more.",
 )
 @click.option(
     "--max-memory",
@@ -210,6 +216,7 @@ def _encode(
         if as_json:
             print_json(_as_json(report, output, source_bytes, checked))
     say(report.summary)
+    say_alternatives(report.alternatives)
     if report.bound is not None and (rms is not None or size is not None):
         say(f"tolerance {report.bound / report.scale:.4g} taken, rms error {report.rms_error / report.scale:.3g}")
     bound = "no bound" if report.bound is None else f"bound {report.bound:.3g}"
@@ -223,7 +230,7 @@ def _encode(
 
 def _as_json(report: EncodeReport, output: str, input_size: int, settings: EncodeSettings) -> dict[str, Any]:
     """The report with the names and ratios that scripts want."""
-    from pdecodec.encodereport import CONSTANT_SECTIONS
+    from pdecodec.encodereport import CONSTANT_SECTIONS, to_json
     from pdecodec.metrics import bits_per_vertex_frame
 
     constant = sum(report.sections.get(name, 0) for name in CONSTANT_SECTIONS)
@@ -250,4 +257,6 @@ def _as_json(report: EncodeReport, output: str, input_size: int, settings: Encod
         "residuals": report.residuals,
         "sections": report.sections,
         "summary": report.summary,
+        "jumps": list(report.jumps),
+        "alternatives": to_json(report.alternatives),
     }

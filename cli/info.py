@@ -7,11 +7,23 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, counted, print_json, print_rows, progress_bar, ratio, say, say_notices
+from pdecodec.cli.console import (
+    byte_size,
+    counted,
+    print_alternatives,
+    print_json,
+    print_rows,
+    progress_bar,
+    ratio,
+    say,
+    say_notices,
+)
 from pdecodec.cli.options import bytes_of, json_option, loudness_options, read_options, within_limits
-from pdecodec.errors import InputError
+from pdecodec.encodereport import to_json
+from pdecodec.errors import InputError, SettingsError
 
 if TYPE_CHECKING:
+    from pdecodec.encodereport import Question
     from pdecodec.sequence import MeshObject, MeshSequence, Progress
 
 
@@ -20,11 +32,17 @@ if TYPE_CHECKING:
 @read_options
 @click.option("--all-frames", is_flag=True, help="Read every frame, for the bounds of the whole sequence.")
 @click.option("--tree", "as_tree", is_flag=True, help="Show objects as a tree of their names.")
+@click.option(
+    "--why",
+    is_flag=True,
+    help="Of a .pdeanim file, show what else could have been taken and what it would have cost: as encode --why kept "
+    "it, or else found out from what the file decodes to.",
+)
 @within_limits
 @loudness_options
 @json_option
 def info(
-    *, source: str, all_frames: bool, as_tree: bool, as_json: bool, skip_unsupported: bool, **reading: Any
+    *, source: str, all_frames: bool, as_tree: bool, why: bool, as_json: bool, skip_unsupported: bool, **reading: Any
 ) -> None:
     """Tell what a mesh sequence or a .pdeanim file holds.
 
@@ -46,10 +64,30 @@ def info(
         }
         if all_frames:
             facts["bounds"] = _bounds(sequence)
+        questions = _alternatives(sequence, source) if why else ()
+        if why:
+            facts["alternatives"] = to_json(questions)
     if as_json:
         print_json(facts)
     else:
         _print(facts, as_tree=as_tree)
+        print_alternatives(questions)
+
+
+def _alternatives(sequence: MeshSequence, source: str) -> Sequence[Question]:
+    """What else could have been taken: as the file says, else as it turns out now."""
+    from pdecodec.decoder import Animation
+    from pdecodec.encodereport import from_json
+
+    if not isinstance(sequence, Animation):
+        raise SettingsError(f"{source}: --why is about .pdeanim files")
+    kept = from_json(sequence.info().get("alternatives"))
+    if kept:
+        return kept
+    from pdecodec.alternatives import alternatives_of
+
+    say("note: the file does not keep what else was tried; found out from what it decodes to, so about")
+    return alternatives_of(sequence)
 
 
 def _connectivity_facts(sequence: MeshSequence, files: int) -> dict[str, Any]:
@@ -250,6 +288,7 @@ _TABLED = frozenset(
         "first_changed_frame",
         "unsupported",
         "bounds",
+        "alternatives",
     }
 )
 """Facts that the table shows in its own words."""

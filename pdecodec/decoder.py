@@ -22,7 +22,7 @@ from pdecodec import _core
 from pdecodec.attributes import DOMAINS
 from pdecodec.connectivity import core_errors
 from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
-from pdecodec.groups import TIME_BASES
+from pdecodec.groups import TIME_BASES, GroupEntry
 from pdecodec.paperform import PaperForm, paper_form
 from pdecodec.reference import ReferenceFrame
 from pdecodec.resample import Outside, times_inside
@@ -436,6 +436,15 @@ class Animation(MeshSequence):
             return [*(group[0] for group in self._core.groups), self.frame_count]
 
     @property
+    def first_group(self) -> GroupEntry:
+        """The first group of frames, without what says where its bytes are."""
+        with self._naming_the_file():
+            _, frames, functions, basis, step, alpha = self._core.groups[0]
+        return GroupEntry(
+            frames=frames, functions=functions, basis=TIME_BASES[basis], single=False, step=step, alpha=alpha
+        )
+
+    @property
     def residual_step(self) -> float:
         """What residuals are whole numbers of [scene units]."""
         with self._naming_the_file():
@@ -477,6 +486,7 @@ class Animation(MeshSequence):
             "groups": len(groups),
             "group_frames": [min(frames), max(frames)],
             "jumps": list(self.jumps),
+            "alternatives": remarks.get("alternatives"),
         }
 
     @property

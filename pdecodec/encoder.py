@@ -29,7 +29,7 @@ from pdecodec.container import Section, Spool, container_pieces, section_sizes, 
 from pdecodec.description import encode_remarks, encode_sequence_description
 from pdecodec.effort import EFFORTS
 from pdecodec.encodememory import LONGEST_GROUP, memory_plan
-from pdecodec.encodereport import EncodeReport, counted, generator
+from pdecodec.encodereport import EncodeReport, Question, counted, generator, to_json
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.groupchoice import GroupSearch, candidates, divided
 from pdecodec.groupfit import FittedGroup, GroupChoice, GroupFitter
@@ -154,6 +154,7 @@ class Encoder(ABC):
         self._entries: list[GroupEntry] = []
         self._largest_square, self._sum_of_squares = 0.0, 0.0
         self._residuals = self._coefficients = 0
+        self._questions: list[Question] = []
 
     def run(self, path: Path | None, *, overwrite: bool) -> EncodeReport:
         """Encode group after group and write the file."""
@@ -228,6 +229,8 @@ class Encoder(ABC):
             "settings": self._settings.changed(),
             "summary": self._summary(),
         }
+        if self._questions:
+            remarks["alternatives"] = to_json(self._questions)
         if sequence.metadata:
             remarks["metadata"] = dict(sequence.metadata)
         connectivity, order = self._connectivity.result()
@@ -272,6 +275,7 @@ class Encoder(ABC):
             summary=self._summary(),
             data=data,
             jumps=tuple(self._jumps()),
+            alternatives=tuple(self._questions),
         )
 
     def _jumps(self) -> Sequence[int]:
@@ -360,7 +364,25 @@ class AutoEncoder(Encoder):
         if first.choice.time != "cosines":
             moved = first.fitter.displacements(first.choice.origin)
             self._explained = moved.explained(first.fitted.entry.functions, first.choice.time)
+        if self._settings.why:
+            self._questions = self._alternatives(points, first.choice, steps)
         return self._model.groups
+
+    def _alternatives(self, points: Float32Array, choice: GroupChoice, steps: Mapping[str, float]) -> list[Question]:
+        from pdecodec.alternatives import GroupAlternatives, model_question
+
+        group = GroupAlternatives(
+            points,
+            [group.fitter.frames for group in self._model.groups],
+            self._sequence.times,
+            self._sequence.objects,
+            reference=self._model.reference,
+            basis=self._model.basis,
+            choice=choice,
+            functions=self._plan.functions,
+            **steps,
+        )
+        return [*group.questions(), model_question(self._sequence, self._bound, "auto")]
 
     def _fitter(self, begin: int, end: int, steps: Mapping[str, float]) -> GroupFitter:
         """Frames after the first ones."""

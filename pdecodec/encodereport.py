@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pdecodec import __version__
 
@@ -27,6 +29,72 @@ SECTION_TITLES = {
     "RUNS": "runs of frames",
 }
 """Sections of a `.pdeanim` file in words."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """One way, and what the frames that are compared would have taken with it.
+
+    Attributes
+    ----------
+    way : str
+    size : int [bytes]
+    chosen : bool
+    """
+
+    way: str
+    size: int
+    chosen: bool
+
+
+@dataclass(frozen=True)
+class Question:
+    """What was chosen among several ways.
+
+    Attributes
+    ----------
+    what : str
+    frames : int
+        How many costs are of, from the first on.
+    ways : tuple of Alternative
+    """
+
+    what: str
+    frames: int
+    ways: tuple[Alternative, ...]
+
+
+def to_json(questions: Sequence[Question]) -> list[dict[str, Any]]:
+    """For section META."""
+    return [
+        {
+            "what": question.what,
+            "frames": question.frames,
+            "ways": [
+                {"way": item.way, "bytes": item.size, **({"chosen": True} if item.chosen else {})}
+                for item in question.ways
+            ],
+        }
+        for question in questions
+    ]
+
+
+def from_json(record: Any) -> tuple[Question, ...]:
+    """Undo :func:`to_json`; nothing where somebody else wrote something else."""
+    try:
+        return tuple(
+            Question(
+                str(question["what"]),
+                int(question["frames"]),
+                tuple(
+                    Alternative(str(item["way"]), int(item["bytes"]), bool(item.get("chosen", False)))
+                    for item in question["ways"]
+                ),
+            )
+            for question in record
+        )
+    except (TypeError, KeyError, ValueError, AttributeError):
+        return ()
 
 
 @dataclass(frozen=True)
@@ -62,6 +130,8 @@ class EncodeReport:
         Runs of frames of one connectivity each.
     jumps : tuple of int
         Frames that motion jumps to from the frame before: splines between frames end and begin there.
+    alternatives : tuple of Question
+        Where that was asked for: what else could have been taken, and what it would have cost.
     positions : int or None
         Vertices of all frames together, where that is not vertices times frames.
     """
@@ -84,6 +154,7 @@ class EncodeReport:
     data: bytes | None = None
     runs: int = 1
     jumps: tuple[int, ...] = ()
+    alternatives: tuple[Question, ...] = ()
     positions: int | None = None
 
     @property

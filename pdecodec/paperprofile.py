@@ -169,6 +169,11 @@ class PaperEncoder(Encoder):
                 fitted = min(tried, key=lambda item: item.bits)
             yield fitter, fitted
 
+        if self._settings.why:
+            from pdecodec.alternatives import model_question
+
+            self._questions = [model_question(self._sequence, self._bound, "paper")]
+
     def _step(self, projected: _Projected) -> float:
         """The coarsest step at which rounding adds little to the error that the model has anyhow."""
         coefficients = projected.coefficients

@@ -105,6 +105,8 @@ class EncodeSettings:
         How far texture coordinates may be off on each axis, in units of the texture; None keeps them to the last bit.
     order : {"keep", "free"}
         Whether vertices, faces and their first corners come back in the order they have, or in one that costs nothing.
+    why : bool
+        Keep in the file's remarks what else could have been taken, and what it would have cost: twice the time or more.
     paper : PaperSettings
         Of profile "paper".
 
@@ -122,6 +124,7 @@ class EncodeSettings:
     max_memory: int | None = None
     uv_tolerance: float | None = None
     order: Order = "keep"
+    why: bool = False
     paper: PaperSettings = field(default_factory=PaperSettings)
 
     def __post_init__(self) -> None:

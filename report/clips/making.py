@@ -18,6 +18,7 @@ from pdecodec.report.clips.measurement import KeptMeasurements, Measurement
 from pdecodec.report.clips.measuring import ReportPlan, measure_clip
 from pdecodec.report.clips.pages import ClipFindings, clip_report, corpus_report, merit_table, reference_tolerance
 from pdecodec.report.clips.recommendation import recommend
+from pdecodec.report.clips.why import measure_alternatives
 from pdecodec.report.figure import Figure, Report, Section, Table
 from pdecodec.report.page import as_markdown, write_report
 from pdecodec.sequence import ArraySequence, Progress
@@ -146,7 +147,10 @@ def _measure(
         between = tuple(measure_between(name, sequence, effort=plan.effort))
         announce("over the mesh")
         field = measure_field(sequence, tolerance=reference_tolerance(plan.tolerances), effort=plan.effort)
-    return ClipFindings(name, sequence, tuple(points), between, field)
+        announce("other models")
+        reference = reference_tolerance(plan.tolerances)
+        alternatives = measure_alternatives(sequence, tolerance=reference, effort=plan.effort)
+    return ClipFindings(name, sequence, tuple(points), between, field, alternatives)
 
 
 def _with_points(report: Report, points: Sequence[Measurement], changes: Sequence[Change] | None) -> Report:

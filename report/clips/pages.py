@@ -9,12 +9,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pdecodec.encodereport import Question
 from pdecodec.report.clips.between import BETWEEN_TOLERANCE, INTERPOLATIONS, PDECODEC, BetweenRow, between_figure
 from pdecodec.report.clips.coder_figures import HOW_TO_PICK, distinct, label, model_figures, rate_figures, speed_figures
 from pdecodec.report.clips.errors import ErrorField, error_figures
 from pdecodec.report.clips.measurement import Measurement, best_baseline, size_ratio
 from pdecodec.report.clips.measuring import ReportPlan
 from pdecodec.report.clips.recommendation import recommend, recommendation_figure
+from pdecodec.report.clips.why import alternatives_figure
 from pdecodec.report.figure import Figure, Report, Section, Table, Value
 from pdecodec.report.vegalite import WIDTH, channel, log_axis, rule, tooltip
 from pdecodec.sequence import ArraySequence
@@ -64,6 +66,7 @@ class ClipFindings:
     points: tuple[Measurement, ...]
     between: tuple[BetweenRow, ...]
     field: ErrorField
+    alternatives: tuple[Question, ...]
 
 
 def reference_tolerance(tolerances: Sequence[float]) -> float:
@@ -87,7 +90,11 @@ def clip_report(findings: ClipFindings, plan: ReportPlan, skipped: Sequence[str]
             Section("What to use for this shot", "", (recommendation_figure(recommend(points)),)),
             Section("Bytes against error", HOW_TO_PICK, tuple(rate_figures(points))),
             Section("Speed against error, and against size", "", tuple(speed_figures(points, reference))),
-            Section("What the bytes are", "", tuple(model_figures(points))),
+            Section(
+                "What the bytes are",
+                "",
+                (*model_figures(points), alternatives_figure(findings.alternatives, reference)),
+            ),
             Section("Where the error is", "", tuple(error_figures(sequence, findings.field))),
             Section("Between frames", "", (between_figure(findings.between),)),
             _method_section(plan, skipped),
