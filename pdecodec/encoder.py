@@ -224,7 +224,7 @@ class Encoder(ABC):
 
     def _sections(self, spools: Sequence[Spool]) -> list[Section]:
         sequence = self._sequence
-        remarks = {
+        remarks: dict[str, Any] = {
             "generator": generator(),
             "settings": self._settings.changed(),
             "summary": self._summary(),
