@@ -14,6 +14,7 @@ from pdecodec.cli.options import fps_option, json_option, within_limits
 from pdecodec.errors import SettingsError
 
 if TYPE_CHECKING:
+    from pdecodec.runs import ChangingSequence
     from pdecodec.sequence import ArraySequence
     from pdecodec.settings import EffortName
 
@@ -100,6 +101,8 @@ def report(
     which is printed, too. Of several clips each has a page of its own in a folder of its name, and index.html is about
     all of them. Every method is compared at equal maximum error, on positions decoded again from its bytes.
 
+    Of a clip whose connectivity changes the page says what it costs a frame, faces included, beside Draco.
+
     What was measured is kept in DIR (measurements.json): a run that was cut off goes on where it was.
     """
     from pdecodec.formats import list_formats
@@ -155,13 +158,18 @@ def report(
         context.exit(1)
 
 
-def _opened(clips: Mapping[str, Path], fps: float | None) -> Iterator[tuple[str, ArraySequence]]:
-    """Every clip in memory, one after the other."""
+def _opened(clips: Mapping[str, Path], fps: float | None) -> Iterator[tuple[str, ArraySequence | ChangingSequence]]:
+    """Every clip, one after the other: in memory, unless its connectivity changes."""
     from pdecodec.formats import open_sequence
     from pdecodec.formats.scene_space import bake_transforms
+    from pdecodec.runs import ChangingSequence, changed
 
     for name, path in clips.items():
         with open_sequence(path, fps=None if path.suffix.lower() == ".pdeanim" else fps) as sequence:
             say_notices(sequence)
-            whole = bake_transforms(sequence).to_array()
+            baked = changed(sequence, bake_transforms)
+            if isinstance(baked, ChangingSequence):
+                yield name, baked
+                continue
+            whole = baked.to_array()
         yield name, whole

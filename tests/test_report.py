@@ -16,11 +16,13 @@ import pytest
 from browser_tools import load_page
 from mesh_cases import connectivity_of, grid
 
+from pdecodec.bytestream import FieldReader
 from pdecodec.cli.main import run
 from pdecodec.encoder import encode
 from pdecodec.errors import InputError, MissingExtraError
-from pdecodec.formats import write_sequence
+from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.report import baselines
+from pdecodec.report.baselines.packages import DracoWithFaces
 from pdecodec.report.baselines.quantised import QuantiseDelta, RawFloat16, RawFloat32
 from pdecodec.report.charts import require_drawing
 from pdecodec.report.clips.between import (
@@ -39,6 +41,7 @@ from pdecodec.report.clips.measuring import ReportPlan, measure_clip, measure_pr
 from pdecodec.report.clips.pages import merit_table
 from pdecodec.report.clips.recommendation import recommend
 from pdecodec.report.vegalite import for_page
+from pdecodec.runs import ChangingSequence
 from pdecodec.sequence import ArraySequence, MeshObject
 
 BASELINES = (RawFloat32(), RawFloat16(), QuantiseDelta())
@@ -445,3 +448,66 @@ def test_what_cannot_be_reported_is_said_in_a_line(
     assert run(["report", *arguments, "-o", "out", "--no-baselines", "--effort", "fast"]) == code
     error = capsys.readouterr().err.strip().splitlines()[-1]
     assert said in error
+
+
+def sheets(*heights: int) -> list[ArraySequence]:
+    """Frames of one second each, of sheets of so many rows."""
+    points = wave_sequence().points
+    return [
+        ArraySequence(points[k : k + 1, : 20 * rows], objects=[MeshObject("sheet", grid(rows, 20))], times=[k])
+        for k, rows in enumerate(heights)
+    ]
+
+
+@pytest.mark.usefixtures("three_baselines")
+def test_a_clip_whose_connectivity_changes_is_set_beside_draco_frame_by_frame(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("DracoPy")
+    runs = sheets(2, 4, 3)
+    encode(ChangingSequence(runs), tmp_path / "pond.pdeanim", tolerance=1e-6)
+    assert report(tmp_path / "pond.pdeanim", tmp_path / "out") == 0
+    said = capsys.readouterr().out
+    assert "3 frames in 3 runs of constant connectivity, 180 positions, up to 80 vertices" in said
+    with (tmp_path / "out" / "points.csv").open() as lines:
+        rows = list(csv.DictReader(lines))
+    assert [(row["coder"], row["tolerance"]) for row in rows] == [
+        (coder, tolerance)
+        for coder in ("pdecodec auto", "pdecodec auto, order free", "Draco a frame")
+        for tolerance in ("0.01", "0.001")
+    ]
+    assert all(0 < float(row["max / bound"]) <= 1 for row in rows)
+    with open_sequence(tmp_path / "pond.pdeanim") as clip:
+        own = encode(clip, tolerance=0.01, effort="fast")
+    assert int(rows[0]["bytes"]) == own.file_bytes
+    assert float(rows[0]["bytes a frame"]) == pytest.approx(own.file_bytes / 3)
+    assert float(rows[2]["of these faces and order"]) <= float(rows[0]["of these faces and order"])
+    assert (tmp_path / "out" / "bytes-a-frame.svg").read_text().startswith("<svg")
+
+
+@pytest.mark.usefixtures("three_baselines")
+def test_a_changing_clip_has_its_page_beside_those_of_others(tmp_path: Path) -> None:
+    (tmp_path / "clips").mkdir()
+    write_sequence(wave_sequence(), tmp_path / "clips" / "wave.npz")
+    runs = sheets(2, 4)
+    encode(ChangingSequence(runs), tmp_path / "clips" / "pond.pdeanim")
+    assert report(tmp_path / "clips", tmp_path / "out", "--profile", "auto", "--no-baselines") == 0
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "pond/index.html" in page
+    assert "what connectivity that changes costs" in (tmp_path / "out" / "pond" / "index.html").read_text()
+    record = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert {point["clip"] for point in record["points"]} == {"wave"}
+
+
+@pytest.mark.parametrize("merges", [False, True])
+def test_draco_keeps_faces_of_meshes_whose_vertices_it_would_merge(merges: bool) -> None:
+    draco_py = pytest.importorskip("DracoPy")
+    (sheet,) = sheets(3)
+    if merges:
+        sheet.points[:, 7] = sheet.points[:, 8]
+    data = DracoWithFaces().prepare(sheet.points, sheet.connectivity)(1e-3)
+    reader = FieldReader(data, "draco")
+    assert reader.integers("QB") == (1, int(merges))
+    assert len(draco_py.decode(reader.sized()).faces) == 2 * sheet.connectivity.face_count
+    found = DracoWithFaces().decode(data, sheet.connectivity)
+    assert np.abs(found - sheet.points).max() <= 1e-3

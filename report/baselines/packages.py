@@ -100,11 +100,16 @@ class Draco(Baseline):
             frames = None if triangles is None else _encode_meshes(points, triangles, low, step, bits)
             writer = FieldWriter()
             writer.numbers("QB", points.shape[0], frames is None)
-            for frame in frames or [_encode(frame, None, low, step, bits) for frame in points]:
+            kept = self._faces_in_order(connectivity)
+            for frame in frames or [_encode(frame, kept, low, step, bits, in_order=True) for frame in points]:
                 writer.sized(frame)
             return writer.to_bytes()
 
         return encode
+
+    def _faces_in_order(self, connectivity: Connectivity) -> NDArray[np.uint32] | None:
+        """Triangles for where the order of vertices is kept."""
+        return None
 
     def decode(self, data: bytes, connectivity: Connectivity) -> Float32Array:
         reader = FieldReader(data, self.name)
@@ -114,6 +119,13 @@ class Draco(Baseline):
         for frame in points:
             frame[slice(None) if order is None else order] = _decode(reader.sized())
         return points
+
+
+class DracoWithFaces(Draco):
+    """As :class:`Draco`, but faces are in its bytes always: in the order they have, where it would merge vertices."""
+
+    def _faces_in_order(self, connectivity: Connectivity) -> NDArray[np.uint32] | None:
+        return _triangles(connectivity) if connectivity.face_count else None
 
 
 def _encode_meshes(
@@ -130,9 +142,15 @@ def _encode_meshes(
 
 
 def _encode(
-    frame: NDArray[Any], triangles: NDArray[np.uint32] | None, low: Float64Array, step: float, bits: int
+    frame: NDArray[Any],
+    triangles: NDArray[np.uint32] | None,
+    low: Float64Array,
+    step: float,
+    bits: int,
+    *,
+    in_order: bool = False,
 ) -> bytes:
-    """A mesh in Draco's own order of vertices, or without triangles points in theirs."""
+    """A mesh, or points alone, in Draco's own order of vertices or in theirs."""
     import DracoPy
 
     data: bytes = DracoPy.encode(
@@ -142,7 +160,7 @@ def _encode(
         quantization_range=step * (2**bits - 1),
         quantization_origin=low,
         compression_level=COMPRESSION_LEVEL,
-        preserve_order=triangles is None,
+        preserve_order=in_order,
     )
     return data
 

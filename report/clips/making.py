@@ -11,6 +11,7 @@ from typing import Any
 from pdecodec.errors import InputError, naming_file
 from pdecodec.report.charts import require_drawing
 from pdecodec.report.clips.between import BetweenRow, measure_between
+from pdecodec.report.clips.changing import changing_report, cost_table, measure_changing
 from pdecodec.report.clips.coder_figures import distinct, label
 from pdecodec.report.clips.comparison import Change, compare_measurements, comparison_figure, comparison_text
 from pdecodec.report.clips.errors import measure_field
@@ -21,6 +22,7 @@ from pdecodec.report.clips.recommendation import recommend
 from pdecodec.report.clips.why import measure_alternatives
 from pdecodec.report.figure import Figure, Report, Section, Table
 from pdecodec.report.page import as_markdown, write_report
+from pdecodec.runs import ChangingSequence
 from pdecodec.sequence import ArraySequence, Progress
 from pdecodec.whole_output import whole_file
 
@@ -77,7 +79,7 @@ class ReportResult:
 
 
 def make_report(
-    clips: Iterator[tuple[str, ArraySequence]],
+    clips: Iterator[tuple[str, ArraySequence | ChangingSequence]],
     directory: Path,
     plan: ReportPlan,
     *,
@@ -91,7 +93,8 @@ def make_report(
 
     With `several`, each clip has a page of its own, in a folder of its name, beside the one of all. `skipped` says why
     baselines that are not there are not, `old` is an earlier report to compare with, and `fresh` measures what an
-    earlier run has kept, too.
+    earlier run has kept, too. Clips whose connectivity changes have pages of their own kind, and no share in tables of
+    several clips.
 
     Raises
     ------
@@ -113,7 +116,16 @@ def make_report(
 
     report: Report | None = None
     names = []
+    costs = []
     for name, sequence in clips:
+        if isinstance(sequence, ChangingSequence):
+            names.append(name)
+            alone, cost = _changing(name, sequence, plan, progress)
+            costs.append(cost)
+            folder = directory / name if several else directory
+            folder.mkdir(exist_ok=True)
+            page = write_report(alone, folder, record={"points": []})[0]
+            continue
         findings = _measure(name, sequence, plan, kept, progress)
         names.append(name)
         points += findings.points
@@ -121,17 +133,31 @@ def make_report(
         report = clip_report(findings, plan, skipped)
         if several:
             write(report, findings.points, directory / name)
-    if report is None:
+    if not names:
         raise InputError("there is no clip to report on")
-    if several:
-        links = tuple((name, f"{name}/index.html") for name in names)
-        report = replace(corpus_report(points, between, plan, skipped), links=links)
-    page = write(report, points, directory)
     changes = None if old is None else compare_measurements(old, points)
-    summary = _summary(report, points, changes, plan, several=several)
+    links = tuple((name, f"{name}/index.html") for name in names)
+    parts = costs
+    if report is not None:
+        if several:
+            report = replace(corpus_report(points, between, plan, skipped), links=links)
+        page = write(report, points, directory)
+        parts = [_summary(report, points, changes, plan, several=several), *costs]
+    elif several:
+        index = Report(f"{len(names)} clips whose connectivity changes", "", (), {"clips": [*names]}, links)
+        page = write_report(index, directory, record={"points": []})[0]
+    summary = "\n".join(parts)
     with whole_file(directory / SUMMARY, overwrite=True) as partial:
         partial.write_text(summary, encoding="utf-8")
     return ReportResult(page, tuple(points), tuple(changes or ()), summary, kept.measured, kept.kept)
+
+
+def _changing(name: str, sequence: ChangingSequence, plan: ReportPlan, progress: Progress | None) -> tuple[Report, str]:
+    """The page of a clip whose connectivity changes, and its part of the summary."""
+    with naming_file(name):
+        points = measure_changing(name, sequence, plan, progress)
+    page = changing_report(name, sequence, points, plan)
+    return page, f"## {page.title}\n\n{page.summary}\n\n{as_markdown(cost_table(points)).rstrip()}\n"
 
 
 def _measure(
