@@ -19,7 +19,7 @@ BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3' \
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test browser lint types sanitize fuzz exactness bench bench-rd figures reproduce stability paper dist docs vectors wasm clean
+.PHONY: demo test browser lint types sanitize fuzz fuzz-readers exactness bench bench-rd figures reproduce stability paper dist docs vectors wasm clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
@@ -50,6 +50,11 @@ fuzz: .venv/tools
 	mkdir -p build/corpus
 	build/fuzz/fuzz_open -max_total_time=$$(($(MINUTES) * 60)) -timeout=20 -rss_limit_mb=2048 -artifact_prefix=build/ \
 		build/corpus spec/vectors/accept spec/vectors/reject
+
+# Readers of other formats for so many MINUTES each, or those that READERS names. What it finds is left in build/.
+READERS ?=
+fuzz-readers: $(READY)
+	$(BIN)/python -m tests.fuzz.readers $(MINUTES) $(READERS)
 
 # What compilers, their settings and processors make of the vectors: the same. Those that are not here are skipped.
 exactness: $(INSTALLED)

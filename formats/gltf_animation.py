@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.gltf_file import POINTER, VISIBILITY, GltfFile
+from pdecodec.formats.gltf_file import GltfFile
+from pdecodec.formats.gltf_types import POINTER, VISIBILITY
 from pdecodec.formats.times import FLOAT32_ROUNDING
 from pdecodec.sequence import Float64Array
 

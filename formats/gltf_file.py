@@ -19,8 +19,9 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdecodec.errors import InputError, MissingExtraError
+from pdecodec.errors import InputError, MissingExtraError, naming_file
 from pdecodec.formats.gltf_compression import DRACO, MESHOPT_NAMES, MOST_DECODED, decode_view
+from pdecodec.formats.gltf_types import INSTANCING, POINTER, VISIBILITY, check_types
 from pdecodec.formats.registry import read_errors
 from pdecodec.sequence import Float32Array
 
@@ -34,9 +35,6 @@ COMPONENTS: Mapping[int, str] = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<
 
 WIDTHS: Mapping[str, int] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 """Numbers in a row, by type."""
-
-INSTANCING, POINTER, VISIBILITY = "EXT_mesh_gpu_instancing", "KHR_animation_pointer", "KHR_node_visibility"
-"""Extensions of nodes and animations that are read."""
 
 READABLE_EXTENSIONS = frozenset({"KHR_mesh_quantization", DRACO, *MESHOPT_NAMES, INSTANCING, POINTER, VISIBILITY})
 """Extensions that may be required because they are read."""
@@ -175,10 +173,13 @@ def read_gltf(path: Path) -> GltfFile:
         root = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"is no glTF file, or a damaged one ({error}); export it again", path=path) from error
-    version = root.get("asset", {}).get("version") if isinstance(root, dict) else None
+    asset = root.get("asset", {}) if isinstance(root, dict) else {}
+    version = asset.get("version") if isinstance(asset, dict) else None
     if not (isinstance(version, str) and version.startswith("2.")):
         raise InputError(f"is no glTF 2.0 file (its version is {version}); export it again", path=path)
-    required = map(str, root.get("extensionsRequired", []))
+    with naming_file(path):
+        root = check_types(root)
+    required = root.get("extensionsRequired", [])
     missing = [name for name in required if name not in READABLE_EXTENSIONS and not name.startswith(LOOKS)]
     if missing:
         raise InputError(f"needs {', '.join(missing)}, which is not read; export it without", path=path)
@@ -208,11 +209,10 @@ def _split_glb(data: bytes, path: Path) -> tuple[bytes, bytes | None]:
     return chunks[b"JSON"], chunks.get(b"BIN\0")
 
 
-def _buffer(entry: Any, index: int, chunk: bytes | None, path: Path) -> bytes:
-    uri = entry.get("uri") if isinstance(entry, dict) else None
+def _buffer(entry: Mapping[str, Any], index: int, chunk: bytes | None, path: Path) -> bytes:
+    uri = entry.get("uri")
     if uri is None:
-        extensions = entry.get("extensions", {}) if isinstance(entry, dict) else {}
-        if any(name in extensions for name in MESHOPT_NAMES):
+        if any(name in entry.get("extensions", {}) for name in MESHOPT_NAMES):
             # Only the size of what compressed views become.
             return b""
         if chunk is None:

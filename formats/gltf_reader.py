@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.gltf_animation import Clip, Nodes, Pose, placed_at, read_clip
-from pdecodec.formats.gltf_file import INSTANCING, VISIBILITY, GltfFile, read_gltf
+from pdecodec.formats.gltf_file import GltfFile, read_gltf
 from pdecodec.formats.gltf_mesh_reader import Block, GltfMesh, read_mesh
+from pdecodec.formats.gltf_types import INSTANCING, VISIBILITY
 from pdecodec.formats.registry import Transforms
 from pdecodec.formats.scene_reading import MOST_INSTANCED, SceneSequence, Shape, hidden_notices
 from pdecodec.formats.scene_space import UNIT, UP_AXIS
@@ -128,7 +129,7 @@ class GltfSequence(SceneSequence):
 def _moved(block: Block, weights: Float64Array, skin: _Skin | None, pose: Pose) -> Float32Array:
     """(times, vertices, 3): a block's positions under its morph targets and the skin."""
     rest = block.positions.astype(np.float64)
-    used = [index for index in range(len(block.targets)) if (weights[:, index] != 0).any()]
+    used = [index for index in range(min(len(block.targets), weights.shape[1])) if (weights[:, index] != 0).any()]
     points = np.broadcast_to(rest, (len(weights), *rest.shape))
     if used:
         targets = np.stack([block.targets[index] for index in used]).astype(np.float64)

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tokenize import TokenError
 from typing import IO, Any
 
 import numpy as np
@@ -34,7 +35,16 @@ DEFLATE_FACTOR = 1032
 LOCAL_HEADER_BYTES = 30
 """A zip member's own header, before its name."""
 
-_DAMAGE = (zipfile.BadZipFile, zlib.error, ArithmeticError, EOFError, LookupError, MemoryError, RuntimeError)
+_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    ArithmeticError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    RuntimeError,
+    TokenError,
+)
 """What zipfile and numpy raise on damaged, encrypted or unsupported members, and on headers that are not Python."""
 
 

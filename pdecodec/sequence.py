@@ -203,6 +203,12 @@ class MeshObject:
         }
         for attribute in self.attributes:
             if attribute.domain != "object":
+                if attribute.domain not in rows:
+                    known = ", ".join((*rows, "object"))
+                    raise InputError(
+                        f"attribute {attribute.name!r} of object {self.name!r} is of '{attribute.domain}'; there are "
+                        f"{known}"
+                    )
                 self._check(attribute, rows[attribute.domain])
 
     def _check(self, attribute: Attribute, rows: int) -> None:

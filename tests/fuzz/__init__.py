@@ -1,0 +1,1 @@
+"""A fuzzer of the readers of other formats: `make fuzz-readers`."""
