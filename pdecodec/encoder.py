@@ -398,12 +398,12 @@ class AutoEncoder(Encoder):
         """The groups that frames after the first ones are divided into."""
         effort, basis = self._effort, self._space
         search = GroupSearch(fitter, basis)
-        group = search.choose(candidates(search, usual) if effort.time_bases else [usual])
-        groups = divided(group, basis) if effort.division else [group]
+        choices = candidates(search, usual) if effort.time_bases else [usual]
+        groups = divided(search, choices, basis) if effort.division else [search.choose(choices)]
         if effort.fine_steps:
             groups = [group.tuned() for group in groups]
         chosen = [(item.fitter, item.choice) for item in groups]
-        del search, group, groups  # and with them all that was found out on the way
+        del search, groups  # and with them all that was found out on the way
         return [finished(item, basis, effort) for item in chosen]
 
     def _like(self, fitter: GroupFitter, choices: Sequence[tuple[int, GroupChoice]]) -> list[FinishedGroup]:

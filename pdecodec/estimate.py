@@ -41,6 +41,13 @@ PART = 128
 of the largest usual patches."""
 
 
+RUN, RUNS = 8, 2
+"""Residuals are looked at in runs of so many frames, one of so many: they are coded by those of the frame before."""
+
+FEWEST_FRAMES = 128
+"""Frames up to which all are looked at."""
+
+
 class BitCounter(Protocol):
     """Counts what a group takes in one space basis."""
 
@@ -94,9 +101,11 @@ class _Sample:
         Of each element among the vertices.
     order : (m,) int32
         The vertices' places: as they stand.
-    points : (frames, m, 3) float32 [scene units]
+    frames : (l,) int64
+        Whose residuals are looked at.
+    points : (l, m, 3) float32 [scene units]
     copies, weight : float
-        How many times as many vertices the mesh has, and how many times as much all elements' coefficients take, about.
+        How many times as many positions there are, and how many times as much all elements' coefficients take, about.
     rows : (k,) int64
         Functions of space that are not of other elements.
     subbands : (starts, kinds, parents)
@@ -108,8 +117,10 @@ class _Sample:
         self.starts = np.concatenate([[0], np.cumsum(np.diff(basis.starts)[elements])])
         self.vertices = _vertices(basis, elements)
         self.order = np.arange(self.vertices.size, dtype=np.int32)
-        self.points = np.ascontiguousarray(points[:, self.vertices])
-        self.copies = basis.order.size / self.vertices.size
+        runs = np.arange(len(points))
+        self.frames = runs[runs // RUN % RUNS == 0] if runs.size > FEWEST_FRAMES else runs
+        self.points = np.ascontiguousarray(points[self.frames[:, None], self.vertices])
+        self.copies = basis.order.size / self.vertices.size * (runs.size / self.frames.size)
         starts, kinds, parents = basis.subbands
         nodes = kinds.size - basis.element_count
         subbands = np.concatenate([np.arange(nodes), nodes + elements])
@@ -278,11 +289,11 @@ class Estimate:
         time = functions_of_time(entry, functions, fitter.times)
         everywhere = np.zeros((self.basis.functions, entry.width), np.int64)
         everywhere[sample.rows] = quantised
-        moved = group_functions(entry, time, everywhere, self.basis, sample.elements)
+        moved = group_functions(entry, time[sample.frames], everywhere, self.basis, sample.elements)
         model = fitter.held(moved, sample.points, sample.order)
-        limits = margins(entry, time, largest, fitter.residual_step)
+        limits = margins(entry, time, largest, fitter.residual_step)[sample.frames]
         residuals = model.missing(limits, None, None, thread_count())
-        near = np.ones(entry.frames, np.int64)
+        near = np.ones(sample.frames.size, np.int64)
 
         ways = residual_ways(residuals, sample.order.size)
         return min(_core.measure_residuals(residuals, sample.starts, way, near, sample.copies) for way in ways)

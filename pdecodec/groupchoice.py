@@ -30,8 +30,8 @@ MOST_SPREAD: dict[TimeFunctions, float] = {"shapes": 2.2, "cosines": 2.6}
 those of trajectories: neighbours have more in common in them, and there are fewer functions of time to code, or none.
 """
 
-WORTH_TUNING = 1.1
-"""Steps are tuned of what untuned costs less than this many times the best."""
+WORTH_TUNING = 1.02
+"""Steps are walked of what costs less than this many times the best."""
 
 BITS_OF_A_GROUP = 8 * 32
 """What a group costs besides its chunks."""
@@ -42,8 +42,11 @@ WORTH_DIVIDING = 1.5
 WORTH_PARTS = 1.005
 """Parts are fitted in full where untuned they cost less than this many times the whole: tuning may well decide."""
 
+SURELY_LESS = 0.97
+"""Where untuned parts cost less than this many times the whole, the whole is not looked at further."""
+
 WORTH_DIVIDING_ON = 1.02
-"""Halves of a group of a large mesh that cost more than this many times the whole are not looked at further."""
+"""Halves of a group that cost more than this many times the whole are not looked at further."""
 
 SHORTEST_PART = 8
 """Frames of a part at least."""
@@ -96,13 +99,13 @@ class GroupSearch:
         self._time_steps = _Axis("time_step", *TIME_STEPS, STRIDE)
 
     def choose(self, candidates: Sequence[GroupChoice]) -> ChosenGroup:
-        """The candidate that costs least, its step walked downhill; the first one's steps are begun with."""
+        """The candidate that costs least, its step walked downhill; others than the first begin with its best one."""
         choice = self._walk(candidates[0], self._steps)
         rivals = [replace(other, step=choice.step) for other in candidates[1:]]
         self.look(rivals)
-        for rival in rivals:
-            if self.bits(rival) < WORTH_TUNING * self.bits(choice):
-                choice = min(choice, self._walk(rival, self._steps), key=self.bits)
+        least = min(self.bits(rival) for rival in [choice, *rivals])
+        close = [rival for rival in rivals if self.bits(rival) < WORTH_TUNING * least]
+        choice = min([choice, *(self._walk(rival, self._steps) for rival in close)], key=self.bits)
         for origin in dict.fromkeys(candidate.origin for candidate in candidates):
             choice = min(choice, replace(choice, origin=origin), key=self.bits)
         return self.chosen(choice)
@@ -144,45 +147,46 @@ class GroupSearch:
         return best
 
 
-def divided(group: ChosenGroup, basis: SpaceBasis) -> list[ChosenGroup]:
-    """The group, or parts of it that cost less together: halves, halves of halves, and so on."""
-    fitter = group.fitter
+def divided(search: GroupSearch, choices: Sequence[GroupChoice], basis: SpaceBasis) -> list[ChosenGroup]:
+    """The group as the candidate that costs least, or parts of it that cost less together: halves, halves of halves,
+    and so on.
+    """
+    fitter = search.fitter
     frames, vertices = fitter.points.shape[:2]
-    if group.bits < WORTH_DIVIDING * frames * vertices:
-        return [group]
-    _, lengths = _division(fitter, basis, replace(fitter.first_choice, origin=group.choice.origin))
+    if search.bits(choices[0]) < WORTH_DIVIDING * frames * vertices:
+        return [search.choose(choices)]
+    usual = replace(fitter.first_choice, origin=choices[0].origin)
+    whole = _untuned(fitter, basis, usual)
+    divided, lengths = _division(fitter, basis, usual, whole)
     if len(lengths) == 1:
-        return [group]
+        return [search.choose(choices)]
     parts: list[ChosenGroup] = []
     begin = 0
     for length in lengths:
-        search = GroupSearch(fitter.part(slice(begin, begin + length)), basis)
-        usual = parts[-1].choice if parts else search.fitter.first_choice
-        parts.append(search.choose(candidates(search, usual)))
+        part = GroupSearch(fitter.part(slice(begin, begin + length)), basis)
+        like = parts[-1].choice if parts else part.fitter.first_choice
+        parts.append(part.choose(candidates(part, like)))
         begin += length
+    if divided < SURELY_LESS * whole:
+        return parts
+    group = search.choose(choices)
     together = sum(part.bits + BITS_OF_A_GROUP for part in parts)
     return parts if together < group.bits + BITS_OF_A_GROUP else [group]
 
 
-def _division(
-    fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, whole: float | None = None
-) -> tuple[float, list[int]]:
-    """The division that costs least with untuned steps: bits, and the lengths of the parts.
+def _division(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, whole: float) -> tuple[float, list[int]]:
+    """The division that costs least with untuned steps, in which the whole takes so much: bits, lengths of the parts.
 
-    Of a large mesh, halves are divided further only where they cost little more than the whole.
+    Halves are divided further only where they cost little more than the whole.
     """
-    whole = _untuned(fitter, basis, usual) if whole is None else whole
     middle = fitter.frames // 2
     if middle < SHORTEST_PART:
         return whole, [fitter.frames]
     parts = [fitter.part(part) for part in (slice(0, middle), slice(middle, fitter.frames))]
-    if fitter.is_large:
-        costs = [_untuned(part, basis, usual) for part in parts]
-        if sum(costs) > WORTH_DIVIDING_ON * whole:
-            return whole, [fitter.frames]
-        halves = [_division(part, basis, usual, cost) for part, cost in zip(parts, costs, strict=True)]
-    else:
-        halves = [_division(part, basis, usual) for part in parts]
+    costs = [_untuned(part, basis, usual) for part in parts]
+    if sum(costs) > WORTH_DIVIDING_ON * whole:
+        return whole, [fitter.frames]
+    halves = [_division(part, basis, usual, cost) for part, cost in zip(parts, costs, strict=True)]
     together = halves[0][0] + halves[1][0]
     return (together, halves[0][1] + halves[1][1]) if together < WORTH_PARTS * whole else (whole, [fitter.frames])
 

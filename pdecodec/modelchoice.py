@@ -256,11 +256,15 @@ class ModelSearch:
     def _with_best_reference(self, usual: _Model, steps: Sequence[float], start: int) -> _Model:
         """The model with the reference frame, finer or else coarser, that costs least while all else is as it is."""
         patience = 1 if self._is_large else PATIENCE
+        beside = [steps[start + way] for way in (1, -1) if 0 <= start + way < len(steps)]
+        found = side_by_side(*(partial(self._with_other_reference, usual, step) for step in beside))
+        tried = dict(zip(beside, found, strict=True))
         best, least = usual, self._cost(usual)
         for direction in (1, -1):
             index, behind = start + direction, 0
             while 0 <= index < len(steps) and behind < patience:
-                model = self._with_other_reference(usual, steps[index])
+                step = steps[index]
+                model = tried[step] if step in tried else self._with_other_reference(usual, step)
                 bits = self._cost(model)
                 behind += 1
                 if bits < least:
@@ -299,8 +303,8 @@ class ModelSearch:
         usual = fitter.with_usual_step(spaces.basis(first)) if self._is_large else fitter.first_choice
         choices = candidates(spaces.search(fitter, first), usual) if self.effort.time_bases else [usual]
         space = self._choose_space([(fitter, choices[0])], spaces)
-        group = GroupSearch(fitter, spaces.basis(space)).choose(choices)
-        groups = divided(group, spaces.basis(space)) if self.effort.division else [group]
+        search = GroupSearch(fitter, spaces.basis(space))
+        groups = divided(search, choices, spaces.basis(space)) if self.effort.division else [search.choose(choices)]
         if len(groups) > 1 or groups[0].choice.time != choices[0].time:
             # What is left to space is another thing now.
             other = self._choose_space([(group.fitter, group.choice) for group in groups], spaces)

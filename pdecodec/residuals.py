@@ -31,7 +31,7 @@ Int64Array = NDArray[np.int64]
 SAFETY = 0.98
 """Share of the bound that the rounding of a residual may use; the last digits of float32 take the rest."""
 
-FEW = 1 / 16
+FEW = 0.3
 """Share of the vertices below which residuals are never worth predicting: the one before is too far away."""
 
 LAST_BINADE = 2.0**127
