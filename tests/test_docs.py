@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -18,9 +19,9 @@ INSTALLED_ALREADY = "pip install"
 """Commands that begin so are for readers, not for tests: the package under test is there."""
 
 
-def blocks(language: str) -> list[str]:
-    """Code blocks of the README in one language."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+def blocks(language: str, page: str = README) -> list[str]:
+    """Code blocks of a page in one language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
 
 
 def run(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
@@ -64,6 +65,22 @@ def test_every_figure_that_the_readme_quotes_of_the_paper_is_in_the_run_that_is_
         assert figure.replace(" %", "%") in kept, (
             f"the README quotes {figure}, which the run in docs/paper does not have"
         )
+
+
+def test_what_the_page_on_pipelines_shows_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from pdecodec.cli.main import run as run_here
+
+    pytest.importorskip("dask")
+    page = (ROOT / "docs" / "pipelines.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    [manifest], [commands], [code] = (blocks(language, page) for language in ("csv", "console", "python"))
+    Path("clips.csv").write_text(manifest, encoding="utf-8")
+    for command in commands.splitlines():
+        program, *arguments = shlex.split(command.removeprefix("$ "))
+        assert program == "pdecodec"
+        assert run_here(arguments) == 0, command
+    assert Path("coded/shots/010/cloth.pdeanim").is_file()
+    exec(compile(code, "docs/pipelines.md", "exec"), {})
 
 
 def test_the_readme_lists_every_registered_extension() -> None:
