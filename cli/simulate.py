@@ -17,6 +17,11 @@ def simulate() -> None:
     """Simulate a bundled scene with XPBD, and write the mesh sequence.
 
     Each scene has options of its own: `pdecodec simulate SCENE --help` lists them.
+
+    What it does not do: a mesh does not collide with itself, nor with another one. The ground and the sphere stand
+    still. They hold off particles, not the edges and faces between: a sphere smaller than a face slips through. Contact
+    is looked for at the end of each substep, not along the way: what crosses the sphere within one goes through.
+    Nothing bounces, tears or flows; air presses and drags, and is not stirred.
     """
 
 

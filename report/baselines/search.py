@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -55,6 +55,7 @@ class SearchResult:
     distortion: Distortion
     encode_seconds: float
     decode_seconds: float
+    data: bytes = field(repr=False)
 
 
 class RateCurve:
@@ -108,6 +109,10 @@ class RateCurve:
             raise UnreachableError(f"{self._baseline.name}: {reason}")
         return min(able, key=lambda made: made.size)
 
+    def decode(self, result: SearchResult) -> Float32Array:
+        """What the bytes of a result decode to, (frames, vertices, 3) float32 [scene units]."""
+        return self._baseline.decode(result.data, self._connectivity)
+
     def _search(self, bound: float) -> None:
         """Find a length for a bound and encode with it, where there is one."""
         self._prepare()
@@ -153,6 +158,7 @@ class RateCurve:
             distortion=distortion,
             encode_seconds=self._prepare_seconds + encoded - started,
             decode_seconds=decode_seconds,
+            data=data,
         )
 
     def _next_length(self, bound: float, count: int) -> float | None:

@@ -32,6 +32,9 @@ ERRORS = {
     "max_error": ("maximum", "maximum error over the diagonal", "~e"),
     "rms_error": ("root mean square", "rms error over the diagonal", "~e"),
     "kg_error": ("Karni and Gotsman", "KG error [%]", "~g"),
+    "sted": ("STED", "spatio-temporal edge difference", "~e"),
+    "normal_error": ("normals, mean", "mean angle between normals [degrees]", "~g"),
+    "normal_p99": ("normals, 99th percentile", "99th percentile of the angle between normals [degrees]", "~g"),
 }
 """What is drawn against the rate: field of a measurement, its name, title of its axis, format of its numbers."""
 
@@ -92,7 +95,8 @@ def _values(points: Iterable[Measurement], **more: Callable[[Measurement], Any])
 
 def rate_figures(points: Sequence[Measurement]) -> list[Figure]:
     """Bytes against each measure of error, and a table at equal maximum error."""
-    return [*(_rate_figure(points, field) for field in ERRORS), _table_at_equal_error(points)]
+    measured = [field for field in ERRORS if any(getattr(point, field) is not None for point in points)]
+    return [*(_rate_figure(points, field) for field in measured), _table_at_equal_error(points)]
 
 
 def _rate_figure(points: Sequence[Measurement], field: str) -> Figure:
@@ -137,7 +141,7 @@ def _rate_figure(points: Sequence[Measurement], field: str) -> Figure:
         },
     ]
     return Figure(
-        name=f"bytes-{field.removesuffix('_error')}-error",
+        name=f"bytes-{field.removesuffix('_error').replace('_', '-')}-error",
         title=f"Bytes against the {name} error",
         lesson=_rate_lesson(points) if field == "max_error" else "",
         table=Table(

@@ -49,6 +49,10 @@ class Measurement:
         Share of positions within the tolerance.
     kg_error : float or None [%]
         None, too, where every frame is a single point.
+    normal_error, normal_p99 : float or None [degrees]
+        Mean and 99th percentile of the angle between normals; None without faces.
+    sted : float or None
+        Spatio-temporal edge difference (:mod:`pdecodec.report.surface_metrics`); None without edges.
     encode_seconds, decode_seconds, copy_seconds, random_seconds : float or None
         Of encoding; of opening and decoding all; of `np.copyto` of the same positions; of one frame at a random time
         of an open file (None for baselines, which have no times).
@@ -75,6 +79,9 @@ class Measurement:
     p99_error: float | None = None
     within: float | None = None
     kg_error: float | None = None
+    normal_error: float | None = None
+    normal_p99: float | None = None
+    sted: float | None = None
     encode_seconds: float | None = None
     decode_seconds: float | None = None
     copy_seconds: float | None = None
@@ -160,6 +167,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
     **dict.fromkeys(("clip", "coder", "kind", "summary"), (str,)),
     **dict.fromkeys(("frames", "vertices", "constant_size"), (int,)),
     **dict.fromkeys(("size", "max_error", "rms_error", "p99_error", "within", "kg_error", "coefficients"), _NUMBER),
+    **dict.fromkeys(("normal_error", "normal_p99", "sted"), _NUMBER),
     **dict.fromkeys(("encode_seconds", "decode_seconds", "copy_seconds", "random_seconds"), _NUMBER),
     "published": (bool,),
     "tolerance": (int, float),

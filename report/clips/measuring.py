@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -27,6 +27,7 @@ from pdecodec.metrics import Distortion, frame_scale, measure_distortion
 from pdecodec.report.baselines.baseline import Baseline, UnreachableError
 from pdecodec.report.baselines.search import RateCurve
 from pdecodec.report.clips.measurement import KeptMeasurements, Measurement, clip_digest, codec_version, measurement_key
+from pdecodec.report.surface_metrics import measure_surface
 from pdecodec.selection import FrameSelection
 from pdecodec.sequence import ArraySequence, Float32Array, Progress
 from pdecodec.settings import EffortName, Profile
@@ -157,6 +158,7 @@ def measure_profile(
         constant_size=constant,
         within=found.within,
         **_errors(found, scale),
+        **asdict(measure_surface(sequence.points, decoded, sequence.connectivity, scale)),
         encode_seconds=encode_seconds,
         decode_seconds=decode_seconds,
         copy_seconds=copy_seconds(decoded),
@@ -195,6 +197,7 @@ def measure_baseline(
             # The search takes nothing that is not within the bound everywhere.
             within=1.0,
             **_errors(result.distortion, scale),
+            **asdict(measure_surface(sequence.points, curve.decode(result), sequence.connectivity, scale)),
             encode_seconds=result.encode_seconds,
             decode_seconds=result.decode_seconds,
             copy_seconds=copied,

@@ -29,6 +29,9 @@ MERITS: dict[str, Callable[[Measurement], float | None]] = {
     "p99": lambda point: point.p99_error,
     "rms": lambda point: point.rms_error,
     "KG %": lambda point: point.kg_error,
+    "STED": lambda point: point.sted,
+    "normals mean deg": lambda point: point.normal_error,
+    "normals p99 deg": lambda point: point.normal_p99,
     "within %": lambda point: None if point.within is None else 100.0 * point.within,
     "encode MB/s": lambda point: point.encode_rate,
     "decode / copy": lambda point: point.decode_multiple,
@@ -46,7 +49,8 @@ keeps it, so that all are compared at equal maximum error.
 
 Bits per vertex and frame leave connectivity and attributes out, for all alike; ratios count everything: those of the
 other methods have pdecodec's own bytes of connectivity added. rms: root of the mean square distance. p99: what 99 % of
-all distances do not exceed. KG: Karni and Gotsman 2004.
+all distances do not exceed. KG: Karni and Gotsman 2004. STED: a spatio-temporal edge difference after Vasa and Skala
+2011, of edges around a vertex and of ten steps in time. Normals: angles between normals of vertices, in degrees.
 
 Encoding is timed once, after a few frames of the clip were encoded so that loading libraries does not count; the search
 of the other methods does not count, either. Decoding is the median of five runs for profiles, opening included, and one
