@@ -47,6 +47,7 @@ COMMANDS = (
     "reproduce",
     "simulate",
     "stability",
+    "view",
 )
 
 

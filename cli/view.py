@@ -1,0 +1,73 @@
+"""`pdecodec view`: one page that plays a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from pdecodec.cli.console import byte_size, say
+from pdecodec.cli.options import check_apart, fps_option, loudness_options, within_limits
+from pdecodec.errors import SettingsError
+
+if TYPE_CHECKING:
+    from pdecodec.report.view import Original
+
+
+@click.command()
+@click.argument("first", metavar="FILE")
+@click.argument("second", metavar="[FILE2]", required=False)
+@click.option("--original", metavar="IN", help="What FILE was made from: the page shows where it differs.")
+@click.option("-o", "--output", metavar="OUT", help="The page; FILE with the extension .html where nothing is said.")
+@click.option("--overwrite", "-y", is_flag=True, help="Replace a page that exists.")
+@fps_option
+@within_limits
+@loudness_options
+def view(
+    *,
+    first: str,
+    second: str | None,
+    original: str | None,
+    output: str | None,
+    overwrite: bool,
+    fps: float | None,
+) -> None:
+    """Write a page that plays .pdeanim files in a browser.
+
+    All that the page needs is in it: it works offline, and from a disk. It plays at any speed, between frames too; with
+    a second file, or the original, it shows both, and how far apart they are, at every vertex and over time.
+    """
+    from pdecodec.report.view import view_page
+    from pdecodec.whole_output import check_writable, whole_file
+
+    if second and original:
+        raise SettingsError("give a second file or --original, not both")
+    paths = [Path(path) for path in (first, second) if path is not None]
+    place = Path(output) if output else paths[0].with_suffix(".html")
+    if place.suffix.lower() not in {".html", ".htm"}:
+        raise SettingsError(f"{place}: a page is written; give it the extension .html")
+    check_writable(place, overwrite=overwrite)
+    check_apart([first, second, original], [str(place)])
+    up_axis, found = _prepared(paths, original, fps)
+    title = " and ".join(path.name for path in paths)
+    page = view_page(title, [(path.name, path.read_bytes()) for path in paths], original=found, up_axis=up_axis)
+    with whole_file(place, overwrite=overwrite) as partial:
+        partial.write_text(page, "utf-8")
+    say(f"{title} -> {place} ({byte_size(place.stat().st_size)})")
+
+
+def _prepared(paths: list[Path], original: str | None, fps: float | None) -> tuple[str | None, Original | None]:
+    """The up axis, and what the original differs by. What cannot be opened is refused here, not on the page."""
+    from pdecodec.decoder import open_animation
+    from pdecodec.formats import open_sequence
+    from pdecodec.report.view import difference
+
+    for path in paths[1:]:
+        open_animation(path).close()
+    with open_animation(paths[0]) as animation:
+        up_axis = animation.metadata.get("up_axis")
+        if original is None:
+            return up_axis, None
+        with open_sequence(original, fps=fps) as source:
+            return up_axis, difference(animation, source, Path(original).name)

@@ -1,0 +1,437 @@
+/**
+ * Positions and normals on the graphics processor (WebGL 2).
+ *
+ * The fields of a group of frames are uploaded once, as layers of a texture; a frame is a few weights, as uniforms. A vertex
+ * shader adds up their products and what corrections the vertex has at the two frames around the time, and writes positions
+ * into a buffer (transform feedback); a second one makes normals of them. Both buffers are vertex attributes of whatever is
+ * drawn. What does not fit is evaluated by the decoder and uploaded.
+ */
+import { cornersAround, trianglesOf } from "./mesh.js";
+
+/** Vertices in a row of a texture: any width that every graphics processor has will do. */
+const ROW = 1024;
+
+/** Functions of time of a group at most: what a uniform block holds everywhere. */
+const MOST_FUNCTIONS = 1024;
+
+/** Fields of one group [bytes] at most. */
+const MOST_FIELD_BYTES = 2 ** 28;
+
+/** Groups whose fields are kept. Two count at the border between them; a third one is the next. */
+const MOST_GROUPS = 3;
+
+/** From so many frames away a group's share is below what float32 can add: the spline's weights shrink by 0.27 a frame. */
+const FAR_FRAMES = 16;
+
+const SUM_SHADER = `#version 300 es
+precision highp float;
+precision highp int;
+precision highp sampler2D;
+precision highp usampler2D;
+precision highp sampler2DArray;
+in vec3 before;
+uniform sampler2DArray fields;
+uniform sampler2D corrections;
+uniform usampler2D starts;
+uniform int functions;
+uniform bool hasAxes;
+uniform bool hasCorrections;
+uniform vec2 frames;
+uniform vec2 shares;
+layout(std140) uniform Weights { vec4 weights[${MOST_FUNCTIONS}]; };
+out vec3 position;
+
+ivec2 place(int index) { return ivec2(index % ${ROW}, index / ${ROW}); }
+
+vec3 correctionAt(float frame, uint begin, uint end) {
+  while (begin < end) {
+    uint middle = (begin + end) / 2u;
+    vec4 found = texelFetch(corrections, place(int(middle)), 0);
+    if (found.w == frame) return found.xyz;
+    if (found.w < frame) begin = middle + 1u; else end = middle;
+  }
+  return vec3(0.0);
+}
+
+void main() {
+  ivec2 here = place(gl_VertexID);
+  vec3 moved = vec3(0.0);
+  if (hasAxes) {
+    for (int k = 0; k < functions; k++) moved += weights[k].x * texelFetch(fields, ivec3(here, k), 0).xyz;
+  } else {
+    for (int k = 0; k < functions; k += 4) {
+      vec4 four = texelFetch(fields, ivec3(here, k / 4), 0);
+      moved += four.x * weights[k].xyz + four.y * weights[k + 1].xyz;
+      moved += four.z * weights[k + 2].xyz + four.w * weights[k + 3].xyz;
+    }
+  }
+  if (hasCorrections) {
+    uint begin = texelFetch(starts, here, 0).x;
+    uint end = texelFetch(starts, place(gl_VertexID + 1), 0).x;
+    moved += shares.x * correctionAt(frames.x, begin, end);
+    if (shares.y > 0.0) moved += shares.y * correctionAt(frames.y, begin, end);
+  }
+  position = before + moved;
+}`;
+
+const NORMAL_SHADER = `#version 300 es
+precision highp float;
+precision highp int;
+precision highp sampler2D;
+precision highp usampler2D;
+uniform sampler2D positions;
+uniform usampler2D starts;
+uniform usampler2D others;
+out vec3 normal;
+
+ivec2 place(int index) { return ivec2(index % ${ROW}, index / ${ROW}); }
+vec3 at(uint vertex) { return texelFetch(positions, place(int(vertex)), 0).xyz; }
+
+void main() {
+  vec3 own = at(uint(gl_VertexID));
+  int begin = int(texelFetch(starts, place(gl_VertexID), 0).x);
+  int end = int(texelFetch(starts, place(gl_VertexID + 1), 0).x);
+  vec3 sum = vec3(0.0);
+  for (int k = begin; k < end; k++) {
+    uvec2 pair = texelFetch(others, place(k), 0).xy;
+    sum += cross(at(pair.x) - own, at(pair.y) - own);
+  }
+  float size = length(sum);
+  normal = size > 0.0 ? sum / size : vec3(0.0);
+}`;
+
+const NO_FRAGMENTS = `#version 300 es
+precision highp float;
+void main() {}`;
+
+/** A program of two shaders; `outputs`: what the first one writes to buffers. */
+export function makeProgram(gl, vertex, fragment, outputs = []) {
+  const program = gl.createProgram();
+  for (const [type, source] of [
+    [gl.VERTEX_SHADER, vertex],
+    [gl.FRAGMENT_SHADER, fragment],
+  ]) {
+    const shader = gl.createShader(type);
+    gl.shaderSource(shader, source);
+    gl.compileShader(shader);
+    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+    gl.attachShader(program, shader);
+  }
+  if (outputs.length) gl.transformFeedbackVaryings(program, outputs, gl.SEPARATE_ATTRIBS);
+  gl.linkProgram(program);
+  if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
+  return program;
+}
+
+const rowsOf = (count) => Math.max(Math.ceil(count / ROW), 1);
+
+/** Positions and normals of one animation (one run of frames), in buffers. */
+export class GpuMotion {
+  /**
+   * @param {WebGL2RenderingContext} gl
+   * @param {import("./pdeanim.js").PdeAnimation} animation
+   */
+  constructor(gl, animation) {
+    this.gl = gl;
+    this.animation = animation;
+    this.vertexCount = animation.vertexCount;
+    this.isOnGpu = false;
+    this.#sum = makeProgram(gl, SUM_SHADER, NO_FRAGMENTS, ["position"]);
+    this.#normal = makeProgram(gl, NORMAL_SHADER, NO_FRAGMENTS, ["normal"]);
+    this.#feedback = gl.createTransformFeedback();
+    this.#reference = this.#buffer(animation.reference());
+    this.#sums = [this.#buffer(), this.#buffer()];
+    this.normals = this.#buffer();
+    this.positions = this.#sums[0];
+    this.#weights = gl.createBuffer();
+    gl.bindBuffer(gl.UNIFORM_BUFFER, this.#weights);
+    gl.bufferData(gl.UNIFORM_BUFFER, 16 * MOST_FUNCTIONS, gl.DYNAMIC_DRAW);
+    gl.uniformBlockBinding(this.#sum, gl.getUniformBlockIndex(this.#sum, "Weights"), 0);
+    this.#before = gl.createVertexArray();
+    this.#none = gl.createVertexArray();
+    const { starts, others } = cornersAround(trianglesOf(animation.objects).triangles, this.vertexCount);
+    this.#starts = this.#texture(gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT, starts, 1);
+    this.#others = this.#texture(gl.RG32UI, gl.RG_INTEGER, gl.UNSIGNED_INT, others, 2);
+    this.#positionTexture = this.#texture(gl.RGB32F, gl.RGB, gl.FLOAT, new Float32Array(3 * this.vertexCount), 3);
+  }
+
+  #sum;
+  #normal;
+  #feedback;
+  #reference;
+  #sums;
+  #weights;
+  #before;
+  #none;
+  #starts;
+  #others;
+  #positionTexture;
+  #groups = new Map();
+
+  /** Whether a group's fields fit. */
+  fits(index) {
+    const { functionCount, axisCount } = this.animation.groups[index];
+    const layers = axisCount === 3 ? functionCount : Math.ceil(functionCount / 4);
+    const bytes = layers * rowsOf(this.vertexCount) * ROW * (axisCount === 3 ? 12 : 16);
+    return (
+      functionCount <= MOST_FUNCTIONS - 3 &&
+      layers <= this.gl.getParameter(this.gl.MAX_ARRAY_TEXTURE_LAYERS) &&
+      rowsOf(this.vertexCount + 1) <= this.gl.getParameter(this.gl.MAX_TEXTURE_SIZE) &&
+      bytes <= MOST_FIELD_BYTES
+    );
+  }
+
+  /** Groups that count at a time as far as float32 goes. */
+  groupsNear(time) {
+    const { animation } = this;
+    const [first, behind] = animation.groupsAt(time);
+    const frame = frameAt(animation.times, time);
+    const near = [];
+    for (let index = first; index < behind; index++) {
+      const { firstFrame, frameCount } = animation.groups[index];
+      const away = Math.max(firstFrame - frame, frame - (firstFrame + frameCount - 1));
+      if (away <= FAR_FRAMES) near.push(index);
+    }
+    return near;
+  }
+
+  /** Upload a group ahead of its time. */
+  prefetch(index) {
+    if (this.fits(index)) this.#group(index);
+  }
+
+  /** Make positions and normals at a time [s]: the buffers `positions` and `normals` hold them. */
+  evaluate(time) {
+    const near = this.groupsNear(time);
+    this.isOnGpu = near.every((index) => this.fits(index));
+    if (this.isOnGpu) {
+      this.#addGroups(time, near);
+    } else {
+      this.upload(this.animation.positions(time));
+    }
+    this.#makeNormals();
+  }
+
+  /** Take positions from elsewhere, and make normals of them. */
+  show(positions) {
+    this.upload(positions);
+    this.#makeNormals();
+  }
+
+  upload(positions) {
+    const { gl } = this;
+    this.positions = this.#sums[0];
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.positions);
+    gl.bufferSubData(gl.ARRAY_BUFFER, 0, positions);
+    gl.bindBuffer(gl.ARRAY_BUFFER, null);
+  }
+
+  /** What the buffer of positions holds. */
+  readPositions() {
+    const { gl } = this;
+    const found = new Float32Array(3 * this.vertexCount);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.positions);
+    gl.getBufferSubData(gl.ARRAY_BUFFER, 0, found);
+    gl.bindBuffer(gl.ARRAY_BUFFER, null);
+    return found;
+  }
+
+  close() {
+    const { gl } = this;
+    for (const index of [...this.#groups.keys()]) this.#drop(index);
+    for (const buffer of [this.#reference, ...this.#sums, this.normals, this.#weights]) gl.deleteBuffer(buffer);
+    for (const texture of [this.#starts, this.#others, this.#positionTexture]) gl.deleteTexture(texture);
+    for (const array of [this.#before, this.#none]) gl.deleteVertexArray(array);
+    gl.deleteTransformFeedback(this.#feedback);
+    gl.deleteProgram(this.#sum);
+    gl.deleteProgram(this.#normal);
+  }
+
+  #addGroups(time, near) {
+    const { gl, animation } = this;
+    const { times } = animation;
+    const left = frameAt(times, time);
+    const right = Math.min(left + 1, times.length - 1);
+    const share = right > left ? Math.min(Math.max((time - times[left]) / (times[right] - times[left]), 0), 1) : 0;
+    const program = this.#sum;
+    const uniform = (name) => gl.getUniformLocation(program, name);
+    let before = this.#reference;
+    near.forEach((index, pass) => {
+      const group = this.#group(index);
+      gl.useProgram(program);
+      gl.bindVertexArray(this.#before);
+      const attribute = gl.getAttribLocation(program, "before");
+      gl.bindBuffer(gl.ARRAY_BUFFER, before);
+      gl.enableVertexAttribArray(attribute);
+      gl.vertexAttribPointer(attribute, 3, gl.FLOAT, false, 0, 0);
+      gl.bindBuffer(gl.ARRAY_BUFFER, null);
+      gl.bindBufferBase(gl.UNIFORM_BUFFER, 0, this.#weights);
+      gl.bufferSubData(gl.UNIFORM_BUFFER, 0, this.#weightRows(time, index));
+      this.#bind(program, "fields", 0, gl.TEXTURE_2D_ARRAY, group.fields);
+      this.#bind(program, "corrections", 1, gl.TEXTURE_2D, group.corrections);
+      this.#bind(program, "starts", 2, gl.TEXTURE_2D, group.starts);
+      gl.uniform1i(uniform("functions"), group.functionCount);
+      gl.uniform1i(uniform("hasAxes"), group.axisCount === 3 ? 1 : 0);
+      gl.uniform1i(uniform("hasCorrections"), group.hasCorrections ? 1 : 0);
+      gl.uniform2f(uniform("frames"), left, right);
+      gl.uniform2f(uniform("shares"), 1 - share, share);
+      this.positions = this.#sums[pass % 2];
+      this.#run(this.positions);
+      before = this.positions;
+    });
+  }
+
+  #makeNormals() {
+    const { gl } = this;
+    gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, this.positions);
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, this.#positionTexture);
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, ROW, rowsOf(this.vertexCount), gl.RGB, gl.FLOAT, 0);
+    gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, null);
+    gl.useProgram(this.#normal);
+    gl.bindVertexArray(this.#none);
+    this.#bind(this.#normal, "positions", 0, gl.TEXTURE_2D, this.#positionTexture);
+    this.#bind(this.#normal, "starts", 1, gl.TEXTURE_2D, this.#starts);
+    this.#bind(this.#normal, "others", 2, gl.TEXTURE_2D, this.#others);
+    this.#run(this.normals);
+  }
+
+  /** Run the program in use once for each vertex. */
+  #run(into) {
+    const { gl } = this;
+    gl.enable(gl.RASTERIZER_DISCARD);
+    gl.bindTransformFeedback(gl.TRANSFORM_FEEDBACK, this.#feedback);
+    gl.bindBufferBase(gl.TRANSFORM_FEEDBACK_BUFFER, 0, into);
+    gl.beginTransformFeedback(gl.POINTS);
+    gl.drawArrays(gl.POINTS, 0, this.vertexCount);
+    gl.endTransformFeedback();
+    gl.bindBufferBase(gl.TRANSFORM_FEEDBACK_BUFFER, 0, null);
+    gl.bindTransformFeedback(gl.TRANSFORM_FEEDBACK, null);
+    gl.disable(gl.RASTERIZER_DISCARD);
+    gl.bindVertexArray(null);
+  }
+
+  #bind(program, name, unit, target, texture) {
+    const { gl } = this;
+    gl.activeTexture(gl.TEXTURE0 + unit);
+    gl.bindTexture(target, texture);
+    gl.uniform1i(gl.getUniformLocation(program, name), unit);
+  }
+
+  #weightRows(time, index) {
+    const { functionCount, axisCount } = this.animation.groups[index];
+    const weights = this.animation.weights(time, index);
+    const rows = new Float32Array(4 * (functionCount + 3));
+    for (let k = 0; k < functionCount; k++) {
+      for (let axis = 0; axis < (axisCount === 3 ? 1 : 3); axis++) rows[4 * k + axis] = weights[axis * functionCount + k];
+    }
+    return rows;
+  }
+
+  #group(index) {
+    let found = this.#groups.get(index);
+    if (found) {
+      this.#groups.delete(index);
+    } else {
+      found = this.#uploadGroup(index);
+      if (this.#groups.size >= MOST_GROUPS) this.#drop(this.#groups.keys().next().value);
+    }
+    this.#groups.set(index, found); // the latest comes last
+    return found;
+  }
+
+  #drop(index) {
+    const { fields, corrections, starts } = this.#groups.get(index);
+    for (const texture of [fields, corrections, starts]) this.gl.deleteTexture(texture);
+    this.#groups.delete(index);
+  }
+
+  #uploadGroup(index) {
+    const { gl, animation, vertexCount } = this;
+    const { functionCount, axisCount } = animation.groups[index];
+    const fields = animation.fields(index);
+    const layers = axisCount === 3 ? functionCount : Math.ceil(functionCount / 4);
+    const texture = gl.createTexture();
+    const rows = rowsOf(vertexCount);
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D_ARRAY, texture);
+    const [inside, outside] = axisCount === 3 ? [gl.RGB32F, gl.RGB] : [gl.RGBA32F, gl.RGBA];
+    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, inside, ROW, rows, Math.max(layers, 1));
+    const columns = axisCount === 3 ? 3 : 4;
+    const layer = new Float32Array(ROW * rows * columns);
+    for (let k = 0; k < layers; k++) {
+      if (axisCount === 3) {
+        layer.set(fields.subarray(3 * k * vertexCount, 3 * (k + 1) * vertexCount));
+      } else {
+        for (let column = 0; column < 4; column++) {
+          const from = (4 * k + column) * vertexCount;
+          const is = 4 * k + column < functionCount;
+          for (let v = 0; v < vertexCount; v++) layer[4 * v + column] = is ? fields[from + v] : 0;
+        }
+      }
+      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, k, ROW, rows, 1, outside, gl.FLOAT, layer);
+    }
+    gl.texParameteri(gl.TEXTURE_2D_ARRAY, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+    gl.texParameteri(gl.TEXTURE_2D_ARRAY, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+    return { functionCount, axisCount, fields: texture, ...this.#uploadCorrections(index) };
+  }
+
+  /** Corrections by vertex, of each vertex by frame, and where each vertex's begin. */
+  #uploadCorrections(index) {
+    const { gl, vertexCount } = this;
+    const { frames, vertices, offsets } = this.animation.corrections(index);
+    const starts = new Uint32Array(vertexCount + 1);
+    for (const vertex of vertices) starts[vertex + 1]++;
+    for (let v = 0; v < vertexCount; v++) starts[v + 1] += starts[v];
+    const next = starts.slice();
+    const rows = new Float32Array(4 * frames.length);
+    for (let k = 0; k < frames.length; k++) {
+      const place = 4 * next[vertices[k]]++;
+      rows.set(offsets.subarray(3 * k, 3 * k + 3), place);
+      rows[place + 3] = frames[k];
+    }
+    return {
+      hasCorrections: frames.length > 0,
+      corrections: this.#texture(gl.RGBA32F, gl.RGBA, gl.FLOAT, rows, 4),
+      starts: this.#texture(gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT, starts, 1),
+    };
+  }
+
+  #buffer(values) {
+    const { gl } = this;
+    const buffer = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    // Whole rows of the texture that positions are copied to.
+    gl.bufferData(gl.ARRAY_BUFFER, 12 * ROW * rowsOf(this.vertexCount), gl.DYNAMIC_COPY);
+    if (values) gl.bufferSubData(gl.ARRAY_BUFFER, 0, values);
+    gl.bindBuffer(gl.ARRAY_BUFFER, null);
+    return buffer;
+  }
+
+  #texture(inside, outside, type, values, columns) {
+    const { gl } = this;
+    const rows = rowsOf(values.length / columns);
+    const padded = new values.constructor(ROW * rows * columns);
+    padded.set(values);
+    const texture = gl.createTexture();
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, inside, ROW, rows, 0, outside, type, padded);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+    return texture;
+  }
+}
+
+/** The last frame that is not after a time; the first one before all. */
+export function frameAt(times, time) {
+  let low = 0;
+  let high = times.length;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (times[middle] <= time) low = middle;
+    else high = middle;
+  }
+  return low;
+}

@@ -1,0 +1,122 @@
+/** A camera that turns around a point: drag, wheel, pinch, or keys. Matrices are column after column, as WebGL has them. */
+
+const FIELD_OF_VIEW = Math.PI / 5;
+const STEEPEST = Math.PI / 2 - 0.01;
+
+/** How far one pixel turns [radians], and what one notch of a wheel makes the distance larger by. */
+const TURN = 0.008;
+const NOTCH = 1.0015;
+
+export class OrbitCamera {
+  yaw = 0.6;
+  pitch = 0.35;
+  distance = 1;
+  target = [0, 0, 0];
+  size = 1;
+
+  /** Look at a box, whole. `up`: 1 for y, 2 for z. */
+  fit(low, high, up = 1) {
+    this.up = up;
+    this.target = low.map((value, axis) => (value + high[axis]) / 2);
+    this.size = Math.hypot(...low.map((value, axis) => high[axis] - value)) || 1;
+    this.distance = (0.5 * this.size) / Math.sin(FIELD_OF_VIEW / 2);
+  }
+
+  /** Axes of the view: to the right, up, and towards the camera. */
+  axes() {
+    const [side, height] = [Math.cos(this.pitch), Math.sin(this.pitch)];
+    const back = this.#turned([side * Math.sin(this.yaw), height, side * Math.cos(this.yaw)]);
+    const right = this.#turned([Math.cos(this.yaw), 0, -Math.sin(this.yaw)]);
+    return { right, above: cross(back, right), back };
+  }
+
+  #turned([x, y, z]) {
+    return this.up === 2 ? [x, -z, y] : [x, y, z];
+  }
+
+  matrix(aspect) {
+    const { right, above, back } = this.axes();
+    const eye = this.target.map((value, axis) => value + this.distance * back[axis]);
+    const near = Math.max(this.distance - 2 * this.size, this.distance * 0.01);
+    const far = this.distance + 2 * this.size;
+    const scale = 1 / Math.tan(FIELD_OF_VIEW / 2);
+    const fitted = Math.min(aspect, 1); // tall windows show the whole width
+    const depth = (far + near) / (near - far);
+    const rows = [
+      [right, (scale * fitted) / aspect, 0],
+      [above, scale * fitted, 0],
+      [back, depth, (2 * far * near) / (near - far)],
+      [back, -1, 0],
+    ];
+    const found = new Float32Array(16);
+    rows.forEach(([axis, factor, shift], row) => {
+      for (let k = 0; k < 3; k++) found[4 * k + row] = axis[k] * factor;
+      found[12 + row] = shift - dot(axis, eye) * factor;
+    });
+    return found;
+  }
+
+  turn(x, y) {
+    this.yaw -= TURN * x;
+    this.pitch = Math.min(Math.max(this.pitch + TURN * y, -STEEPEST), STEEPEST);
+  }
+
+  /** Move by a share of the picture's height. */
+  pan(x, y) {
+    const { right, above } = this.axes();
+    const step = 2 * this.distance * Math.tan(FIELD_OF_VIEW / 2);
+    this.target = this.target.map((value, axis) => value + step * (y * above[axis] - x * right[axis]));
+  }
+
+  zoom(factor) {
+    this.distance = Math.min(Math.max(this.distance * factor, this.size * 1e-3), this.size * 1e3);
+  }
+
+  /** Follow pointers and the wheel over an element; `changed` is called after each step. */
+  follow(element, changed) {
+    const pointers = new Map();
+    const spread = () => {
+      const [a, b] = [...pointers.values()];
+      return { x: (a.x + b.x) / 2, y: (a.y + b.y) / 2, apart: Math.hypot(a.x - b.x, a.y - b.y) || 1 };
+    };
+    element.addEventListener("pointerdown", (event) => {
+      element.setPointerCapture(event.pointerId);
+      pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    });
+    for (const end of ["pointerup", "pointercancel"]) {
+      element.addEventListener(end, (event) => pointers.delete(event.pointerId));
+    }
+    element.addEventListener("pointermove", (event) => {
+      const before = pointers.get(event.pointerId);
+      if (!before) return;
+      const now = { x: event.clientX, y: event.clientY };
+      const height = element.clientHeight;
+      if (pointers.size === 2) {
+        const old = spread();
+        pointers.set(event.pointerId, now);
+        const fresh = spread();
+        this.zoom(old.apart / fresh.apart);
+        this.pan((fresh.x - old.x) / height, (fresh.y - old.y) / height);
+      } else {
+        pointers.set(event.pointerId, now);
+        const [x, y] = [now.x - before.x, now.y - before.y];
+        if (event.buttons === 2 || event.shiftKey) this.pan(x / height, y / height);
+        else this.turn(x, y);
+      }
+      changed();
+    });
+    element.addEventListener("contextmenu", (event) => event.preventDefault());
+    element.addEventListener(
+      "wheel",
+      (event) => {
+        event.preventDefault();
+        this.zoom(NOTCH ** event.deltaY);
+        changed();
+      },
+      { passive: false },
+    );
+  }
+}
+
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];

@@ -1,0 +1,79 @@
+/** A clip on the page: a file, and what is drawn of the run that holds at a time. Or the original beside it. */
+import { frameAt } from "pdeanim/gpu.js";
+
+import { Model } from "pdeanim/view/model.js";
+
+/** Bytes of a text of 64 letters. */
+export async function bytesOf(text) {
+  return new Uint8Array(await (await fetch(`data:application/octet-stream;base64,${text}`)).arrayBuffer());
+}
+
+/** Undo gzip. */
+export async function unpacked(bytes) {
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(stream).arrayBuffer();
+}
+
+export class Clip {
+  constructor(gl, animation, name) {
+    Object.assign(this, { gl, animation, name, model: null });
+  }
+
+  positions(time) {
+    return this.animation.at(time).positions(time);
+  }
+
+  /** Make positions at a time ready to be drawn; returns whether another mesh is drawn than before. */
+  show(time) {
+    const isNew = this.#take(time);
+    this.model.motion.evaluate(time);
+    return isNew;
+  }
+
+  /** Upload the group that comes next, when there is time for it. */
+  prefetch(time) {
+    const run = this.animation.at(time);
+    const next = run.groupOf(frameAt(run.times, time)) + 1;
+    if (run === this.model?.animation && next < run.groupCount) this.model.motion.prefetch(next);
+  }
+
+  #take(time) {
+    const run = this.animation.at(time);
+    if (this.model?.animation === run) return false;
+    this.model?.close();
+    this.model = new Model(this.gl, run);
+    return true;
+  }
+}
+
+/** What a file was made from: its positions at the frames are the file's, and what is kept of the difference. */
+export class Original {
+  /** @param {Int16Array} differences of all frames and vertices, in steps of `step` [scene units] */
+  constructor(gl, clip, differences, step, name) {
+    Object.assign(this, { gl, clip, differences, step, name, model: null });
+  }
+
+  positions(time) {
+    const { animation } = this.clip;
+    const found = this.clip.positions(time);
+    const frame = frameAt(animation.times, time);
+    const next = Math.min(frame + 1, animation.frameCount - 1);
+    const gap = animation.times[next] - animation.times[frame];
+    const share = gap ? Math.min(Math.max((time - animation.times[frame]) / gap, 0), 1) : 0;
+    const size = found.length;
+    for (let k = 0; k < size; k++) {
+      const [before, after] = [this.differences[frame * size + k], this.differences[next * size + k]];
+      found[k] += this.step * (before + share * (after - before));
+    }
+    return found;
+  }
+
+  show(time) {
+    const isNew = !this.model;
+    this.model ??= new Model(this.gl, this.clip.animation);
+    this.model.motion.show(this.positions(time));
+    return isNew;
+  }
+
+  prefetch() {}
+}

@@ -1,0 +1,54 @@
+/** Distances between two clips: of each vertex at a time, and of each frame, measured little by little. */
+
+/** Milliseconds that measuring may take between two pictures. */
+const SLICE = 8;
+
+/** Distance of each vertex [scene units]. */
+export function distances(a, b) {
+  const found = new Float32Array(a.length / 3);
+  for (let v = 0; v < found.length; v++) {
+    found[v] = Math.hypot(a[3 * v] - b[3 * v], a[3 * v + 1] - b[3 * v + 1], a[3 * v + 2] - b[3 * v + 2]);
+  }
+  return found;
+}
+
+/** The largest of numbers, and which it is. */
+export function largest(values) {
+  let place = 0;
+  for (let k = 1; k < values.length; k++) if (values[k] > values[place]) place = k;
+  return { value: values[place] ?? 0, place };
+}
+
+export class FrameErrors {
+  constructor(first, second) {
+    Object.assign(this, { first, second });
+    const { frameCount } = first.animation;
+    this.most = new Float64Array(frameCount);
+    this.rms = new Float64Array(frameCount);
+    this.count = 0;
+    this.worst = { value: 0, vertex: 0, frame: 0 };
+  }
+
+  get isDone() {
+    return this.count === this.most.length;
+  }
+
+  /** Measure some frames more. */
+  step() {
+    const until = performance.now() + SLICE;
+    while (!this.isDone && performance.now() < until) {
+      const frame = this.count++;
+      const time = this.first.animation.times[frame];
+      const found = distances(this.first.positions(time), this.second.positions(time));
+      const { value, place } = largest(found);
+      this.most[frame] = value;
+      this.rms[frame] = Math.sqrt(found.reduce((sum, own) => sum + own * own, 0) / Math.max(found.length, 1));
+      if (value > this.worst.value) this.worst = { value, vertex: place, frame };
+    }
+  }
+
+  /** The largest so far, for scales. */
+  get scale() {
+    return this.worst.value || 1;
+  }
+}

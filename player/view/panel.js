@@ -1,0 +1,159 @@
+/** Tables, the chart of errors, and the marks of frames. */
+import { frameAt } from "pdeanim/gpu.js";
+
+const NAMES = {
+  SEQN: "times, names",
+  NAME: "names of objects",
+  CONN: "faces and lines",
+  ORDR: "order of faces and vertices",
+  REST: "reference frame",
+  MODL: "model",
+  GRUP: "table of groups",
+  TIME: "functions of time",
+  COEF: "coefficients",
+  CORR: "corrections",
+  ATTR: "attributes",
+  META: "remarks",
+  RUNS: "table of runs",
+  RDAT: "runs of frames",
+};
+
+const SVG = "http://www.w3.org/2000/svg";
+
+/** Marks closer than this [pixels] are a grey band, so only every so many frames are marked. */
+const LEAST_GAP = 4;
+
+export function bytesText(bytes) {
+  const units = ["bytes", "kB", "MB", "GB"];
+  const power = Math.min(Math.floor(Math.log10(Math.max(bytes, 1)) / 3), 3);
+  return `${power ? (bytes / 1000 ** power).toPrecision(3) : bytes} ${units[power]}`;
+}
+
+export const lengthText = (value) => (value === 0 ? "0" : value.toPrecision(3));
+
+function row(cells) {
+  const found = document.createElement("tr");
+  for (const cell of cells) {
+    const box = found.insertCell();
+    if (cell instanceof Node) box.append(cell);
+    else box.textContent = cell;
+  }
+  return found;
+}
+
+export function showFacts(table, animation) {
+  const run = animation.at(animation.start);
+  const sum = (key) => run.objects.reduce((total, object) => total + object[key].length, 0);
+  const functions = run.groups.map((group) => group.functionCount);
+  const rows = [
+    ["objects", run.objectCount],
+    ["vertices", animation.runCount > 1 ? `at most ${animation.vertexCount}` : animation.vertexCount],
+    ["faces", sum("faceSizes")],
+    ["lines", sum("lineSizes")],
+    ["frames", `${animation.frameCount} at ${Number(animation.frameRate.toPrecision(6))} a second`],
+    ["seconds", (animation.end - animation.start).toFixed(3)],
+    ["runs of frames, each with its faces", animation.runCount],
+    ["groups of frames", run.groupCount],
+    ["functions of time in a group", [...new Set([Math.min(...functions), Math.max(...functions)])].join(" to ")],
+    ["attributes", [...new Set(run.objects.flatMap((_, k) => run.attributes(k).map((own) => own.name)))].join(", ")],
+  ];
+  const shown = rows.filter(([, value]) => value && !(value === 1 && rows.length > 3));
+  table.replaceChildren(...shown.map(([name, value]) => row([name, String(value)])));
+}
+
+export function showBytes(table, animations) {
+  const rows = [];
+  for (const { animation, name } of animations) {
+    if (animations.length > 1) rows.push(row([name, "", bytesText(animation.fileSize)]));
+    const sections = animation.sections.map(({ type, length }) => [NAMES[type] ?? type, length]);
+    const rest = animation.fileSize - sections.reduce((sum, [, length]) => sum + length, 0);
+    for (const [what, length] of [...sections, ["headers", rest]].sort((a, b) => b[1] - a[1])) {
+      if (!length) continue;
+      const bar = document.createElement("i");
+      bar.style.width = `${(100 * length) / animation.fileSize}%`;
+      const made = row([what, bar, bytesText(length)]);
+      made.cells[1].className = "share";
+      rows.push(made);
+    }
+  }
+  table.replaceChildren(...rows);
+}
+
+/** Marks of frames, and longer ones where groups and runs begin. */
+export function drawTicks(canvas, animation, colour) {
+  const scale = devicePixelRatio || 1;
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  canvas.width = width * scale;
+  canvas.height = height * scale;
+  const context = canvas.getContext("2d");
+  context.scale(scale, scale);
+  context.fillStyle = colour;
+  const { times, start, end } = animation;
+  const edge = 8; // half of the slider's thumb
+  const place = (time) => edge + ((time - start) / (end - start || 1)) * (width - 2 * edge);
+  const run = animation.at(start);
+  const starts = new Set(
+    animation.runCount > 1
+      ? Array.from({ length: animation.runCount }, (_, index) => animation.firstFrameOfRun(index))
+      : run.groups.map((group) => group.firstFrame),
+  );
+  const every = Math.max(1, Math.ceil((LEAST_GAP * times.length) / width));
+  for (let frame = 0; frame < times.length; frame++) {
+    const isStart = starts.has(frame);
+    if (frame % every && !isStart) continue;
+    context.fillRect(Math.round(place(times[frame])), height - (isStart ? 10 : 5), 1, isStart ? 10 : 5);
+  }
+}
+
+function element(name, attributes, text) {
+  const found = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) found.setAttribute(key, value);
+  if (text !== undefined) found.textContent = text;
+  return found;
+}
+
+/** Lines of the largest and the root mean square distance of frames, and where the time is. */
+export class ErrorChart {
+  constructor(svg, animation, seek) {
+    Object.assign(this, { svg, animation });
+    svg.addEventListener("click", (event) => {
+      const box = svg.getBoundingClientRect();
+      const share = (event.clientX - box.left - this.left) / (box.width - this.left);
+      seek(animation.start + Math.min(Math.max(share, 0), 1) * (animation.end - animation.start));
+    });
+  }
+
+  left = 52;
+
+  draw(errors, time) {
+    const { svg, animation } = this;
+    const [width, height] = [svg.clientWidth || 300, svg.clientHeight || 140];
+    const bottom = height - 18;
+    const x = (at) => this.left + ((at - animation.start) / (animation.end - animation.start || 1)) * (width - this.left - 2);
+    const y = (value) => bottom - (value / errors.scale) * (bottom - 8);
+    const path = (values) => {
+      const places = Array.from({ length: errors.count }, (_, k) => `${x(animation.times[k])},${y(values[k])}`);
+      return { points: places.join(" "), fill: "none", "stroke-width": 1.5 };
+    };
+    const text = { fill: "var(--quiet)", "font-size": 11 };
+    svg.replaceChildren(
+      element("line", { x1: this.left, x2: width, y1: bottom, y2: bottom, stroke: "var(--edge)" }),
+      element("polyline", { ...path(errors.most), stroke: "var(--second)" }),
+      element("polyline", { ...path(errors.rms), stroke: "var(--accent)" }),
+      element("text", { ...text, x: 0, y: 14 }, lengthText(errors.scale)),
+      element("text", { ...text, x: 0, y: bottom }, "0"),
+      element("text", { ...text, x: this.left, y: height - 3, fill: "var(--second)" }, "largest"),
+      element("text", { ...text, x: this.left + 52, y: height - 3, fill: "var(--accent)" }, "root mean square"),
+      element("line", { x1: x(time), x2: x(time), y1: 0, y2: bottom, stroke: "var(--text)", "stroke-dasharray": "2 3" }),
+    );
+  }
+}
+
+/** "1.250 s, frame 30.00 of 48" */
+export function timeText(animation, time) {
+  const { times } = animation;
+  const frame = frameAt(times, time);
+  const gap = (times[frame + 1] ?? times[frame]) - times[frame];
+  const share = gap ? Math.min(Math.max((time - times[frame]) / gap, 0), 1) : 0;
+  return `${time.toFixed(3)} s, frame ${(frame + share).toFixed(2)} of ${times.length - 1}`;
+}

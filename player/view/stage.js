@@ -1,0 +1,142 @@
+/** Draws models: shaded, as wires, in colours of patches or of errors; one, or two side by side or over each other. */
+import { makeProgram } from "pdeanim/gpu.js";
+
+const VERTEX = `#version 300 es
+precision highp float;
+in vec3 position;
+in vec3 normal;
+in vec4 colour;
+in float error;
+uniform mat4 projection;
+uniform float pointSize;
+out vec3 place;
+out vec3 direction;
+out vec4 own;
+out float distance;
+void main() {
+  gl_Position = projection * vec4(position, 1.0);
+  gl_PointSize = pointSize;
+  place = position;
+  direction = normal;
+  own = colour;
+  distance = error;
+}`;
+
+// The ramp is that of the legend: blue, teal, yellow, red.
+const FRAGMENT = `#version 300 es
+precision highp float;
+in vec3 place;
+in vec3 direction;
+in vec4 own;
+in float distance;
+uniform vec3 light;
+uniform vec3 plain;
+uniform int colouring;
+uniform int shading;
+uniform float most;
+out vec4 result;
+vec3 ramp(float share) {
+  vec3 stops[4] = vec3[](vec3(0.16, 0.27, 0.62), vec3(0.13, 0.62, 0.60), vec3(0.98, 0.83, 0.29), vec3(0.84, 0.15, 0.16));
+  float at = clamp(share, 0.0, 1.0) * 3.0;
+  int low = min(int(at), 2);
+  return mix(stops[low], stops[low + 1], at - float(low));
+}
+void main() {
+  vec3 base = colouring == 1 ? own.rgb : colouring == 2 ? ramp(distance / most) : plain;
+  vec3 facing = shading == 1 ? normalize(cross(dFdx(place), dFdy(place))) : normalize(direction);
+  float lit = shading == 2 || dot(direction, direction) == 0.0 && shading == 0 ? 1.0 : 0.35 + 0.65 * abs(dot(facing, light));
+  result = vec4(base * lit, 1.0);
+}`;
+
+export const COLOURING = { plain: 0, patches: 1, error: 2 };
+const SHADING = { smooth: 0, flat: 1, none: 2 };
+const ATTRIBUTES = ["position", "normal", "colour", "error"];
+
+export class Stage {
+  constructor(gl) {
+    this.gl = gl;
+    this.program = makeProgram(gl, VERTEX, FRAGMENT);
+    this.array = gl.createVertexArray();
+    this.places = Object.fromEntries(ATTRIBUTES.map((name) => [name, gl.getAttribLocation(this.program, name)]));
+    this.uniforms = new Map();
+  }
+
+  /** Fill the canvas; `views`: of each the share of the width where it begins and ends, and what is drawn there. */
+  draw(views, camera, look) {
+    const { gl } = this;
+    const { width, height } = gl.canvas;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.viewport(0, 0, width, height);
+    gl.clearColor(...look.page, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.enable(gl.DEPTH_TEST);
+    gl.useProgram(this.program);
+    gl.uniform3fv(this.#uniform("light"), camera.axes().back);
+    for (const { from, to, items } of views) {
+      const [left, right] = [Math.round(from * width), Math.round(to * width)];
+      gl.viewport(left, 0, right - left, height);
+      gl.uniformMatrix4fv(this.#uniform("projection"), false, camera.matrix((right - left) / height));
+      for (const item of items) this.#drawItem(item, look);
+    }
+    gl.bindVertexArray(null);
+  }
+
+  #drawItem({ model, object, shading, colouring, most, plain }, look) {
+    const { gl } = this;
+    this.#bindAttributes(model, colouring);
+    gl.uniform1i(this.#uniform("colouring"), COLOURING[colouring]);
+    gl.uniform1f(this.#uniform("most"), most);
+    gl.uniform1f(this.#uniform("pointSize"), look.pointSize);
+    gl.uniform3fv(this.#uniform("plain"), plain);
+    if (shading !== "wireframe") {
+      gl.enable(gl.POLYGON_OFFSET_FILL);
+      gl.polygonOffset(1, 1);
+      this.#elements(model, "triangles", gl.TRIANGLES, object, shading === "flat" ? SHADING.flat : SHADING.smooth);
+      gl.disable(gl.POLYGON_OFFSET_FILL);
+    }
+    const isWired = shading === "wireframe" || shading === "edges";
+    const [, faces] = model.part("triangles", object);
+    if (shading === "edges") {
+      gl.uniform1i(this.#uniform("colouring"), COLOURING.plain);
+      gl.uniform3fv(this.#uniform("plain"), plain.map((value) => 0.45 * value));
+    }
+    if (isWired || !faces) this.#elements(model, "edges", gl.LINES, object, SHADING.none);
+    this.#elements(model, "points", gl.POINTS, object, SHADING.none);
+  }
+
+  #bindAttributes(model, colouring) {
+    const { gl, places } = this;
+    gl.bindVertexArray(this.array);
+    const bind = (name, buffer, size, type, isNormalised) => {
+      if (places[name] < 0) return;
+      if (!buffer) {
+        gl.disableVertexAttribArray(places[name]);
+        return;
+      }
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      gl.enableVertexAttribArray(places[name]);
+      gl.vertexAttribPointer(places[name], size, type, isNormalised, 0, 0);
+    };
+    if (colouring === "patches") model.colourElements();
+    gl.bindVertexArray(this.array);
+    bind("position", model.motion.positions, 3, gl.FLOAT, false);
+    bind("normal", model.motion.normals, 3, gl.FLOAT, false);
+    bind("colour", colouring === "patches" ? model.colours : null, 4, gl.UNSIGNED_BYTE, true);
+    bind("error", model.errors, 1, gl.FLOAT, false);
+    gl.bindBuffer(gl.ARRAY_BUFFER, null);
+  }
+
+  #elements(model, name, mode, object, shading) {
+    const { gl } = this;
+    const [first, count] = model.part(name, object);
+    if (!count) return;
+    gl.uniform1i(this.#uniform("shading"), shading);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, model[name].buffer);
+    gl.drawElements(mode, count, gl.UNSIGNED_INT, 4 * first);
+  }
+
+  #uniform(name) {
+    if (!this.uniforms.has(name)) this.uniforms.set(name, this.gl.getUniformLocation(this.program, name));
+    return this.uniforms.get(name);
+  }
+}
