@@ -7,6 +7,7 @@ quick, are fitted in full.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -25,7 +26,7 @@ from pdecodec.groupfit import (
 )
 from pdecodec.groups import GroupEntry, functions_of_time, group_functions, margins
 from pdecodec.residuals import residual_ways
-from pdecodec.shares import thread_count
+from pdecodec.shares import side_by_side, thread_count
 from pdecodec.spacebasis import SpaceBasis
 
 Float32Array = NDArray[np.float32]
@@ -91,6 +92,8 @@ class _Sample:
         Ascending.
     weight : float
         How many times as much all elements' coefficients take as those of these, about.
+    like : _Sample, optional
+        Of the same points.
 
     Attributes
     ----------
@@ -112,14 +115,24 @@ class _Sample:
         Of these; see :attr:`pdecodec.spacebasis.SpaceBasis.subbands`.
     """
 
-    def __init__(self, points: Float32Array, basis: SpaceBasis, elements: Int64Array, weight: float) -> None:
+    def __init__(
+        self,
+        points: Float32Array,
+        basis: SpaceBasis,
+        elements: Int64Array,
+        weight: float,
+        like: _Sample | None = None,
+    ) -> None:
         self.elements, self.weight = elements, weight
         self.starts = np.concatenate([[0], np.cumsum(np.diff(basis.starts)[elements])])
         self.vertices = _vertices(basis, elements)
         self.order = np.arange(self.vertices.size, dtype=np.int32)
         runs = np.arange(len(points))
         self.frames = runs[runs // RUN % RUNS == 0] if runs.size > FEWEST_FRAMES else runs
-        self.points = np.ascontiguousarray(points[self.frames[:, None], self.vertices])
+        if like and np.array_equal(self.vertices, like.vertices):
+            self.points = like.points
+        else:
+            self.points = np.ascontiguousarray(points[self.frames[:, None], self.vertices])
         self.copies = basis.order.size / self.vertices.size * (runs.size / self.frames.size)
         starts, kinds, parents = basis.subbands
         nodes = kinds.size - basis.element_count
@@ -228,7 +241,7 @@ class Estimate:
         self._coefficients: dict[tuple[Displacements, TimeFunctions], Float64Array] = {}
         elements = _of_vertices(basis, like.sample.vertices) if like else np.zeros(0, np.int64)
         if like and np.array_equal(np.sort(_vertices(basis, elements)), np.sort(like.sample.vertices)):
-            self.sample: _Sample = _Sample(fitter.points, basis, elements, like.sample.weight)
+            self.sample: _Sample = _Sample(fitter.points, basis, elements, like.sample.weight, like.sample)
             return
         values = fitter.projected(basis, usual)
         weights = _weights(basis, values, self._usual_step)
@@ -277,10 +290,11 @@ class Estimate:
             step=step,
             time_step=time_step,
         )
-        coefficient_bits = (
-            _core.measure_coefficients(quantised, *sample.subbands, axes, sample.weight) if count else 0.0
+        coefficient_bits, residual_bits = side_by_side(
+            partial(_core.measure_coefficients, quantised, *sample.subbands, axes, sample.weight) if count else float,
+            partial(self._residual_bits, entry, functions, quantised, largest),
         )
-        return time_bits + coefficient_bits + self._residual_bits(entry, functions, quantised, largest)
+        return time_bits + coefficient_bits + residual_bits
 
     def _residual_bits(
         self, entry: GroupEntry, functions: Float64Array, quantised: Int64Array, largest: Int64Array

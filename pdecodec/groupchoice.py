@@ -114,7 +114,6 @@ class GroupSearch:
         """A choice with the steps that cost least nearby, those of functions of time included."""
         if choice.time != "cosines":
             choice = self._walk(choice, self._time_steps)
-            choice = self._walk(choice, self._steps)
         return self.chosen(self._walk(choice, self._closer_steps))
 
     def chosen(self, choice: GroupChoice) -> ChosenGroup:

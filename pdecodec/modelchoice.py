@@ -41,6 +41,9 @@ PATIENCE = 2
 LOOKS: tuple[SpaceKind, int] = ("patch", 32)
 """Space basis in which functions of time of a small mesh are compared."""
 
+WORTH_GOING_ON = 0.997
+"""Where the next reference frame costs less than this many times the best one, the one after it is tried."""
+
 WORTH_A_NEW_LOOK = 0.9
 """Where another reference frame costs less than this many times the usual one, all else is chosen anew."""
 
@@ -268,7 +271,8 @@ class ModelSearch:
                 bits = self._cost(model)
                 behind += 1
                 if bits < least:
-                    best, least, behind = model, bits, 0
+                    behind = 0 if bits < WORTH_GOING_ON * least else patience
+                    best, least = model, bits
                 index += direction
             if best is not usual:
                 return best
