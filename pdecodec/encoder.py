@@ -450,9 +450,9 @@ def _bits(parts: Sequence[FinishedGroup]) -> float:
 def checked_frames(sequence: MeshSequence, start: int, stop: int) -> Float32Array:
     """Frames of a sequence; InputError names the first position that is no number or beyond :data:`FARTHEST`."""
     points = sequence.read_frames(start, stop)
-    sound = np.abs(points) <= FARTHEST  # false for NaN too
-    if not sound.all():
-        frame, vertex, axis = np.argwhere(~sound)[0]
+    # False for NaN too, which is both the least and the largest where there is one.
+    if points.size and not -FARTHEST <= float(points.min()) <= float(points.max()) <= FARTHEST:
+        frame, vertex, axis = np.argwhere(~(np.abs(points) <= FARTHEST))[0]
         name, index = _owner(sequence, int(vertex))
         what = f"farther than {FARTHEST:g}" if np.isfinite(points[frame, vertex, axis]) else "not at a finite position"
         raise InputError(
