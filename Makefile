@@ -19,7 +19,7 @@ BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3' \
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test browser lint types sanitize fuzz fuzz-readers exactness bench bench-rd figures reproduce stability paper dist docs vectors wasm clean
+.PHONY: demo test long browser lint types sanitize fuzz fuzz-readers exactness bench bench-rd figures reproduce stability paper dist docs vectors wasm clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
@@ -27,6 +27,10 @@ demo: $(INSTALLED)
 test: BUILDS = gcc-O3-fused
 test: lint types browser sanitize exactness
 	$(BIN)/python -m pytest -n auto --dist loadfile
+
+# Tests that take minutes, and print what they measured: kills, full disks, threads, the worst files of each section.
+long: $(READY)
+	$(BIN)/python -m pytest -m long -n 0
 
 # The decoder under the sanitizers, over all vectors and MUTANTS damaged ones; with the system's compiler alone.
 MUTANTS ?= 4000

@@ -36,7 +36,10 @@ MOST_MEMORY = 2**31
 """Address space beyond what the process has at first: more is a MemoryError, and a finding."""
 
 MOST_SECONDS = 10
-"""For one file of some kilobytes."""
+"""Of processor time, for one file of some kilobytes."""
+
+MOST_WAITED = 300
+"""Seconds until a process that says nothing is taken to wait for ever, however busy the machine is."""
 
 MOST_POSITIONS = 10**6
 """Of which frames are read: a file may declare more than it has."""
@@ -91,7 +94,7 @@ def _work(name: str, first: int, deadline: float, wire: Any) -> None:
     taken = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (taken + MOST_MEMORY, resource.RLIM_INFINITY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    signal.signal(signal.SIGALRM, _too_slow)
+    signal.signal(signal.SIGPROF, _too_slow)
     target, number = targets()[name], first
     shared = Path("/dev/shm")
     folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir=shared if shared.is_dir() else None))
@@ -100,13 +103,13 @@ def _work(name: str, first: int, deadline: float, wire: Any) -> None:
             wire.send(("next", number))
             seed, changed = mutant(target, number)
             write(folder, seed, changed)
-            signal.alarm(MOST_SECONDS)
+            signal.setitimer(signal.ITIMER_PROF, MOST_SECONDS)
             try:
                 read_all(folder, seed)
             except (Exception, TooSlowError) as error:
-                signal.alarm(0)
+                signal.setitimer(signal.ITIMER_PROF, 0)
                 wire.send(("found", number, _place(error), "".join(traceback.format_exception(error))[-4000:]))
-            signal.alarm(0)
+            signal.setitimer(signal.ITIMER_PROF, 0)
             number += 1
         wire.send(("done", number))
     finally:
@@ -148,10 +151,10 @@ def fuzz(name: str, seconds: float, first: int) -> tuple[int, dict[str, int]]:
         child.start()
         theirs.close()
         while True:
-            # A library that loops in its own code does not see the alarm.
-            if not multiprocessing.connection.wait([wire], timeout=3 * MOST_SECONDS):
+            # A library that loops in its own code does not see the signal.
+            if not multiprocessing.connection.wait([wire], timeout=MOST_WAITED):
                 child.kill()
-                note("hangs in a library", f"took more than {3 * MOST_SECONDS} s")
+                note("hangs in a library", f"took more than {MOST_WAITED} s")
                 break
             try:
                 kind, number, *rest = wire.recv()

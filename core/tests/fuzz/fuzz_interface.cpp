@@ -1,0 +1,163 @@
+// A target of libFuzzer: calls the C interface as bytes say, with whatever numbers they hold, on a file that is read through
+// a callback, which may fail or fall short.
+//
+// The last bytes are the calls, the others the file.
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <vector>
+
+#include "pdeanim.h"
+
+namespace {
+
+constexpr std::uint64_t max_memory = std::uint64_t{1} << 25, max_output = std::uint64_t{1} << 30;
+constexpr std::uint64_t most_numbers = 1 << 21;  // that a call may write: what it writes is not in the memory limit
+constexpr std::size_t most_calls = 12, most_times = 4, head_size = 2;
+
+// What a caller decides, taken from the end of the bytes.
+struct Call {
+    std::uint8_t what = 0, quantity = 0;
+    std::int64_t number = 0;
+    float time = 0.0f;
+};
+constexpr std::size_t call_size = 2 + sizeof(std::int64_t) + sizeof(float);
+
+struct File {
+    const std::uint8_t *data;
+    std::size_t size;
+    std::size_t fails_after;  // reads; 0: never
+    std::size_t reads = 0;
+};
+
+int64_t read(void *user, uint64_t offset, void *into, size_t size) {
+    File &file = *static_cast<File *>(user);
+    if (file.fails_after && ++file.reads > file.fails_after) return file.reads % 2 ? -1 : 0;
+    if (offset >= file.size) return 0;
+    const std::size_t count = size < file.size - offset ? size : file.size - static_cast<std::size_t>(offset);
+    std::memcpy(into, file.data + offset, count);
+    return static_cast<std::int64_t>(count);
+}
+
+void check(pdeanim_status status) {
+    if (status == PDEANIM_INTERNAL) std::abort();
+}
+
+// As many times as a caller may ask for at once; numbers that are none, too.
+void evaluate(pdeanim_animation *animation, const Call &call) {
+    const auto vertices = static_cast<std::uint64_t>(pdeanim_vertex_count(animation));
+    if (vertices * most_times * 3 > most_numbers) return;
+    std::vector<double> times;
+    for (std::size_t k = 0; k < most_times; ++k)
+        times.push_back(static_cast<double>(call.time) * static_cast<double>(k));
+    std::vector<float> out(vertices * most_times * 3);
+    const auto quantity = static_cast<pdeanim_quantity>(call.quantity % 4);
+    pdeanim_error error;
+    check(pdeanim_evaluate(animation, quantity, times.data(), most_times, call.number, out.data(), &error));
+    // Far too many times are refused before one is looked at.
+    if (call.number < -1 &&
+        pdeanim_evaluate(animation, PDEANIM_POSITIONS, times.data(), static_cast<std::size_t>(call.number),
+                         PDEANIM_ALL_OBJECTS, out.data(), &error) == PDEANIM_OK &&
+        vertices > 0) {
+        std::abort();
+    }
+}
+
+void look_at_group(pdeanim_animation *animation, const Call &call) {
+    pdeanim_error error;
+    pdeanim_group group;
+    const pdeanim_status status = pdeanim_get_group(animation, call.number, &group, &error);
+    check(status);
+    const auto vertices = static_cast<std::uint64_t>(pdeanim_vertex_count(animation));
+    const auto quantity = static_cast<pdeanim_quantity>(call.quantity % 4);
+    std::int64_t first = 0, count = 0;
+    check(pdeanim_groups_at(animation, quantity, call.time, &first, &count, &error));
+    if (status) return;
+    const auto functions = static_cast<std::uint64_t>(group.function_count);
+    if (functions * vertices * 3 > most_numbers) return;
+    std::vector<double> weights(3 * functions + 1);
+    check(pdeanim_weights(animation, quantity, call.time, call.number, weights.data(), &error));
+    std::vector<float> fields(3 * functions * vertices + 1);
+    check(pdeanim_fields(animation, call.number, fields.data(), &error));
+    const pdeanim_correction *corrections = nullptr;
+    check(pdeanim_corrections(animation, call.number, &corrections, &count, &error));
+}
+
+void look_at_object(pdeanim_animation *animation, const Call &call) {
+    pdeanim_error error;
+    pdeanim_object object;
+    pdeanim_attribute attribute;
+    std::int64_t count = 0;
+    check(pdeanim_get_object(animation, call.number, &object, &error));
+    check(pdeanim_attribute_count(animation, call.number, &count, &error));
+    check(pdeanim_get_attribute(animation, call.number, call.quantity, &attribute, &error));
+    check(pdeanim_get_attribute(animation, call.quantity % 4, call.number, &attribute, &error));
+}
+
+void look_at_file(pdeanim_animation *animation, const Call &call) {
+    pdeanim_error error;
+    pdeanim_section section;
+    check(pdeanim_get_section(animation, call.number, &section, &error));
+    const void *remarks = nullptr;
+    std::size_t size = 0;
+    check(pdeanim_remarks(animation, &remarks, &size, &error));
+    pdeanim_first_frame_of_run(animation, call.number);
+    pdeanim_run_at(animation, call.time);
+    const auto vertices = static_cast<std::uint64_t>(pdeanim_vertex_count(animation));
+    if (vertices * 3 > most_numbers) return;
+    std::vector<float> points(3 * vertices);
+    std::vector<std::int32_t> elements(vertices);
+    check(pdeanim_reference(animation, points.data(), &error));
+    check(pdeanim_elements(animation, elements.data(), &error));
+}
+
+void make(pdeanim_animation *animation, const Call &call) {
+    pdeanim_error error;
+    pdeanim_animation *run = nullptr;
+    switch (call.what % 6) {
+        case 0: evaluate(animation, call); break;
+        case 1: look_at_group(animation, call); break;
+        case 2: look_at_object(animation, call); break;
+        case 3: look_at_file(animation, call); break;
+        case 4: check(pdeanim_verify(animation, &error)); break;
+        default:
+            check(pdeanim_open_run(animation, call.number, &run, &error));
+            if (!run) break;
+            evaluate(run, call);
+            look_at_group(run, call);
+            look_at_object(run, call);
+            pdeanim_close(run);
+    }
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size) {
+    if (size < head_size) return 0;
+    const std::size_t fails_after = data[size - 2];
+    std::size_t count = data[size - 1] % most_calls;
+    size -= head_size;
+    std::vector<Call> calls;
+    for (; count > 0 && size >= call_size; --count) {
+        size -= call_size;
+        Call &call = calls.emplace_back();
+        call.what = data[size];
+        call.quantity = data[size + 1];
+        std::memcpy(&call.number, data + size + 2, sizeof call.number);
+        std::memcpy(&call.time, data + size + 2 + sizeof call.number, sizeof call.time);
+        if (call.what & 0x80) call.number %= 4;
+    }
+    File file{data, size, fails_after & 0x80 ? fails_after & 0x7F : 0};
+    pdeanim_options options{};
+    options.size = sizeof options;
+    options.max_memory = max_memory;
+    options.threads = 1;
+    options.max_output = max_output;
+    pdeanim_animation *animation = nullptr;
+    pdeanim_error error;
+    check(pdeanim_open_read(read, &file, size, &options, &animation, &error));
+    if (!animation) return 0;
+    for (const Call &call : calls) make(animation, call);
+    pdeanim_close(animation);
+    return 0;
+}

@@ -1,0 +1,9 @@
+#!/bin/bash -eu
+# Builds both targets with the flags and the engine that OSS-Fuzz gives; the vectors are the corpus that they begin with.
+cmake -S core -B build/oss-fuzz -G Ninja -DPDEANIM_FUZZ=ON -DPDEANIM_LIBRARY=OFF -DCMAKE_BUILD_TYPE=Debug \
+    -DPDEANIM_FUZZ_ENGINE="$LIB_FUZZING_ENGINE"
+cmake --build build/oss-fuzz --target fuzz_open fuzz_interface
+for target in fuzz_open fuzz_interface; do
+    cp "build/oss-fuzz/$target" "$OUT/"
+    zip -j -q "$OUT/${target}_seed_corpus.zip" spec/vectors/accept/*.pdeanim spec/vectors/reject/*.pdeanim
+done
