@@ -19,7 +19,7 @@ BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3' \
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test long browser lint types sanitize fuzz fuzz-readers exactness bench bench-rd figures reproduce stability paper dist docs vectors wasm clean
+.PHONY: demo test long browser lint types sanitize fuzz fuzz-readers exactness bench growth bench-rd figures reproduce stability paper dist docs vectors wasm clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
@@ -81,6 +81,10 @@ types: $(READY)
 
 bench: $(INSTALLED)
 	$(BIN)/python -m pdecodec.report.bench
+
+# How time and memory grow with frames and vertices; minutes.
+growth: $(INSTALLED)
+	$(BIN)/python -m pdecodec.report.growth
 
 # make bench-rd SEQUENCES="a.npz b.npz" OPTIONS="--tolerance 1e-3 --no-baselines"; without them a rope is simulated.
 bench-rd: $(READY)
