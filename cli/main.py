@@ -45,6 +45,7 @@ COMMANDS = (
     "join",
     "report",
     "reproduce",
+    "serve",
     "simulate",
     "stability",
     "view",

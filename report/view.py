@@ -101,6 +101,12 @@ def served_page(title: str, name: str, address: str, *, up_axis: str | None = No
     return _page(title, {"clips": [{"name": name, "address": address}]}, up_axis, wasm=_packed_wasm())
 
 
+def list_page(title: str, files: Sequence[tuple[str, int, str]]) -> str:
+    """A page that lists files: of each its name, its bytes, and its address below ``/file/`` and ``/view/``."""
+    rows = [{"name": name, "size": size, "address": address} for name, size, address in files]
+    return _page(title, {"files": rows}, None, wasm=_packed_wasm(), template="list.html")
+
+
 def _of_original(original: Original | None) -> dict[str, Any]:
     if original is None:
         return {}
@@ -112,7 +118,7 @@ def _packed_wasm() -> str:
     return base64.b64encode(gzip.compress((FOLDER / "pdeanim.wasm").read_bytes(), 9, mtime=0)).decode("ascii")
 
 
-def _page(title: str, data: Mapping[str, Any], up_axis: str | None, *, wasm: str) -> str:
+def _page(title: str, data: Mapping[str, Any], up_axis: str | None, *, wasm: str, template: str = "index.html") -> str:
     folder = FOLDER / "view"
     content = {**data, "wasm": wasm, "up": 2 if up_axis == "z" else 1}
     values = {
@@ -121,8 +127,8 @@ def _page(title: str, data: Mapping[str, Any], up_axis: str | None, *, wasm: str
         "IMPORTS": json.dumps({"imports": _imports(folder)}),
         "DATA": _in_script(json.dumps(content)),
     }
-    template = (folder / "index.html").read_text("utf-8")
-    return re.sub("TITLE|STYLE|IMPORTS|DATA", lambda found: values[found[0]], template)
+    text = (folder / template).read_text("utf-8")
+    return re.sub("TITLE|STYLE|IMPORTS|DATA", lambda found: values[found[0]], text)
 
 
 def _in_script(text: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mimetypes
 import re
 import threading
 from collections.abc import Iterator
@@ -49,6 +50,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_response(200)
         if self.server.gives_ranges:
             self.send_header("Accept-Ranges", "bytes")
+        self.send_header("Content-Type", mimetypes.guess_type(path.name)[0] or "application/octet-stream")
         self.send_header("Content-Length", str(end - begin))
         self.end_headers()
         self.server.requests += 1

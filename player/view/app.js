@@ -255,7 +255,7 @@ class App {
     canvas.width = Math.max(Math.round(canvas.clientWidth * scale), 1);
     canvas.height = Math.max(Math.round(canvas.clientHeight * scale), 1);
     const style = getComputedStyle(document.documentElement);
-    const colour = (name) => numbersOf(style.getPropertyValue(name).trim());
+    const colour = (name) => panel.numbersOf(style.getPropertyValue(name).trim());
     this.look = { page: colour("--page"), mesh: colour("--mesh"), other: colour("--second"), pointSize: 3 * scale };
     panel.drawTicks(byId("ticks"), this.animation, style.getPropertyValue("--quiet"));
     this.#draw();
@@ -338,12 +338,6 @@ class App {
 
 const RAMP = "linear-gradient(90deg, #29459e, #219e99, #fad44a, #d62629)";
 const WIRES = { shading: "wireframe", colouring: "plain" };
-
-/** "#8fa9c9" to shares of one. */
-function numbersOf(text) {
-  const digits = text.length === 4 ? [...text.slice(1)].map((digit) => digit + digit) : text.slice(1).match(/../g);
-  return digits.map((digit) => parseInt(digit, 16) / 255);
-}
 
 const app = new App();
 globalThis.pdeanimView = app;

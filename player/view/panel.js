@@ -157,3 +157,9 @@ export function timeText(animation, time) {
   const share = gap ? Math.min(Math.max((time - times[frame]) / gap, 0), 1) : 0;
   return `${time.toFixed(3)} s, frame ${(frame + share).toFixed(2)} of ${times.length - 1}`;
 }
+
+/** "#8fa9c9" to shares of one. */
+export function numbersOf(text) {
+  const digits = text.length === 4 ? [...text.slice(1)].map((digit) => digit + digit) : text.slice(1).match(/../g);
+  return digits.map((digit) => parseInt(digit, 16) / 255);
+}

@@ -1,0 +1,32 @@
+import type { PdeAnimation } from "./pdeanim.js";
+
+/** Positions and normals of one animation (one run of frames), in WebGL buffers: vertex attributes of three floats. */
+export class GpuMotion {
+  constructor(gl: WebGL2RenderingContext, animation: PdeAnimation);
+  readonly vertexCount: number;
+  readonly positions: WebGLBuffer;
+  readonly normals: WebGLBuffer;
+  /** Whether the last positions were made by the graphics processor, not by the decoder. */
+  readonly isOnGpu: boolean;
+  /** Whether a group's fields fit. */
+  fits(group: number): boolean;
+  /** Upload a group ahead of its time. */
+  prefetch(group: number): void;
+  /** Make positions and normals at a time [s]. */
+  evaluate(time: number): void;
+  /** Take positions from elsewhere, and make normals of them. */
+  show(positions: Float32Array): void;
+  readPositions(): Float32Array;
+  close(): void;
+}
+
+/** A program of two shaders; `outputs`: what the first one writes to buffers. */
+export function makeProgram(
+  gl: WebGL2RenderingContext,
+  vertex: string,
+  fragment: string,
+  outputs?: string[],
+): WebGLProgram;
+
+/** The last frame that is not after a time; the first one before all. */
+export function frameAt(times: Float64Array, time: number): number;
