@@ -1,7 +1,8 @@
 """Keep a run of `pdecodec reproduce` and `pdecodec stability` for the README: `make paper`.
 
 ``python docs/make_paper.py out/paper out/stability docs/paper`` copies the verdicts, the values behind them and a few
-charts, with palettes in place of full colours, and leaves the rest: it is made again by the same commands.
+charts, with palettes in place of full colours, and leaves the rest: it is made again by the same commands. The page
+that answers the audit, ``docs/paper/audit.md``, is written by hand; a test holds its figures against the run.
 """
 
 from __future__ import annotations
@@ -45,6 +46,10 @@ def keep(reproduction: Path, stability: Path, target: Path) -> None:
     for table in TABLES:
         shutil.copyfile(reproduction / f"{table}.md", target / f"{table}.md")
     shutil.copyfile(reproduction / "verdicts.csv", target / "verdicts.csv")
+    kept = {f"{chart}.png" for chart in (*REPRODUCTION_CHARTS, *STABILITY_CHARTS)}
+    for picture in target.glob("*.png"):
+        if picture.name not in kept:
+            picture.unlink()
 
 
 MOST_ROWS = 20

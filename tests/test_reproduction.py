@@ -15,6 +15,7 @@ from click.testing import CliRunner
 from pdecodec.cli.main import pdecodec
 from pdecodec.errors import SettingsError
 from pdecodec.report.reproduction import bspline, printed
+from pdecodec.report.reproduction.findings import Findings
 from pdecodec.report.reproduction.functions import (
     ROUNDING,
     SOLVES_EQ_10,
@@ -24,7 +25,7 @@ from pdecodec.report.reproduction.functions import (
     space_derivatives,
     time_derivatives,
 )
-from pdecodec.report.reproduction.leak import draw_another_shape
+from pdecodec.report.reproduction.leak import choices_figure, draw_another_shape
 from pdecodec.report.reproduction.method import (
     HONEST,
     PRINTED,
@@ -40,8 +41,10 @@ from pdecodec.report.reproduction.method import (
 )
 from pdecodec.report.reproduction.physics import CLAMPED_FREE, PERIODS, PLAIN, TIED, TWO, beam_errors, mode
 from pdecodec.report.reproduction.rates import COARSENING, PDE, POLYNOMIALS, SPLINES, measure_model
-from pdecodec.report.reproduction.rope import RopeSettings, own_substeps
+from pdecodec.report.reproduction.rope import RopeSettings, own_substeps, simulate_rope
 from pdecodec.report.reproduction.sweep import times_table_1
+
+KEPT = Path(__file__).resolve().parent.parent / "docs" / "paper"
 
 RATES = [(1.0, 1.0), (2.0, 2.0), (0.7, 3.1), (5.0, 1.3)]
 
@@ -319,6 +322,19 @@ def test_the_bytes_of_the_papers_parameter_are_those_of_the_clip(small_report: t
     # u by index is known: nothing but the constants is counted, nor for B-splines but their control points.
     assert rows["PDE, u by index"][column["total [bytes]"]] == 4 * 32 * 12
     assert rows["B-splines, u by index"][column["total [bytes]"]] == 4 * 300 * 12
+
+
+def test_the_kept_table_of_choices_is_what_a_run_finds_today() -> None:
+    findings = Findings(simulate_rope(RopeSettings()))
+    table = choices_figure(findings).table
+    kept = (KEPT / "one-choice-at-a-time.md").read_text(encoding="utf-8").splitlines()[2:]
+    assert len(kept) == len(table.rows) == 15
+    for line, row in zip(kept, table.rows, strict=True):
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        assert cells[:2] == list(row[:2])
+        # Eq. 23 undone divides by singular values near zero: the last digits of the simulation show.
+        close = 0.05 if "undone" in cells[1] else 0.005
+        assert [float(cell) for cell in cells[2:]] == pytest.approx(list(row[2:]), rel=close), line
 
 
 def test_the_committed_verdicts_are_of_the_papers_size() -> None:
