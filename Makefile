@@ -19,7 +19,7 @@ BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3' \
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test long browser lint types sanitize fuzz fuzz-readers exactness bench growth bench-rd figures reproduce stability paper dist docs vectors wasm clean
+.PHONY: demo test long browser lint types sanitize fuzz fuzz-readers exactness bench growth bench-rd figures reproduce stability paper interop dist docs vectors wasm clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
@@ -120,6 +120,10 @@ docs: $(INSTALLED)
 wasm: $(INSTALLED)
 	$(PIP) 'ziglang==0.17.1'
 	$(BIN)/python core/wasm/build.py player/pdeanim.wasm
+
+# What other programs see of real files: the shared data's folder is named by PDECODEC_DATA.
+interop: $(READY) browser
+	$(BIN)/python -m tests.interop.table docs/interop.md
 
 vectors: $(INSTALLED)
 	$(BIN)/python -m spec.make_vectors

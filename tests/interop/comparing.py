@@ -1,0 +1,126 @@
+"""How far what a program shows is from what was written: positions at frames and between, normals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pdecodec.formats.normals import normal_rows, smooth_rows
+from pdecodec.metrics import frame_scale
+from pdecodec.sequence import ArraySequence
+from tests.interop.viewers import Seen
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """A sequence at the times at which it is looked at.
+
+    Attributes
+    ----------
+    sequence : ArraySequence
+    times : tuple of float [s]
+    points : (times, vertices, 3) float64
+        Frames, or on the straight line between two.
+    is_frame : (times,) bool
+    used : (n,) int
+        Vertices of faces.
+    """
+
+    sequence: ArraySequence
+    times: tuple[float, ...]
+    points: np.ndarray
+    is_frame: np.ndarray
+    used: np.ndarray
+
+
+def expected_of(sequence: ArraySequence) -> Expected:
+    """The first frame, one in the middle and the last; and times between frames after the first and the middle one."""
+    last = sequence.frame_count - 1
+    frames = sorted({0, last // 2, last})
+    places = sorted({*map(float, frames), *(frame + 0.4 for frame in frames if frame < last)})
+    times = np.interp(places, np.arange(last + 1), sequence.times)
+    share = np.array(places) % 1
+    first = np.array(places).astype(int)
+    points = sequence.points.astype(np.float64)
+    rows = (1 - share[:, None, None]) * points[first]
+    rows += share[:, None, None] * points[np.minimum(first + 1, last)]
+    return Expected(
+        sequence,
+        tuple(times.tolist()),
+        rows,
+        share == 0,
+        np.unique(sequence.connectivity.face_indices),
+    )
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Largest distances over the diagonal at frames and between; angles of normals [degrees], 99 % of them and all."""
+
+    frames: float
+    between: float | None
+    normals: tuple[float, float] | None
+
+    def __str__(self) -> str:
+        parts = [f"{self.frames:.1e}", "" if self.between is None else f"{self.between:.1e}"]
+        if self.normals is not None:
+            parts.append(f"{self.normals[0]:.2g}° ({self.normals[1]:.2g}°)")
+        return " / ".join(part or "–" for part in parts)
+
+
+def difference(seen: Seen, expected: Expected) -> Difference | str:
+    """How far it is off, each point from the vertex whose way it goes, each vertex of a face from such a point.
+
+    Text where the program did not show the file.
+    """
+    if seen.failed:
+        return seen.failed
+    if not seen.points.shape[1]:
+        return "no meshes"
+    scale = frame_scale(expected.sequence.points[0])
+    ways = expected.points.transpose(1, 0, 2).reshape(expected.points.shape[1], -1)
+    found = seen.points.transpose(1, 0, 2).reshape(seen.points.shape[1], -1)
+    _, vertex = cKDTree(ways[expected.used]).query(found)
+    vertex = expected.used[vertex]
+    _, point = cKDTree(found).query(ways[expected.used])
+    off = np.linalg.norm(seen.points - expected.points[:, vertex], axis=2).max(axis=1)
+    missed = np.linalg.norm(seen.points[:, point] - expected.points[:, expected.used], axis=2).max(axis=1)
+    largest = np.maximum(off, missed) / scale
+    at = expected.is_frame
+    return Difference(
+        float(largest[at].max()),
+        float(largest[~at].max()) if (~at).any() else None,
+        _normals(seen, expected, vertex, ways),
+    )
+
+
+def _normals(seen: Seen, expected: Expected, vertex: np.ndarray, ways: np.ndarray) -> tuple[float, float] | None:
+    """Angles between each corner's normal and the nearest of its vertex, and of those that go its way."""
+    if seen.normals is None or seen.corners is None or not len(seen.corners):
+        return None
+    owners, normals, first = [], [], 0
+    for item in expected.sequence.objects:
+        rows = normal_rows(item) or smooth_rows(item)
+        if rows is not None:
+            own = expected.sequence.points[:1, first : first + item.vertex_count]
+            pairs = np.unique(np.stack([item.connectivity.face_indices, rows.corner_rows], axis=1), axis=0)
+            owners.append(pairs[:, 0] + first)
+            normals.append(rows.of(own)[0][pairs[:, 1]])
+        first += item.vertex_count
+    _, alike = np.unique(ways, axis=0, return_inverse=True)
+    alike = alike.reshape(-1)
+    owner, normal = alike[np.concatenate(owners)], np.concatenate(normals).astype(np.float64)
+    order = np.argsort(owner, kind="stable")
+    owner, normal = owner[order], normal[order]
+    shown = seen.normals / np.maximum(np.linalg.norm(seen.normals, axis=1, keepdims=True), 1e-30)
+    wanted = alike[vertex[seen.corners]]
+    begin, end = np.searchsorted(owner, wanted), np.searchsorted(owner, wanted, side="right")
+    best = np.full(len(wanted), -1.0)
+    for step in range(int((end - begin).max(initial=0))):
+        there = begin + step < end
+        dots = (shown[there] * normal[(begin + step)[there]]).sum(axis=1)
+        best[there] = np.maximum(best[there], dots)
+    angles = np.degrees(np.arccos(np.clip(best, -1, 1)))
+    return float(np.percentile(angles, 99)), float(angles.max())

@@ -1,0 +1,211 @@
+"""`make interop`: real files there and back, as other programs see them; writes docs/interop.md.
+
+    python -m tests.interop.table docs/interop.md
+
+PDECODEC_DATA names the folder of shared data, PDECODEC_BLENDER a Python with the package bpy, PDECODEC_NODE_MODULES
+where gltf-validator and three are. What is not there is said in the page.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from pdecodec.errors import PdecodecError
+from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.formats.attribute_roles import MATERIAL, face_sets, uv_sets
+from pdecodec.formats.scene_space import UNIT, UP_AXIS, bake_transforms, place
+from pdecodec.sequence import ArraySequence, MeshSequence
+from tests.browser_tools import gltf_issues
+from tests.interop.comparing import Expected, difference, expected_of
+from tests.interop.viewers import Job, Seen, blender_shows, openusd_shows, three_shows
+
+HEAD = """\
+# What other programs see
+
+Written by `make interop` from the shared files; do not edit. Every file is opened, written as Alembic, USD and glTF,
+and these are opened by other programs. Distances are the largest of any point from where it belongs, over the diagonal
+of the first frame's bounding box: at the first frame, one in the middle and the last, then at times between frames,
+beside the straight line from frame to frame. Where a part turns rigidly, its node turns between frames and does not go
+straight. Normals are those of corners at the first frame beside ours: the angle that 99 % do not exceed, and the
+largest; where a source has no normals, Alembic and USD are written without, and programs show flat faces. Materials and
+UV sets are those that Blender shows of the glb over those that we read.
+"""
+
+READABLE = (".abc", ".usd", ".usda", ".usdc", ".usdz", ".glb", ".gltf")
+
+GLB_VARIANTS = {"plain": {}, "--quantize": {"quantize": True}, "--meshopt": {"meshopt": True}}
+
+MEGABYTE = 1e6
+
+
+def main(target: Path) -> None:
+    """Measure, and write the page."""
+    data = Path(os.environ["PDECODEC_DATA"])
+    parts = [HEAD]
+    for measure in (round_trips, sizes):
+        with tempfile.TemporaryDirectory() as folder:
+            parts += measure(data, Path(folder))
+    parts += exodus(data)
+    target.write_text("\n".join(parts), encoding="utf-8")
+
+
+def say(text: str) -> None:
+    """Tell how far it is."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def _as_array(sequence: MeshSequence) -> ArraySequence:
+    clip = sequence.to_array()
+    clip.metadata = {**clip.metadata, UP_AXIS: "Y", UNIT: "m"}
+    return clip
+
+
+def round_trips(data: Path, folder: Path) -> Iterator[str]:
+    """The table of files of scenes, there and back."""
+    clips: dict[str, Expected] = {}
+    read: dict[str, str] = {}
+    for path in _scene_files(data):
+        name = str(path.relative_to(data))
+        say(name)
+        try:
+            with open_sequence(path) as sequence:
+                if len(sequence.runs) > 1:
+                    read[name] = f"{sequence.frame_count} frames in {len(sequence.runs)} runs"
+                    continue
+                clip = _as_array(place(bake_transforms(sequence), up_axis="Y"))
+        except PdecodecError as error:
+            read[name] = error.message
+            continue
+        read[name] = f"{clip.frame_count} frames, {clip.vertex_count} vertices, {len(clip.objects)} objects"
+        if clip.connectivity.face_count:
+            clips[name] = expected_of(clip)
+        else:
+            read[name] += ", no faces"
+    for number, (name, expected) in enumerate(clips.items()):
+        say(f"writing {name}")
+        for extension in ("abc", "usdc", "glb"):
+            write_sequence(expected.sequence, folder / f"{number}.{extension}")
+    shown = {
+        (program, extension): _shown(program, extension, clips, folder)
+        for program, extension in (
+            ("Blender", "abc"),
+            ("Blender", "usdc"),
+            ("OpenUSD", "usdc"),
+            ("Blender", "glb"),
+            ("three.js", "glb"),
+        )
+    }
+    yield "## Scenes: distance at frames / between frames / normals\n"
+    for (program, extension), found in shown.items():
+        if isinstance(found, str):
+            yield f"{program} did not look at .{extension}: {found}.\n"
+    heads = [f".{extension} in {program}" for program, extension in shown]
+    yield _row(["file", "read", *heads, "materials", "UV sets"])
+    yield _row(["---"] * (4 + len(heads)))
+    numbers = {name: number for number, name in enumerate(clips)}
+    for name, what in read.items():
+        cells = [""] * (len(heads) + 2)
+        if name in clips:
+            seen = {key: None if isinstance(found, str) else found[numbers[name]] for key, found in shown.items()}
+            cells = ["–" if one is None else str(difference(one, clips[name])) for one in seen.values()]
+            cells += _kept(clips[name], seen[("Blender", "glb")])
+        yield _row([f"`{name}`", what, *cells])
+    yield ""
+
+
+def _scene_files(data: Path) -> list[Path]:
+    found = [path for part in ("interop", "files") for path in sorted((data / part).rglob("*"))]
+    return [path for path in found if path.suffix.lower() in READABLE]
+
+
+def _shown(program: str, extension: str, clips: dict[str, Expected], folder: Path) -> list[Seen] | str:
+    jobs = [
+        Job(folder / f"{number}.{extension}", expected.times, expected.sequence.fps)
+        for number, expected in enumerate(clips.values())
+    ]
+    say(f"{program}: {len(jobs)} files .{extension}")
+    if program == "OpenUSD":
+        return openusd_shows(jobs)
+    return blender_shows(jobs, folder) if program == "Blender" else three_shows(jobs, folder)
+
+
+def _kept(expected: Expected, seen: Seen | None) -> list[str]:
+    objects = expected.sequence.objects
+    materials = {label for item in objects for label, members in face_sets(item, MATERIAL) if members.size}
+    sets = max((len(uv_sets(item)) for item in objects), default=0)
+    if seen is None or seen.failed:
+        return ["–", "–"]
+    return [f"{seen.materials}/{len(materials)}", f"{seen.uvs}/{sets}"]
+
+
+def sizes(data: Path, folder: Path) -> Iterator[str]:
+    """The table of glb files of sequences."""
+    clips = {}
+    yield "## glTF of the shared sequences\n"
+    yield (
+        "Sizes in MB, of the positions as float32 and of the glb as it is written, with `--quantize` and with "
+        "`--meshopt`. Issues are errors and warnings of Khronos' validator, of the three in order. Then distances at "
+        "frames / between frames, and Blender's normals, of the plain file.\n"
+    )
+    rows = {}
+    for path in sorted((data / "sequences").glob("*.npz")):
+        name = path.stem
+        say(f"glb of {name}")
+        with open_sequence(path) as sequence:
+            clip = _as_array(place(sequence, up_axis="Y"))
+        clips[name] = expected_of(clip)
+        cells = [f"{clip.points.nbytes / MEGABYTE:.2f}"]
+        issues = []
+        for variant, options in GLB_VARIANTS.items():
+            file = folder / f"{len(rows)}{'' if variant == 'plain' else variant}.glb"
+            write_sequence(clip, file, overwrite=True, **options)
+            cells.append(f"{file.stat().st_size / MEGABYTE:.2f}")
+            issues.append(_issues(file))
+        rows[name] = [*cells, ", ".join(issues)]
+    shown = {program: _shown(program, "glb", clips, folder) for program in ("Blender", "three.js")}
+    yield _row(["sequence", "float32", *GLB_VARIANTS, "issues", *shown])
+    yield _row(["---"] * 8)
+    for number, (name, cells) in enumerate(rows.items()):
+        ends = [
+            "–" if isinstance(found, str) else str(difference(found[number], clips[name])) for found in shown.values()
+        ]
+        yield _row([name, *cells, *ends])
+    yield ""
+
+
+def _issues(file: Path) -> str:
+    try:
+        found = gltf_issues(file)
+    except pytest.skip.Exception:
+        return "–"
+    return str(found["numErrors"] + found["numWarnings"])
+
+
+def exodus(data: Path) -> Iterator[str]:
+    """The table of Exodus files: the surface, or one line."""
+    yield "## Exodus files\n"
+    yield _row(["file", "vertices", "faces", "lines", "what is said"])
+    yield _row(["---"] * 5)
+    for path in sorted((data / "interop" / "exodus").iterdir()):
+        try:
+            with open_sequence(path) as sequence:
+                whole = sequence.connectivity
+                counts = [whole.vertex_count, whole.face_count, whole.line_count]
+                yield _row([f"`{path.name}`", *map(str, counts), "; ".join(sequence.notices)])
+        except PdecodecError as error:
+            yield _row([f"`{path.name}`", "", "", "", error.message])
+    yield ""
+
+
+def _row(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,210 @@
+"""Other programs as they see files: Blender, three.js and OpenUSD. Each takes many files in one start."""
+
+from __future__ import annotations
+
+import http.server
+import json
+import os
+import subprocess
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.browser_tools import chromium, node_modules
+
+HERE = Path(__file__).resolve().parent
+
+PATIENCE = 3600
+"""Seconds for all files of a program."""
+
+BLENDER = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], float)
+"""Turns rows of a Y-up file as Blender, Z-up, shows them."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A file and the times [s] at which it is looked at; `fps` is its nominal rate."""
+
+    path: Path
+    times: tuple[float, ...]
+    fps: float
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What a program shows of the meshes of a file, Y-up.
+
+    Attributes
+    ----------
+    points : (times, points, 3) float64
+    failed : str
+        What the program said instead; else empty.
+    normals, corners : (corners, 3), (corners,) or None
+        At the first time, where the program tells.
+    materials : int
+    uvs : int
+        Most UV sets of a mesh.
+    """
+
+    points: np.ndarray[Any, Any]
+    failed: str = ""
+    normals: np.ndarray[Any, Any] | None = None
+    corners: np.ndarray[Any, Any] | None = None
+    materials: int = 0
+    uvs: int = 0
+
+
+def failure(reason: str) -> Seen:
+    """A program that did not show a file."""
+    return Seen(np.zeros((0, 0, 3)), failed=reason)
+
+
+def blender_shows(jobs: Sequence[Job], folder: Path) -> list[Seen] | str:
+    """What Blender shows; why there is none where it is not here."""
+    python = os.environ.get("PDECODEC_BLENDER")
+    if not python:
+        return "Blender is not here; set PDECODEC_BLENDER to a Python that has the package bpy"
+    listed = [
+        {
+            "path": str(job.path),
+            "out": str(folder / f"blender{number}.npz"),
+            "fps": job.fps,
+            "frames": [time * job.fps for time in job.times],
+        }
+        for number, job in enumerate(jobs)
+    ]
+    (folder / "jobs.json").write_text(json.dumps(listed), encoding="utf-8")
+    command = [python, str(HERE / "blender_job.py"), str(folder / "jobs.json")]
+    subprocess.run(command, capture_output=True, check=False, timeout=PATIENCE)
+    found = []
+    for job in listed:
+        if not Path(str(job["out"])).exists():
+            found.append(failure("Blender ended"))
+            continue
+        with np.load(str(job["out"])) as arrays:
+            if "failed" in arrays:
+                found.append(failure(str(arrays["failed"])))
+                continue
+            found.append(
+                Seen(
+                    arrays["points"] @ BLENDER.T,
+                    normals=arrays["normals"] @ BLENDER.T,
+                    corners=arrays["corners"],
+                    materials=arrays["materials"].size,
+                    uvs=int(arrays["uvs"]),
+                )
+            )
+    return found
+
+
+class _Server(http.server.ThreadingHTTPServer):
+    """Serves the page, the modules and the files; takes what comes back."""
+
+    def __init__(self, jobs: Sequence[Job], modules: Path) -> None:
+        self.jobs, self.modules = jobs, modules
+        self.found: dict[int, Seen] = {}
+        self.finished = threading.Event()
+        super().__init__(("127.0.0.1", 0), _Handler)
+
+
+class _Handler(http.server.BaseHTTPRequestHandler):
+    server: _Server
+
+    def do_GET(self) -> None:
+        path = self.path.partition("?")[0]
+        kind = {".js": "text/javascript", ".json": "application/json"}.get(Path(path).suffix, "text/html")
+        if path == "/jobs.json":
+            content = json.dumps([job.times for job in self.server.jobs]).encode()
+        elif path.startswith("/file/"):
+            content, kind = self.server.jobs[int(path.rpartition("/")[2])].path.read_bytes(), "model/gltf-binary"
+        elif path.startswith("/node_modules/") and ".." not in path:
+            content = (self.server.modules / path.removeprefix("/node_modules/")).read_bytes()
+        else:
+            content = (HERE / "play.html").read_bytes()
+        self._answer(content, kind)
+
+    def do_POST(self) -> None:
+        content = self.rfile.read(int(self.headers["Content-Length"] or 0))
+        _, what, *rest = self.path.split("/")
+        if what == "finished":
+            self.server.finished.set()
+        elif what == "failed":
+            self.server.found[int(rest[0])] = failure(content.decode())
+        else:
+            number = int(rest[0])
+            times = len(self.server.jobs[number].times)
+            points = np.frombuffer(content, np.float32).reshape(times, -1, 3)
+            self.server.found[number] = Seen(points.astype(np.float64))
+        self._answer(b"", "text/plain")
+
+    def _answer(self, content: bytes, kind: str) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, *arguments: Any) -> None:
+        """Nothing."""
+
+
+def three_shows(jobs: Sequence[Job], folder: Path) -> list[Seen] | str:
+    """What three.js shows of glTF files; why there is none where it is not here."""
+    try:
+        modules, browser = node_modules(), chromium()
+    except pytest.skip.Exception as reason:
+        return str(reason)
+    if not (modules / "three").is_dir():
+        return "three.js is not here; npm install --prefix tests/browser"
+    server = _Server(jobs, modules)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
+    options += [
+        "--disable-background-networking",
+        "--disable-component-update",
+        f"--user-data-dir={folder / 'profile'}",
+    ]
+    command = [browser, *options, "--remote-debugging-port=0", f"http://127.0.0.1:{server.server_address[1]}/"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        server.finished.wait(PATIENCE)
+    finally:
+        process.terminate()
+        process.wait()
+        server.shutdown()
+        server.server_close()
+    return [server.found.get(number, failure("three.js did not end")) for number in range(len(jobs))]
+
+
+def openusd_shows(jobs: Sequence[Job]) -> list[Seen] | str:
+    """What OpenUSD says of the meshes of its files, by itself."""
+    try:
+        from pxr import Usd, UsdGeom, UsdShade
+    except ModuleNotFoundError:
+        return "OpenUSD is not here; pip install usd-core"
+    found = []
+    for job in jobs:
+        stage = Usd.Stage.Open(str(job.path))
+        meshes = [UsdGeom.Mesh(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
+        rows, rate = [], stage.GetTimeCodesPerSecond()
+        for time in job.times:
+            cache = UsdGeom.XformCache(Usd.TimeCode(time * rate))
+            here = [np.zeros((0, 3))]
+            for mesh in meshes:
+                place = np.array(cache.GetLocalToWorldTransform(mesh.GetPrim()))
+                points = np.array(mesh.GetPointsAttr().Get(time * rate), np.float64).reshape(-1, 3)
+                here.append(points @ place[:3, :3] + place[3, :3])
+            rows.append(np.concatenate(here))
+        subsets = [one for mesh in meshes for one in UsdShade.MaterialBindingAPI(mesh).GetMaterialBindSubsets()]
+        sets = [
+            sum(str(one.GetTypeName().role) == "TextureCoordinate" for one in UsdGeom.PrimvarsAPI(mesh).GetPrimvars())
+            for mesh in meshes
+        ]
+        names = {str(one.GetPrim().GetName()) for one in subsets}
+        found.append(Seen(np.stack(rows), materials=len(names), uvs=max(sets, default=0)))
+    return found

@@ -1,0 +1,83 @@
+"""What `make interop` measures: the same where a program shows what was written, and large where it does not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdecodec.formats import write_sequence
+from pdecodec.sequence import ArraySequence, MeshObject
+from tests.interop.comparing import Difference, difference, expected_of
+from tests.interop.table import exodus
+from tests.interop.viewers import Job, Seen, blender_shows, failure, openusd_shows, three_shows
+from tests.mesh_cases import grid
+from tests.scene_cases import SPACE, needed
+
+
+def sheet(frames: int = 5) -> ArraySequence:
+    u, times = np.linspace(0, 1, 6), np.arange(frames) / 24
+    points = np.zeros((frames, 4, 6, 3), np.float32)
+    points[..., 0] = u
+    points[..., 1] = np.arange(4)[:, None] / 4
+    points[..., 2] = 0.2 * np.sin(4 * u - 9 * times[:, None])[:, None]
+    smooth = MeshObject("sheet", grid(4, 6))
+    return ArraySequence(points.reshape(frames, -1, 3), objects=[smooth], times=times, metadata=SPACE)
+
+
+def test_what_is_shown_is_measured_at_frames_and_between_whatever_the_order_of_points() -> None:
+    expected = expected_of(sheet())
+    assert expected.is_frame.tolist() == [True, False, True, False, True]
+    order = np.random.default_rng(0).permutation(24)
+    twice = np.concatenate([order, order[:5]])
+    same = difference(Seen(expected.points[:, twice]), expected)
+    assert same == Difference(0.0, 0.0, None)
+    moved = expected.points.copy()
+    moved[3, 7] += [0, 0.01, 0]
+    found = difference(Seen(moved), expected)
+    assert isinstance(found, Difference)
+    scale = np.linalg.norm(np.ptp(sheet().points[0], axis=0))
+    assert (found.frames, found.between) == (0, pytest.approx(0.01 / scale))
+    # A vertex that nothing shows is as far off as what is nearest to it.
+    missing = difference(Seen(np.delete(expected.points, 0, axis=1)), expected)
+    assert isinstance(missing, Difference)
+    assert missing.frames > 0.1
+    assert difference(failure("it ended"), expected) == "it ended"
+    assert difference(Seen(np.zeros((5, 0, 3))), expected) == "no meshes"
+
+
+@pytest.mark.parametrize(
+    ("program", "extension"), [("Blender", "abc"), ("Blender", "glb"), ("three.js", "glb"), ("OpenUSD", "usdc")]
+)
+def test_programs_show_what_was_written(tmp_path: Path, program: str, extension: str) -> None:
+    needed(extension)
+    expected = expected_of(sheet())
+    paths = [tmp_path / f"{name}.{extension}" for name in "ab"]
+    write_sequence(expected.sequence, paths[0])
+    write_sequence(sheet(1), paths[1])
+    jobs = [Job(path, expected.times, 24.0) for path in paths]
+    found = {
+        "Blender": lambda: blender_shows(jobs, tmp_path),
+        "three.js": lambda: three_shows(jobs, tmp_path),
+        "OpenUSD": lambda: openusd_shows(jobs),
+    }[program]()
+    if isinstance(found, str):
+        pytest.skip(found)
+    first, still = (difference(one, expected) for one in found)
+    assert isinstance(first, Difference)
+    assert first.frames < 1e-6
+    assert (first.between or 0) < 1e-6
+    assert isinstance(still, Difference)
+    assert still.frames > 0.01
+
+
+@pytest.mark.data
+def test_every_exodus_file_has_a_row_with_a_surface_or_a_reason(shared_data: Path) -> None:
+    rows = [row.split(" | ") for row in exodus(shared_data) if row.startswith("| `")]
+    assert len(rows) == len(list((shared_data / "interop" / "exodus").iterdir()))
+    refused = {row[0].strip("| `"): row[-1].removesuffix(" |") for row in rows if not row[1].strip()}
+    # Patches of an isogeometric analysis, and nothing else.
+    assert all("elements of type BEX_" in reason for reason in refused.values())
+    assert len(refused) == 4
+    assert all(int(row[2]) + int(row[3]) > 0 for row in rows if row[1].strip())
