@@ -37,7 +37,8 @@ CLIPS = 200
 def cluster() -> Iterator[object]:
     """Two worker processes, each of one thread, which are started again when they end."""
     with (
-        dask.config.set({"distributed.worker.daemon": False, "distributed.admin.tick.limit": "1h"}),
+        # The machine may be busy with other tests: nothing is late before minutes have gone.
+        dask.config.set({"distributed.comm.timeouts": {"connect": "120s", "tcp": "120s"}}),
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as found,
     ):
         yield found
