@@ -22,12 +22,13 @@ if TYPE_CHECKING:
 def all_baselines() -> tuple[Baseline, ...]:
     """Every baseline, whether its package is installed or not, in the order in which tables have them."""
     from pdecodec.report.baselines.bspline import BSpline
-    from pdecodec.report.baselines.packages import Draco, Meshopt, Sz3, Zfp
+    from pdecodec.report.baselines.packages import Draco, Meshopt, Pcodec, Sperr, Sz3, Zfp
     from pdecodec.report.baselines.quantised import Lorenzo, QuantiseDelta, RawFloat16, RawFloat32
     from pdecodec.report.baselines.transforms import Coddyac, Corrected, CosineInTime, PrincipalShapes
 
     return (
-        *(RawFloat32(), RawFloat16(), QuantiseDelta(), Meshopt(), Draco(), Zfp(), Sz3(), BSpline(), Lorenzo()),
+        *(RawFloat32(), RawFloat16(), QuantiseDelta(), Pcodec(), Meshopt(), Draco(), Zfp(), Sz3(), Sperr()),
+        *(BSpline(), Lorenzo()),
         *(CosineInTime(), Corrected(CosineInTime())),
         *(PrincipalShapes(), Corrected(PrincipalShapes())),
         *(Coddyac(), Corrected(Coddyac())),
