@@ -10,6 +10,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Callable
+from functools import partial
 from itertools import groupby
 from typing import Any, Generic, Literal, NamedTuple, TypeVar, get_args
 
@@ -213,7 +214,7 @@ class ArrayEvaluator:
             weights = np.stack([self._weights(quantity, time, group) for time in times])
             if weights.shape[1] == 0:
                 continue
-            factor = self._factors.get(group, lambda own=group: self._factor(own))
+            factor = self._factors.get(group, partial(self._factor, group))
             if weights.shape[2] == 1:
                 moved = xp.reshape(xp.matmul(self._there(weights[..., 0]), factor), shape)
             else:
@@ -246,7 +247,7 @@ class ArrayEvaluator:
         parts = [
             share * added
             for frame, share in shares.items()
-            if share and (added := self._added.get(frame, lambda own=frame: self._correction_at(own))) is not None
+            if share and (added := self._added.get(frame, partial(self._correction_at, frame))) is not None
         ]
         return sum(parts[1:], start=parts[0]) if parts else None
 
