@@ -45,15 +45,16 @@ sanitize:
 	@echo 'no sanitizers: there is no C++ compiler but that of a package'
 endif
 
-# libFuzzer for so many MINUTES, from the vectors on; needs clang. What it finds is left in build/.
+# libFuzzer for so many MINUTES on each of TARGETS, from the vectors on; needs clang. What it finds is left in build/.
+TARGETS ?= fuzz_open fuzz_interface
 MINUTES ?= 5
 CLANG ?= $(shell command -v clang++ || ls /usr/bin/clang++-* | sort -V | tail -1)
 fuzz: .venv/tools
 	$(SANITIZE) -S core -B build/fuzz -DPDEANIM_FUZZ=ON -DPDEANIM_LIBRARY=OFF -DCMAKE_CXX_COMPILER=$(CLANG)
-	$(SANITIZE) --build build/fuzz --parallel 2 --target fuzz_open
-	mkdir -p build/corpus
-	build/fuzz/fuzz_open -max_total_time=$$(($(MINUTES) * 60)) -timeout=20 -rss_limit_mb=2048 -artifact_prefix=build/ \
-		build/corpus spec/vectors/accept spec/vectors/reject
+	$(SANITIZE) --build build/fuzz --parallel 2 --target $(TARGETS)
+	for target in $(TARGETS); do mkdir -p build/corpus/$$target && build/fuzz/$$target -max_total_time=$$(($(MINUTES) * 60)) \
+		-timeout=20 -rss_limit_mb=2048 -print_final_stats=1 -artifact_prefix=build/$$target- build/corpus/$$target \
+		spec/vectors/accept spec/vectors/reject || exit 1; done
 
 # Readers of other formats for so many MINUTES each, or those that READERS names. What it finds is left in build/.
 READERS ?=

@@ -181,6 +181,27 @@ def test_a_file_that_declares_more_positions_than_are_wanted_is_refused(installe
     assert opened(1, size=Options.max_output.offset) == (0, b"")
 
 
+def test_a_read_function_is_called_for_bytes_alone(installed: Path) -> None:
+    library = ctypes.CDLL(os.fspath(library_of(installed)))
+    data = (ROOT / "spec" / "vectors" / "accept" / "static.pdeanim").read_bytes()
+    sizes: list[int] = []
+
+    @ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_void_p, ctypes.c_size_t)
+    def read(_: int | None, offset: int, into: int | None, size: int) -> int:
+        sizes.append(size if into else 0)
+        piece = data[offset : offset + size]
+        ctypes.memmove(into, piece, len(piece))
+        return len(piece)
+
+    handle, error = ctypes.c_void_p(), Error()
+    assert library.pdeanim_open_read(read, None, ctypes.c_uint64(len(data)), None, ctypes.byref(handle),
+                                     ctypes.byref(error)) == 0  # fmt: skip
+    assert library.pdeanim_verify(handle, ctypes.byref(error)) == 0
+    library.pdeanim_close(handle)
+    assert sizes
+    assert min(sizes) > 0
+
+
 def test_memory_limits_arguments_and_damage_end_in_codes_and_never_in_a_crash(installed: Path, tmp_path: Path) -> None:
     library = ctypes.CDLL(os.fspath(library_of(installed)))
     data = encoded(with_attributes(), tmp_path / "clip.pdeanim").read_bytes()

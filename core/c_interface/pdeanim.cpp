@@ -160,7 +160,8 @@ pdeanim_status pdeanim_open_read(pdeanim_read read, void *user, uint64_t size, c
     if (animation) *animation = nullptr;
     if (!read || !animation) return fail(error, PDEANIM_ARGUMENT, "read and animation must not be NULL");
     return guarded(error, [&] {
-        const auto from = [read, user](u64 offset, std::span<u8> into) {
+        const auto from = [read, user](u64 offset, std::span<u8> into) -> std::size_t {
+            if (into.empty()) return 0;  // no caller is to copy to nowhere
             const int64_t count = read(user, offset, into.data(), into.size());
             if (count < 0) throw ReadError("the file cannot be read");
             return std::min(static_cast<std::size_t>(count), into.size());

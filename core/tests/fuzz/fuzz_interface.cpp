@@ -1,10 +1,12 @@
 // A target of libFuzzer: calls the C interface as bytes say, with whatever numbers they hold, on a file that is read through
 // a callback, which may fail or fall short.
 //
-// The last bytes are the calls, the others the file.
+// Where the bytes end in a mark, calls stand before it, and the file before them. Else all is the file, and each kind of call
+// is made once: so that the vectors are sound files to begin with.
 #include <cstdint>
 #include <cstdlib>
 #include <cstring>
+#include <string_view>
 #include <vector>
 
 #include "pdeanim.h"
@@ -14,6 +16,8 @@ namespace {
 constexpr std::uint64_t max_memory = std::uint64_t{1} << 25, max_output = std::uint64_t{1} << 30;
 constexpr std::uint64_t most_numbers = 1 << 21;  // that a call may write: what it writes is not in the memory limit
 constexpr std::size_t most_calls = 12, most_times = 4, head_size = 2;
+constexpr std::uint8_t kinds = 6;
+constexpr std::string_view mark = "CALL";
 
 // What a caller decides, taken from the end of the bytes.
 struct Call {
@@ -22,6 +26,14 @@ struct Call {
     float time = 0.0f;
 };
 constexpr std::size_t call_size = 2 + sizeof(std::int64_t) + sizeof(float);
+
+Call call_at(const std::uint8_t *data) {
+    Call call{.what = data[0], .quantity = data[1]};
+    std::memcpy(&call.number, data + 2, sizeof call.number);
+    std::memcpy(&call.time, data + 2 + sizeof call.number, sizeof call.time);
+    if (call.what & 0x80) call.number %= 4;  // mostly there
+    return call;
+}
 
 struct File {
     const std::uint8_t *data;
@@ -114,7 +126,7 @@ void look_at_file(pdeanim_animation *animation, const Call &call) {
 void make(pdeanim_animation *animation, const Call &call) {
     pdeanim_error error;
     pdeanim_animation *run = nullptr;
-    switch (call.what % 6) {
+    switch (call.what % kinds) {
         case 0: evaluate(animation, call); break;
         case 1: look_at_group(animation, call); break;
         case 2: look_at_object(animation, call); break;
@@ -133,21 +145,19 @@ void make(pdeanim_animation *animation, const Call &call) {
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size) {
-    if (size < head_size) return 0;
-    const std::size_t fails_after = data[size - 2];
-    std::size_t count = data[size - 1] % most_calls;
-    size -= head_size;
+    std::size_t fails_after = 0;
     std::vector<Call> calls;
-    for (; count > 0 && size >= call_size; --count) {
-        size -= call_size;
-        Call &call = calls.emplace_back();
-        call.what = data[size];
-        call.quantity = data[size + 1];
-        std::memcpy(&call.number, data + size + 2, sizeof call.number);
-        std::memcpy(&call.time, data + size + 2 + sizeof call.number, sizeof call.time);
-        if (call.what & 0x80) call.number %= 4;
+    if (size >= mark.size() + head_size && std::memcmp(data + size - mark.size(), mark.data(), mark.size()) == 0) {
+        size -= mark.size() + head_size;
+        fails_after = data[size];
+        for (std::size_t count = data[size + 1] % most_calls; count > 0 && size >= call_size; --count) {
+            size -= call_size;
+            calls.push_back(call_at(data + size));
+        }
+    } else {
+        for (std::uint8_t what = 0; what < kinds; ++what) calls.push_back({.what = what});
     }
-    File file{data, size, fails_after & 0x80 ? fails_after & 0x7F : 0};
+    File file{data, size, fails_after};
     pdeanim_options options{};
     options.size = sizeof options;
     options.max_memory = max_memory;
