@@ -104,6 +104,8 @@ class Report:
         What the run was started with, ready for JSON.
     links : tuple of (str, str)
         Further pages: what they are of, and their address from this one.
+    pages : tuple of (str, str)
+        Pages that are written beside this one: their file's name, and their HTML.
     """
 
     title: str
@@ -111,6 +113,7 @@ class Report:
     sections: tuple[Section, ...]
     settings: dict[str, Value | list[Value]]
     links: tuple[tuple[str, str], ...] = ()
+    pages: tuple[tuple[str, str], ...] = ()
 
     @property
     def figures(self) -> tuple[Figure, ...]:

@@ -82,6 +82,7 @@ def write_report(report: Report, directory: Path, *, record: Mapping[str, Any] |
         files[f"{figure.name}.csv"] = as_csv(figure.table)
         if figure.shows_table:
             files[f"{figure.name}.md"] = as_markdown(figure.table)
+    files |= dict(report.pages)
     files[RECORD] = as_json(report, made_with, record or {})
     files[PAGE] = render_page(report, pictures, made_with)
     for name, content in files.items():

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser_tools import load_page
+from driven_browser import browsing
 from mesh_cases import connectivity_of, grid
 
 from pdecodec.bytestream import FieldReader
@@ -343,6 +344,8 @@ def test_a_report_has_its_page_charts_figures_and_summary(tmp_path: Path, capsys
         assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert len((out / f"{name}.csv").read_text().splitlines()) > 1
     assert (out / "error-over-mesh.png").exists()
+    assert 'href="errors.html"' in page
+    assert '"original"' in (out / "errors.html").read_text()
     assert [(point["coder"], point["tolerance"]) for point in record["points"]][:3] == [
         ("auto", 0.01),
         ("auto", 0.001),
@@ -419,6 +422,10 @@ def test_odd_clips_have_a_report_whose_every_chart_a_browser_draws(kind: str, tm
     assert page.errors == []
     assert page.charts == page.drawn
     assert page.charts >= 3
+    with browsing(tmp_path / "another profile") as browser:
+        browser.open((tmp_path / "out" / "errors.html").as_uri())
+        browser.run("await pdeanimView.ready")
+        assert browser.errors() == []
 
 
 @pytest.mark.parametrize(

@@ -13,11 +13,15 @@ from pdecodec.metrics import Distortion, DistortionMeter, frame_scale
 from pdecodec.report.charts import as_seen, draw_mesh, heat_map, hide_axes, polygons_of
 from pdecodec.report.figure import Canvas, Figure, Table
 from pdecodec.report.vegalite import WIDTH, channel, rule, tooltip
+from pdecodec.report.view import difference, view_page
 from pdecodec.sequence import ArraySequence, Connectivity, Float32Array, Float64Array
 from pdecodec.settings import EffortName
 
 WORST_VERTICES = 20
 """Named in the table."""
+
+MOST_COORDINATES = 30_000_000
+"""Of a clip whose page has its errors: about 2 bytes each."""
 
 COLOURS = ("#D55E00", "#0072B2")
 
@@ -39,7 +43,7 @@ class ErrorField:
     """Errors of one decoded file, over the diagonal of frame 0, float64.
 
     E_An and E_Mn of Eqs. 26 and 27, (frames,); the largest of each vertex over all frames and those of the worst frame,
-    (vertices,); and what was decoded at the worst frame, (vertices, 3) [scene units].
+    (vertices,); what was decoded at the worst frame, (vertices, 3) [scene units]; and the file.
     """
 
     tolerance: float
@@ -49,6 +53,16 @@ class ErrorField:
     maximum_by_vertex: Float64Array
     at_worst_frame: Float64Array
     worst_points: Float32Array
+    coded: bytes
+
+
+def moving_errors(name: str, sequence: ArraySequence, field: ErrorField) -> str:
+    """A page that plays the decoded file in colours of its error; of very long clips without the colours."""
+    original = None
+    if sequence.points.size <= MOST_COORDINATES:
+        with open_animation(field.coded) as animation:
+            original = difference(animation, sequence, name)
+    return view_page(name, [(f"{name} at {field.tolerance:g}", field.coded)], original=original)
 
 
 def measure_field(sequence: ArraySequence, *, tolerance: float, effort: EffortName) -> ErrorField:
@@ -74,6 +88,7 @@ def measure_field(sequence: ArraySequence, *, tolerance: float, effort: EffortNa
         maximum_by_vertex=by_vertex / scale,
         at_worst_frame=_distances(sequence.points[worst], worst_points) / scale,
         worst_points=worst_points,
+        coded=report.data or b"",
     )
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from pdecodec.encodereport import Question
 from pdecodec.report.clips.between import BETWEEN_TOLERANCE, INTERPOLATIONS, PDECODEC, BetweenRow, between_figure
 from pdecodec.report.clips.coder_figures import HOW_TO_PICK, distinct, label, model_figures, rate_figures, speed_figures
-from pdecodec.report.clips.errors import ErrorField, error_figures
+from pdecodec.report.clips.errors import ErrorField, error_figures, moving_errors
 from pdecodec.report.clips.measurement import Measurement, best_baseline, size_ratio
 from pdecodec.report.clips.measuring import ReportPlan
 from pdecodec.report.clips.recommendation import recommend, recommendation_figure
@@ -38,6 +38,9 @@ MERITS: dict[str, Callable[[Measurement], float | None]] = {
     "random ms": lambda point: None if point.random_seconds is None else 1e3 * point.random_seconds,
 }
 """Columns of one coder's table."""
+
+ERROR_PAGE = "errors.html"
+"""Plays the clip in colours of its error."""
 
 BESIDE = ("best other method", "its bpvf", "ours / its", "ours / best as published")
 
@@ -112,6 +115,8 @@ def clip_report(findings: ClipFindings, plan: ReportPlan, skipped: Sequence[str]
             "frames a second": sequence.fps,
             **_settings(plan),
         },
+        links=(("where the error is, moving", ERROR_PAGE),),
+        pages=((ERROR_PAGE, moving_errors(findings.name, sequence, findings.field)),),
     )
 
 
