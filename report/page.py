@@ -54,10 +54,17 @@ th { border-bottom: 2px solid var(--ink); } td.number, th.number { text-align: r
 .good { color: var(--good); font-weight: 600; } .partly { color: var(--partly); font-weight: 600; }
 .bad { color: var(--bad); font-weight: 600; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: 0 1rem; font-size: .88rem; } dd { margin: 0; }
+@media screen and (max-width: 48rem) { figure img, .chart svg { min-width: 44rem; }
+  .words thead { display: none; } .words tr { display: block; border-bottom: 1px solid var(--rule); padding: .5rem 0; }
+  .words td { display: block; border: 0; padding: .15rem 0; } .words td.number { text-align: left; }
+  .words td::before { content: attr(data-name) ": "; color: var(--quiet); } }
 @media print { body { margin: 0; max-width: none; font-size: 10.5pt; } section, tr { break-inside: avoid; }
   h2, h3 { break-after: avoid; } a { color: inherit; text-decoration: none; } .table, figure { overflow: visible; }
   table { font-size: 8pt; } }
 """
+
+LONG_TEXT = 60
+"""Characters from which on an entry of a table is a sentence."""
 
 WORD_CLASSES = {"reproduced": "good", "reproduced with a condition": "partly", "not reproduced": "bad"}
 """Values of these words are set off by weight and colour; the words say it, the colour only helps."""
@@ -190,18 +197,25 @@ def _image(title: str, data: bytes, kind: str) -> str:
 
 
 def _table(table: Table) -> str:
+    """As HTML. One that holds sentences names the column in every cell: on a phone its rows stand one below the other."""
+    has_words = any(isinstance(value, str) and len(value) > LONG_TEXT for row in table.rows for value in row)
     classes = [
         ' class="number"' * all((isinstance(v, int | float) and not isinstance(v, bool)) or v is None for v in column)
         for column in zip(*table.rows, strict=True)
     ]
 
     def line(values: Iterable[Value], tag: str) -> str:
-        marked = [f"<{tag}{kind}>{_marked(value)}</{tag}>" for value, kind in zip(values, classes, strict=True)]
+        names = [f' data-name="{escape(name)}"' * (has_words and tag == "td") for name in table.columns]
+        marked = [
+            f"<{tag}{kind}{name}>{_marked(value)}</{tag}>"
+            for value, kind, name in zip(values, classes, names, strict=True)
+        ]
         return f"<tr>{''.join(marked)}</tr>"
 
     body = "\n".join(line(row, "td") for row in table.rows)
+    words = ' class="words"' if has_words else ""
     return (
-        f'<div class="table"><table>\n<thead>{line(table.columns, "th")}</thead>\n'
+        f'<div class="table"><table{words}>\n<thead>{line(table.columns, "th")}</thead>\n'
         f"<tbody>\n{body}\n</tbody>\n</table></div>"
     )
 

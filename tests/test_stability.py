@@ -240,6 +240,14 @@ def test_one_section_alone_is_that_section(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.glob("*.png")} == {"parameter-cases.png", "parameter-planar.png"}
 
 
+def test_a_table_of_sentences_names_its_columns_in_every_cell_for_narrow_screens() -> None:
+    for text, named in (("word", False), (100 * "x", True)):
+        figure = Figure("name", "t", "l", Table(('a "b"', "x"), ((text, 1.5), ("y", 2.0))), shows_table=True)
+        page = render_page(Report("T", "", (Section("C", "", (figure,)),), {}), {}, {})
+        assert page.count('data-name="a &quot;b&quot;"') == 2 * named
+        assert ('class="words"' in page) == named
+
+
 def test_pages_escape_what_they_are_given_and_say_what_is_not_a_number() -> None:
     table = Table(("a <b>", "x"), (("<script>", 1.5), ("&", None), ("nan", float("nan"))))
     report = Report(
