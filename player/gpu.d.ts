@@ -10,6 +10,8 @@ export class GpuMotion {
   readonly isOnGpu: boolean;
   /** Whether a group's fields fit. */
   fits(group: number): boolean;
+  /** Groups that count at a time [s] as far as float32 goes. */
+  groupsNear(time: number): number[];
   /** Upload a group ahead of its time. */
   prefetch(group: number): void;
   /** Make positions and normals at a time [s]. */

@@ -207,18 +207,18 @@ export class GpuMotion {
     if (this.isOnGpu) {
       this.#addGroups(time, near);
     } else {
-      this.upload(this.animation.positions(time));
+      this.#upload(this.animation.positions(time));
     }
     this.#makeNormals();
   }
 
   /** Take positions from elsewhere, and make normals of them. */
   show(positions) {
-    this.upload(positions);
+    this.#upload(positions);
     this.#makeNormals();
   }
 
-  upload(positions) {
+  #upload(positions) {
     const { gl } = this;
     this.positions = this.#sums[0];
     gl.bindBuffer(gl.ARRAY_BUFFER, this.positions);

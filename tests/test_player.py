@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import importlib.util
 import json
+import re
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -176,3 +177,27 @@ def test_building_again_gives_the_same_module(tmp_path: Path) -> None:
         pytest.skip(f"the package ziglang {made['ziglang']} is not here")
     build.build(tmp_path / "again.wasm")
     assert (tmp_path / "again.wasm").read_bytes() == (PLAYER / "pdeanim.wasm").read_bytes()
+
+
+def test_the_types_name_what_the_scripts_have() -> None:
+    script = """
+        const modules = { pdeanim: await import("./player/pdeanim.js"), mesh: await import("./player/mesh.js"),
+                          gpu: await import("./player/gpu.js") };
+        const found = {};
+        for (const [name, module] of Object.entries(modules)) {
+          found[name] = Object.keys(module);
+          for (const value of Object.values(module)) {
+            if (!value.prototype || !/^class/.test(value)) continue;
+            found[name].push(...Object.getOwnPropertyNames(value.prototype));
+          }
+        }
+        console.log(JSON.stringify(found));
+    """
+    if shutil.which("node") is None:
+        pytest.skip("node is not here")
+    command = ["node", "--input-type=module", "-e", script]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=120)
+    for name, members in json.loads(done.stdout).items():
+        types = (PLAYER / f"{name}.d.ts").read_text("utf-8")
+        missing = {member for member in members if not re.search(rf"\b{member}\b", types)}
+        assert not missing, (name, missing)
