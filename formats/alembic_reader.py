@@ -106,7 +106,7 @@ def open_alembic(
         with _archive_errors(path):
             walk = _Scan(Refusals(skip=skip_unsupported), float(times[first]), scan.changes)
             found = walk.shapes(archive) if scan.changes else shapes
-            return AlembicSequence(path, archive, found, own, transforms, metadata, unsupported)
+            return AlembicSequence(path, archive, found, own, transforms, metadata, unsupported, first)
 
     return runs_of_scene(times, [*scan.changes.values()], timing, open_run)
 
@@ -123,8 +123,9 @@ class AlembicSequence(SceneSequence):
         transforms: Transforms,
         metadata: Mapping[str, str],
         unsupported: tuple[Unsupported, ...],
+        first_frame: int,
     ) -> None:
-        self._path, self._archive = path, archive
+        self._path, self._archive, self._first_frame = path, archive, first_frame
         self.times, self.fps, self.notices = timing
         self.metadata, self.unsupported = metadata, unsupported
         with _archive_errors(path):
@@ -166,7 +167,7 @@ class AlembicSequence(SceneSequence):
 
     def _sample(self, shape: _Shape, index: int, frame: int) -> Float32Array:
         array: Float32Array = np.asarray(shape.positions.getValue(_select(shape.times[index]))).reshape(-1, 3)
-        return shape.fitted(array, self._path, frame).copy()
+        return shape.fitted(array, self._path, self._first_frame + frame).copy()
 
     def close(self) -> None:
         # The archive closes when nothing refers to it any more.

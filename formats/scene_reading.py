@@ -179,6 +179,8 @@ class SceneSequence(MeshSequence):
 
     _shapes: Sequence[Any]
     _keep: bool
+    _first_frame = 0
+    """Of its frames, where they are a run of others: errors name frames of the whole."""
 
     @abstractmethod
     def _read(self, shape: Any, start: int, stop: int, out: Float32Array) -> None:

@@ -61,7 +61,7 @@ def open_usd(
             again = ShapeScan(Refusals(skip=skip_unsupported), float(codes[first]), scan.changes)
             found = again.shapes(stage) if scan.changes else shapes
             of_run = codes[first : first + own[0].size]
-            return UsdSequence(path, stage, found, of_run, own, transforms, metadata, unsupported)
+            return UsdSequence(path, stage, found, of_run, own, transforms, metadata, unsupported, first)
 
     per_second = _codes_per_second(stage, fps)
     changes = [np.asarray(one) / per_second for one in scan.changes.values()]
@@ -81,8 +81,9 @@ class UsdSequence(SceneSequence):
         transforms: Transforms,
         metadata: Mapping[str, str],
         unsupported: tuple[Unsupported, ...],
+        first_frame: int,
     ) -> None:
-        self._path, self._stage, self._codes = path, stage, codes
+        self._path, self._stage, self._codes, self._first_frame = path, stage, codes, first_frame
         self.times, self.fps, self.notices = timing
         self.metadata, self.unsupported = metadata, unsupported
         with _stage_errors(path):
@@ -108,7 +109,7 @@ class UsdSequence(SceneSequence):
             points: Float32Array = np.asarray(shape.points.Get(shape.code_within(code)), np.float32).reshape(-1, 3)
             if shape.skinning is not None:
                 points = shape.skinning.deform(points, code)
-            out[row] = shape.fitted(points, self._path, start + row)
+            out[row] = shape.fitted(points, self._path, self._first_frame + start + row)
 
     @property
     def root_layer(self) -> Any:

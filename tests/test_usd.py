@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pdecodec.encoder import encode
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.scene_space import place
@@ -286,6 +287,21 @@ def test_faces_that_change_begin_a_run_of_frames(tmp_path: Path) -> None:
         assert read.run_starts.tolist() == [0, 7]
         up = [float(points[3, 2]) for _, block in read.blocks() for points in block]
         assert np.allclose(up, [0, 0.2, 0.4, 0.6, 0.8, 1, 1, 8])
+
+
+def test_points_that_do_not_fit_a_run_are_named_by_the_frame_of_the_whole(tmp_path: Path) -> None:
+    stage = stage_at(tmp_path / "x.usda")
+    changing = triangle(stage, "/changing")
+    for code, faces in ((0, [0, 1, 2]), (2, [2, 1, 0])):
+        changing.GetFaceVertexIndicesAttr().Set(faces, code)
+    for code, count in enumerate((3, 3, 3, 5)):
+        changing.GetPointsAttr().Set([(k, k * k, 0) for k in range(count)], code)
+    stage.Save()
+    with open_sequence(tmp_path / "x.usda") as read:
+        assert read.run_starts.tolist() == [0, 2]
+        with pytest.raises(InputError, match="'changing' has 5 points, its first frame has 3") as caught:
+            encode(read)
+        assert caught.value.frame == 3
 
 
 def test_points_without_ids_are_others_where_there_are_more_or_fewer(tmp_path: Path) -> None:

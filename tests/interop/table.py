@@ -1,6 +1,6 @@
 """`make interop`: real files there and back, as other programs see them; writes docs/interop.md.
 
-    python -m tests.interop.table docs/interop.md
+    python -m tests.interop.table docs/interop.md [scenes] [sequences] [exodus]
 
 PDECODEC_DATA names the folder of shared data, PDECODEC_BLENDER a Python with the package bpy, PDECODEC_NODE_MODULES
 where gltf-validator and three are. What is not there is said in the page.
@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -20,6 +20,7 @@ from pdecodec.errors import PdecodecError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.attribute_roles import MATERIAL, face_sets, uv_sets
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, bake_transforms, place
+from pdecodec.selection import FrameSelection
 from pdecodec.sequence import ArraySequence, MeshSequence
 from tests.browser_tools import gltf_issues
 from tests.interop.comparing import Expected, difference, expected_of
@@ -29,12 +30,12 @@ HEAD = """\
 # What other programs see
 
 Written by `make interop` from the shared files; do not edit. Every file is opened, written as Alembic, USD and glTF,
-and these are opened by other programs. Distances are the largest of any point from where it belongs, over the diagonal
-of the first frame's bounding box: at the first frame, one in the middle and the last, then at times between frames,
-beside the straight line from frame to frame. Where a part turns rigidly, its node turns between frames and does not go
-straight. Normals are those of corners at the first frame beside ours: the angle that 99 % do not exceed, and the
-largest; where a source has no normals, Alembic and USD are written without, and programs show flat faces. Materials and
-UV sets are those that Blender shows of the glb over those that we read.
+and these are opened by other programs; of clips of more than 48 frames the first 48. Distances are the largest of any
+point from where it belongs, over the diagonal of the first frame's bounding box: at the first frame, one in the middle
+and the last, then at times between frames, beside the straight line from frame to frame. Where a part turns rigidly,
+its node turns between frames and does not go straight. Normals are those of corners at the first frame beside ours: the
+angle that 99 % do not exceed, and the largest; where a source has no normals, Alembic and USD are written without, and
+programs show flat faces. Materials and UV sets are those that Blender shows of the glb over those that we read.
 """
 
 READABLE = (".abc", ".usd", ".usda", ".usdc", ".usdz", ".glb", ".gltf")
@@ -43,16 +44,22 @@ GLB_VARIANTS = {"plain": {}, "--quantize": {"quantize": True}, "--meshopt": {"me
 
 MEGABYTE = 1e6
 
+MOST_FRAMES = 48
+"""Of each clip; with all of them programs take hours to take in a target a frame."""
 
-def main(target: Path) -> None:
-    """Measure, and write the page."""
+
+def main(target: Path, chosen: Sequence[str]) -> None:
+    """Measure the sections that are named, all if none is; the page keeps the others as they are."""
     data = Path(os.environ["PDECODEC_DATA"])
-    parts = [HEAD]
-    for measure in (round_trips, sizes):
-        with tempfile.TemporaryDirectory() as folder:
-            parts += measure(data, Path(folder))
-    parts += exodus(data)
-    target.write_text("\n".join(parts), encoding="utf-8")
+    kept = {}
+    if target.exists():
+        kept = {part.partition("\n")[0]: part for part in target.read_text(encoding="utf-8").split("\n## ")[1:]}
+    for name, (title, measure) in SECTIONS.items():
+        if not chosen or name in chosen:
+            with tempfile.TemporaryDirectory() as folder:
+                kept[title] = f"{title}\n\n" + "\n".join(measure(data, Path(folder)))
+            whole = [kept[one] for one, _ in SECTIONS.values() if one in kept]
+            target.write_text("\n## ".join([HEAD, *(part.rstrip() + "\n" for part in whole)]), encoding="utf-8")
 
 
 def say(text: str) -> None:
@@ -78,7 +85,8 @@ def round_trips(data: Path, folder: Path) -> Iterator[str]:
                 if len(sequence.runs) > 1:
                     read[name] = f"{sequence.frame_count} frames in {len(sequence.runs)} runs"
                     continue
-                clip = _as_array(place(bake_transforms(sequence), up_axis="Y"))
+                some = FrameSelection(sequence, range(min(MOST_FRAMES, sequence.frame_count)))
+                clip = _as_array(place(bake_transforms(some), up_axis="Y"))
         except PdecodecError as error:
             read[name] = error.message
             continue
@@ -101,7 +109,6 @@ def round_trips(data: Path, folder: Path) -> Iterator[str]:
             ("three.js", "glb"),
         )
     }
-    yield "## Scenes: distance at frames / between frames / normals\n"
     for (program, extension), found in shown.items():
         if isinstance(found, str):
             yield f"{program} did not look at .{extension}: {found}.\n"
@@ -147,7 +154,6 @@ def _kept(expected: Expected, seen: Seen | None) -> list[str]:
 def sizes(data: Path, folder: Path) -> Iterator[str]:
     """The table of glb files of sequences."""
     clips = {}
-    yield "## glTF of the shared sequences\n"
     yield (
         "Sizes in MB, of the positions as float32 and of the glb as it is written, with `--quantize` and with "
         "`--meshopt`. Issues are errors and warnings of Khronos' validator, of the three in order. Then distances at "
@@ -158,7 +164,8 @@ def sizes(data: Path, folder: Path) -> Iterator[str]:
         name = path.stem
         say(f"glb of {name}")
         with open_sequence(path) as sequence:
-            clip = _as_array(place(sequence, up_axis="Y"))
+            some = FrameSelection(sequence, range(min(MOST_FRAMES, sequence.frame_count)))
+            clip = _as_array(place(some, up_axis="Y"))
         clips[name] = expected_of(clip)
         cells = [f"{clip.points.nbytes / MEGABYTE:.2f}"]
         issues = []
@@ -187,9 +194,8 @@ def _issues(file: Path) -> str:
     return str(found["numErrors"] + found["numWarnings"])
 
 
-def exodus(data: Path) -> Iterator[str]:
+def exodus(data: Path, folder: Path) -> Iterator[str]:
     """The table of Exodus files: the surface, or one line."""
-    yield "## Exodus files\n"
     yield _row(["file", "vertices", "faces", "lines", "what is said"])
     yield _row(["---"] * 5)
     for path in sorted((data / "interop" / "exodus").iterdir()):
@@ -207,5 +213,12 @@ def _row(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
+SECTIONS: dict[str, tuple[str, Callable[[Path, Path], Iterator[str]]]] = {
+    "scenes": ("Scenes: distance at frames / between frames / normals", round_trips),
+    "sequences": ("glTF of the shared sequences", sizes),
+    "exodus": ("Exodus files", exodus),
+}
+"""Sections of the page by what they are called on the command line: title, and what measures it."""
+
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), sys.argv[2:])
