@@ -5,6 +5,7 @@ It costs the start of a process, and the way of every frame from it.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.decoder import DecodeLimits, chosen_limits, usual_limits
 from pdecodec.formats.child import Answer, Child, serve
 from pdecodec.formats.object_arrays import LaidOutSequence, arrays_of
 from pdecodec.formats.registry import open_sequence
@@ -24,7 +26,8 @@ class IsolatedSequence(LaidOutSequence):
     def __init__(self, path: Path, options: Mapping[str, Any]) -> None:
         self._child = Child(__name__)
         try:
-            found = self._child.ask(path, options={**options})
+            limits = dataclasses.asdict(chosen_limits(None))
+            found = self._child.ask(path, options={**options}, limits=limits)
             self._points = _Points(self._child, path, (int(found["frames"]), int(found["vertices"]), 3))
             own = ("frames", "vertices", "notices", "unsupported")
             names = [name for name in found if name not in own]
@@ -60,13 +63,18 @@ def _answering() -> Any:
     sequence: MeshSequence | None = None
 
     def answer(
-        path: Path, options: Mapping[str, Any] | None = None, start: int = 0, stop: int = 0
+        path: Path,
+        options: Mapping[str, Any] | None = None,
+        limits: Mapping[str, Any] | None = None,
+        start: int = 0,
+        stop: int = 0,
     ) -> Answer | dict[str, NDArray[Any]]:
         nonlocal sequence
         if options is None:
             assert sequence is not None
             return {"points": sequence.read_frames(start, stop)}
-        sequence = open_sequence(path, **options)
+        with usual_limits(DecodeLimits(**(limits or {}))):
+            sequence = open_sequence(path, **options)
         lost = [(one.name, one.feature, "" if one.frame is None else str(one.frame)) for one in sequence.unsupported]
         facts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
         texts = {"notices": np.array(sequence.notices, np.str_), "unsupported": np.array(lost, np.str_)}

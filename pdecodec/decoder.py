@@ -76,6 +76,11 @@ def usual_limits(limits: DecodeLimits) -> Iterator[None]:
         _usual_limits.reset(token)
 
 
+def chosen_limits(limits: DecodeLimits | None) -> DecodeLimits:
+    """Limits that are given, else those of :func:`usual_limits`, else the defaults."""
+    return limits or _usual_limits.get() or DecodeLimits()
+
+
 def open_animation(
     source: str | os.PathLike[str] | bytes | BinaryIO, *, limits: DecodeLimits | None = None
 ) -> Animation:
@@ -104,7 +109,7 @@ def open_animation(
     LimitError
         If it asks for more memory than `limits` allow.
     """
-    limits = limits or _usual_limits.get() or DecodeLimits()
+    limits = chosen_limits(limits)
     if isinstance(source, bytes):
         return _opened(source, "bytes in memory", limits)
     if not isinstance(source, str | os.PathLike):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from pdecodec.decoder import Animation, DecodeLimits, open_animation
+from pdecodec.decoder import Animation, DecodeLimits, chosen_limits, open_animation
 from pdecodec.errors import CorruptFileError, InputError, LimitError
 from pdecodec.mending import Finding, UnreadableError, damaged_sections, mended
 
@@ -83,7 +83,7 @@ def check_file(path: str | os.PathLike[str], *, deep: bool = False, limits: Deco
     InputError
         If the file cannot be opened or read.
     """
-    limits = limits or DecodeLimits()
+    limits = chosen_limits(limits)
     try:
         with Path(path).open("rb") as file:
             return _Check(os.fspath(path), file, deep=deep, limits=limits).run()

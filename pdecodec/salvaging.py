@@ -18,7 +18,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.decoder import Animation, DecodeLimits, open_animation
+from pdecodec.decoder import Animation, DecodeLimits, chosen_limits, open_animation
 from pdecodec.errors import CorruptFileError, InputError, LimitError
 from pdecodec.mending import mended
 from pdecodec.runs import ChangingSequence, OpenedRuns
@@ -118,7 +118,7 @@ def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None)
     InputError
         If it cannot be opened or read.
     """
-    limits = limits or DecodeLimits()
+    limits = chosen_limits(limits)
     with ExitStack() as stack:
         try:
             file = stack.enter_context(Path(path).open("rb"))
