@@ -118,7 +118,9 @@ def test_the_page_shows_how_far_the_original_is(browser: Browser, clip: tuple[Pa
         )
     assert np.abs(np.array(most) - expected.max(axis=1)).max() <= 1e-3 * expected.max()
     assert expected[worst["frame"], worst["vertex"]] == pytest.approx(expected.max(), rel=1e-3)
-    browser.run("pdeanimView.seek(pdeanimView.animation.times[arguments_[0]])", FRAMES // 2)
+    browser.run("document.getElementById('go').click()")
+    assert browser.run("return pdeanimView.time === pdeanimView.animation.times[arguments_[0]]", worst["frame"])
+    assert not browser.run("return document.getElementById('mark').hidden")
     keep_picture(browser, coded.stem)
     assert browser.errors() == []
 

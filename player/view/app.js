@@ -27,6 +27,9 @@ const KEYS = [
   ["f", "whole mesh in sight"],
 ];
 
+/** Steps over a group of frames at which is looked how far its shapes reach. */
+const FITTED_TIMES = 6;
+
 const byId = (id) => document.getElementById(id);
 
 class App {
@@ -89,6 +92,7 @@ class App {
       this.errors = new FrameErrors(this.first, this.second);
       this.chart = new panel.ErrorChart(byId("chart"), a, (time) => this.seek(time));
       byId("errors").hidden = false;
+      byId("go").onclick = () => this.#halt(a.times[this.errors.worst.frame]);
       byId("other").textContent = this.second.name;
     }
     byId("comparing").hidden = false;
@@ -220,15 +224,19 @@ class App {
     this.#draw();
   }
 
-  /** The shape of now in sight, whole. */
+  /** In sight, whole: the shape of now, and as it moves in the group of frames of now, which is decoded anyway. */
   fit() {
-    const { animation, object } = this;
+    const { object } = this;
+    const run = this.animation.at(this.time);
+    const { firstFrame, frameCount } = run.groups[run.groupOf(frameAt(run.times, this.time))];
     const [low, high] = [Array(3).fill(Infinity), Array(3).fill(-Infinity)];
-    const points = animation.at(this.time).positions(this.time, object === null ? {} : { object });
-    points.forEach((value, k) => {
-      low[k % 3] = Math.min(low[k % 3], value);
-      high[k % 3] = Math.max(high[k % 3], value);
-    });
+    for (let k = 0; k <= FITTED_TIMES; k++) {
+      const time = run.times[firstFrame + Math.round((k / FITTED_TIMES) * (frameCount - 1))];
+      run.positions(time, object === null ? {} : { object }).forEach((value, place) => {
+        low[place % 3] = Math.min(low[place % 3], value);
+        high[place % 3] = Math.max(high[place % 3], value);
+      });
+    }
     this.camera.fit(low, high, this.up);
   }
 
@@ -320,7 +328,21 @@ class App {
     this.chart.draw(errors, this.time);
     byId("measured").textContent = errors.isDone ? "" : `(${errors.count} of ${errors.most.length} measured)`;
     const { value, vertex, frame } = errors.worst;
+    this.#markWorst();
     byId("worst").textContent = `Worst: ${panel.lengthText(value)} at vertex ${vertex} of frame ${frame}.`;
+  }
+
+  /** A ring around the worst vertex, at its frame, where A fills the picture in colours of error. */
+  #markWorst() {
+    const { vertex, frame } = this.errors.worst;
+    const mark = byId("mark");
+    mark.hidden = this.time !== this.animation.times[frame] || byId("compare").value !== "change";
+    if (mark.hidden) return;
+    const point = this.first.positions(this.time).subarray(3 * vertex, 3 * vertex + 3);
+    const { clientWidth, clientHeight } = byId("canvas");
+    const [x, y] = this.camera.placeOf(point, clientWidth / clientHeight);
+    mark.style.left = `${100 * x}%`;
+    mark.style.top = `${100 * y}%`;
   }
 
   /** For tests: positions as the graphics processor has them at a time. */

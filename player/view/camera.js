@@ -56,6 +56,13 @@ export class OrbitCamera {
     return found;
   }
 
+  /** Where a point is in the picture, as shares of its width and height from the top left. */
+  placeOf(point, aspect) {
+    const matrix = this.matrix(aspect);
+    const row = (k) => point[0] * matrix[k] + point[1] * matrix[4 + k] + point[2] * matrix[8 + k] + matrix[12 + k];
+    return [0.5 + row(0) / row(3) / 2, 0.5 - row(1) / row(3) / 2];
+  }
+
   turn(x, y) {
     this.yaw -= TURN * x;
     this.pitch = Math.min(Math.max(this.pitch + TURN * y, -STEEPEST), STEEPEST);
