@@ -197,7 +197,7 @@ def _image(title: str, data: bytes, kind: str) -> str:
 
 
 def _table(table: Table) -> str:
-    """As HTML. One that holds sentences names the column in every cell: on a phone its rows stand one below the other."""
+    """As HTML. One that holds sentences names the column in every cell: on a phone they stand below each other."""
     has_words = any(isinstance(value, str) and len(value) > LONG_TEXT for row in table.rows for value in row)
     classes = [
         ' class="number"' * all((isinstance(v, int | float) and not isinstance(v, bool)) or v is None for v in column)

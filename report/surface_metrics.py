@@ -141,19 +141,19 @@ def _temporal_part(reference: Float32Array, other: Float32Array, scale: float) -
     frames, vertices = reference.shape[:2]
     if frames < 3:
         return 0.0
-    total = 0.0
+    total: float = 0.0
     window = min(WINDOW, frames - 1)
     for begin, end in _blocks(vertices, 3 * frames):
         before, after = (_steps(points[:, begin:end], scale) for points in (reference, other))
         sums = [_in_windows(before * _off(before, after) ** power, window) for power in range(3)]
         total += float(_deviation(*sums).mean(axis=0).sum())
-    return total / vertices
+    return total / float(vertices)
 
 
 def _steps(points: Float32Array, scale: float) -> Float64Array:
     """Lengths of edges in time, (frames - 1, vertices), over the scale."""
     step = np.diff(points.astype(np.float64), axis=0) / scale
-    return np.sqrt(np.einsum("fvx,fvx->fv", step, step) + TIME_STEP**2)
+    return np.asarray(np.sqrt(np.einsum("fvx,fvx->fv", step, step) + TIME_STEP**2))
 
 
 def _in_windows(values: Float64Array, window: int) -> Float64Array:
@@ -192,7 +192,7 @@ def _off(before: Float64Array, after: Float64Array) -> Float64Array:
 def _deviation(weights: Float64Array, first: Float64Array, second: Float64Array) -> Float64Array:
     """Weighted standard deviations, of sums of weights and of weighted values and squares."""
     safe = np.where(weights > 0, weights, 1.0)
-    return np.sqrt(np.maximum(second / safe - np.square(first / safe), 0.0))
+    return np.asarray(np.sqrt(np.maximum(second / safe - np.square(first / safe), 0.0)))
 
 
 def _blocks(count: int, values: int) -> Iterator[tuple[int, int]]:
