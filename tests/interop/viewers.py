@@ -79,6 +79,9 @@ def blender_shows(jobs: Sequence[Job], folder: Path) -> list[Seen] | str:
         for number, job in enumerate(jobs)
     ]
     (folder / "jobs.json").write_text(json.dumps(listed), encoding="utf-8")
+    for job in listed:
+        # Of another format's files, which have the same numbers.
+        Path(str(job["out"])).unlink(missing_ok=True)
     command = [python, str(HERE / "blender_job.py"), str(folder / "jobs.json")]
     subprocess.run(command, capture_output=True, check=False, timeout=PATIENCE)
     found = []
