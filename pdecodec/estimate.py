@@ -129,6 +129,7 @@ class _Sample:
         self.order = np.arange(self.vertices.size, dtype=np.int32)
         runs = np.arange(len(points))
         self.frames = runs[runs // RUN % RUNS == 0] if runs.size > FEWEST_FRAMES else runs
+        self.points: Float32Array
         if like and np.array_equal(self.vertices, like.vertices):
             self.points = like.points
         else:
