@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from pdecodec.groupfit import DEAD_ZONE, DeadZone
 from pdecodec.settings import EffortName
 from pdecodec.spacebasis import SpaceKind
 
@@ -35,14 +36,17 @@ class Effort:
     rounding_passes : int
         How often coefficients are rounded again towards what vertices beyond the bound miss.
     last_steps : tuple of int
-        Steps of coefficients, as indices from the chosen one, with which whole groups are fitted to compare them: a
-        coarser one gains more when coefficients are rounded again.
+        Steps of coefficients, as indices from the chosen one, with which whole groups are fitted to compare them.
     first_passes : int
         How often coefficients are rounded again in these fits.
+    second_passes : int
+        How often in those of the one that costs least and of the next coarser one, before one of them is taken.
+    dead_zone : DeadZone
+        In fits whose coefficients are rounded again.
+    also : str or None
+        An effort whose model, as it is or refined, is taken where it costs less.
     tighter_bounds : tuple of float
         How many times tighter bounds are whose models are tried too, on clips of at most `SMALL_CLIP` positions.
-    searches_all_clips : bool
-        Whether they are tried on larger clips as well.
     searched_clip : float
         Positions up to which anything is tried at all. Of larger clips the last kind and size of patches is taken, and
         steps that leave the usual mean error.
@@ -58,9 +62,22 @@ class Effort:
     rounding_passes: int = 0
     last_steps: tuple[int, ...] = (0,)
     first_passes: int = 0
+    second_passes: int = 0
+    dead_zone: DeadZone = DEAD_ZONE
+    also: EffortName | None = None
     tighter_bounds: tuple[float, ...] = ()
-    searches_all_clips: bool = False
     searched_clip: float = math.inf
+
+    def refined_like(self, other: Effort) -> Effort:
+        """The same search, its coefficients rounded again as another effort does it."""
+        return replace(
+            self,
+            rounding_passes=other.rounding_passes,
+            last_steps=other.last_steps,
+            first_passes=other.first_passes,
+            second_passes=other.second_passes,
+            dead_zone=other.dead_zone,
+        )
 
 
 SMALL_CLIP = 2**16
@@ -86,11 +103,13 @@ EFFORTS: dict[EffortName, Effort] = {
     "best": Effort(
         space_bases=(("patch", 64), ("patch", 32), ("patch", 128), ("patch", 16), ("curve", 64), ("curve", 128)),
         more_of_small=(("patch", 256), ("patch", 8)),
-        rounding_passes=24,
-        last_steps=(-1, 0, 1, 2),
+        rounding_passes=32,
+        last_steps=(-1, 0, 1),
         first_passes=4,
+        second_passes=24,
+        dead_zone=(0.7, 1.0),
+        also="default",
         tighter_bounds=(1.1, 1.21),
-        searches_all_clips=True,
     ),
 }
 """By the name that settings have."""

@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec._core import Excess, GroupModel, Residuals
 from pdecodec.coefficientcoding import encode_coefficients, measure_coefficients
-from pdecodec.displacements import Displacements, Origin, TimeFunctions, dual_functions, time_basis_of
+from pdecodec.displacements import Displacements, Origin, TimeFunctions, time_basis_of
 from pdecodec.groups import (
     SINGLE_IS_ENOUGH,
     SINGLE_MARGIN,
     GroupEntry,
     GroupFunctions,
-    cosines,
     functions_of_time,
     group_functions,
     margins,
@@ -43,6 +42,11 @@ ROUND_UP_AT = 0.6
 ROUND_UP_ALONE_AT = 0.75
 """The same of a coefficient whose neighbours are all zero: a one among zeros costs most."""
 
+DeadZone = tuple[float, float]
+"""How far (in steps) beyond a whole number a coefficient goes to the next, and one among zeros."""
+
+DEAD_ZONE: DeadZone = (ROUND_UP_AT, ROUND_UP_ALONE_AT)
+
 FINEST, COARSEST = 0.7, 64.0
 """Quantisation steps of coefficients to choose from, in units."""
 
@@ -54,10 +58,6 @@ USUAL_STEP = 2.8
 
 SMALL_MESH = 2048
 """Vertices up to which a mesh is small."""
-
-PUSH = 1.5
-"""How many times what a vertex is off too much is added to what coefficients are to describe; half where it is too
-much."""
 
 MEAN_ERROR, MORE_OF_DENSE = 0.26, 0.4
 """Root mean square distance, in bounds, at which coefficients and residuals together cost least, about, and how much
@@ -113,6 +113,27 @@ class GroupChoice:
     origin: Origin
     step: int
     time_step: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class QuantisedGroup:
+    """What a group is encoded with but for its residuals.
+
+    Attributes
+    ----------
+    entry : GroupEntry
+        Sizes and checksum still zero.
+    time_functions : QuantisedTimeFunctions or None
+        None where there is none to code.
+    quantised : (functions of space, channels) int64
+    values : (vertices, channels) float64 [scene units]
+        The coefficients, vertex by vertex, before the space basis and quantisation.
+    """
+
+    entry: GroupEntry
+    time_functions: QuantisedTimeFunctions | None
+    quantised: Int64Array
+    values: Float64Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,32 +330,26 @@ class GroupFitter:
         """Whether there is a trajectory that is worth looking at."""
         return self.displacements("reference").functions("trajectories")[0].size > 0
 
-    def fit(self, basis: SpaceBasis, choice: GroupChoice, passes: int = 0, *, is_measured: bool = True) -> FittedGroup:
-        """Fit, and measure what it costs.
+    def fit(self, basis: SpaceBasis, choice: GroupChoice, *, is_measured: bool = True) -> FittedGroup:
+        """Fit, and measure what it costs where that is wanted."""
+        unrefined = self.quantised(basis, choice)
+        return self.fitted(
+            basis, unrefined.entry, unrefined.quantised, unrefined.time_functions, is_measured=is_measured
+        )
 
-        What vertices beyond the bound miss may be added to what the coefficients are to describe, which are rounded
-        again; and again, while it pays.
-
-        Parameters
-        ----------
-        basis : SpaceBasis
-        choice : GroupChoice
-        passes : int
-            Most often that coefficients are rounded again.
-        is_measured : bool
-            Without passes, whether what it costs is wanted.
-        """
+    def quantised(self, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone = DEAD_ZONE) -> QuantisedGroup:
+        """Functions of time and coefficients, quantised."""
         step, time_step = grid_step(choice.step), grid_step(choice.step + choice.time_step)
         moved, axes = self.displacements(choice.origin), axes_of(choice.time)
         values = moved.coefficients(choice.time)
-        quantised, largest = quantise_sparsely(self.projected(basis, choice), step, axes)
+        quantised, largest = quantise_sparsely(self.projected(basis, choice), step, axes, zone)
         time_functions: QuantisedTimeFunctions | None = None
         if choice.time == "cosines":
             count = cosines_needed(largest)
             quantised, values = np.ascontiguousarray(quantised[:, : axes * count]), values[:, : axes * count]
         else:
             time_functions, quantised, values = self._fit_time_functions(
-                moved, basis, choice.time, largest, step, time_step
+                moved, basis, choice.time, largest, step, time_step, zone
             )
             count = quantised.shape[1] // axes
         entry = GroupEntry(
@@ -345,21 +360,7 @@ class GroupFitter:
             step=step,
             time_step=0.0 if choice.time == "cosines" else time_step,
         )
-        if not passes or not count:
-            return self.fitted(basis, entry, quantised, time_functions, is_measured=is_measured)
-        dual = dual_functions(unit_functions(time_functions)) if time_functions else cosines(self.frames, count)
-        excess, push = Excess(), PUSH
-        best = self.fitted(basis, entry, quantised, time_functions, excess)
-        for _ in range(passes):
-            farther, beyond = values.copy(), Excess()
-            excess.add_to(farther, dual, axes, push)
-            quantised, _ = quantise_sparsely(basis.project(farther), step, axes)
-            found = self.fitted(basis, entry, quantised, time_functions, beyond)
-            if found.bits < best.bits:
-                best, values, excess = found, farther, beyond
-            else:
-                push *= 0.5
-        return best
+        return QuantisedGroup(entry, time_functions, quantised, values)
 
     def fitted(
         self,
@@ -456,6 +457,7 @@ class GroupFitter:
         largest: Int64Array,
         step: float,
         time_step: float,
+        zone: DeadZone,
     ) -> tuple[QuantisedTimeFunctions | None, Int64Array, Float64Array]:
         """Quantised functions of time, coefficients of what they decode to, and what these were before the space basis
         and quantisation.
@@ -466,7 +468,7 @@ class GroupFitter:
         while used.size:
             time_functions = quantise_time_functions(scaled[:, :, used], time_step)
             values = moved.along(unit_functions(time_functions), time)
-            quantised, largest = quantise_sparsely(basis.project(values), step, axes)
+            quantised, largest = quantise_sparsely(basis.project(values), step, axes, zone)
             needed = needed_functions(largest, axes)
             if needed.size == used.size:
                 return time_functions, quantised, values
@@ -500,7 +502,9 @@ def quantise(values: Float64Array, step: float) -> Int64Array:
     return np.copysign(np.floor(np.abs(values) / step + (1.0 - ROUND_UP_AT)), values).astype(np.int64)
 
 
-def quantise_sparsely(values: Float64Array, step: float, axes: int) -> tuple[Int64Array, Int64Array]:
+def quantise_sparsely(
+    values: Float64Array, step: float, axes: int, zone: DeadZone = DEAD_ZONE
+) -> tuple[Int64Array, Int64Array]:
     """:func:`quantise` coefficients (functions of space, channels), with a wider dead zone among zeros.
 
     Returns
@@ -509,7 +513,7 @@ def quantise_sparsely(values: Float64Array, step: float, axes: int) -> tuple[Int
     largest : (channels,) int64
         Magnitude in each channel.
     """
-    return _core.quantise_sparsely(values, axes, step, ROUND_UP_AT, ROUND_UP_ALONE_AT, thread_count())
+    return _core.quantise_sparsely(values, axes, step, *zone, thread_count())
 
 
 def magnitudes(quantised: Int64Array) -> Int64Array:

@@ -16,10 +16,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.effort import SMALL_CLIP, Effort, SpaceBases
+from pdecodec.effort import EFFORTS, SMALL_CLIP, Effort, SpaceBases
 from pdecodec.groupchoice import ChosenGroup, GroupSearch, candidates, divided
 from pdecodec.groupfit import SMALL_MESH, FittedGroup, GroupChoice, GroupFitter
 from pdecodec.reference import ReferenceFrame, encode_reference, quantise_reference
+from pdecodec.refinement import Refinement
 from pdecodec.sequence import MeshObject
 from pdecodec.shares import side_by_side
 from pdecodec.spacebasis import SpaceBasis, SpaceKind, clear_space_basis, trial_space_basis
@@ -58,13 +59,25 @@ class FinishedGroup:
 
 
 def finished(group: tuple[GroupFitter, GroupChoice], basis: SpaceBasis, effort: Effort) -> FinishedGroup:
-    """A group fitted in full: of the effort's steps about the chosen one, with that which costs least."""
+    """A group fitted in full, of the effort's steps about the chosen one with that which costs least; or with the next
+    coarser one, which gains longer from being refined.
+    """
     fitter, choice = group
     fitter.settle(choice)
-    if len(effort.last_steps) > 1 and fitter.moves:
-        tried = [replace(choice, step=choice.step + more) for more in effort.last_steps]
-        choice = min(tried, key=lambda other: fitter.fit(basis, other, effort.first_passes).bits)
-    return FinishedGroup(fitter, choice, fitter.fit(basis, choice, effort.rounding_passes))
+    if not effort.rounding_passes:
+        return FinishedGroup(fitter, choice, fitter.fit(basis, choice))
+
+    def refined(other: GroupChoice, passes: int) -> Refinement:
+        return Refinement(fitter, basis, other, effort.dead_zone).refined(passes)
+
+    if len(effort.last_steps) == 1 or not fitter.moves:
+        return FinishedGroup(fitter, choice, refined(choice, effort.rounding_passes).best)
+    tried = [replace(choice, step=choice.step + more) for more in effort.last_steps]
+    choice = min(tried, key=lambda other: refined(other, effort.first_passes).best.bits)
+    coarser = replace(choice, step=choice.step + 1)
+    best = min((refined(other, effort.second_passes) for other in (choice, coarser)), key=lambda one: one.best.bits)
+    best.refined(effort.rounding_passes - effort.second_passes)
+    return FinishedGroup(fitter, best.choice, best.best)
 
 
 def ruled(fitter: GroupFitter, basis: SpaceBasis) -> FinishedGroup:
@@ -187,16 +200,20 @@ class ModelSearch:
         """The reference frame, space basis and first groups that cost least together.
 
         Of a small clip those too that tighter bounds have: a search that stops at the first step that does not pay
-        finds something else at every bound, and a looser one should not cost more.
+        finds something else at every bound, and a looser one should not cost more. Nor should more
+        effort, to which what less found is therefore another candidate.
         """
         if self.times.size * len(self.points[0]) > self.effort.searched_clip:
             return self._by_rule()
         found = [self._for_this_bound()]
-        if self.effort.searches_all_clips or self.times.size * len(self.points[0]) <= SMALL_CLIP:
+        if self.times.size * len(self.points[0]) <= SMALL_CLIP:
             moves = any(group.fitter.moves for group in found[0].groups)
             for ratio in self.effort.tighter_bounds if self.unit == self.bound and moves else ():
                 steps = {name: getattr(self, name) / ratio for name in ("bound", "unit", "residual_step")}
                 found.append(self._at_this_bound(replace(self, **steps)._for_this_bound()))
+        if self.effort.also:
+            other = EFFORTS[self.effort.also]
+            found.extend(replace(self, effort=one).run() for one in (other, other.refined_like(self.effort)))
         return min(found, key=self._finished_cost)
 
     def _by_rule(self) -> FinishedModel:

@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from pdecodec.decoder import open_animation
 from pdecodec.displacements import ORIGINS, TIME_FUNCTIONS, Displacements, Origin, TimeFunctions
+from pdecodec.effort import EFFORTS
 from pdecodec.encoder import encode
 from pdecodec.encodereport import EncodeReport
 from pdecodec.estimate import Estimate, bit_counter
 from pdecodec.groupfit import GroupFitter
 from pdecodec.groups import cosines
 from pdecodec.reference import quantise_reference
+from pdecodec.refinement import Refinement
 from pdecodec.residuals import residual_step
 from pdecodec.sequence import ArraySequence, MeshObject
 from pdecodec.spacebasis import MOST_FUNCTIONS, SpaceBasis, build_space_basis
@@ -176,9 +178,17 @@ def test_rounding_again_towards_what_is_missed_takes_fewer_bits_and_keeps_the_bo
     sequence = waving_sheet()
     fitter, basis = fitter_of(sequence, 0.02)
     choice = replace(fitter.first_choice, step=fitter.first_choice.step + 2)
-    once, often = fitter.fit(basis, choice), fitter.fit(basis, choice, passes=6)
+    once, often = fitter.fit(basis, choice), Refinement(fitter, basis, choice).refined(6).best
     assert often.bits < once.bits
     assert fitter.encode(often, basis).largest_square <= 0.02**2
+
+
+def test_more_effort_takes_no_more_bits_where_its_own_search_finds_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    sequence = blend_shapes()
+    blind = replace(EFFORTS["best"], space_bases=(("patch", 256),), more_of_small=(), time_bases=False)
+    monkeypatch.setitem(EFFORTS, "best", blind)
+    best, usual = (encode(sequence, tolerance=1e-3, effort=effort) for effort in ("best", "default"))
+    assert size(best) - best.sections["META"] <= size(usual) - usual.sections["META"]
 
 
 def test_displacements_from_another_shape_have_the_principal_functions_of_their_own() -> None:

@@ -1,0 +1,67 @@
+"""Fits whose coefficients are rounded again and again, towards what vertices beyond the bound miss."""
+
+from __future__ import annotations
+
+from pdecodec._core import Excess
+from pdecodec.displacements import dual_functions
+from pdecodec.groupfit import (
+    DEAD_ZONE,
+    DeadZone,
+    FittedGroup,
+    GroupChoice,
+    GroupFitter,
+    quantise_sparsely,
+    unit_functions,
+)
+from pdecodec.groups import cosines
+from pdecodec.spacebasis import SpaceBasis
+
+PUSH = 1.5
+"""How many times what a vertex is off too much is added to what coefficients are to describe; half where it is too
+much."""
+
+
+class Refinement:
+    """A fit of a group that can be refined: what it misses is added to what its coefficients are to describe.
+
+    Parameters
+    ----------
+    fitter : GroupFitter
+    basis : SpaceBasis
+    choice : GroupChoice
+    zone : DeadZone, optional
+        Where coefficients are rounded towards zero: what that takes from vertices that need it, refining gives back.
+
+    Attributes
+    ----------
+    choice : GroupChoice
+    best : FittedGroup
+        Which cost least so far.
+    """
+
+    def __init__(self, fitter: GroupFitter, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone = DEAD_ZONE) -> None:
+        self.choice = choice
+        self._fitter, self._basis, self._zone = fitter, basis, zone
+        start = fitter.quantised(basis, choice, zone)
+        self._entry, self._time_functions, self._values = start.entry, start.time_functions, start.values
+        self._dual = dual_functions(
+            unit_functions(start.time_functions)
+            if start.time_functions
+            else cosines(fitter.frames, start.entry.functions)
+        )
+        self._excess, self._push = Excess(), PUSH
+        self.best: FittedGroup = fitter.fitted(basis, start.entry, start.quantised, start.time_functions, self._excess)
+
+    def refined(self, passes: int) -> Refinement:
+        """Itself, its coefficients rounded again so many times, as far as that pays."""
+        entry = self._entry
+        for _ in range(passes if entry.functions else 0):
+            values, excess = self._values.copy(), Excess()
+            self._excess.add_to(values, self._dual, entry.axes, self._push)
+            quantised, _ = quantise_sparsely(self._basis.project(values), entry.step, entry.axes, self._zone)
+            found = self._fitter.fitted(self._basis, entry, quantised, self._time_functions, excess)
+            if found.bits < self.best.bits:
+                self.best, self._values, self._excess = found, values, excess
+            else:
+                self._push *= 0.5
+        return self
