@@ -12,9 +12,17 @@
 #define PDEANIM_MULTIVERSION
 #endif
 
-// For the templates that such loops are written as: they must become part of each version.
+// A variant of such a loop by hand, where its form depends on the width; `__builtin_cpu_supports` says which to call.
+#if defined(__GNUC__) && defined(__x86_64__)
+#define PDEANIM_FOR(instructions) __attribute__((target(instructions)))
+#endif
+
+// For the templates that such loops are written as: they must become part of each version. In a page there is one version,
+// and code is fetched.
 #if defined(_MSC_VER)
 #define PDEANIM_INLINE __forceinline
+#elif defined(__wasm__)
+#define PDEANIM_INLINE inline
 #else
 #define PDEANIM_INLINE inline __attribute__((always_inline))
 #endif

@@ -4,9 +4,6 @@
 
 // The loop is compiled for each width of vector registers, and the machine chooses. It is written in vectors of that width:
 // of a loop over single numbers GCC makes code that takes three times as long. The sums are the same.
-#if defined(__GNUC__) && defined(__x86_64__)
-#define PDEANIM_FOR(instructions) __attribute__((target(instructions)))
-#endif
 
 namespace pdeanim {
 

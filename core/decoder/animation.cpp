@@ -30,10 +30,10 @@ constexpr u64 bytes_per_group = 1536, bytes_per_object = 4096;
 constexpr u64 bytes_per_name_byte = 6;
 
 constexpr i64 most_vertices = (i64{1} << 31) - 1;
-constexpr i64 frames_between_looks = 64;  // frames that are evaluated before a cancel is noticed
-constexpr u8 predictors = 4;              // of the reference frame
-// From so many vertices on it pays to begin a thread for a part of one frame, and so many parts are made, as a power of two.
-constexpr i64 vertices_worth_a_thread = 16384;
+constexpr u8 predictors = 4;  // of the reference frame
+// From so many bytes on that a frame is made of it pays to begin a thread for a part of it: what is saved is more than the
+// 30 us that a thread takes to begin. So many parts are made, as a power of two.
+constexpr i64 bytes_worth_a_thread = i64{1} << 21, bytes_of_a_position = 24;
 constexpr int part_levels = 3;
 
 // Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered through.
@@ -380,7 +380,8 @@ template <class Work> void Animation::with_motion(const DecodedGroup &own, const
 template <class Real, class Out>
 void Animation::evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
                               const AnchoredReference<Real> *reference, Out out) const {
-    const int levels = vertices() < vertices_worth_a_thread || threads_ < 2 ? 0 : part_levels;
+    const bool is_worth_it = motion.bytes() + bytes_of_a_position * vertices() >= bytes_worth_a_thread;
+    const int levels = is_worth_it && threads_ > 1 ? part_levels : 0;
     in_shares(i64{1} << levels, threads_, [&](i64 first, i64 end) {
         for (i64 part = first; part < end; ++part) {
             pdeanim::evaluate(motion, weights, reference, out, VertexShare{levels, part});
@@ -420,12 +421,16 @@ void Animation::evaluate_frames_of_group(i64 first, i64 count, std::span<float> 
     with_motion(own, [&](const auto &motion, const auto &anchored) {
         const i64 row = motion.time_axes() * motion.functions;
         in_shares((count + frames_at_once - 1) / frames_at_once, threads_, [&](i64 tile, i64 end) {
-            const i64 begin = tile * frames_at_once, frames = least(end * frames_at_once, count) - begin;
-            const i64 inside = first + begin - own.group.first;
-            const std::span<float> part = out.subspan(begin * size, frames * size);
-            pdeanim::evaluate(motion, std::span(own.time).subspan(inside * row, frames * row), &anchored, part);
-            for (i64 k = 0; k < frames; ++k) {
-                add_residuals(own.residuals, inside + k, scale, 1.0, {}, as_positions(part.subspan(k * size, size)));
+            for (; tile < end; ++tile) {
+                check_cancelled();
+                const i64 begin = tile * frames_at_once, frames = least(frames_at_once, count - begin);
+                const i64 inside = first + begin - own.group.first;
+                const std::span<float> part = out.subspan(begin * size, frames * size);
+                pdeanim::evaluate(motion, std::span(own.time).subspan(inside * row, frames * row), &anchored, part);
+                for (i64 k = 0; k < frames; ++k) {
+                    add_residuals(own.residuals, inside + k, scale, 1.0, {},
+                                  as_positions(part.subspan(k * size, size)));
+                }
             }
         });
     });
@@ -573,7 +578,7 @@ void Animation::evaluate_all(Quantity quantity, std::span<const double> sorted, 
         if (!is_kept(table_->group_of(frame))) decode_ahead(sorted.subspan(row));
         // Frames of one group that follow one another are evaluated together.
         const Group &own = table_->groups()[table_->group_of(frame)];
-        const i64 most_here = least(own.first + own.frames - frame, frames_between_looks);
+        const i64 most_here = own.first + own.frames - frame;
         i64 count = 1;
         while (count < most_here && row + count < sorted.size() && sorted[row + count] == times()[frame + count])
             ++count;

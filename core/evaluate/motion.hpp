@@ -3,13 +3,15 @@
 //
 // The sum over functions of time comes first, for some frames at once: it takes as many products as there are coefficients
 // that are not zero. Then what halves of the mesh share goes down the partition tree, and at last each element's functions
-// are added up at its vertices. An element with more functions than there are functions of time keeps the field of each of
-// these instead.
+// are added up at its vertices. An element with many more functions than there are functions of time keeps the field of each
+// of these instead.
 //
 // The mean motion of an element is added up in double, and so is all that comes down the tree; what is left is small, and
-// may be added up in float. The reference frame is taken from the first vertex of an element for the same reason. Every
-// coordinate is one sum in one order, so that its bits depend neither on which other times are asked for nor on the number
-// of threads, nor on the processor.
+// may be added up in float. The reference frame is taken from the first vertex of an element for the same reason. A mean
+// is split into a number of the sums' precision and the rest of it, which the sum is added to first. Every coordinate is
+// one sum in one order, so that its bits depend neither on which other times are asked for nor on the number of threads,
+// nor on the processor; rounded to float it is the same as if it had been added up for float at once (twice 24 bits and 2
+// are fewer than 53).
 #pragma once
 
 #include <algorithm>
@@ -25,8 +27,14 @@ namespace pdeanim {
 #if defined(__wasm__)
 constexpr i64 frames_at_once = 1;
 #else
-constexpr i64 frames_at_once = 8;
+constexpr i64 frames_at_once = 16;
 #endif
+
+// Vertices of an element, filled up to the widest registers.
+template <class Real> constexpr i64 padded(i64 vertices) {
+    constexpr i64 lanes = 64 / sizeof(Real);
+    return (vertices + lanes - 1) / lanes * lanes;
+}
 
 // The reference frame in the order of the elements.
 template <class Real> struct AnchoredReference {
@@ -91,7 +99,7 @@ template <class Real> struct Motion {
     };
 
     struct Element {
-        i64 columns = 0;  // functions but the constant one, or fields
+        i64 columns = 0;  // functions but the constant one that have coefficients, and affine ones; or fields
         bool has_fields = false;
         double constant = 0.0;     // value of its constant function; 0 without
         std::vector<Real> values;  // (columns, vertices), padded; fields of each axis where they differ
@@ -109,7 +117,8 @@ template <class Real> struct Motion {
     i64 chosen_vertices = 0;
 
 private:
-    void make_fields(i64 element, i64 rank, const QuantisedRows &rows, std::span<const double *const> values);
+    void make_fields(i64 element, std::span<const i64> used, const QuantisedRows &rows,
+                     std::span<const double *const> values);
 
     std::vector<double> affine_;  // of all nodes, four rows of channels each, where elements may have fields
 };
@@ -122,14 +131,9 @@ struct VertexShare {
 };
 
 // Positions at frames, before residuals, or displacements alone where there is no reference. time: (frames, time axes,
-// functions); out: (frames, vertices, 3), written. Overloads, not a template: compilers make no variants of those.
-void evaluate(const Motion<float> &motion, std::span<const double> time, const AnchoredReference<float> *reference,
-              std::span<float> out, VertexShare share = {});
-void evaluate(const Motion<float> &motion, std::span<const double> time, const AnchoredReference<float> *reference,
-              std::span<double> out, VertexShare share = {});
-void evaluate(const Motion<double> &motion, std::span<const double> time, const AnchoredReference<double> *reference,
-              std::span<float> out, VertexShare share = {});
-void evaluate(const Motion<double> &motion, std::span<const double> time, const AnchoredReference<double> *reference,
-              std::span<double> out, VertexShare share = {});
+// functions); out: (frames, vertices, 3), float or double, written.
+template <class Real, class Out> void evaluate(const Motion<Real> &motion, std::span<const double> time,
+                                               const AnchoredReference<Real> *reference, std::span<Out> out,
+                                               VertexShare share = {});
 
 }  // namespace pdeanim

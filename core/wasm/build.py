@@ -60,7 +60,7 @@ LIBRARY = {
 }
 """Sources of the package's folder ``lib`` that are compiled."""
 
-QUICK = {"basis/add_multiples.cpp", "evaluate/motion.cpp"}
+QUICK = {"basis/add_multiples.cpp", "evaluate/evaluate.cpp"}
 """Sources of the core that are compiled for speed; all others are compiled to be small."""
 
 STACK_BYTES = 1 << 20
