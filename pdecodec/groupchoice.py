@@ -48,6 +48,12 @@ SURELY_LESS = 0.97
 WORTH_DIVIDING_ON = 1.02
 """Halves of a group that cost more than this many times the whole are not looked at further."""
 
+UNTUNED: tuple[TimeFunctions, ...] = ("trajectories", "shapes", "cosines")
+"""Functions of time in which the whole is compared with its parts."""
+
+WORTH_IN_PARTS = 1.1
+"""Parts are looked at in those that take less than this many times the best of the whole."""
+
 SHORTEST_PART = 8
 """Frames of a part at least."""
 
@@ -155,7 +161,7 @@ def divided(search: GroupSearch, choices: Sequence[GroupChoice], basis: SpaceBas
     if search.bits(choices[0]) < WORTH_DIVIDING * frames * vertices:
         return [search.choose(choices)]
     usual = replace(fitter.first_choice, origin=choices[0].origin)
-    whole = _untuned(fitter, basis, usual)
+    whole = _untuned(fitter, basis, usual, UNTUNED)
     divided, lengths = _division(fitter, basis, usual, whole)
     if len(lengths) == 1:
         return [search.choose(choices)]
@@ -166,36 +172,47 @@ def divided(search: GroupSearch, choices: Sequence[GroupChoice], basis: SpaceBas
         like = parts[-1].choice if parts else part.fitter.first_choice
         parts.append(part.choose(candidates(part, like)))
         begin += length
-    if divided < SURELY_LESS * whole:
+    if divided < SURELY_LESS * whole.bits:
         return parts
     group = search.choose(choices)
     together = sum(part.bits + BITS_OF_A_GROUP for part in parts)
     return parts if together < group.bits + BITS_OF_A_GROUP else [group]
 
 
-def _division(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, whole: float) -> tuple[float, list[int]]:
+@dataclass(frozen=True)
+class _Untuned:
+    """What a group takes with usual steps in the functions of time that suit it best [bits], and which come near."""
+
+    bits: float
+    near: tuple[TimeFunctions, ...]
+
+
+def _division(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, whole: _Untuned) -> tuple[float, list[int]]:
     """The division that costs least with untuned steps, in which the whole takes so much: bits, lengths of the parts.
 
     Halves are divided further only where they cost little more than the whole.
     """
     middle = fitter.frames // 2
     if middle < SHORTEST_PART:
-        return whole, [fitter.frames]
+        return whole.bits, [fitter.frames]
     parts = [fitter.part(part) for part in (slice(0, middle), slice(middle, fitter.frames))]
-    costs = [_untuned(part, basis, usual) for part in parts]
-    if sum(costs) > WORTH_DIVIDING_ON * whole:
-        return whole, [fitter.frames]
+    costs = [_untuned(part, basis, usual, whole.near) for part in parts]
+    if sum(cost.bits for cost in costs) > WORTH_DIVIDING_ON * whole.bits:
+        return whole.bits, [fitter.frames]
     halves = [_division(part, basis, usual, cost) for part, cost in zip(parts, costs, strict=True)]
     together = halves[0][0] + halves[1][0]
-    return (together, halves[0][1] + halves[1][1]) if together < WORTH_PARTS * whole else (whole, [fitter.frames])
+    if together < WORTH_PARTS * whole.bits:
+        return together, halves[0][1] + halves[1][1]
+    return whole.bits, [fitter.frames]
 
 
-def _untuned(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice) -> float:
-    """Bits of a group in the functions of time that suit it best, with usual steps."""
+def _untuned(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, kinds: tuple[TimeFunctions, ...]) -> _Untuned:
+    """A group in functions of time of some kinds, with usual steps."""
     search = GroupSearch(fitter, basis)
-    kinds: tuple[TimeFunctions, ...] = ("trajectories", "shapes", "cosines")
     search.look([replace(usual, time=time) for time in kinds])
-    return min(search.bits(replace(usual, time=time)) for time in kinds) + BITS_OF_A_GROUP
+    bits = {time: search.bits(replace(usual, time=time)) for time in kinds}
+    least = min(bits.values())
+    return _Untuned(least + BITS_OF_A_GROUP, tuple(time for time in kinds if bits[time] <= WORTH_IN_PARTS * least))
 
 
 def candidates(search: GroupSearch, usual: GroupChoice) -> list[GroupChoice]:
