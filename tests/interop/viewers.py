@@ -175,7 +175,9 @@ def three_shows(jobs: Sequence[Job], folder: Path) -> list[Seen] | str:
     command = [browser, *options, "--remote-debugging-port=0", f"http://127.0.0.1:{server.server_address[1]}/"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
-        server.finished.wait(PATIENCE)
+        # A browser that ends says nothing any more.
+        while not server.finished.wait(1) and process.poll() is None:
+            pass
     finally:
         process.terminate()
         process.wait()
