@@ -2,8 +2,8 @@
 //
 // For each file NAME, what every decoder finds alike: in NAME.polygons, NAME.reference and NAME.coefficients the whole
 // numbers whose digests the manifest has; in NAME.rest names, attributes, times, and every bit that is read, with its
-// probability. In NAME.points positions (float32) at the frames and between them, after the margin that they
-// may be off by (float64); in NAME.error the class of the error, its byte, frame and text, where the file is refused.
+// probability. In NAME.points positions (float32) of each run, at its frames and then between them, after the margin that
+// they may be off by (float64); in NAME.error the class of the error, its byte, frame and text, where the file is refused.
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -79,17 +79,16 @@ void write_rest(Animation &animation, Output &out) {
     out.list(animation.times());
 }
 
-void write_points(Animation &animation, Output &out) {
-    double margin = 0.0;  // see 19 of the specification
+// Adds positions of a run, and widens the margin to what they may be off by: see 19 of the specification.
+void add_points(Animation &animation, double &margin, std::vector<float> &points) {
     for (const Group &group : animation.table().groups()) {
         margin = std::max(margin, animation.model().residual_step * (group.is_single ? 0x1p-11 : 0x1p-20));
     }
     std::vector<double> times = animation.times();
     for (i64 frame = 1; frame < animation.frames(); ++frame) times.push_back((times[frame - 1] + times[frame]) / 2);
-    std::vector<float> points(times.size() * 3 * animation.vertices());
-    animation.evaluate(Quantity::positions, times, std::nullopt, points);
-    out.write(std::vector<double>{margin});
-    out.write(points);
+    std::vector<float> own(times.size() * 3 * animation.vertices());
+    animation.evaluate(Quantity::positions, times, std::nullopt, own);
+    points.insert(points.end(), own.begin(), own.end());
 }
 
 void decode(const std::filesystem::path &folder, const std::filesystem::path &path) {
@@ -108,7 +107,9 @@ void decode(const std::filesystem::path &folder, const std::filesystem::path &pa
         for (std::size_t run = 0; run < file->runs().size(); ++run) Animation(file, run, options).verify();
         bits.clear();
         Output polygons(beside(".polygons")), reference(beside(".reference")), coefficients(beside(".coefficients")),
-            rest(beside(".rest")), points(beside(".points"));
+            rest(beside(".rest")), positions(beside(".points"));
+        double margin = 0.0;
+        std::vector<float> points;
         for (std::size_t run = 0; run < file->runs().size(); ++run) {
             Animation animation(file, run, options);
             animation.verify();
@@ -116,8 +117,10 @@ void decode(const std::filesystem::path &folder, const std::filesystem::path &pa
             reference.write(animation.reference().grid);
             write_coefficients(animation, coefficients);
             write_rest(animation, rest);
-            write_points(animation, points);
+            add_points(animation, margin, points);
         }
+        positions.write(std::vector<double>{margin});
+        positions.write(points);
         rest.list(bits);
     } catch (const CorruptError &error) {
         refuse("corrupt", error, error.offset, error.frame);

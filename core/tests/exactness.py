@@ -17,6 +17,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -103,10 +104,10 @@ def faults(out: Path) -> Iterator[str]:
             if path.exists() and hashlib.sha256(path.read_bytes()).hexdigest() != digest:
                 yield f"{name}: other {part}"
         margin, points = read_points(out / f"{name}.points")
-        points = points.reshape(-1, vector["vertices"], 3)
+        runs = points_of_runs(points, vector)
         first, last = vector["positions"][0][0], vector["positions"][-1][0]
-        ends = {last: vector["frames"] - 1, first: 0}
-        pinned = [(points[ends[time], vertex], place) for time, vertex, *place in vector["positions"] if time in ends]
+        ends = {last: runs[-1][-1], first: runs[0][0]}
+        pinned = [(ends[time][vertex], place) for time, vertex, *place in vector["positions"] if time in ends]
         found, wanted = np.array(pinned, np.float64).swapaxes(0, 1)
         if np.abs(found - wanted).max() > allowed(margin, wanted):
             yield f"{name}: positions are {np.abs(found - wanted).max():g} off, margin {margin:g}"
@@ -144,6 +145,16 @@ def allowed(margin: float, points: np.ndarray) -> float:
 def read_points(path: Path) -> tuple[float, np.ndarray]:
     data = path.read_bytes()
     return float(np.frombuffer(data, np.float64, 1)[0]), np.frombuffer(data, np.float32, offset=8)
+
+
+def points_of_runs(points: np.ndarray, vector: Any) -> list[np.ndarray]:
+    """Positions at the frames, (frames, vertices, 3) float32 of each run; those between frames are left out."""
+    shapes = list(zip(np.ravel(vector["frames"]).tolist(), np.ravel(vector["vertices"]).tolist(), strict=True))
+    starts = np.cumsum([0, *((2 * frames - 1) * 3 * vertices for frames, vertices in shapes)])
+    return [
+        points[start : start + frames * 3 * vertices].reshape(frames, vertices, 3)
+        for start, (frames, vertices) in zip(starts[:-1], shapes, strict=True)
+    ]
 
 
 def main(names: list[str]) -> None:
