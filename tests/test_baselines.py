@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import re
 from pathlib import Path
@@ -29,6 +30,8 @@ from pdecodec.report.baselines.coding import (
 from pdecodec.report.baselines.packages import Draco, Zfp
 from pdecodec.report.baselines.quantised import RawFloat16, RawFloat32
 from pdecodec.report.baselines.search import MOST_TRIES, RateCurve, SearchResult, largest_distance
+from pdecodec.report.baselines.skinned import RigidSkinning, SkinningCosines
+from pdecodec.report.baselines.skinning import MOST_WEIGHTS, fit_skinning, simplex_solution
 from pdecodec.report.baselines.transforms import Coddyac, Corrected, CosineInTime, PrincipalShapes, principal_components
 from pdecodec.report.baselines.traversal import traverse
 from pdecodec.sequence import Connectivity, Float32Array
@@ -136,6 +139,58 @@ def test_motion_of_one_degree_of_freedom_costs_a_component_whatever_the_frames(b
         along = np.sin(np.linspace(0, 3, frames))[:, None, None] * noise(1, len(shape), 3, seed=1)
         sizes.append(smallest(baseline, (shape + along).astype(np.float32), SHEET, 1e-2).size)
     assert sizes[1] < 1.5 * sizes[0]  # four times the frames: the shape stays, its weights are smooth
+
+
+def two_limbs(frames: int = 20) -> Float32Array:
+    """As many vertices as SHEET: half of the columns stand, half turn about an axis by two turns and drift."""
+    limb = wave(1)[0].astype(np.float64).reshape(ROWS, COLUMNS, 3)
+    turned = np.repeat(limb[None], frames, axis=0)
+    angles, half = np.linspace(0.0, 4.0 * np.pi, frames), limb[:, COLUMNS // 2 :]
+    for frame, angle in enumerate(angles):
+        turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+        turned[frame, :, COLUMNS // 2 :] = half @ turn.T + [0.1 * frame, 0.0, 0.0]
+    return turned.reshape(frames, -1, 3).astype(np.float32)
+
+
+@pytest.mark.parametrize("rigid", [True, False])
+def test_two_rigid_limbs_are_explained_by_two_bones_without_corrections(rigid: bool) -> None:
+    points = two_limbs()
+    skinning = fit_skinning(points, 2, rigid=rigid)
+    np.testing.assert_allclose(skinning.positions(), points, atol=1e-5)
+    linear = skinning.transforms[..., :3]
+    if rigid:
+        np.testing.assert_allclose(
+            linear @ linear.transpose(0, 1, 3, 2), np.broadcast_to(np.eye(3), linear.shape), atol=1e-9
+        )
+    size = smallest(RigidSkinning(2), points, SHEET, 1e-3).size
+    assert size < 0.5 * smallest(CosineInTime(), points, SHEET, 1e-3).size
+
+
+def test_affine_bones_follow_a_stretch_that_rigid_ones_cannot() -> None:
+    stretched = wave(1) * (1.0 + np.linspace(0.0, 1.0, 9)[:, None, None] * [1.0, 0.5, 0.0]).astype(np.float32)
+    affine, rigid = (fit_skinning(stretched, 1, rigid=rigid).positions() for rigid in (False, True))
+    np.testing.assert_allclose(affine, stretched, atol=1e-6)
+    assert np.abs(rigid - stretched).max() > 0.1
+
+
+def test_weights_are_convex_and_at_most_four_a_vertex() -> None:
+    weights = fit_skinning(noise(9, 50, 3), 7, rigid=True).weights
+    assert (weights >= 0.0).all()
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
+    assert np.count_nonzero(weights, axis=1).max() == MOST_WEIGHTS
+
+
+def test_convex_weights_are_those_of_least_error() -> None:
+    random = np.random.default_rng(0)
+    factors = random.normal(size=(40, 6, 4))
+    wanted = random.normal(size=(40, 6))
+    found = simplex_solution(factors.transpose(0, 2, 1) @ factors, np.einsum("nrk,nr->nk", factors, wanted))
+    tried = random.dirichlet(np.full(4, 0.5), size=20_000)
+    for rows, right, weights in zip(factors, wanted, found, strict=True):
+        best = ((tried @ rows.T - right) ** 2).sum(axis=1).min()
+        assert ((rows @ weights - right) ** 2).sum() <= best + 1e-6
+        assert (weights >= 0.0).all()
+        assert weights.sum() == pytest.approx(1.0)
 
 
 def test_float32_comes_back_to_the_bit_and_float16_rounded() -> None:
@@ -255,16 +310,25 @@ def test_of_what_a_search_for_a_transform_tries_only_the_end_is_coded(monkeypatc
     assert len(written) == 3
 
 
+def numbers_of(quantised: object) -> dict[str, object]:
+    """What a transform rounded, by name; what stands in a part of it with that part's name before."""
+    found: dict[str, object] = {}
+    for name, value in vars(quantised).items():
+        parts = numbers_of(value) if dataclasses.is_dataclass(value) else {"": value}
+        found.update({f"{name}.{part}": number for part, number in parts.items()})
+    return found
+
+
 @pytest.mark.parametrize("case", CASES)
-@by_name(BSpline(), CosineInTime(), PrincipalShapes(), Coddyac())
+@by_name(BSpline(), CosineInTime(), PrincipalShapes(), Coddyac(), RigidSkinning(8), SkinningCosines())
 def test_a_transform_gives_the_numbers_it_wrote_and_positions_of_them_to_the_bit(
     baseline: Transform[object], case: str
 ) -> None:
     connectivity, points = CASES[case]
     quantised = baseline.analyse(points, connectivity)(1e-2)
     again = baseline.read(baseline.write(quantised, connectivity), connectivity)
-    for name, expected in vars(quantised).items():
-        assert np.array_equal(getattr(again, name), expected)
+    for name, expected in numbers_of(quantised).items():
+        assert np.array_equal(numbers_of(again)[name], expected)
     assert np.array_equal(baseline.synthesise(again, connectivity), baseline.synthesise(quantised, connectivity))
 
 
@@ -282,7 +346,7 @@ def test_a_missing_package_is_named_with_what_installs_it(monkeypatch: pytest.Mo
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     able, reasons = available_baselines()
     assert {baseline.package for baseline in able} == {None}
-    assert [reason.split()[0] for reason in reasons] == ["meshopt", "Draco", "zfp", "SZ3"]
+    assert [reason.split()[0] for reason in reasons] == ["quantise", "meshopt", "Draco", "zfp", "SZ3", "SPERR"]
     with pytest.raises(MissingExtraError, match=r"Draco a frame needs the package DracoPy: pip install 'pdecodec"):
         RateCurve(Draco(), wave(), SHEET)
 
@@ -292,7 +356,8 @@ def test_baselines_have_names_and_versions_of_their_own() -> None:
     assert len({baseline.name for baseline in all_baselines()}) == len(all_baselines())
     assert len({baseline.version() for baseline in able}) == len(able)
     assert {baseline.name for baseline in all_baselines() if not baseline.published} == {
-        f"{baseline.name}, corrected" for baseline in (CosineInTime(), PrincipalShapes(), Coddyac())
+        f"{baseline.name}, corrected"
+        for baseline in (CosineInTime(), PrincipalShapes(), Coddyac(), RigidSkinning(), SkinningCosines())
     }
 
 

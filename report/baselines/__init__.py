@@ -24,6 +24,7 @@ def all_baselines() -> tuple[Baseline, ...]:
     from pdecodec.report.baselines.bspline import BSpline
     from pdecodec.report.baselines.packages import Draco, Meshopt, Pcodec, Sperr, Sz3, Zfp
     from pdecodec.report.baselines.quantised import Lorenzo, QuantiseDelta, RawFloat16, RawFloat32
+    from pdecodec.report.baselines.skinned import SkinningCosines, SkinningDecomposition
     from pdecodec.report.baselines.transforms import Coddyac, Corrected, CosineInTime, PrincipalShapes
 
     return (
@@ -32,6 +33,7 @@ def all_baselines() -> tuple[Baseline, ...]:
         *(CosineInTime(), Corrected(CosineInTime())),
         *(PrincipalShapes(), Corrected(PrincipalShapes())),
         *(Coddyac(), Corrected(Coddyac())),
+        *(SkinningDecomposition(), SkinningCosines(), Corrected(SkinningCosines())),
     )
 
 
