@@ -86,10 +86,12 @@ class CommandsOnDemand(click.Group):
             command = self.get_command(ctx, name)
             assert command is not None
             try:
-                given, _, _ = command.make_parser(click.Context(command)).parse_args(list(args))
+                given, _, _ = command.make_parser(click.Context(command, parent=ctx)).parse_args(list(args))
             except click.UsageError:
                 continue
-            paths = [path.lower() for path in given.get("paths") or () if isinstance(path, str)]
+            # click leaves markers of its own in the place of what is not given.
+            named = given.get("paths")
+            paths = [path.lower() for path in named if isinstance(path, str)] if isinstance(named, tuple) else []
             output = str(given.get("output") or "").lower()
             if str(given.get("extension") or "").lower().lstrip(".") == "pdeanim":
                 output = ".pdeanim"

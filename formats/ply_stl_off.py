@@ -122,7 +122,7 @@ def _read_off(path: Path) -> MeshFile:
         lines = [line.partition(b"#")[0].split() for line in path.read_bytes().splitlines()]
     words = [line for line in lines if line]
     if not words or words[0][0] != b"OFF":
-        raise InputError("is no OFF file (it does not begin with OFF)", path=path)
+        raise InputError("is no OFF file (it does not begin with OFF); export it again", path=path)
     head = words[0][1:] or (words[1] if len(words) > 1 else [])
     body = words[1:] if words[0][1:] else words[2:]
     try:

@@ -7,6 +7,7 @@ sampled there is USD's own value at that code.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,6 +32,9 @@ from pdecodec.formats.times import (
 from pdecodec.formats.usd_attributes import METADATA, SAMPLED
 from pdecodec.formats.usd_shapes import ShapeScan, UsdShape
 from pdecodec.sequence import Float32Array, Float64Array, MeshSequence, Unsupported
+
+WHERE_IN_USD = re.compile(r"^Error in '[^']*' at line \d+ in file \S+ : ")
+"""What USD's messages begin with: a place in its own sources."""
 
 
 def open_usd(
@@ -174,7 +178,7 @@ def _stage_errors(path: Path) -> Iterator[None]:
         except UnicodeDecodeError:
             # USD's message quotes the file.
             lines = ["its text is not UTF-8"]
-        reason = lines[-1] if lines else "unknown"
+        reason = WHERE_IN_USD.sub("", lines[-1]).strip("'") if lines else "unknown"
         raise InputError(f"is no USD file, or a damaged one ({reason}); export it again", path=path) from error
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pdecodec.cli.console import byte_size
-from pdecodec.cli.main import run
+from pdecodec.cli.main import COMMANDS, run
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.sequence import ArraySequence, MeshObject
 from tests.mesh_cases import connectivity_of, grid
@@ -48,6 +48,22 @@ def test_a_line_of_two_paths_does_what_their_extensions_say(clip: ArraySequence,
     assert run(["nothing.npz", "x.pdeanim"]) == 3
     assert "nothing.npz: there is no such file" in capsys.readouterr().err
     assert run(["a.npz"]) == 2
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("asked", ["-h", "--help"])
+def test_every_command_shows_its_help(command: str, asked: str, capsys: Capture) -> None:
+    assert run([command, asked]) == 0
+    captured = capsys.readouterr()
+    assert captured.out.startswith(f"Usage: pdecodec {command} ")
+    assert captured.err == ""
+
+
+@pytest.mark.parametrize("command", ["convert", "encode", "decode"])
+def test_a_command_without_paths_asks_for_them(command: str, capsys: Capture) -> None:
+    for arguments in ([command], [command, "-q"]):
+        assert run(arguments) == 2
+        assert "name an input and an output" in capsys.readouterr().err
 
 
 def test_several_inputs_go_to_a_folder_that_may_be_new(clip: ArraySequence, capsys: Capture) -> None:

@@ -459,6 +459,15 @@ def test_what_an_isolated_stage_leaves_out_is_told(tmp_path: Path) -> None:
         assert read.read_frames(0, 1).shape == (1, 3, 3)
 
 
+def test_a_file_that_is_no_usd_is_refused_without_a_place_in_usds_own_sources(tmp_path: Path) -> None:
+    path = tmp_path / "garbage.usda"
+    path.write_bytes(bytes(1000))
+    with pytest.raises(InputError, match=r"is no USD file, or a damaged one \(Failed to open layer") as caught:
+        open_sequence(path)
+    assert "Error in" not in str(caught.value)
+    assert ".cpp" not in str(caught.value)
+
+
 def test_text_that_is_not_utf_8_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "x.usda").write_bytes('#usda 1.0\ndef Mesh "\xe9" {}\n'.encode("latin-1"))
     with pytest.raises(InputError, match=r"is no USD file, or a damaged one \(its text is not UTF-8\)"):
