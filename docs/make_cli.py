@@ -25,7 +25,8 @@ _PDECODEC_COMPLETE=fish_source pdecodec | source         # ~/.config/fish/comple
 def help_pages() -> str:
     """Every command's usage, text and options, in the words of its `--help`."""
     head = ["# The command line", "", "Written by `make docs` from the commands themselves; do not edit.", ""]
-    pages = _pages(pdecodec, click.Context(pdecodec, info_name="pdecodec"))
+    # click keeps what the first context says of a command's help option.
+    pages = _pages(pdecodec, click.Context(pdecodec, info_name="pdecodec", **pdecodec.context_settings))
     return "\n".join([*head, *pages, COMPLETION]).rstrip("\n") + "\n"
 
 
