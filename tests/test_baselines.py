@@ -27,12 +27,20 @@ from pdecodec.report.baselines.coding import (
     encode_over_mesh,
     encode_over_time,
 )
+from pdecodec.report.baselines.neighbours import FittedPredictor, decode_fitted, encode_fitted
 from pdecodec.report.baselines.packages import Draco, Zfp
 from pdecodec.report.baselines.quantised import RawFloat16, RawFloat32
 from pdecodec.report.baselines.search import MOST_TRIES, RateCurve, SearchResult, largest_distance
 from pdecodec.report.baselines.skinned import RigidSkinning, SkinningCosines
 from pdecodec.report.baselines.skinning import MOST_WEIGHTS, fit_skinning, simplex_solution
-from pdecodec.report.baselines.transforms import Coddyac, Corrected, CosineInTime, PrincipalShapes, principal_components
+from pdecodec.report.baselines.transforms import (
+    Coddyac,
+    Corrected,
+    CosineInTime,
+    FittedCoddyac,
+    PrincipalShapes,
+    principal_components,
+)
 from pdecodec.report.baselines.traversal import traverse
 from pdecodec.sequence import Connectivity, Float32Array
 
@@ -320,7 +328,7 @@ def numbers_of(quantised: object) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("case", CASES)
-@by_name(BSpline(), CosineInTime(), PrincipalShapes(), Coddyac(), RigidSkinning(8), SkinningCosines())
+@by_name(BSpline(), CosineInTime(), PrincipalShapes(), Coddyac(), FittedCoddyac(), RigidSkinning(8), SkinningCosines())
 def test_a_transform_gives_the_numbers_it_wrote_and_positions_of_them_to_the_bit(
     baseline: Transform[object], case: str
 ) -> None:
@@ -357,8 +365,10 @@ def test_baselines_have_names_and_versions_of_their_own() -> None:
     assert len({baseline.version() for baseline in able}) == len(able)
     assert {baseline.name for baseline in all_baselines() if not baseline.published} == {
         f"{baseline.name}, corrected"
-        for baseline in (CosineInTime(), PrincipalShapes(), Coddyac(), RigidSkinning(), SkinningCosines())
-    }
+        for baseline in (
+            *(CosineInTime(), PrincipalShapes(), Coddyac(), FittedCoddyac(), RigidSkinning(), SkinningCosines()),
+        )
+    } | {FittedCoddyac().name}
 
 
 def test_a_version_follows_the_code_and_not_its_comments(tmp_path: Path) -> None:
@@ -426,7 +436,25 @@ def test_columns_come_back_over_mesh_and_time(connectivity: Connectivity, column
     values = np.rint(random.laplace(size=(connectivity.vertex_count, columns)) * 30).astype(np.int64)
     traversal = traverse(connectivity)
     assert np.array_equal(decode_over_mesh(encode_over_mesh(values, traversal), columns, traversal), values)
+    assert np.array_equal(decode_fitted(encode_fitted(values, traversal), columns, traversal), values)
     assert np.array_equal(decode_over_time(encode_over_time(values), columns, len(values)), values)
+
+
+def test_fitted_weights_learn_what_parallelograms_miss() -> None:
+    """On a sheet of uneven rows and columns parallelograms miss what is linear; fitted weights learn it."""
+    traversal, random = traverse(SHEET), np.random.default_rng(0)
+    across = np.cumsum(random.uniform(0.3, 3.0, COLUMNS)) * np.ones((ROWS, 1)) + random.uniform(0, 0.3, (ROWS, 1))
+    down = np.cumsum(random.uniform(0.3, 3.0, (ROWS, COLUMNS)), axis=0)
+    sheet = np.stack([across.ravel(), down.ravel(), np.ones(across.size)], axis=1)[traversal.order]
+    columns = np.rint(1000 * sheet @ random.normal(size=(3, 12))).astype(np.int64)
+    predictor = FittedPredictor(traversal)
+    for column in columns[:, :-1].T:
+        predictor.learn(column)
+    known = np.diff(traversal.starts) > 0
+    column = columns[:, -1]
+    fitted, parallelograms = predictor.residuals(column), traversal.residuals(columns)[:, -1]
+    assert np.abs(fitted[known]).mean() < 0.5 * np.abs(parallelograms[known]).mean()
+    assert np.array_equal(predictor.restored(fitted), column)
 
 
 def test_each_column_takes_the_difference_that_suits_it() -> None:

@@ -25,7 +25,7 @@ def all_baselines() -> tuple[Baseline, ...]:
     from pdecodec.report.baselines.packages import Draco, Meshopt, Pcodec, Sperr, Sz3, Zfp
     from pdecodec.report.baselines.quantised import Lorenzo, QuantiseDelta, RawFloat16, RawFloat32
     from pdecodec.report.baselines.skinned import SkinningCosines, SkinningDecomposition
-    from pdecodec.report.baselines.transforms import Coddyac, Corrected, CosineInTime, PrincipalShapes
+    from pdecodec.report.baselines.transforms import Coddyac, Corrected, CosineInTime, FittedCoddyac, PrincipalShapes
 
     return (
         *(RawFloat32(), RawFloat16(), QuantiseDelta(), Pcodec(), Meshopt(), Draco(), Zfp(), Sz3(), Sperr()),
@@ -33,6 +33,7 @@ def all_baselines() -> tuple[Baseline, ...]:
         *(CosineInTime(), Corrected(CosineInTime())),
         *(PrincipalShapes(), Corrected(PrincipalShapes())),
         *(Coddyac(), Corrected(Coddyac())),
+        *(FittedCoddyac(), Corrected(FittedCoddyac())),
         *(SkinningDecomposition(), SkinningCosines(), Corrected(SkinningCosines())),
     )
 

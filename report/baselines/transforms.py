@@ -20,8 +20,9 @@ from pdecodec.report.baselines.coding import (
     encode_over_mesh,
     encode_over_time,
 )
+from pdecodec.report.baselines.neighbours import decode_fitted, encode_fitted
 from pdecodec.report.baselines.quantised import grid_step
-from pdecodec.report.baselines.traversal import traverse
+from pdecodec.report.baselines.traversal import Traversal, traverse
 from pdecodec.sequence import Connectivity, Float32Array, Float64Array
 
 Int64Array = NDArray[np.int64]
@@ -220,7 +221,7 @@ class Coddyac(Transform[RoundedComponents]):
         writer = FieldWriter()
         writer.numbers("d2Q", quantised.step, frames, quantised.coefficients.shape[1])
         writer.sized(encode_over_time(quantised.mean.reshape(frames, 3)))
-        writer.sized(encode_over_mesh(quantised.coefficients, traverse(connectivity)))
+        writer.sized(self._write_coefficients(quantised.coefficients, traverse(connectivity)))
         writer.sized(encode_over_time(quantised.basis.reshape(frames, -1)))
         return writer.to_bytes()
 
@@ -229,7 +230,7 @@ class Coddyac(Transform[RoundedComponents]):
         (step,) = reader.reals("d")
         frames, count = reader.integers("2Q")
         mean = decode_over_time(reader.sized(), 3, frames).ravel()
-        coefficients = decode_over_mesh(reader.sized(), count, traverse(connectivity))
+        coefficients = self._read_coefficients(reader.sized(), count, traverse(connectivity))
         basis = decode_over_time(reader.sized(), 3 * count, frames).reshape(3 * frames, count)
         return RoundedComponents(step, frames, mean, coefficients, basis)
 
@@ -239,6 +240,33 @@ class Coddyac(Transform[RoundedComponents]):
         trajectories = mean + coefficients @ basis.T
         points = trajectories.astype(np.float32).reshape(-1, quantised.frames, 3).transpose(1, 0, 2)
         return np.ascontiguousarray(points)
+
+    def _write_coefficients(self, coefficients: Int64Array, traversal: Traversal) -> bytes:
+        return encode_over_mesh(coefficients, traversal)
+
+    def _read_coefficients(self, data: bytes, count: int, traversal: Traversal) -> Int64Array:
+        return decode_over_mesh(data, count, traversal)
+
+
+class FittedCoddyac(Coddyac):
+    """As :class:`Coddyac`, but coefficients are predicted by weights fitted to those of larger components.
+
+    Its source fits weights to the mean shape and to what is decoded of the neighbourhood; that they are fitted to
+    coefficients is our own.
+    """
+
+    published = False
+    name = "Coddyac, fitted"
+    source = (
+        f"{Coddyac.source}; prediction after 2010, "
+        "Geometry-driven local neighbourhood based predictors for dynamic mesh compression"
+    )
+
+    def _write_coefficients(self, coefficients: Int64Array, traversal: Traversal) -> bytes:
+        return encode_fitted(coefficients, traversal)
+
+    def _read_coefficients(self, data: bytes, count: int, traversal: Traversal) -> Int64Array:
+        return decode_fitted(data, count, traversal)
 
 
 class Corrected(Baseline):
