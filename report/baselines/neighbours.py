@@ -1,8 +1,8 @@
 """Columns of numbers a vertex, each predicted from neighbours by weights fitted to the columns before it.
 
 Váša and Skala 2010, "Geometry-driven local neighbourhood based predictors for dynamic mesh compression", fit the
-weights to what the decoder has anyway. Here that is the columns before: principal components, the largest first, so that the
-first stand for the shape of the mesh and its main motion. Nothing is sent for the weights.
+weights to what the decoder has anyway. Here that is the columns before: principal components, the largest first, so that
+the first stand for the shape of the mesh and its main motion. Nothing is sent for the weights.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ MOST_NEIGHBOURS = 9
 
 PRIOR_WEIGHT = 0.3
 """What holds weights at those of parallelograms, in columns whose neighbours are as large as residuals usually are:
-little, since the first columns stand high above rounding. On two clips 1 took 1 % more bytes; on one 3 took 2 %, 30 took 8 %."""
+little, since the first columns stand high above rounding. On two clips 1 took 1 % more bytes; on one 30 took 8 % more.
+"""
 
 FRACTION_BITS = 12
 """Of a weight. Predictions are sums of integers, so that the decoder finds the same."""
