@@ -9,7 +9,9 @@ import pytest
 from hypothesis import settings
 
 # The same examples in every run, so that what fails in one fails in all; PDECODEC_EXAMPLES=new searches further.
-settings.register_profile("same", derandomize=True)
+settings.register_profile("any", deadline=None)
+settings.register_profile("same", deadline=None, derandomize=True)
+settings.load_profile("any")
 if os.environ.get("PDECODEC_EXAMPLES") != "new":
     settings.load_profile("same")
 

@@ -49,7 +49,7 @@ def test_coefficients_that_are_all_zero_take_nothing(basis: SpaceBasis) -> None:
     assert encode_coefficients(np.zeros((basis.functions, 4), np.int64), basis, axes=1) == b""
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(data=st.data())
 def test_any_coefficients_come_back(basis: SpaceBasis, data: st.DataObject) -> None:
     channels = data.draw(st.integers(1, 9))
@@ -82,7 +82,7 @@ def test_coefficients_of_no_function_of_time_have_no_bytes(basis: SpaceBasis) ->
             decode_coefficients(data, basis, 0, axes=1)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(garbage=st.binary(min_size=1, max_size=300))
 def test_garbage_gives_coefficients_in_range_or_one_clear_error(basis: SpaceBasis, garbage: bytes) -> None:
     with contextlib.suppress(CorruptFileError):

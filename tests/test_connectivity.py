@@ -95,7 +95,7 @@ def surfaces(draw: st.DrawFn) -> Connectivity:
     return shuffled(faces, vertices, random) if draw(st.booleans()) else connectivity_of(vertices, faces)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(parts=st.lists(connectivities() | surfaces(), min_size=1, max_size=3))
 def test_any_faces_and_lines_come_back_in_their_order(parts: list[Connectivity]) -> None:
     assert assert_comes_back(parts) == encode_connectivity(parts)
@@ -209,7 +209,7 @@ def test_damage_ends_in_our_own_error_or_in_a_sound_mesh() -> None:
     assert assert_only_corrupt_file_errors(ordr, lambda each: decoded(conn, each)) > 50
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.binary(max_size=60), st.binary(max_size=60), st.lists(st.integers(0, 30), min_size=1, max_size=2))
 def test_any_bytes_are_read_alike_by_both_decoders(conn: bytes, ordr: bytes, vertex_counts: list[int]) -> None:
     assert_read_alike(bytes([len(vertex_counts), *vertex_counts]) + conn, ordr)
@@ -227,7 +227,7 @@ def assert_read_alike(conn: bytes, ordr: bytes) -> None:
         assert_same(decoded_plainly(conn, ordr), found)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(st.lists(surfaces(), min_size=1, max_size=2), st.data())
 def test_bytes_that_are_wrong_are_read_alike_by_both_decoders(parts: list[Connectivity], data: st.DataObject) -> None:
     conn, ordr = encode_connectivity(parts)

@@ -309,7 +309,7 @@ def damaged_grids(draw: st.DrawFn) -> Connectivity:
     return connectivity_of(rows * columns, faces)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(connectivities() | damaged_grids(), st.integers(0, 2**32 - 1))
 def test_every_vertex_of_any_mesh_is_in_one_curve_along_edges_which_the_plain_decoder_finds_as_well(
     connectivity: Connectivity, seed: int
@@ -322,7 +322,7 @@ def test_every_vertex_of_any_mesh_is_in_one_curve_along_edges_which_the_plain_de
         assert isolated or all(b in beside[a] for a, b in pairwise(curve))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(mesh_objects(), st.integers(0, 2**32 - 1))
 def test_curves_of_an_object_do_not_depend_on_the_objects_beside_it(objects: list[MeshObject], seed: int) -> None:
     points = np.random.default_rng(seed).integers(0, 9, (sum(item.vertex_count for item in objects), 3))
@@ -335,7 +335,7 @@ def test_curves_of_an_object_do_not_depend_on_the_objects_beside_it(objects: lis
     assert parts(together.order, together.lengths) == expected
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(connectivities(), st.randoms(use_true_random=False))
 def test_curves_of_lines_do_not_depend_on_the_order_of_two_point_lines(mesh: Connectivity, random: Random) -> None:
     lines = [line for line in parts(mesh.line_indices, mesh.line_counts) if len(line) == 2]

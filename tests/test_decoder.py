@@ -98,7 +98,7 @@ def test_frames_are_the_same_bits_by_every_way_of_asking(animation: Animation) -
     assert np.array_equal(bits(animation.to_array().points), bits(together))
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.floats(4, 7) | st.integers(0, 19), min_size=1, max_size=20))
 def test_times_between_frames_and_at_them_in_any_order_give_the_same_bits_as_one_by_one(
     animation: Animation, asked: list[float]

@@ -81,7 +81,7 @@ def test_times_that_a_rule_would_give_but_for_one_bit_are_listed() -> None:
     assert assert_times_come_back(clip(times, 24.0)) == TIMES_LISTED
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(st.lists(st.floats(-LARGEST_TIME, LARGEST_TIME) | st.floats(-2, 2), min_size=1, max_size=12, unique=True))
 def test_any_times_come_back_to_the_last_bit(values: list[float]) -> None:
     chosen: list[float] = []
@@ -191,7 +191,7 @@ REMARKS = st.dictionaries(
 )
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(REMARKS)
 def test_remarks_come_back(remarks: dict[str, Any]) -> None:
     data = encode_remarks(remarks)

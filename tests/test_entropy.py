@@ -21,7 +21,7 @@ BLOCK = 2**17
 """Bytes that one block of a zstandard frame can stand for."""
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.binary(max_size=300))
 def test_bytes_come_back(content: bytes) -> None:
     data = compress(content)
@@ -33,7 +33,7 @@ def test_bytes_come_back(content: bytes) -> None:
         assert zstandard.frame_content_size(data) == len(content)
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 @given(st.binary(max_size=60) | st.binary(max_size=60).map(lambda tail: MAGIC + tail))
 def test_any_bytes_give_at_most_what_was_allowed_or_our_own_error(data: bytes) -> None:
     try:

@@ -128,7 +128,7 @@ def local(coordinates: list[tuple[int, int, int]]) -> tuple[int, Int64Array]:
     return _core.local_coordinates(np.array(coordinates, np.int64))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     st.sampled_from([1, 3, 50, 2**20, 2**40 - 1]).flatmap(
         lambda most: st.lists(st.tuples(*[st.integers(0, most)] * 3), min_size=1, max_size=60)

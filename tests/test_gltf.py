@@ -617,7 +617,7 @@ def test_a_clip_of_billions_of_frames_is_refused_as_bad_input(tmp_path: Path) ->
         open_sequence(made.save(tmp_path / "x.glb"), fps=2)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.data())
 def test_a_file_with_any_number_of_its_json_changed_gives_frames_or_our_error(data: st.DataObject) -> None:
     made, node = lifted()

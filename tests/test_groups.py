@@ -80,7 +80,7 @@ def moving_meshes(draw: st.DrawFn) -> ArraySequence:
     return ArraySequence(points, objects=objects, times=times)
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
 @given(moving_meshes(), st.sampled_from([1e-2, 1e-3, 1e-6]))
 def test_whatever_moves_comes_back_within_the_bound_at_its_times(sequence: ArraySequence, tolerance: float) -> None:
     report, animation = round_trip(sequence, tolerance=tolerance)

@@ -86,7 +86,8 @@ def test_each_stretch_has_a_spline_of_its_own_and_a_straight_line_leads_to_the_n
             times = clip.times[first:end]
             at = np.linspace(times[0], times[-1], 37)
             spline = CubicSpline(times, frames[first:end])
-            assert np.abs(animation.sample(at) - spline(at)).max() < 2e-5
+            # Residuals, which are smaller than the bound, change at constant speed.
+            assert np.abs(animation.sample(at) - spline(at)).max() < report.bound / 2
         for jump in (6, 16):
             share = np.array([0.01, 0.4, 0.99])[:, None, None]
             at = clip.times[jump - 1] + share[:, 0, 0] / 24

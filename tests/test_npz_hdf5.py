@@ -38,7 +38,7 @@ KIND = {"x.npz": "array", "x.h5": "dataset"}
 each_format = pytest.mark.parametrize("name", SAVE)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(sequences())
 def test_any_sequence_comes_back(tmp_path_factory: pytest.TempPathFactory, sequence: ArraySequence) -> None:
     for name in SAVE:
@@ -201,7 +201,7 @@ def test_python_objects_are_never_loaded(tmp_path: Path, name: str) -> None:
         open_sequence(tmp_path / "x.npz")
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.booleans(), st.integers(0, 10**6), st.integers(1, 255))
 def test_a_changed_byte_of_npz_is_refused_or_changes_values_only(
     tmp_path_factory: pytest.TempPathFactory, compressed: bool, place: int, change: int

@@ -230,7 +230,7 @@ as_programs_write = st.builds(
 )
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.lists(decimal_tokens | as_programs_write, min_size=3, max_size=30))
 def test_any_number_is_what_python_reads_rounded_to_float32(
     tmp_path_factory: pytest.TempPathFactory, tokens: list[str]
@@ -246,7 +246,7 @@ coordinates = st.one_of(
 )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.data())
 def test_any_mesh_is_read_as_the_plain_loop_reads_it(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject):
     vertices = data.draw(st.lists(st.tuples(coordinates, coordinates, coordinates), min_size=3, max_size=12))
@@ -540,7 +540,7 @@ def test_what_is_not_there_is_refused(tmp_path: Path, name: str, message: str):
         open_sequence(tmp_path / name)
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.binary(max_size=200))
 def test_random_bytes_are_refused(tmp_path_factory: pytest.TempPathFactory, noise: bytes):
     with pytest.raises(InputError):
@@ -559,7 +559,7 @@ WHOLE = (THREE + "vt 0 0\nvn 0 0 1\no a\ng b\nusemtl c\ns 1\nf 1/1/1 2/1/1 -1/-1
 OTHERS = [b"\n", b"/", b"-", b" ", b"v", b"f", b"#", b"\\", b"9", b"e", b".", b"\xff", b"\r", b""]
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.integers(0, len(WHOLE) - 1), st.sampled_from(OTHERS), st.booleans())
 def test_a_file_with_one_byte_changed_or_cut_is_refused_or_read_with_indices_in_range(
     tmp_path_factory: pytest.TempPathFactory, place: int, byte: bytes, cut: bool

@@ -45,7 +45,7 @@ def shaken_sheet() -> ArraySequence:
 SHEET = shaken_sheet()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.floats(2 * FINEST, COARSEST / 2), st.floats(1e-8, 10.0), st.floats(0.2, 2.0), st.booleans())
 def test_a_power_law_is_solved_to_a_hundredth_within_the_encodes_allowed(
     crossing: float, start: float, exponent: float, falls: bool

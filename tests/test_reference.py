@@ -95,7 +95,7 @@ def predictor_of(data: bytes) -> int:
     return data[HEADER_BYTES - 1]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(arrays.arrays(np.float32, (6, 3), elements=FINITE), st.integers(-45, 38))
 def test_points_are_within_half_a_step_of_the_input_at_any_scale(points: NDArray[np.float32], decade: int) -> None:
     shape = quantise_reference(points, 10.0**decade)
@@ -113,7 +113,7 @@ def test_float32_points_keep_every_bit_at_the_finest_step(unit: float) -> None:
     assert np.array_equal(quantise_reference(points, 1e-80).points.astype(np.float32), points)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(mesh_objects(), st.sampled_from([1, 2, 5, 100, 2**20, 2**LARGEST_BITS]), st.integers(0, 2**32 - 1))
 def test_levels_come_back_to_the_last_bit_from_any_mesh(objects: list[MeshObject], size: int, seed: int) -> None:
     count = sum(item.vertex_count for item in objects)
@@ -225,7 +225,7 @@ def section(content: bytes, *, predictor: int, step: float = 0.5, origin: tuple[
     return writer.to_bytes() + content
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(mesh_objects(), st.binary(max_size=80) | st.sampled_from([b"\0" * 999, b"\xff" * 999]), st.integers(0, 3))
 def test_of_any_bytes_both_decoders_say_the_same(objects: list[MeshObject], content: bytes, predictor: int) -> None:
     decoded_alike(section(content, predictor=predictor), objects)

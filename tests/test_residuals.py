@@ -59,7 +59,7 @@ def assert_comes_back(group: Residuals, starts: Int64Array) -> bytes:
     return data
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(groups())
 def test_residuals_come_back_to_the_last_bit(case: tuple[Residuals, Int64Array]) -> None:
     assert_comes_back(*case)
@@ -167,7 +167,7 @@ def test_bytes_after_the_residuals_are_refused() -> None:
             decode_residuals(encode_residuals(group, starts) + more, 6, starts, most_bytes=PLENTY)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.binary(min_size=1, max_size=60), st.integers(1, 5), st.integers(1, 40), st.integers(1, 12))
 def test_any_bytes_give_sound_residuals_or_our_own_error(data: bytes, frames: int, vertices: int, patch: int) -> None:
     try:
@@ -225,7 +225,7 @@ def plain_residuals(
     return starts, places.astype(np.int64), quantised.astype(np.int64), kept
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     arrays.arrays(np.float32, (2, 5, 3), elements=FINITE),
     arrays.arrays(np.float64, (2, 5, 3), elements=st.floats(width=32, allow_nan=False) | st.floats(-1e9, 1e9)),

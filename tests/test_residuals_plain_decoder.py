@@ -27,7 +27,7 @@ def assert_read_alike(group: Residuals, starts: Int64Array) -> None:
         assert [list(position) for position in plain.raw.values()] == group.raw_positions[raw].tolist()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(groups())
 def test_residuals_are_read_alike(case: tuple[Residuals, Int64Array]) -> None:
     assert_read_alike(*case)

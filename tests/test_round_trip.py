@@ -184,7 +184,7 @@ def test_every_effort_and_rates_that_are_asked_for_keep_the_bound(options: dict[
 
 
 @PROFILES
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(connectivities(), st.integers(1, 9), st.integers(0, 2**32 - 1), st.floats(-44, 36))
 def test_any_mesh_of_any_size_comes_back_within_the_bound(
     profile: str, connectivity: Connectivity, frames: int, seed: int, magnitude: float

@@ -24,7 +24,7 @@ PAPER = st.builds(
 POSITIVE = st.floats(1e-300, 1e300)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.just({}) | st.builds(lambda paper: {"profile": "paper", "paper": paper}, PAPER),
     st.just({}) | st.builds(lambda x: {"tolerance": x}, POSITIVE) | st.builds(lambda x: {"max_error": x}, POSITIVE),

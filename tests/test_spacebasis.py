@@ -73,7 +73,7 @@ def test_a_complete_basis_gives_every_function_back_and_keeps_its_energy(kind: S
     np.testing.assert_allclose(expanded(basis, found), values, atol=1e-12)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     rest=st.lists(st.tuples(*[st.integers(-40, 40)] * 3), min_size=1, max_size=60),
     points=st.integers(1, 40),

@@ -102,7 +102,7 @@ def test_a_surface_comes_back_in_the_order_it_had(tmp_path: Path) -> None:
         assert animation.sections["CONN"] < 40 < 100 < animation.sections["ORDR"]
 
 
-@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(mesh_objects(), st.integers(1, 7), st.integers(0, 2**32 - 1))
 def test_it_decodes_any_mesh(tmp_path: Path, objects: list[MeshObject], frames: int, seed: int) -> None:
     points = np.random.default_rng(seed).normal(size=(frames, sum(item.vertex_count for item in objects), 3))

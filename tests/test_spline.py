@@ -56,7 +56,7 @@ def test_it_is_the_spline_that_scipy_knows(frames: int, ratio: float) -> None:
         assert np.abs(found - expected).max() < 1e-11 * scale * (1 if ratio < 100 else 100)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.lists(st.floats(-3, 3), min_size=1, max_size=120), st.integers(0, 2))
 def test_uneven_times_give_the_spline_that_scipy_knows(exponents: list[float], order: Derivative) -> None:
     times = np.cumsum([0.0] + [2.0**each for each in exponents])
@@ -125,7 +125,7 @@ def test_outside_the_clip_its_nearest_end_is_taken() -> None:
     assert np.array_equal(weights, np.eye(8)[[0, 7, 0, 7]])
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.lists(st.floats(-53, 50), min_size=1, max_size=70), st.integers(0, 2))
 def test_times_however_uneven_give_numbers(exponents: list[float], order: Derivative) -> None:
     for steps in (exponents, sorted(exponents), sorted(exponents)[::-1]):
@@ -159,7 +159,7 @@ def exact_slopes(steps: list[Fraction]) -> list[list[Fraction]]:
     return [row[size:] for row in rows]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.sampled_from([2.0**-53, 2.0**-40, 2.0**-20, 2.0**-8]), min_size=3, max_size=20))
 def test_slopes_inside_lose_no_digits_to_uneven_steps(steps: list[float]) -> None:
     exact = [Fraction(step) for step in steps]

@@ -69,7 +69,7 @@ def any_functions(draw: st.DrawFn) -> Float64Array:
     return draw(arrays.arrays(np.float64, shape, elements=st.floats(-size, size) | st.just(0.0)))
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 @given(any_functions(), st.sampled_from([1.0, 0.37, 2.0**-20, 1e30]))
 def test_functions_come_back_to_the_bit_and_within_the_step(scaled: Float64Array, step: float) -> None:
     scaled = scaled * step * (1.0 - 2.0**-50)

@@ -42,7 +42,7 @@ def assert_all_methods_agree(scaled: Float64Array, step: float) -> None:
         assert_agree(independently_decoded(data, frames, count, step, axes), data, item.decoded)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(any_functions())
 def test_it_decodes_any_functions_by_all_methods(scaled: Float64Array) -> None:
     assert_all_methods_agree(scaled, 1.0)
@@ -57,7 +57,7 @@ def test_it_decodes_functions_from_which_much_was_learnt(scaled: Float64Array) -
     assert_all_methods_agree(scaled, 0.37)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.sampled_from([PREDICTED, TRANSFORMED, STRAIGHT]), st.binary(max_size=60))
 def test_it_makes_the_same_of_bytes_that_nobody_wrote(method: int, content: bytes) -> None:
     data = bytes([method]) + content

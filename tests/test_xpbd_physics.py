@@ -102,7 +102,7 @@ def test_a_pendulum_has_its_period(amplitude: float) -> None:
     assert 2 * (crossings[1] - crossings[0]) == pytest.approx(period, rel=3e-3 if amplitude < 2 else 2e-2)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_linear_momentum_is_kept_to_rounding_by_every_constraint(seed: int) -> None:
     random = np.random.default_rng(seed)
