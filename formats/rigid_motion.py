@@ -59,6 +59,12 @@ def _error(points: Float32Array, shape: Float64Array, matrices: Float64Array) ->
     return float(np.nan_to_num(np.abs(moved - points), nan=np.inf).max(initial=0))
 
 
+def _middle(points: Float32Array) -> Float32Array:
+    """(3,) float32: the middle of the box of points (vertices, 3)."""
+    found: Float32Array = ((points.min(axis=0) + points.max(axis=0)) / 2).astype(np.float32)
+    return found
+
+
 @dataclass(frozen=True)
 class RigidKeys:
     """How a node moves a shape.
@@ -91,7 +97,7 @@ def rigid_keys(frames: Float32Array, between: Float32Array | None) -> RigidKeys 
     matrices = rigid_matrices(frames, frames[0])
     if matrices is None or (matrices == np.eye(4)).all():
         return None
-    centre = ((frames[0].min(axis=0) + frames[0].max(axis=0)) / 2).astype(np.float32)
+    centre = _middle(frames[0])
     # Columns are turned by the transpose of what turns rows.
     turns = Rotation.from_matrix(matrices[:, :3, :3].transpose(0, 2, 1))
     centres = centre @ matrices[:, :3, :3] + matrices[:, 3, :3]
@@ -117,11 +123,12 @@ def rigid_keys(frames: Float32Array, between: Float32Array | None) -> RigidKeys 
 def rigid_parts(sequence: MeshSequence) -> MeshSequence:
     """The sequence with meshes that move rigidly still, under a transform (:mod:`pdecodec.formats.scene_space`).
 
-    Itself where there is none; else positions are read once more than they are written.
+    Itself where there is none; else positions are read once more than they are written. A mesh that turns stands with
+    the middle of its box at the origin, so that programs, between frames, turn it about that.
     """
     if sequence.frame_count < 2:
         return sequence
-    rest = sequence.read_frames(0, 1)[0]
+    rest = np.array(sequence.read_frames(0, 1)[0])
     ends = np.cumsum([item.vertex_count for item in sequence.objects]).tolist()
     places = [slice(end - item.vertex_count, end) for item, end in zip(sequence.objects, ends, strict=True)]
     parts: dict[int, list[Float64Array]] = {
@@ -142,6 +149,11 @@ def rigid_parts(sequence: MeshSequence) -> MeshSequence:
             return sequence
     moves = {index: np.concatenate(blocks[1:]) for index, blocks in parts.items()}
     moves = {index: matrices for index, matrices in moves.items() if (matrices != np.eye(4)).any()}
+    for index, matrices in moves.items():
+        if (matrices[:, :3, :3] != np.eye(3)).any():
+            centre = _middle(rest[places[index]])
+            rest[places[index]] -= centre
+            matrices[:, 3, :3] += centre @ matrices[:, :3, :3]
     return RigidParts(sequence, moves, rest) if moves else sequence
 
 

@@ -12,7 +12,7 @@ from pdecodec.sequence import ArraySequence, MeshObject
 from tests.interop.comparing import Difference, difference, expected_of
 from tests.interop.table import exodus
 from tests.interop.viewers import Job, Seen, blender_shows, failure, openusd_shows, three_shows
-from tests.mesh_cases import grid
+from tests.mesh_cases import connectivity_of, grid
 from tests.scene_cases import SPACE, needed
 
 
@@ -45,6 +45,29 @@ def test_what_is_shown_is_measured_at_frames_and_between_whatever_the_order_of_p
     assert missing.frames > 0.1
     assert difference(failure("it ended"), expected) == "it ended"
     assert difference(Seen(np.zeros((5, 0, 3))), expected) == "no meshes"
+
+
+def test_parts_that_go_far_round_between_frames_are_where_they_belong_at_frames() -> None:
+    expected = expected_of(sheet())
+    seen = expected.points.copy()
+    seen[[1, 3]] += [1, 0, 0]
+    found = difference(Seen(seen), expected)
+    assert isinstance(found, Difference)
+    scale = np.linalg.norm(np.ptp(sheet().points[0], axis=0))
+    assert found.frames == 0
+    assert found.between == pytest.approx(1 / scale)
+
+
+def test_programs_may_show_lines_or_leave_them_out() -> None:
+    clip = sheet()
+    line = MeshObject("line", connectivity_of(3, lines=[[0, 1, 2]]))
+    far = clip.points[:, :3] + np.float32([5, 0, 0])
+    both = ArraySequence(
+        np.concatenate([clip.points, far], axis=1), objects=[*clip.objects, line], times=clip.times, metadata=SPACE
+    )
+    expected = expected_of(both)
+    for shown in (expected.points, expected.points[:, :24]):
+        assert difference(Seen(shown), expected) == Difference(0.0, 0.0, None)
 
 
 @pytest.mark.parametrize(

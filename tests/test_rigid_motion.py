@@ -82,6 +82,20 @@ def test_a_sequence_without_rigid_parts_is_itself() -> None:
     assert rigid_parts(ArraySequence(clip.points[:1], objects=clip.objects)).frame_count == 1
 
 
+def test_parts_that_turn_do_so_about_their_own_middles_between_frames() -> None:
+    clip = machine(10)
+    turned = rigid_parts(clip)
+    found = turned.read_frames(0, 1)[0, :36]
+    assert np.abs(found.min(axis=0) + found.max(axis=0)).max() < 1e-6
+    matrices = next(one for one in turned.objects[0].attributes if one.name == "transform").values[:, 1:]
+    middle = (clip.points[0, :36].min(axis=0) + clip.points[0, :36].max(axis=0)) / 2
+    assert np.allclose(matrices.reshape(-1, 4, 4)[0, 3, :3], middle)
+    # What only drifts goes straight about any point, and stays where it is.
+    assert np.array_equal(turned.read_frames(0, 1)[0, 36:72], clip.points[0, 36:72])
+    # What is read is not written over.
+    assert np.array_equal(clip.points, machine(10).points)
+
+
 @pytest.mark.parametrize("extension", ["abc", "usdc", "glb"])
 def test_blender_moves_the_parts(tmp_path: Path, extension: str) -> None:
     needed(extension)

@@ -12,6 +12,9 @@ from pdecodec.metrics import frame_scale
 from pdecodec.sequence import ArraySequence
 from tests.interop.viewers import Seen
 
+WEIGHT_BETWEEN = 0.01
+"""Of places between frames where points are told from each other: programs turn parts there, which ours do not."""
+
 
 @dataclass(frozen=True, eq=False)
 class Expected:
@@ -25,7 +28,9 @@ class Expected:
         Frames, or on the straight line between two.
     is_frame : (times,) bool
     used : (n,) int
-        Vertices of faces.
+        Vertices of faces, which every program shows.
+    shown : (n,) int
+        Those of lines too, which some show.
     """
 
     sequence: ArraySequence
@@ -33,6 +38,7 @@ class Expected:
     points: np.ndarray
     is_frame: np.ndarray
     used: np.ndarray
+    shown: np.ndarray
 
 
 def expected_of(sequence: ArraySequence) -> Expected:
@@ -52,6 +58,7 @@ def expected_of(sequence: ArraySequence) -> Expected:
         rows,
         share == 0,
         np.unique(sequence.connectivity.face_indices),
+        np.unique(np.concatenate([sequence.connectivity.face_indices, sequence.connectivity.line_indices])),
     )
 
 
@@ -80,10 +87,9 @@ def difference(seen: Seen, expected: Expected) -> Difference | str:
     if not seen.points.shape[1]:
         return "no meshes"
     scale = frame_scale(expected.sequence.points[0])
-    ways = expected.points.transpose(1, 0, 2).reshape(expected.points.shape[1], -1)
-    found = seen.points.transpose(1, 0, 2).reshape(seen.points.shape[1], -1)
-    _, vertex = cKDTree(ways[expected.used]).query(found)
-    vertex = expected.used[vertex]
+    ways, found = _ways(expected.points, expected.is_frame), _ways(seen.points, expected.is_frame)
+    _, vertex = cKDTree(ways[expected.shown]).query(found)
+    vertex = expected.shown[vertex]
     _, point = cKDTree(found).query(ways[expected.used])
     off = np.linalg.norm(seen.points - expected.points[:, vertex], axis=2).max(axis=1)
     missed = np.linalg.norm(seen.points[:, point] - expected.points[:, expected.used], axis=2).max(axis=1)
@@ -94,6 +100,13 @@ def difference(seen: Seen, expected: Expected) -> Difference | str:
         float(largest[~at].max()) if (~at).any() else None,
         _normals(seen, expected, vertex, ways),
     )
+
+
+def _ways(points: np.ndarray, is_frame: np.ndarray) -> np.ndarray:
+    """(points, 3 times): where each is, by which a program's points are told from each other."""
+    weights = np.where(is_frame, 1, WEIGHT_BETWEEN)
+    ways: np.ndarray = (points * weights[:, None, None]).transpose(1, 0, 2).reshape(points.shape[1], -1)
+    return ways
 
 
 def _normals(seen: Seen, expected: Expected, vertex: np.ndarray, ways: np.ndarray) -> tuple[float, float] | None:
