@@ -1,8 +1,8 @@
 """Columns of numbers a vertex, each predicted from neighbours by weights fitted to the columns before it.
 
 Váša and Skala 2010, "Geometry-driven local neighbourhood based predictors for dynamic mesh compression", fit the
-weights to what the decoder has anyway. Here that is the columns before: principal components, the largest first, so that
-the first stand for the shape of the mesh and its main motion. Nothing is sent for the weights.
+weights to what the decoder has anyway. Here that is the columns before: principal components, the largest first, so
+that the first stand for the shape of the mesh and its main motion. Nothing is sent for the weights.
 """
 
 from __future__ import annotations
