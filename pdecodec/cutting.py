@@ -278,10 +278,12 @@ def join_animations(
         for other in others:
             if isinstance(other, MeshSequence):
                 sequence, name = other, "frames"
+                _require_mesh_of(head, sequence, None)
                 coming.append(other)
             else:
                 file = stack.enter_context(CodedFile(other))
                 sequence, name = file.animation, os.path.basename(file.path)
+                _require_mesh_of(head, sequence, other)
                 differing = [what for kind, what in SHARED_SECTIONS.items() if file.section(kind) != head.section(kind)]
                 if differing and not recode:
                     raise SettingsError(
@@ -291,8 +293,6 @@ def join_animations(
                     )
                 coming.append(sequence if differing else file)
             where = None if isinstance(other, MeshSequence) else other
-            if not sequence.connectivity.same_as(head.animation.connectivity):
-                raise InputError(f"is of another mesh than {head.path}: faces and lines differ", path=where)
             times.append(_following(times[-1], sequence.times, head.animation.fps, shift=shift, path=where))
             coded_again += 0 if isinstance(coming[-1], CodedFile) else sequence.frame_count
             names.append(name)
@@ -362,6 +362,12 @@ def _nearest(edges: Sequence[int], frame: int, animation: Animation) -> str:
         f"{edge} ({times[edge]:g} s)" if edge < times.size else f"{edge}, the end" for edge in edges[at - 1 : at + 1]
     ]
     return f"frame {frame} is inside one, which begins at {near[0]} and ends before {near[1]}"
+
+
+def _require_mesh_of(head: CodedFile, sequence: MeshSequence, path: str | os.PathLike[str] | None) -> None:
+    """Refuse frames of another mesh before anything else that differs: coding them again would not help."""
+    if not sequence.connectivity.same_as(head.animation.connectivity):
+        raise InputError(f"is of another mesh than {head.path}: faces and lines differ", path=path)
 
 
 def _following(

@@ -177,6 +177,10 @@ def test_what_does_not_fit_a_file_is_not_joined_to_it(clip: Path, paper: Path, t
     assert join_animations(clip, [other], longer, recode=True, effort="fast").coded_again == 20
     with pytest.raises(InputError, match="is of another mesh"):
         join_animations(clip, [waves(5, side=6, faces=6, start=FRAMES)], longer, overwrite=True)
+    pdecodec.encode(waves(5, side=6, faces=6, start=FRAMES), other, effort="fast", overwrite=True)
+    for recode in (False, True):
+        with pytest.raises(InputError, match=r"other.pdeanim: is of another mesh than .*clip.pdeanim"):
+            join_animations(clip, [other], longer, recode=recode, overwrite=True)
     with pytest.raises(InputError, match="profile paper: no frames can be coded beside its own"):
         join_animations(paper, [waves(20, start=60)], longer, overwrite=True)
 

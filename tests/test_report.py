@@ -455,6 +455,7 @@ def test_what_cannot_be_reported_is_said_in_a_line(
     assert run(["report", *arguments, "-o", "out", "--no-baselines", "--effort", "fast"]) == code
     error = capsys.readouterr().err.strip().splitlines()[-1]
     assert said in error
+    assert not (tmp_path / "out").exists()
 
 
 def sheets(*heights: int) -> list[ArraySequence]:

@@ -104,7 +104,6 @@ def make_report(
         If a clip cannot be read or measured; what was measured until then is kept.
     """
     require_drawing()
-    directory.mkdir(parents=True, exist_ok=True)
     kept = KeptMeasurements(directory / KEPT, fresh=fresh)
     points: list[Measurement] = []
     between: list[BetweenRow] = []
@@ -118,6 +117,8 @@ def make_report(
     names = []
     costs = []
     for name, sequence in clips:
+        # Not before a clip could be opened: a wrong name leaves nothing behind.
+        directory.mkdir(parents=True, exist_ok=True)
         if isinstance(sequence, ChangingSequence):
             names.append(name)
             alone, cost = _changing(name, sequence, plan, progress)
