@@ -74,7 +74,7 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/clang-format --dry-run -Werror $(filter-out core/entropy/tables.hpp core/CMakeLists.txt,$(CORE)) examples/c/*.c
 
-# mypy sees all four folders only where they lie as they are installed: nested in one package.
+# mypy sees all folders of the package only where they lie as they are installed: nested in one package.
 types: $(READY)
 	rm -rf build/types
 	$(INSTALL) --target build/types .
