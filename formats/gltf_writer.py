@@ -21,9 +21,9 @@ from pdecodec.decoder import Animation
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import left_out
 from pdecodec.formats.gltf_file import GltfBuilder
+from pdecodec.formats.gltf_functions import cubic_keys
 from pdecodec.formats.gltf_mesh_writer import (
     Motion,
-    cubic_keys,
     held_by_mesh,
     lattice_of,
     motion_of,

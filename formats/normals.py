@@ -90,7 +90,7 @@ def read_normal_group(
     if domain != "corner":
         return normal_group(connectivity, None)
     if indices is None or np.array_equal(indices, np.arange(len(normals))):
-        return normal_group(connectivity, _unit(normals.astype(np.float64))[order], SAME_NORMAL)
+        return normal_group(connectivity, _unit(normals.astype(np.float64).T).T[order], SAME_NORMAL)
     return normal_group(connectivity, indices[order])
 
 
@@ -138,16 +138,28 @@ class NormalRows:
                 yield from self._of_block(points[start : start + step].astype(np.float64))
 
     def _of_block(self, points: Float64Array) -> Float32Array:
-        here = points[:, self._corners]
+        # Coordinate by coordinate: sums along rows of three are several times as slow.
+        here = np.ascontiguousarray(points.transpose(2, 0, 1))[..., self._corners]
         # From the first corner of each face, so that far from the origin nothing cancels.
-        from_first = here - np.repeat(here[:, self._starts], self._counts, axis=1)
-        areas = np.add.reduceat(np.cross(from_first, from_first[:, self._next]), self._starts, axis=1)
-        ahead, back = here[:, self._next] - here, here[:, self._previous] - here
-        angles = np.arctan2(np.linalg.norm(np.cross(ahead, back), axis=-1), (ahead * back).sum(axis=-1))
-        parts = np.repeat(_unit(areas), self._counts, axis=1) * angles[..., None]
-        sums = np.zeros((len(points), self.count, 3))
-        sums[:, self._used] = np.add.reduceat(parts[:, self._by_row], self._row_starts, axis=1)
-        return _unit(sums, _NOWHERE).astype(np.float32)
+        from_first = here - np.repeat(here[..., self._starts], self._counts, axis=-1)
+        areas = np.add.reduceat(_cross(from_first, from_first[..., self._next]), self._starts, axis=-1)
+        ahead, back = here[..., self._next] - here, here[..., self._previous] - here
+        angles = np.arctan2(_lengths(_cross(ahead, back)), (ahead * back).sum(axis=0))
+        parts = np.repeat(_unit(areas), self._counts, axis=-1) * angles
+        sums = np.zeros((3, len(points), self.count))
+        sums[..., self._used] = np.add.reduceat(parts[..., self._by_row], self._row_starts, axis=-1)
+        return np.ascontiguousarray(_unit(sums, _NOWHERE).transpose(1, 2, 0), np.float32)
+
+
+def _cross(a: Float64Array, b: Float64Array) -> Float64Array:
+    """Cross products of vectors (3, ...)."""
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def _lengths(vectors: Float64Array) -> Float64Array:
+    """Of vectors (3, ...)."""
+    lengths: Float64Array = np.sqrt(vectors[0] ** 2 + vectors[1] ** 2 + vectors[2] ** 2)
+    return lengths
 
 
 def normal_rows(item: MeshObject) -> NormalRows | None:
@@ -217,8 +229,9 @@ def group_attribute(item: MeshObject) -> Attribute | None:
 
 
 def _unit(vectors: Float64Array, instead: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Float64Array:
-    """Vectors (..., 3) of length 1; `instead` of those without a direction."""
-    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    """Vectors (3, ...) of length 1; `instead` of those without a direction."""
+    lengths = _lengths(vectors)
     good = (lengths > 0) & (lengths < np.inf)
-    found: Float64Array = np.where(good, vectors / np.where(good, lengths, 1), instead)
+    otherwise = np.reshape(instead, (3, *(1,) * lengths.ndim))
+    found: Float64Array = np.where(good, vectors / np.where(good, lengths, 1), otherwise)
     return found
