@@ -3,7 +3,8 @@
 A motion is few shapes times functions of time, where that is exact, or a shape a frame. Displacements from the first
 frame are rows of a matrix, a frame each. Where its rank is small in float32, as that of a motion made of few functions
 of time is, the leading singular vectors give the whole of it, brought between 0 and 1: programs clamp weights to that.
-Normals are moved by the same functions, and by further ones where those do not turn them far enough.
+Normals are moved by the same functions, and by further ones where those do not turn them far enough, from those of the
+shape at rest.
 """
 
 from __future__ import annotations
@@ -48,6 +49,9 @@ NORMAL_ERRORS = (5e-4, 5e-3, 5e-2)
 MOST_NORMAL_FUNCTIONS = 8
 """Functions of time beside those of the positions that normals may take, or as many as the positions have."""
 
+MOST_TURNED_AT_REST = 1.0
+"""Largest angle between a normal that is stored at rest and that of the shape there [degrees]."""
+
 SHORTEST_NORMAL = 1e-4
 """Length below which the normal that targets add to is not made longer, so that they stay far from overflow."""
 
@@ -64,7 +68,7 @@ class Motion:
         Weights, between 0 and 1: programs clamp others. Samples stand at the frames, or with two between each where
         the motion is cubic. None: the first frame is at rest, and each later one is a target.
     normals : (rows, 3) float32 or None
-        At rest, a row each as :class:`NormalRows` has them.
+        Of the shape at rest, a row each as :class:`NormalRows` has them.
     normal_targets : (count, rows, 3) float32 or None
         What targets add to them, before they are made unit vectors again.
     normal_error : float
@@ -109,7 +113,7 @@ def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRo
             return Motion(rest, shapes, functions)
         if not len(shapes):
             return Motion(rest, shapes, functions, rows.of(points[:1])[0], np.zeros((0, rows.count, 3), np.float32))
-        functions, normals, turned, error = _turning(functions, rows.of(points), cubic=cubic)
+        functions, normals, turned, error = _turning(functions, rows.of(points), rows.of(rest[None])[0], cubic=cubic)
         shapes = np.pad(shapes, ((0, functions.shape[1] - len(shapes)), (0, 0), (0, 0)))
         return Motion(rest, shapes, functions, normals, turned, error)
     rest, shapes = frames[0], frames[1:] - frames[0]
@@ -120,9 +124,13 @@ def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRo
 
 
 def _turning(
-    functions: Float64Array, every: Float32Array, *, cubic: bool
+    functions: Float64Array, every: Float32Array, of_rest: Float32Array, *, cubic: bool
 ) -> tuple[Float64Array, Float32Array, Float32Array, float]:
-    """Functions of time that turn normals (samples, rows, 3) too; normals at rest, what each adds, and the error."""
+    """Functions of time that turn normals (samples, rows, 3) too; normals at rest, what each adds, and the error.
+
+    Blender, which does not morph normals, turns those at rest as the surface under them turns: where that sum does not
+    begin with the normals of the shape at rest (rows, 3), these are it, and a function that is always 1 adds the rest.
+    """
     flat = every.reshape(len(every), -1).astype(np.float64)
     rest, shapes = fit(functions, flat)
     left = flat - rest - functions @ shapes
@@ -137,6 +145,10 @@ def _turning(
     start = rest.reshape(-1, 3)
     lengths = np.linalg.norm(start, axis=1, keepdims=True)
     start = np.where(lengths > 0, start / np.where(lengths > 0, lengths, 1), every[0])
+    if np.linalg.norm(start - of_rest, axis=1).max() > np.radians(MOST_TURNED_AT_REST):
+        functions = np.column_stack([functions, np.ones(len(functions))])
+        shapes = np.concatenate([shapes, rest[None] - of_rest.reshape(1, -1)])
+        start, lengths = of_rest, np.ones((len(of_rest), 1))
     steps = shapes.reshape(-1, *every.shape[1:]) / np.maximum(lengths, SHORTEST_NORMAL)
     normals, targets = start.astype(np.float32), steps.astype(np.float32)
     sums = normals + np.tensordot(functions, targets, 1)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pdecodec.formats import write_sequence
+from pdecodec.formats.normals import smooth_rows
 from pdecodec.sequence import ArraySequence, MeshObject
 from tests.interop.comparing import Difference, difference, expected_of
 from tests.interop.table import exodus
@@ -56,6 +57,21 @@ def test_parts_that_go_far_round_between_frames_are_where_they_belong_at_frames(
     scale = np.linalg.norm(np.ptp(sheet().points[0], axis=0))
     assert found.frames == 0
     assert found.between == pytest.approx(1 / scale)
+
+
+def test_normals_of_faces_without_an_area_are_not_looked_at() -> None:
+    clip = sheet()
+    points = np.concatenate([clip.points, np.full((5, 3, 3), 9, np.float32)], axis=1)
+    nothing = MeshObject("nothing", connectivity_of(3, [[0, 1, 2]]))
+    expected = expected_of(ArraySequence(points, objects=[*clip.objects, nothing], times=clip.times, metadata=SPACE))
+    rows = smooth_rows(clip.objects[0])
+    assert rows is not None
+    normals = np.concatenate([rows.of(clip.points[:1])[0][rows.corner_rows], np.tile([1.0, 0, 0], (3, 1))])
+    corners = np.concatenate([clip.connectivity.face_indices, [24, 25, 26]])
+    found = difference(Seen(expected.points, normals=normals, corners=corners), expected)
+    assert isinstance(found, Difference)
+    assert found.normals is not None
+    assert max(found.normals) < 0.1
 
 
 def test_programs_may_show_lines_or_leave_them_out() -> None:

@@ -211,6 +211,22 @@ def test_a_mesh_without_normals_is_smooth_in_gltf_and_comes_back_without(tmp_pat
         assert read.objects[0].attributes == ()
 
 
+def test_the_shape_at_rest_of_a_gltf_file_has_its_own_normals(tmp_path: Path) -> None:
+    connectivity, points = sphere()
+    time = np.arange(20)[:, None, None] / 5
+    # Weights of 0 are far from any frame, and turn what is shown.
+    clip = points * [1, 1, 0] + points * [0, 0, 2] * np.sin(time) + points[:, ::-1] * [3, 0, 0] * np.cos(time)
+    frames = ArraySequence(clip, objects=[MeshObject("thing", connectivity)])
+    write_sequence(frames, tmp_path / "x.glb")
+    file = read_gltf(tmp_path / "x.glb")
+    stored = file.root["meshes"][0]["primitives"][0]["attributes"]
+    rest, normals = (file.accessor(stored[name]) for name in ("POSITION", "NORMAL"))
+    rows = NormalRows(connectivity, np.zeros_like(connectivity.face_indices))
+    assert np.linalg.norm(rows.of(rest[None])[0] - normals, axis=1).max() < np.radians(1.1)
+    for shown, expected in zip(glb_normals(tmp_path / "x.glb", connectivity), frames.points, strict=True):
+        assert np.linalg.norm(shown - rows.of(expected[None])[0][connectivity.face_indices], axis=1).max() < 0.1
+
+
 @pytest.mark.parametrize("name", ["x.####.ply", "x.pvd", "x.xdmf"])
 @pytest.mark.parametrize("shape", ["sphere", "crease"])
 def test_formats_with_a_normal_for_each_vertex_have_those_of_smooth_meshes(

@@ -110,7 +110,10 @@ def _ways(points: np.ndarray, is_frame: np.ndarray) -> np.ndarray:
 
 
 def _normals(seen: Seen, expected: Expected, vertex: np.ndarray, ways: np.ndarray) -> tuple[float, float] | None:
-    """Angles between each corner's normal and the nearest of its vertex, and of those that go its way."""
+    """Angles between each corner's normal and the nearest of its vertex, and of those that go its way.
+
+    Where no face has an area nothing is seen, and normals are anyone's.
+    """
     if seen.normals is None or seen.corners is None or not len(seen.corners):
         return None
     owners, normals, first = [], [], 0
@@ -129,6 +132,10 @@ def _normals(seen: Seen, expected: Expected, vertex: np.ndarray, ways: np.ndarra
     owner, normal = owner[order], normal[order]
     shown = seen.normals / np.maximum(np.linalg.norm(seen.normals, axis=1, keepdims=True), 1e-30)
     wanted = alike[vertex[seen.corners]]
+    seen_there = np.isin(wanted, alike[_of_area(expected.sequence)])
+    shown, wanted = shown[seen_there], wanted[seen_there]
+    if not len(wanted):
+        return None
     begin, end = np.searchsorted(owner, wanted), np.searchsorted(owner, wanted, side="right")
     best = np.full(len(wanted), -1.0)
     for step in range(int((end - begin).max(initial=0))):
@@ -137,3 +144,16 @@ def _normals(seen: Seen, expected: Expected, vertex: np.ndarray, ways: np.ndarra
         best[there] = np.maximum(best[there], dots)
     angles = np.degrees(np.arccos(np.clip(best, -1, 1)))
     return float(np.percentile(angles, 99)), float(angles.max())
+
+
+def _of_area(sequence: ArraySequence) -> np.ndarray:
+    """Vertices of faces that have an area at the first frame."""
+    counts, corners = sequence.connectivity.face_counts, sequence.connectivity.face_indices
+    starts = np.cumsum(counts, dtype=np.int64) - counts
+    ahead = np.arange(1, corners.size + 1)
+    ahead[starts + counts - 1] = starts
+    here = sequence.points[0].astype(np.float64)[corners]
+    here -= np.repeat(here[starts], counts, axis=0)
+    areas = np.linalg.norm(np.add.reduceat(np.cross(here, here[ahead]), starts), axis=1)
+    found: np.ndarray = corners[np.repeat(areas > 0, counts)]
+    return found

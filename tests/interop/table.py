@@ -34,8 +34,9 @@ and these are opened by other programs; of clips of more than 48 frames the firs
 point from where it belongs, over the diagonal of the first frame's bounding box: at the first frame, one in the middle
 and the last, then at times between frames, beside the straight line from frame to frame. Where a part turns rigidly,
 its node turns between frames and does not go straight. Normals are those of corners at the first frame beside ours: the
-angle that 99 % do not exceed, and the largest; where a source has no normals, Alembic and USD are written without, and
-programs show flat faces. Materials and UV sets are those that Blender shows of the glb over those that we read.
+angle that 99 % do not exceed, and the largest, where faces have an area; where a source has no normals, Alembic and
+USD are written without, and programs show flat faces. Materials and UV sets are those that Blender shows of the glb
+over those that we read.
 """
 
 READABLE = (".abc", ".usd", ".usda", ".usdc", ".usdz", ".glb", ".gltf")
