@@ -18,6 +18,7 @@ from pdecodec.cli.options import (
     overwrite_option,
     place_options,
     read_options,
+    rigid_bound,
     within_limits,
     write_options,
 )
@@ -73,6 +74,7 @@ def _convert(
     velocities: bool,
     quantize: bool,
     meshopt: bool,
+    rigid: bool,
     dry_run: bool,
     overwrite: bool,
     as_json: bool,
@@ -93,12 +95,14 @@ def _convert(
             scale=scale,
             unit=unit,
         )
+        bound = rigid_bound(whole, scale) if rigid else None
         say_notices(sequence)
         say_start(job, sequence)
 
         def write(chosen: MeshSequence, path: str, **more: Any) -> tuple[str, ...]:
             speeds = velocities_of(chosen) if velocities else None
-            return write_sequence(chosen, path, velocities=speeds, quantize=quantize, meshopt=meshopt, **more)
+            more |= {"quantize": quantize, "meshopt": meshopt, "rigid": bound}
+            return write_sequence(chosen, path, velocities=speeds, **more)
 
         if dry_run:
             files = input_files(source)

@@ -24,6 +24,7 @@ from pdecodec.cli.options import (
     overwrite_option,
     place_options,
     refuse_pdeanim,
+    rigid_bound,
     write_options,
 )
 from pdecodec.errors import InputError, PdecodecError, SettingsError
@@ -114,6 +115,7 @@ def _decode(
     velocities: bool,
     quantize: bool,
     meshopt: bool,
+    rigid: bool,
     up_axis: str | None,
     scale: float,
     unit: str | None,
@@ -149,6 +151,8 @@ def _decode(
         raise SettingsError(f"{'--layer' if layer else '--clip'} is for --onto; leave it out")
     if onto is not None and quantize:
         raise SettingsError("--quantize would move the nodes of the original; leave it out, or --onto")
+    if rigid and (onto is not None or velocities):
+        raise SettingsError(f"--rigid moves nodes of its own; leave it out, or {'--onto' if onto else '--velocities'}")
     job.check(outputs, [times, onto], overwrite=overwrite, dry_run=dry_run)
     if Path(source).is_dir():
         raise InputError("is a folder; decode takes a .pdeanim file", path=source)
@@ -161,6 +165,7 @@ def _decode(
         if isinstance(animation, Animation):
             chosen = _chosen(animation, at=at, times=times, fps=fps, frames=frames, outside=outside)
         positions = place(select_objects(chosen, objects, job.source_name), up_axis=up_axis, scale=scale, unit=unit)
+        bound = rigid_bound(animation, scale) if rigid else None
         sequences = [positions]
         speeds: MeshSequence | None = None
         if velocities:
@@ -175,7 +180,7 @@ def _decode(
         def write(some: MeshSequence, path: str, **options: Any) -> tuple[str, ...]:
             if onto is not None:
                 return write_onto(some, onto, path, clip=clip, layer=layer, meshopt=meshopt, **options)
-            return write_sequence(some, path, quantize=quantize, meshopt=meshopt, **options)
+            return write_sequence(some, path, quantize=quantize, meshopt=meshopt, rigid=bound, **options)
 
         if dry_run:
             say_plan(job, positions, write, files=1, size=bytes_of(source, [Path(source)]))

@@ -18,6 +18,7 @@ from pdecodec.storage import RemoteFile, is_address
 
 if TYPE_CHECKING:
     from pdecodec.decoder import DecodeLimits
+    from pdecodec.sequence import MeshSequence
 
 BYTE_POWERS = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
 
@@ -144,7 +145,26 @@ _WRITE_OPTIONS = (
     velocities_option,
     click.option("--quantize", is_flag=True, help="glTF: 16-bit positions and weights; how far off they are is told."),
     click.option("--meshopt", is_flag=True, help="glTF: compressed without loss, for viewers that know meshoptimizer."),
+    click.option(
+        "--rigid",
+        is_flag=True,
+        help="glTF, Alembic, USD: objects of a .pdeanim file that move rigidly, within the bound it was encoded with, "
+        "become nodes that move; how far off they are is told.",
+    ),
 )
+
+
+def rigid_bound(source: MeshSequence, scale: float) -> float:
+    """What `--rigid` means: the bound of the file that is decoded, scaled as its positions are [scene units]."""
+    from pdecodec.appending import bound_of
+    from pdecodec.decoder import Animation
+
+    if not isinstance(source, Animation) or len(source.runs) > 1:
+        raise SettingsError("--rigid is for a .pdeanim file of one connectivity, which knows its bound; leave it out")
+    settings = source.info()["settings"]
+    if settings.get("profile") == "paper" and not (settings.get("tolerance") or settings.get("max_error")):
+        raise SettingsError("--rigid needs a bound, and the file was encoded without one; leave it out")
+    return scale * bound_of(source, source.residual_step)
 
 
 def write_options(command: Callable[..., None]) -> Callable[..., None]:

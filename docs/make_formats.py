@@ -40,7 +40,8 @@ CONVENTIONS = """\
   `wolf-1.obj` the hyphen is of the name; it is a minus sign after a dot or an underscore, or beside frames without one.
 - **Transforms** above objects are applied to positions, or kept (`--transforms keep`) as the attribute `transform`:
   rows of a time and a matrix. Meshes that move rigidly, to two units in the last place of float32, are written to glTF,
-  USD and Alembic as one shape under transforms. Formats without transforms get positions with transforms applied.
+  USD and Alembic as one shape under transforms; with `--rigid` those of a `.pdeanim` file that do so within its bound,
+  too. Formats without transforms get positions with transforms applied.
 - **Onto an original** (`decode --onto`, `write_onto`): glTF, USD, Alembic and OBJ files are written again with all that
   they have, whether it is read here or not, and another motion. Objects must be those of the original. Normals are
   computed anew where it has some; transforms stay, and positions are brought into the spaces of their shapes. Skeletons

@@ -79,7 +79,8 @@ def write_alembic(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         if output.velocities is not None:
             output = dataclasses.replace(output, velocities=place(output.velocities, up_axis="Y"))
     if output.velocities is None and len(sequence.runs) == 1:
-        sequence = rigid_parts(sequence)
+        sequence, moved = rigid_parts(sequence, output.rigid)
+        turned += moved
     with output.whole_file() as partial:
         try:
             notices = _write(sequence, partial, output)

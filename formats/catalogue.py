@@ -91,6 +91,7 @@ BUILT_IN = (
         holds_runs=True,
         holds_transforms=True,
         holds_velocities=True,
+        write_options=("rigid",),
         keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, hard "
         "edges, face sets, constant parameters, connectivity that changes, with the parameters of each run, ids of "
         "points that come and go, transforms (--transforms keep), instances as objects, irregular times, velocities "
@@ -112,6 +113,7 @@ BUILT_IN = (
         holds_runs=True,
         holds_transforms=True,
         holds_velocities=True,
+        write_options=("rigid",),
         keeps="the tree and its names, faces, subdivision surfaces, curves, points, UV sets with seams, colours, hard "
         "edges, other constant primvars, face subsets and material names, connectivity that changes, with the primvars "
         "of each run, ids of points that come and go, transforms (--transforms keep), irregular times, up axis, unit, "
@@ -130,7 +132,7 @@ BUILT_IN = (
         onto="pdecodec.formats.gltf_onto:write_gltf_onto",
         times="float32",
         options=("clip", "transforms"),
-        write_options=("quantize", "meshopt"),
+        write_options=("quantize", "meshopt", "rigid"),
         keeps="the tree and its names, faces and vertex order (noted beside the triangles), UV sets with seams, "
         "colours, hard edges, material names, face sets (as primitives, named in their extras), lines, points, frame "
         "rate, times (float32); skins, morph targets and moving nodes are applied at --fps; Draco and meshopt "

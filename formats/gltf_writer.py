@@ -31,7 +31,7 @@ from pdecodec.formats.gltf_mesh_writer import (
 )
 from pdecodec.formats.normals import normal_rows, smooth_rows
 from pdecodec.formats.registry import Output
-from pdecodec.formats.rigid_motion import RigidKeys, rigid_keys
+from pdecodec.formats.rigid_motion import RigidKeys, rigid_keys, rigid_notices
 from pdecodec.formats.scene_space import UNIT, UP_AXIS, metres_per_unit, place, up_axis_of
 from pdecodec.formats.scene_writing import DEFAULT_NAME, steps_of
 from pdecodec.sequence import Float32Array, MeshSequence
@@ -205,6 +205,7 @@ class _Scene(GltfScene):
         between = self._between()
         first = smoothed = 0
         coarsest = 0.0
+        approximate: list[RigidKeys] = []
         for item in sequence.objects:
             own = slice(first, first + item.vertex_count)
             first = own.stop
@@ -218,10 +219,12 @@ class _Scene(GltfScene):
                 rows = smooth_rows(item)
                 smoothed += 1
             part, thirds = frames[:, own], None if between is None else between[:, own]
-            turns = rigid_keys(part, thirds) if item.connectivity.face_count else None
+            turns = rigid_keys(part, thirds, self._output.rigid) if item.connectivity.face_count else None
             place: dict[str, Any] = {}
             if turns is not None:
-                part, thirds = part[:1] - turns.centre, None
+                part, thirds = turns.shape[None] - turns.centre, None
+                if turns.deviation:
+                    approximate.append(turns)
                 place = {"translation": turns.centre.tolist()}
             motion = motion_of(part, thirds, rows)
             lattice = lattice_of(motion, centred=turns is not None) if self._output.quantize else None
@@ -244,6 +247,8 @@ class _Scene(GltfScene):
         builder.add("scenes", {"nodes": self._roots})
         builder.root["scene"] = 0
         self._notices += self._motion_notices()
+        between_frames = max((one.between for one in approximate), default=0.0)
+        self._notices += rigid_notices((one.deviation for one in approximate), between_frames)
         if self._output.quantize:
             self._notices.append(f"positions are rounded to 16 bits: up to {coarsest:.2g} off along an axis")
         if smoothed:

@@ -48,6 +48,8 @@ class Output:
     progress : callable or None
     quantize, meshopt : bool
         Smaller files, of formats that list these options.
+    rigid : float or None
+        Distance [scene units] within which objects that move rigidly become nodes that move.
     layer : bool
         Of what goes onto a file: whether it is only a layer over it.
     """
@@ -59,6 +61,7 @@ class Output:
     progress: Progress | None = None
     quantize: bool = False
     meshopt: bool = False
+    rigid: float | None = None
     layer: bool = False
 
     def whole_file(self) -> AbstractContextManager[Path]:
@@ -324,6 +327,7 @@ def write_sequence(
     progress: Progress | None = None,
     quantize: bool = False,
     meshopt: bool = False,
+    rigid: float | None = None,
 ) -> tuple[str, ...]:
     """Write a mesh sequence in the format that the path's extension names, block by block.
 
@@ -347,6 +351,9 @@ def write_sequence(
         glTF: positions and weights of 16 bits, normals of 8 (KHR_mesh_quantization); how far off that is, is told.
     meshopt : bool
         glTF: compressed without loss (EXT_meshopt_compression), for viewers that know it.
+    rigid : float, optional
+        glTF, Alembic, USD: write objects that move rigidly within this distance [scene units] at their frames as nodes
+        that move; how far off that is, is told. Default: only those that move rigidly to the last bits of float32.
 
     Returns
     -------
@@ -372,6 +379,7 @@ def write_sequence(
                 progress=progress,
                 quantize=quantize,
                 meshopt=meshopt,
+                rigid=rigid,
             )
     where = Path(path)
     check_path(where)
@@ -381,7 +389,10 @@ def write_sequence(
     if velocities is not None and not entry.holds_velocities:
         users = ", ".join(other.title for other in _formats.whole().values() if other.holds_velocities)
         raise SettingsError(f"velocities are held by {users}; leave them out, or write them apart", path=where)
-    asked = {"quantize": quantize, "meshopt": meshopt}
+    if rigid is not None and (velocities is not None or len(sequence.runs) > 1):
+        reason = "velocities" if velocities is not None else "connectivity that changes"
+        raise SettingsError(f"--rigid moves shapes that stand, which have no {reason}; leave one out", path=where)
+    asked: dict[str, Any] = {"quantize": quantize, "meshopt": meshopt, "rigid": rigid}
     for name in (name for name, value in asked.items() if value and name not in entry.write_options):
         users = ", ".join(other.title for other in _formats.whole().values() if name in other.write_options)
         raise SettingsError(f"--{name} is for {users}; leave it out", path=where)

@@ -1,11 +1,12 @@
 """Objects that move rigidly, found by their positions: as one shape and the transforms that move it.
 
 A file then holds a matrix a frame where it held every vertex. What comes back is what was there, to the last bits of
-float32.
+float32; or, where that is asked for, within a bound.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,10 @@ RIGID = 2.0**-22
 
 FLAT = 1e-6
 """Width over length below which a shape is a line, whose turns about itself are not known."""
+
+
+FIRST_GUESS = 4.0
+"""How many bounds from the first frame, moved, what moves rigidly may be: both are off, and so is how it is moved."""
 
 
 def rigid_matrices(points: Float32Array, rest: Float32Array) -> Float64Array | None:
@@ -36,21 +41,28 @@ def rigid_matrices(points: Float32Array, rest: Float32Array) -> Float64Array | N
     bound = RIGID * float(max(np.abs(points).max(initial=0), np.abs(rest).max(initial=0)))
     if not np.isfinite(bound):
         return None
-    shape, centre = rest.astype(np.float64), rest.mean(axis=0, dtype=np.float64)
-    found = np.broadcast_to(np.eye(4), (len(points), 4, 4)).copy()
-    centres = points.mean(axis=1, dtype=np.float64)
-    found[:, 3, :3] = centres - centre
-    if _error(points, shape, found) <= bound:
-        return found
+    shape = rest.astype(np.float64)
+    moved = np.broadcast_to(np.eye(4), (len(points), 4, 4)).copy()
+    moved[:, 3, :3] = points.mean(axis=1, dtype=np.float64) - shape.mean(axis=0)
+    if _error(points, shape, moved) <= bound:
+        return moved
+    found = _least_squares(points, shape)
+    return found if found is not None and _error(points, shape, found) <= bound else None
+
+
+def _least_squares(points: Float32Array, shape: Float64Array) -> Float64Array | None:
+    """The rotations and translations (frames, 4, 4) that bring a shape nearest to points; None of a line."""
+    centre, centres = shape.mean(axis=0), points.mean(axis=1, dtype=np.float64)
     spread = shape - centre
     lengths = np.linalg.svd(spread, compute_uv=False)
     if lengths.size < 2 or not lengths[1] > FLAT * lengths[0]:
         return None
     left, _, right = np.linalg.svd(spread.T @ (points - centres[:, None]))
     left[..., 2] *= np.sign(np.linalg.det(left) * np.linalg.det(right))[:, None]
+    found = np.broadcast_to(np.eye(4), (len(points), 4, 4)).copy()
     found[:, :3, :3] = left @ right
     found[:, 3, :3] = centres - centre @ found[:, :3, :3]
-    return found if _error(points, shape, found) <= bound else None
+    return found
 
 
 def _error(points: Float32Array, shape: Float64Array, matrices: Float64Array) -> float:
@@ -65,25 +77,107 @@ def _middle(points: Float32Array) -> Float32Array:
     return found
 
 
+def _distance(points: Float32Array, shape: Float64Array, matrices: Float64Array) -> float:
+    """The largest, between a moved shape and points."""
+    moved = shape @ matrices[:, :3, :3] + matrices[:, 3:, :3]
+    return float(np.linalg.norm(moved - points, axis=2).max(initial=0))
+
+
+@dataclass(frozen=True)
+class RigidFit:
+    """A shape (vertices, 3) float32, the matrices (frames, 4, 4) that move it, and how far off at most they are."""
+
+    shape: Float32Array
+    matrices: Float64Array
+    deviation: float
+
+
+def rigid_within(
+    blocks: Callable[[], Iterable[Float32Array]], places: Mapping[int, slice], bound: float
+) -> dict[int, RigidFit]:
+    """Of objects, those that move rigidly within a bound.
+
+    Parameters
+    ----------
+    blocks : callable
+        Gives every frame in order, as (frames, vertices, 3) float32; called twice.
+    places : mapping
+        Vertices of each object.
+    bound : float [scene units]
+        Largest distance of a vertex from where it is.
+
+    Returns
+    -------
+    dict of RigidFit
+        Shapes are means of all frames, moved back.
+    """
+    first: dict[int, Float64Array] = {}
+    sums: dict[int, Float64Array] = {}
+    frames = 0
+    for points in blocks():
+        for index in places if not frames else tuple(sums):
+            own = points[:, places[index]]
+            shape = first.setdefault(index, own[0].astype(np.float64))
+            found = _least_squares(own, shape) if np.isfinite(own).all() else None
+            if found is None or _distance(own, shape, found) > FIRST_GUESS * bound:
+                sums.pop(index, None)
+                continue
+            back = (own - found[:, 3:, :3]) @ found[:, :3, :3].transpose(0, 2, 1)
+            sums[index] = back.sum(axis=0) + (sums[index] if frames else 0)
+        frames += len(points)
+    shapes = {index: (total / frames).astype(np.float32) for index, total in sums.items()}
+    parts: dict[int, list[tuple[Float64Array, float]]] = {index: [] for index in shapes}
+    for points in blocks() if parts else ():
+        for index in tuple(parts):
+            shape = shapes[index].astype(np.float64)
+            found = _least_squares(points[:, places[index]], shape)
+            off = np.inf if found is None else _distance(points[:, places[index]], shape, found)
+            if found is None or off > bound:
+                del parts[index]
+                continue
+            parts[index].append((found, off))
+    return {
+        index: RigidFit(shapes[index], np.concatenate([one for one, _ in found]), max(off for _, off in found))
+        for index, found in parts.items()
+    }
+
+
+def rigid_notices(deviations: Iterable[float], between: float = 0.0) -> tuple[str, ...]:
+    """A line about objects that move rigidly within a bound: how far off each is at frames, and any between them."""
+    found = list(deviations)
+    if not found:
+        return ()
+    count = f"{len(found)} object{'s' * (len(found) > 1)}"
+    more = f", {between:.2g} between frames" if between else ""
+    return (f"{count} moved as rigid: vertices are up to {max(found):.2g} off what is decoded{more}",)
+
+
 @dataclass(frozen=True)
 class RigidKeys:
     """How a node moves a shape.
 
     Attributes
     ----------
+    shape : (vertices, 3) float32
+        What is moved; the first frame, where the motion is exact.
     centre : (3,) float32
-        The point of the first frame that is the shape's origin: between frames it moves straight, and the rest turns
+        The point of the shape that is the shape's origin: between frames it moves straight, and the rest turns
         evenly about it.
     keys : mapping
         ``translation`` (frames, 3) of the centre, and ``rotation`` (frames, 4), a unit quaternion, its real part last,
         unless there is none.
+    deviation, between : float
+        Largest distance of vertices from where they are at frames, and at the thirds between them; 0 of exact motion.
     """
 
+    shape: Float32Array
     centre: Float32Array
     keys: dict[str, Float32Array]
+    deviation: float = 0.0
+    between: float = 0.0
 
 
-def rigid_keys(frames: Float32Array, between: Float32Array | None) -> RigidKeys | None:
+def rigid_keys(frames: Float32Array, between: Float32Array | None, bound: float | None = None) -> RigidKeys | None:
     """How a node moves a shape that moves rigidly, between its frames too; None where it does not, or stands.
 
     Parameters
@@ -91,13 +185,20 @@ def rigid_keys(frames: Float32Array, between: Float32Array | None) -> RigidKeys 
     frames : (frames, vertices, 3) float32
     between : (2 (frames - 1), vertices, 3) float32 or None
         At the thirds between frames, where they are known.
+    bound : float, optional
+        Take what moves rigidly within it at its frames, where it does not exactly.
     """
     from scipy.spatial.transform import Rotation, Slerp
 
-    matrices = rigid_matrices(frames, frames[0])
+    shape, matrices = frames[0], rigid_matrices(frames, frames[0])
+    deviation = off_between = 0.0
+    if matrices is None and bound is not None:
+        fit = rigid_within(lambda: [frames], {0: slice(None)}, bound).get(0)
+        if fit is not None:
+            shape, matrices, deviation = fit.shape, fit.matrices, fit.deviation
     if matrices is None or (matrices == np.eye(4)).all():
         return None
-    centre = _middle(frames[0])
+    centre = _middle(shape)
     # Columns are turned by the transpose of what turns rows.
     turns = Rotation.from_matrix(matrices[:, :3, :3].transpose(0, 2, 1))
     centres = centre @ matrices[:, :3, :3] + matrices[:, 3, :3]
@@ -108,8 +209,10 @@ def rigid_keys(frames: Float32Array, between: Float32Array | None) -> RigidKeys 
         found[:, :3, :3] = Slerp(numbers, turns)(thirds).as_matrix().transpose(0, 2, 1)
         straight = np.stack([np.interp(thirds, numbers, column) for column in centres.T], axis=1)
         found[:, 3, :3] = straight - centre @ found[:, :3, :3]
-        if _error(between, frames[0].astype(np.float64), found) > RIGID * float(np.abs(between).max()):
-            return None
+        if _error(between, shape.astype(np.float64), found) > RIGID * float(np.abs(between).max()):
+            if bound is None:
+                return None
+            off_between = _distance(between, shape.astype(np.float64), found)
     keys = {"translation": centres.astype(np.float32)}
     if (matrices[:, :3, :3] != np.eye(3)).any():
         quaternions = turns.as_quat()
@@ -117,25 +220,47 @@ def rigid_keys(frames: Float32Array, between: Float32Array | None) -> RigidKeys 
         flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1, 1))
         quaternions[1:] *= flips[:, None]
         keys["rotation"] = quaternions.astype(np.float32)
-    return RigidKeys(centre, keys)
+    return RigidKeys(shape, centre, keys, deviation, off_between)
 
 
-def rigid_parts(sequence: MeshSequence) -> MeshSequence:
+def rigid_parts(sequence: MeshSequence, bound: float | None = None) -> tuple[MeshSequence, tuple[str, ...]]:
     """The sequence with meshes that move rigidly still, under a transform (:mod:`pdecodec.formats.scene_space`).
 
     Itself where there is none; else positions are read once more than they are written. A mesh that turns stands with
-    the middle of its box at the origin, so that programs, between frames, turn it about that.
+    the middle of its box at the origin, so that programs, between frames, turn it about that. With a bound, and read
+    twice more, meshes that move rigidly within it too; a line then says how far off they are.
     """
+    exact = _exact_parts(sequence)
+    if bound is None or sequence.frame_count < 2:
+        return exact, ()
+    places = _places(exact)
+    fits = rigid_within(lambda: (block for _, block in exact.blocks()), places, bound)
+    if not fits:
+        return exact, ()
+    rest = np.array(exact.read_frames(0, 1)[0])
+    for index, fit in fits.items():
+        rest[places[index]] = fit.shape
+    moved = _moved_parts(exact, {index: fit.matrices for index, fit in fits.items()}, rest)
+    return moved, rigid_notices(fit.deviation for fit in fits.values())
+
+
+def _places(sequence: MeshSequence) -> dict[int, slice]:
+    """Vertices of each mesh that is not under a transform yet."""
+    ends = np.cumsum([item.vertex_count for item in sequence.objects]).tolist()
+    return {
+        index: slice(end - item.vertex_count, end)
+        for index, (item, end) in enumerate(zip(sequence.objects, ends, strict=True))
+        if item.connectivity.face_count and transform_of(item) is None
+    }
+
+
+def _exact_parts(sequence: MeshSequence) -> MeshSequence:
+    """As :func:`rigid_parts`, without a bound."""
     if sequence.frame_count < 2:
         return sequence
     rest = np.array(sequence.read_frames(0, 1)[0])
-    ends = np.cumsum([item.vertex_count for item in sequence.objects]).tolist()
-    places = [slice(end - item.vertex_count, end) for item, end in zip(sequence.objects, ends, strict=True)]
-    parts: dict[int, list[Float64Array]] = {
-        index: []
-        for index, item in enumerate(sequence.objects)
-        if item.connectivity.face_count and transform_of(item) is None
-    }
+    places = _places(sequence)
+    parts: dict[int, list[Float64Array]] = {index: [] for index in places}
     # Where the last frame rules an object out, the others need not be read for it.
     last = sequence.read_frames(sequence.frame_count - 1, sequence.frame_count)
     for block in (block for blocks in ([last], (one for _, one in sequence.blocks())) for block in blocks):
@@ -149,12 +274,18 @@ def rigid_parts(sequence: MeshSequence) -> MeshSequence:
             return sequence
     moves = {index: np.concatenate(blocks[1:]) for index, blocks in parts.items()}
     moves = {index: matrices for index, matrices in moves.items() if (matrices != np.eye(4)).any()}
+    return _moved_parts(sequence, moves, rest) if moves else sequence
+
+
+def _moved_parts(sequence: MeshSequence, moves: dict[int, Float64Array], rest: Float32Array) -> MeshSequence:
+    """The sequence with objects still, under transforms; those that turn with their middle at the origin."""
+    places = _places(sequence)
     for index, matrices in moves.items():
         if (matrices[:, :3, :3] != np.eye(3)).any():
             centre = _middle(rest[places[index]])
             rest[places[index]] -= centre
             matrices[:, 3, :3] += centre @ matrices[:, :3, :3]
-    return RigidParts(sequence, moves, rest) if moves else sequence
+    return RigidParts(sequence, moves, rest)
 
 
 class RigidParts(DerivedSequence):

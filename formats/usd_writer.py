@@ -46,8 +46,9 @@ _BASES = {"bezier": "bezier", "bspline": "bspline", "catmullrom": "catmullRom"}
 def write_usd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     """Write a stage: text where the name ends in ``.usda``, else binary; in a package for ``.usdz``."""
     path = output.path
+    moved: tuple[str, ...] = ()
     if output.velocities is None and len(sequence.runs) == 1:
-        sequence = rigid_parts(sequence)
+        sequence, moved = rigid_parts(sequence, output.rigid)
     check_writable(path, overwrite=output.overwrite)
     with partial_folder(path) as folder, write_errors(path):
         packed = path.suffix.lower() == ".usdz"
@@ -64,7 +65,7 @@ def write_usd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
             reason = failure_of(folder, f"USD says {reason}")
             raise InputError(f"cannot be written ({reason}); check the folder and the free space") from error
         move_into(file, path, overwrite=output.overwrite)
-    return notices
+    return (*moved, *notices)
 
 
 class _Stage:

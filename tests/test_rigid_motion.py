@@ -7,10 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pdecodec.appending import bound_of
+from pdecodec.cli.main import run
+from pdecodec.decoder import open_animation
+from pdecodec.encoder import encode
+from pdecodec.errors import SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.gltf_file import read_gltf
 from pdecodec.formats.gltf_mesh_writer import EXACT
 from pdecodec.formats.rigid_motion import rigid_matrices, rigid_parts
+from pdecodec.formats.scene_space import velocities_of
 from pdecodec.sequence import ArraySequence, MeshObject
 from tests.blender_tools import seen_by_blender
 from tests.mesh_cases import grid
@@ -78,13 +84,14 @@ def test_quaternions_never_turn_the_long_way(tmp_path: Path) -> None:
 
 def test_a_sequence_without_rigid_parts_is_itself() -> None:
     clip = ArraySequence(np.random.default_rng(1).normal(size=(3, 36, 3)), objects=[MeshObject("x", grid(6, 6))])
-    assert rigid_parts(clip) is clip
-    assert rigid_parts(ArraySequence(clip.points[:1], objects=clip.objects)).frame_count == 1
+    assert rigid_parts(clip) == (clip, ())
+    assert rigid_parts(clip, 1e-3) == (clip, ())
+    assert rigid_parts(ArraySequence(clip.points[:1], objects=clip.objects), 1.0)[0].frame_count == 1
 
 
 def test_parts_that_turn_do_so_about_their_own_middles_between_frames() -> None:
     clip = machine(10)
-    turned = rigid_parts(clip)
+    turned, _ = rigid_parts(clip)
     found = turned.read_frames(0, 1)[0, :36]
     assert np.abs(found.min(axis=0) + found.max(axis=0)).max() < 1e-6
     matrices = next(one for one in turned.objects[0].attributes if one.name == "transform").values[:, 1:]
@@ -106,3 +113,50 @@ def test_blender_moves_the_parts(tmp_path: Path, extension: str) -> None:
         expected = clip.points[frame] @ [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
         distances = np.linalg.norm(points[:, None] - expected, axis=2)
         assert max(distances.min(axis=0).max(), distances.min(axis=1).max()) < 1e-4
+
+
+@pytest.mark.parametrize("extension", ["abc", "usdc", "glb"])
+def test_parts_rigid_within_the_bound_of_a_file_are_nodes_that_move_where_that_is_asked_for(
+    tmp_path: Path, extension: str
+) -> None:
+    needed(extension)
+    encode(machine(), tmp_path / "x.pdeanim", tolerance=1e-4)
+    with open_animation(tmp_path / "x.pdeanim") as animation:
+        decoded, bound = animation.read_frames(0, 30), bound_of(animation, animation.residual_step)
+        write_sequence(animation, tmp_path / f"plain.{extension}")
+        told = write_sequence(animation, tmp_path / f"x.{extension}", rigid=bound)
+        with pytest.raises(SettingsError, match="--rigid moves shapes that stand"):
+            write_sequence(animation, tmp_path / "v.abc", rigid=bound, velocities=velocities_of(animation))
+    (line,) = [one for one in told if "moved as rigid" in one]
+    most = float(line.partition("up to ")[2].split()[0])
+    assert 0 < most <= 1.05 * bound
+    for name, moving in (("plain", 0), ("x", int(line.split()[0]))):
+        with open_sequence(tmp_path / f"{name}.{extension}", transforms="keep") as read:
+            kept = [any(one.name == "transform" for one in item.attributes) for item in read.objects]
+        assert sum(kept) == moving
+        assert not kept[3]
+    assert moving >= 2
+    with open_sequence(tmp_path / f"x.{extension}") as read:
+        distances = np.linalg.norm(read.read_frames(0, 30).astype(np.float64) - decoded, axis=2)
+        assert 0.95 * most <= distances.max() <= 1.05 * most
+    assert_lawful(tmp_path / f"x.{extension}")
+
+
+def test_rigid_is_for_what_knows_its_bound_and_moves_no_nodes_of_another(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_sequence(machine(), tmp_path / "x.npz")
+    encode(machine(), tmp_path / "x.pdeanim")
+    refusals = {
+        ("convert", "x.npz", "x.glb"): "knows its bound",
+        ("decode", "x.pdeanim", "y.glb", "--onto", "x.glb"): "--onto",
+        ("decode", "x.pdeanim", "y.abc", "--velocities"): "--velocities",
+        ("decode", "x.pdeanim", "y.npz"): "--rigid is for",
+    }
+    for (command, source, *rest), reason in refusals.items():
+        paths = [str(tmp_path / one) if "." in one else one for one in (source, *rest)]
+        assert run([command, *paths, "--rigid"]) == SettingsError.exit_code
+        assert reason in capsys.readouterr().err
+    paths = [str(tmp_path / one) for one in ("x.pdeanim", "x.glb")]
+    assert run(["convert", *paths, "--rigid"]) == 0
+    assert "moved as rigid" in capsys.readouterr().err
