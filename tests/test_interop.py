@@ -84,6 +84,8 @@ def test_programs_may_show_lines_or_leave_them_out() -> None:
     expected = expected_of(both)
     for shown in (expected.points, expected.points[:, :24]):
         assert difference(Seen(shown), expected) == Difference(0.0, 0.0, None)
+    alone = expected_of(ArraySequence(far, objects=[line], times=clip.times, metadata=SPACE))
+    assert difference(Seen(alone.points), alone) == Difference(0.0, 0.0, None)
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ class Expected:
         Frames, or on the straight line between two.
     is_frame : (times,) bool
     used : (n,) int
-        Vertices of faces, which every program shows.
+        Vertices of faces, which every program shows; of lines where there are no faces.
     shown : (n,) int
         Those of lines too, which some show.
     """
@@ -52,13 +52,14 @@ def expected_of(sequence: ArraySequence) -> Expected:
     points = sequence.points.astype(np.float64)
     rows = (1 - share[:, None, None]) * points[first]
     rows += share[:, None, None] * points[np.minimum(first + 1, last)]
+    faces, lines = sequence.connectivity.face_indices, sequence.connectivity.line_indices
     return Expected(
         sequence,
         tuple(times.tolist()),
         rows,
         share == 0,
-        np.unique(sequence.connectivity.face_indices),
-        np.unique(np.concatenate([sequence.connectivity.face_indices, sequence.connectivity.line_indices])),
+        np.unique(faces if faces.size else lines),
+        np.unique(np.concatenate([faces, lines])),
     )
 
 
