@@ -66,7 +66,7 @@ class RoundedSkinning:
         moved = centres + self.motions[..., -3:] * self.step
         translations = moved - np.einsum("fjkc,jc->fjk", linear, centres)
         return Skinning(
-            self.rest * self.step,
+            np.asarray(self.rest * self.step, np.float64),
             self.weights / self.weights.sum(axis=1, keepdims=True),
             np.concatenate([linear, translations[..., None]], axis=3),
         )
