@@ -148,7 +148,7 @@ def _turning(
     if np.linalg.norm(start - of_rest, axis=1).max() > np.radians(MOST_TURNED_AT_REST):
         functions = np.column_stack([functions, np.ones(len(functions))])
         shapes = np.concatenate([shapes, rest[None] - of_rest.reshape(1, -1)])
-        start, lengths = of_rest, np.ones((len(of_rest), 1))
+        start, lengths = of_rest.astype(np.float64), np.ones((len(of_rest), 1))
     steps = shapes.reshape(-1, *every.shape[1:]) / np.maximum(lengths, SHORTEST_NORMAL)
     normals, targets = start.astype(np.float32), steps.astype(np.float32)
     sums = normals + np.tensordot(functions, targets, 1)
