@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pdecodec.bytestream import FieldReader, FieldWriter
 from pdecodec.report.baselines.baseline import Baseline, Encoder, UnreachableError
-from pdecodec.report.baselines.quantised import Grid, level_for
+from pdecodec.report.baselines.quantised import Grid, GridDifferences, Int64Array, level_for
 from pdecodec.report.baselines.traversal import fans
 from pdecodec.sequence import Connectivity, Float32Array, Float64Array
 
@@ -306,51 +306,32 @@ class Sperr(Baseline):
         return decode_fields(data, lambda part, shape: np.asarray(sperr_decode(part))[: shape[0], : shape[1]])
 
 
-class Pcodec(Baseline):
-    """Grid coordinates, differences in time, and pcodec on each axis, in the order that takes fewer bytes.
-
-    The first frame is kept as differences along the vertices.
-    """
+class Pcodec(GridDifferences):
+    """Grid coordinates, differences in time, and pcodec on each axis, in the order that takes fewer bytes."""
 
     name = "quantise + delta in time + pcodec"
     source = "Loncaric, Jeppesen and Zinberg 2025, Pcodec: better compression for numerical sequences"
     package = "pcodec"
 
-    def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
+    def write(self, writer: FieldWriter, differences: Int64Array) -> None:
         from pcodec import ChunkConfig, standalone
 
         settings = ChunkConfig(compression_level=PCODEC_LEVEL)
+        for axis in range(3) if len(differences) else ():
+            field = differences[:, :, axis]
+            ordered = (np.ascontiguousarray(field).ravel(), np.ascontiguousarray(field.T).ravel())
+            packed = [bytes(standalone.simple_compress(numbers, settings)) for numbers in ordered]
+            best = min(range(len(ORDERS)), key=lambda number: len(packed[number]))
+            writer.numbers("B", best)
+            writer.sized(packed[best])
 
-        def encode(length: float) -> bytes:
-            grid = Grid.within(points, length)
-            coordinates = grid.coordinates(points)
-            writer = FieldWriter()
-            grid.write(writer)
-            writer.numbers("2Q", *points.shape[:2])
-            for part in (np.diff(coordinates[:1], axis=1, prepend=0), np.diff(coordinates, axis=0)):
-                for axis in range(3) if len(part) else ():
-                    field = part[:, :, axis]
-                    ordered = (np.ascontiguousarray(field).ravel(), np.ascontiguousarray(field.T).ravel())
-                    packed = [bytes(standalone.simple_compress(numbers, settings)) for numbers in ordered]
-                    best = min(range(len(ORDERS)), key=lambda number: len(packed[number]))
-                    writer.numbers("B", best)
-                    writer.sized(packed[best])
-            return writer.to_bytes()
-
-        return encode
-
-    def decode(self, data: bytes, connectivity: Connectivity) -> Float32Array:
+    def read(self, reader: FieldReader, shape: tuple[int, int, int]) -> Int64Array:
         from pcodec import standalone
 
-        reader = FieldReader(data, self.name)
-        grid = Grid.read(reader)
-        frames, vertices = reader.integers("2Q")
-        differences = np.empty((frames, vertices, 3), np.int64)
-        for part in (differences[:1], differences[1:]):
-            for axis in range(3) if len(part) else ():
-                (number,) = reader.integers("B")
-                shape = part.shape[:2] if ORDERS[number] == "FV" else part.shape[1::-1]
-                field = np.asarray(standalone.simple_decompress(reader.sized())).reshape(shape)
-                part[:, :, axis] = field if ORDERS[number] == "FV" else field.T
-        differences[0] = np.cumsum(differences[0], axis=0)
-        return grid.positions(np.cumsum(differences, axis=0))
+        differences = np.empty(shape, np.int64)
+        for axis in range(3) if len(differences) else ():
+            (number,) = reader.integers("B")
+            ordered = shape[:2] if ORDERS[number] == "FV" else shape[1::-1]
+            field = np.asarray(standalone.simple_decompress(reader.sized())).reshape(ordered)
+            differences[:, :, axis] = field if ORDERS[number] == "FV" else field.T
+        return differences

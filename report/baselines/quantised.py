@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
@@ -151,14 +152,11 @@ class RawFloat16(_RawBaseline):
     number = np.float16
 
 
-class QuantiseDelta(Baseline):
-    """The forty lines that every studio has written once: grid coordinates, differences in time, zstandard.
+class GridDifferences(Baseline):
+    """Grid coordinates and their differences in time; those of the first frame are along the vertices.
 
-    The first frame is kept as differences along the vertices.
+    What codes the differences is left to subclasses.
     """
-
-    name = "quantise + delta in time + zstd"
-    source = "common practice; RFC 8878"
 
     def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
         def encode(length: float) -> bytes:
@@ -167,10 +165,8 @@ class QuantiseDelta(Baseline):
             writer = FieldWriter()
             grid.write(writer)
             writer.numbers("2Q", *points.shape[:2])
-            for part in (np.diff(coordinates[:1], axis=1, prepend=0), np.diff(coordinates, axis=0)):
-                narrow = narrowest(part.transpose(0, 2, 1))  # an axis at a time: its numbers are alike
-                writer.numbers("Q", narrow.itemsize)
-                writer.sized(squeeze(narrow, level=level_for(narrow.nbytes)))
+            self.write(writer, np.diff(coordinates[:1], axis=1, prepend=0))
+            self.write(writer, np.diff(coordinates, axis=0))
             return writer.to_bytes()
 
         return encode
@@ -179,12 +175,35 @@ class QuantiseDelta(Baseline):
         reader = FieldReader(data, self.name)
         grid = Grid.read(reader)
         frames, vertices = reader.integers("2Q")
-        parts = []
-        for count in (1, frames - 1):
-            number = np.dtype(f"i{reader.integers('Q')[0]}")
-            parts.append(unsqueeze(reader.sized(), number, (count, 3, vertices)).astype(np.int64))
-        differences = np.concatenate([np.cumsum(parts[0], axis=2), parts[1]])
-        return grid.positions(np.cumsum(differences, axis=0).transpose(0, 2, 1))
+        first = np.cumsum(self.read(reader, (1, vertices, 3)), axis=1)
+        later = self.read(reader, (frames - 1, vertices, 3))
+        return grid.positions(np.cumsum(np.concatenate([first, later]), axis=0))
+
+    @abstractmethod
+    def write(self, writer: FieldWriter, differences: Int64Array) -> None:
+        """Code (frames, vertices, 3) differences; there may be no frames."""
+
+    @abstractmethod
+    def read(self, reader: FieldReader, shape: tuple[int, int, int]) -> Int64Array:
+        """The differences that were written in this shape."""
+
+
+class QuantiseDelta(GridDifferences):
+    """The forty lines that every studio has written once: grid coordinates, differences in time, zstandard."""
+
+    name = "quantise + delta in time + zstd"
+    source = "common practice; RFC 8878"
+
+    def write(self, writer: FieldWriter, differences: Int64Array) -> None:
+        narrow = narrowest(differences.transpose(0, 2, 1))  # an axis at a time: its numbers are alike
+        writer.numbers("Q", narrow.itemsize)
+        writer.sized(squeeze(narrow, level=level_for(narrow.nbytes)))
+
+    def read(self, reader: FieldReader, shape: tuple[int, int, int]) -> Int64Array:
+        frames, vertices, axes = shape
+        number = np.dtype(f"i{reader.integers('Q')[0]}")
+        by_axis = unsqueeze(reader.sized(), number, (frames, axes, vertices))
+        return by_axis.astype(np.int64).transpose(0, 2, 1)
 
 
 class Lorenzo(Baseline):
