@@ -119,7 +119,7 @@ def write_onto(
         _check_space(placed, there, source)
         fits, notices = fitted(placed, there, source)
         if entry.times != "exact":
-            notices += times_kept(sequence.times, as_float32=entry.times == "float32", title=entry.title)
+            notices += times_kept(sequence.times, entry.times, title=entry.title)
         return (*notices, *writer(placed, there, fits, source, output))
 
 

@@ -126,8 +126,8 @@ class Format:
     holds_transforms, holds_velocities, holds_nothing, holds_runs : bool
         Whether the writer can put transforms above objects, velocities beside positions, keep objects without
         vertices, and write a sequence whose connectivity changes.
-    times : {"exact", "float32", "microseconds"}
-        How the writer's times come back: as they were, rounded to float32, or only where they are further apart.
+    times : {"exact", "float32", "microseconds", "both"}
+        How the writer's times come back: as they were, rounded to float32, only where they are further apart, or both.
     keeps, loses : str
         What comes back after writing and reading, beside positions; what does not.
     """
@@ -150,7 +150,7 @@ class Format:
     holds_velocities: bool = False
     holds_nothing: bool = False
     holds_runs: bool = False
-    times: Literal["exact", "float32", "microseconds"] = "exact"
+    times: Literal["exact", "float32", "microseconds", "both"] = "exact"
     keeps: str = ""
     loses: str = ""
 
@@ -413,7 +413,7 @@ def write_sequence(
     with naming_file(where):
         rounded: tuple[str, ...] = ()
         if entry.times != "exact":
-            rounded = times_kept(sequence.times, as_float32=entry.times == "float32", title=entry.title)
+            rounded = times_kept(sequence.times, entry.times, title=entry.title)
         lost = (*rounded, *writer(placed, output))
     return (*lost, f"objects without vertices do not come back: {empty}") if empty else lost
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -67,14 +67,16 @@ def regular_rate(times: Float64Array, fps: float) -> float | None:
     return None
 
 
-def times_kept(times: Float64Array, *, as_float32: bool, title: str) -> tuple[str, ...]:
+def times_kept(
+    times: Float64Array, kept_as: Literal["float32", "microseconds", "both"], *, title: str
+) -> tuple[str, ...]:
     """A line that says how far the times [s] of a sequence are off in a format that rounds them.
 
     Parameters
     ----------
     times : (frames,) float64 [s]
-    as_float32 : bool
-        Whether the format keeps float32; else programs take times within :data:`SAME_TIME` for one.
+    kept_as : {"float32", "microseconds", "both"}
+        Whether the format keeps float32, programs take times within :data:`SAME_TIME` for one, or both.
     title : str
         Of the format.
 
@@ -85,8 +87,8 @@ def times_kept(times: Float64Array, *, as_float32: bool, title: str) -> tuple[st
     """
     # A time beyond float32 is infinite, as is the next one.
     with np.errstate(over="ignore"):
-        kept = times.astype(np.float32).astype(np.float64) if as_float32 else times
-    together = np.flatnonzero(~(np.diff(kept) > (0 if as_float32 else SAME_TIME)))
+        kept = times if kept_as == "microseconds" else times.astype(np.float32).astype(np.float64)
+    together = np.flatnonzero(~(np.diff(kept) > (0 if kept_as == "float32" else SAME_TIME)))
     if together.size:
         frame = int(together[0]) + 1
         raise InputError(
