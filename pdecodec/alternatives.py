@@ -1,7 +1,8 @@
 """Why a file is encoded as it is: what else could have been taken, and what each would have cost.
 
 One choice at a time is changed, all else stays as it was chosen; steps of coefficients are searched again for each.
-Costs are of the first group of frames. On meshes of more than :data:`pdecodec.groupfit.SMALL_MESH` vertices they are
+Costs of what is chosen for a group are of the first one; of what is chosen for all of them together, of the first
+frames, which the encoder looked at. On meshes of more than :data:`pdecodec.groupfit.SMALL_MESH` vertices they are
 estimates from some elements, as the encoder compares by them too (:mod:`pdecodec.estimate`).
 """
 
@@ -46,7 +47,8 @@ STEPS = (-4, -2, 0, 2, 4)
 """Steps of coefficients, as indices from the chosen one: halves to doubles."""
 
 COMPARED_FRAMES = 96
-"""Frames at most that are encoded under the other profile too, to compare the models."""
+"""Frames at most that are encoded under the other profile too, to compare the models; of a file of which it is not kept
+what else was tried, but for its first group, that are looked at at all."""
 
 
 FEW = 4
@@ -64,21 +66,20 @@ Cost = tuple[str, float, bool]
 
 
 class GroupAlternatives:
-    """Other ways to encode the first group of a file.
+    """Other ways to encode the first groups of a file.
 
     Parameters
     ----------
     points : (n, vertices, 3) float32 [scene units]
         The frames that were divided into groups or not.
-    lengths : sequence of int
-        Frames of these groups. But for the question of how to divide, all are about the first group.
+    groups : sequence of (int, GroupChoice)
+        Frames of each of these groups, and how it is encoded.
     times : (frames,) float64 [s]
         Of the whole clip.
     objects : sequence of MeshObject
     reference : ReferenceFrame
     basis : SpaceBasis
         Made on it.
-    choice : GroupChoice
     functions : int
         Of a patch at most.
     bound, unit, residual_step : float [scene units]
@@ -88,23 +89,24 @@ class GroupAlternatives:
     def __init__(
         self,
         points: Float32Array,
-        lengths: Sequence[int],
+        groups: Sequence[tuple[int, GroupChoice]],
         times: NDArray[np.float64],
         objects: Sequence[MeshObject],
         *,
         reference: ReferenceFrame,
         basis: SpaceBasis,
-        choice: GroupChoice,
         functions: int,
         bound: float,
         unit: float,
         residual_step: float,
     ) -> None:
-        self._whole, self._points, self._lengths = points, points[: lengths[0]], lengths
-        self._times, self._objects, self._bound = times, objects, bound
-        self._reference, self._basis, self._choice = reference, basis, choice
+        self._points, self._times, self._objects, self._bound = points, times, objects, bound
+        self._reference, self._basis = reference, basis
         self._unit, self._residual_step, self._functions = unit, residual_step, functions
-        self._fitter = self._fitter_of(reference, self._points)
+        self._lengths, self._choices = [length for length, _ in groups], [choice for _, choice in groups]
+        self._choice = self._choices[0]
+        self._whole = self._fitter_of(reference)
+        self._fitter = self._whole.part(slice(0, self._lengths[0]))
         self._search = GroupSearch(self._fitter, basis)
 
     def questions(self) -> list[Question]:
@@ -114,22 +116,22 @@ class GroupAlternatives:
         return [
             self._question("functions of time", self._times_tried()),
             self._question("displacements from", self._origins_tried()),
-            self._question("functions of space", self._spaces_tried()),
             self._question("step of coefficients", self._steps_tried()),
-            self._question("step of the reference frame", self._references_tried()),
-            self._question("frames of a group", self._lengths_tried(), len(self._whole)),
+            self._question("functions of space", self._spaces_tried(), self._whole.frames),
+            self._question("step of the reference frame", self._references_tried(), self._whole.frames),
+            self._question("frames of a group", self._lengths_tried(), self._whole.frames),
         ]
 
     def _question(self, what: str, costs: Sequence[Cost], frames: int | None = None) -> Question:
         ways = tuple(Alternative(way, round(bits / 8.0), chosen) for way, bits, chosen in costs)
-        return Question(what, frames or len(self._points), ways)
+        return Question(what, frames or self._fitter.frames, ways)
 
-    def _fitter_of(self, reference: ReferenceFrame, points: Float32Array) -> GroupFitter:
+    def _fitter_of(self, reference: ReferenceFrame) -> GroupFitter:
         return GroupFitter(
-            points,
+            self._points,
             reference.points,
-            points[0],
-            times=self._times[: len(points)],
+            self._points[0],
+            times=self._times[: len(self._points)],
             bound=self._bound,
             unit=self._unit,
             residual_step=self._residual_step,
@@ -139,7 +141,7 @@ class GroupAlternatives:
         moved = self._fitter.displacements(self._choice.origin)
         kinds = [time for time in TIME_FUNCTIONS if time != "poses" or moved.has_poses]
         found = [(time, self._best(replace(self._choice, time=time)), time == self._choice.time) for time in kinds]
-        empty = GroupEntry(frames=len(self._points), functions=0, basis="cosines", single=False, step=self._unit)
+        empty = GroupEntry(frames=self._fitter.frames, functions=0, basis="cosines", single=False, step=self._unit)
         none = self._fitter.fitted(self._basis, empty, np.zeros((self._basis.functions, 0), np.int64))
         return [*found, ("none, residuals alone", none.bits, False)]
 
@@ -156,8 +158,7 @@ class GroupAlternatives:
         found = []
         for kind, points in dict.fromkeys((*SPACES, own)):
             basis = self._basis if (kind, points) == own else self._basis_of(kind, points, self._reference)
-            bits = GroupSearch(self._fitter, basis).choose([self._choice]).bits
-            found.append((f"{kind} of {points}", bits, (kind, points) == own))
+            found.append((f"{kind} of {points}", self._together(self._whole, basis), (kind, points) == own))
         return found
 
     def _steps_tried(self) -> list[Cost]:
@@ -165,7 +166,7 @@ class GroupAlternatives:
         return [(f"x {2.0 ** (more / 4):.3g}", self._search.bits(choice), not more) for more, choice in tried.items()]
 
     def _references_tried(self) -> list[Cost]:
-        share, own = len(self._points) / self._times.size, self._reference.step
+        share, own = self._whole.frames / self._times.size, self._reference.step
         others = (step for step in reference_steps(self._points[0], self._unit) if abs(step / own - 1.0) > ALIKE)
         steps = sorted([own, *others])
         at = steps.index(own)
@@ -174,15 +175,14 @@ class GroupAlternatives:
             is_own = step == own
             reference = self._reference if is_own else quantise_reference(self._points[0], step)
             basis = self._basis if is_own else self._basis_of(self._basis.form.kind, self._basis.form.points, reference)
-            fitter = self._fitter if is_own else self._fitter.from_reference(reference.points)
-            bits = GroupSearch(fitter, basis).choose([self._choice]).bits
+            bits = self._together(self._whole if is_own else self._fitter_of(reference), basis)
             bits += share * 8.0 * len(encode_reference(reference, self._objects))
             found.append((f"{step / self._bound:.3g} bounds", bits, is_own))
         return found
 
     def _lengths_tried(self) -> list[Cost]:
         """All frames that were divided or not, in equal parts and as they were divided."""
-        frames = len(self._whole)
+        frames = self._whole.frames
         divisions, parts = {tuple(self._lengths): True}, 1
         while frames // parts >= SHORTEST_PART:
             edges = [frames * k // parts for k in range(parts + 1)]
@@ -192,12 +192,13 @@ class GroupAlternatives:
 
     def _divided(self, lengths: Sequence[int]) -> float:
         """Bits of all frames in groups of such lengths."""
-        whole, begin, bits = self._fitter_of(self._reference, self._whole), 0, 0.0
-        for length in lengths:
-            search = GroupSearch(whole.part(slice(begin, begin + length)), self._basis)
-            bits += search.choose(candidates(search, self._choice)).bits + BITS_OF_A_GROUP
-            begin += length
-        return bits
+        searches = [GroupSearch(part, self._basis) for part in _parts(self._whole, lengths)]
+        return sum(search.choose(candidates(search, self._choice)).bits + BITS_OF_A_GROUP for search in searches)
+
+    def _together(self, whole: GroupFitter, basis: SpaceBasis) -> float:
+        """Bits of all groups as they were chosen, but for their steps, in a space basis."""
+        parts = zip(_parts(whole, self._lengths), self._choices, strict=True)
+        return sum(GroupSearch(part, basis).choose([choice]).bits for part, choice in parts)
 
     def _best(self, choice: GroupChoice) -> float:
         """Bits with the step that costs least."""
@@ -205,6 +206,12 @@ class GroupAlternatives:
 
     def _basis_of(self, kind: SpaceKind, points: int, reference: ReferenceFrame) -> SpaceBasis:
         return build_space_basis(kind, self._objects, reference.grid, points=points, functions=self._functions)
+
+
+def _parts(whole: GroupFitter, lengths: Sequence[int]) -> list[GroupFitter]:
+    """Groups of such lengths, one after the other."""
+    edges = itertools.accumulate(lengths, initial=0)
+    return [whole.part(slice(begin, end)) for begin, end in itertools.pairwise(edges)]
 
 
 def model_question(sequence: MeshSequence, bound: float | None, profile: Profile) -> Question:
@@ -242,7 +249,7 @@ def _motion_bytes(report: EncodeReport) -> int:
 
 
 def alternatives_of(animation: Animation) -> list[Question]:
-    """Other ways to encode the first group of a file, found out from what it decodes to: so about.
+    """Other ways to encode the first groups of a file, found out from what it decodes to: so about.
 
     Raises
     ------
@@ -252,19 +259,20 @@ def alternatives_of(animation: Animation) -> list[Question]:
     if len(animation.runs) > 1:
         raise InputError("has several runs of frames, which are encoded each by itself", path=animation.path)
     bound = bound_of(animation, animation.residual_step)
-    entry = animation.first_group
-    if entry.basis == "closed form":
+    entries = animation.groups
+    if entries[0].basis == "closed form":
         return [model_question(animation, bound, "paper")]
     reference, basis = animation.reference_and_space()
-    points = animation.read_frames(0, entry.frames)
+    ends = list(itertools.accumulate(entry.frames for entry in entries))
+    compared = max(1, sum(end <= COMPARED_FRAMES for end in ends))
+    points = animation.read_frames(0, ends[compared - 1])
     group = GroupAlternatives(
         points,
-        [entry.frames],
+        [(entry.frames, GroupChoice(entry.basis, "reference", grid_index(entry.step))) for entry in entries[:compared]],
         animation.times,
         animation.meshes,
         reference=reference,
         basis=basis,
-        choice=GroupChoice(entry.basis, "reference", grid_index(entry.step)),
         functions=memory_plan(animation.vertex_count, animation.frame_count, None).functions,
         bound=bound,
         unit=max(bound, float(np.spacing(np.abs(points[0]).max()))),

@@ -441,13 +441,16 @@ class Animation(MeshSequence):
             return [*(group[0] for group in self._core.groups), self.frame_count]
 
     @property
-    def first_group(self) -> GroupEntry:
-        """The first group of frames, without what says where its bytes are."""
+    def groups(self) -> list[GroupEntry]:
+        """The groups of frames, without what says where their bytes are."""
         with self._naming_the_file():
-            _, frames, functions, basis, step, alpha = self._core.groups[0]
-        return GroupEntry(
-            frames=frames, functions=functions, basis=TIME_BASES[basis], single=False, step=step, alpha=alpha
-        )
+            found = self._core.groups
+        return [
+            GroupEntry(
+                frames=frames, functions=functions, basis=TIME_BASES[basis], single=False, step=step, alpha=alpha
+            )
+            for _, frames, functions, basis, step, alpha in found
+        ]
 
     @property
     def residual_step(self) -> float:

@@ -365,20 +365,19 @@ class AutoEncoder(Encoder):
             moved = first.fitter.displacements(first.choice.origin)
             self._explained = moved.explained(first.fitted.entry.functions, first.choice.time)
         if self._settings.why:
-            self._questions = self._alternatives(points, first.choice, steps)
+            self._questions = self._alternatives(points, steps)
         return self._model.groups
 
-    def _alternatives(self, points: Float32Array, choice: GroupChoice, steps: Mapping[str, float]) -> list[Question]:
+    def _alternatives(self, points: Float32Array, steps: Mapping[str, float]) -> list[Question]:
         from pdecodec.alternatives import GroupAlternatives, model_question
 
         group = GroupAlternatives(
             points,
-            [group.fitter.frames for group in self._model.groups],
+            [(group.fitter.frames, group.choice) for group in self._model.groups],
             self._sequence.times,
             self._sequence.objects,
             reference=self._model.reference,
             basis=self._model.basis,
-            choice=choice,
             functions=self._plan.functions,
             **steps,
         )

@@ -16,6 +16,7 @@ from pdecodec.encodereport import EncodeReport, Question, from_json, to_json
 from pdecodec.formats import write_sequence
 from pdecodec.report.clips.why import alternatives_figure
 from pdecodec.sequence import MeshObject
+from pdecodec.xpbd.scenes import build
 from tests.mesh_cases import grid
 
 Capture = pytest.CaptureFixture[str]
@@ -43,8 +44,8 @@ def test_each_choice_has_several_ways_of_which_one_was_taken(asked: EncodeReport
     assert [question.what for question in asked.alternatives] == [
         "functions of time",
         "displacements from",
-        "functions of space",
         "step of coefficients",
+        "functions of space",
         "step of the reference frame",
         "frames of a group",
         "profile",
@@ -60,6 +61,16 @@ def test_no_step_nearby_and_no_functions_of_time_that_were_looked_at_cost_less(a
         assert taken(questions[what]) == min(item.size for item in questions[what].ways), what
     costs = {item.way: item.size for item in questions["functions of time"].ways}
     assert costs["none, residuals alone"] > 3 * costs["trajectories"]
+
+
+def test_functions_of_space_are_compared_over_all_groups_that_share_them() -> None:
+    """The first group alone would take fewer bytes on curves."""
+    clip = build("cloth", columns=30, rows=30).simulate(frames=24)
+    report = pdecodec.encode(clip, why=True)
+    (space,) = [question for question in report.alternatives if question.what == "functions of space"]
+    assert report.groups > 1
+    assert space.frames == 24
+    assert taken(space) == min(item.size for item in space.ways)
 
 
 def test_costs_are_what_encoding_it_so_costs(asked: EncodeReport) -> None:
