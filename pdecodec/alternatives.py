@@ -259,16 +259,20 @@ def alternatives_of(animation: Animation) -> list[Question]:
     if len(animation.runs) > 1:
         raise InputError("has several runs of frames, which are encoded each by itself", path=animation.path)
     bound = bound_of(animation, animation.residual_step)
-    entries = animation.groups
-    if entries[0].basis == "closed form":
+    groups: list[tuple[int, GroupChoice]] = []
+    frames = 0
+    for entry in animation.groups:
+        if entry.basis == "closed form" or (groups and frames + entry.frames > COMPARED_FRAMES):
+            break
+        groups.append((entry.frames, GroupChoice(entry.basis, "reference", grid_index(entry.step))))
+        frames += entry.frames
+    if not groups:
         return [model_question(animation, bound, "paper")]
     reference, basis = animation.reference_and_space()
-    ends = list(itertools.accumulate(entry.frames for entry in entries))
-    compared = max(1, sum(end <= COMPARED_FRAMES for end in ends))
-    points = animation.read_frames(0, ends[compared - 1])
+    points = animation.read_frames(0, frames)
     group = GroupAlternatives(
         points,
-        [(entry.frames, GroupChoice(entry.basis, "reference", grid_index(entry.step))) for entry in entries[:compared]],
+        groups,
         animation.times,
         animation.meshes,
         reference=reference,

@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -129,8 +130,10 @@ def bench_xpbd() -> Iterator[Measurement]:
         return clip.read_frames(0, clip.frame_count)
 
     ours = median_seconds(simulate) / CLOTH_FRAMES
+    with _one_thread():
+        alone = median_seconds(simulate) / CLOTH_FRAMES
     name = f"XPBD cloth {CLOTH_SIDE} x {CLOTH_SIDE}, {CLOTH_SUBSTEPS} substeps"
-    yield Measurement(name, ours * 1e3, "ms a frame", "bundled simulator")
+    yield Measurement(name, ours * 1e3, "ms a frame", f"bundled simulator, {ours / alone:.2f} times one thread's")
     if importlib.util.find_spec("pypbd") is None:
         yield Measurement(f"{name}, pyPBD", None, "ms a frame", "not installed: pip install 'pdecodec[baselines]'")
         return
@@ -145,6 +148,18 @@ def bench_xpbd() -> Iterator[Measurement]:
         "ms a frame",
         f"{theirs / ours:.1f} times ours, {threads['OMP_NUM_THREADS']} threads",
     )
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    kept = os.environ.get("PDECODEC_THREADS")
+    os.environ["PDECODEC_THREADS"] = "1"
+    try:
+        yield
+    finally:
+        del os.environ["PDECODEC_THREADS"]
+        if kept is not None:
+            os.environ["PDECODEC_THREADS"] = kept
 
 
 _PYPBD = f"""

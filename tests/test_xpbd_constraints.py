@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.xpbd.bending import IsometricBendingConstraints
 from pdecodec.xpbd.constraints import Constraints, Method, State
 from pdecodec.xpbd.distance import ChainConstraints, DistanceConstraints
 from pdecodec.xpbd.meshing import bending_stencils, grid_quads, lattice_tetrahedra, triangulate
+from pdecodec.xpbd.scenes import build
 from pdecodec.xpbd.solver import Solver
 from pdecodec.xpbd.surroundings import AIR_DENSITY, AttachmentConstraints, Ground, Pins, Sphere, Wind
 from pdecodec.xpbd.system import System
@@ -322,3 +324,78 @@ def test_what_cannot_be_is_refused_in_one_line(make_wrong, message: str) -> None
     with pytest.raises(SettingsError, match=message) as caught:
         make_wrong()
     assert "\n" not in str(caught.value)
+
+
+def in_halves(particles: np.ndarray, middle: int) -> list[int]:
+    """Constraints in the order of a system in halves: within them, then across, those in rounds that share none."""
+    second = particles >= middle
+    order = [i for half in (0, 1) for i in range(len(particles)) if (second[i] == half).all()]
+    left = [i for i in range(len(particles)) if i not in order]
+    while left:
+        moved: set[int] = set()
+        now = [i for i in left if not moved & {*particles[i].tolist()} and not moved.update(particles[i].tolist())]
+        order += now
+        left = [i for i in left if i not in now]
+    return order
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.02])
+@pytest.mark.parametrize("kind", ["distance", "chain along", "chain across", "bending"])
+def test_halves_are_taken_first_and_what_is_across_the_middle_after_them(kind: str, damping: float) -> None:
+    columns, rows, middle = 7, 9, 28
+    random = np.random.default_rng(11)
+    grid = np.arange(columns * rows, dtype=np.int32).reshape(rows, columns)
+    rest = np.stack([grid % columns, grid // columns, 0 * grid], axis=-1).reshape(-1, 3).astype(float)
+    triangles = triangulate(grid_quads(columns, rows))
+    make_batch, particles = {
+        "distance": (
+            partial(DistanceConstraints.from_positions, compliance=0.02),
+            np.concatenate([triangles[:, :2], triangles[:, 1:]]),
+        ),
+        "chain along": (partial(ChainConstraints.from_positions, compliance=0.02), grid),
+        "chain across": (partial(ChainConstraints.from_positions, compliance=0.02), grid.T),
+        "bending": (
+            partial(IsometricBendingConstraints.from_positions, rigidity=30.0),
+            bending_stencils(triangles),
+        ),
+    }[kind]
+    order = in_halves(particles, middle)
+    inverse_masses = random.uniform(0.5, 2, size=len(rest))
+    inverse_masses[::13] = 0
+    start = rest + 0.05 * random.normal(size=rest.shape)
+    batch, plain = make_batch(rest, particles, damping=damping), make_batch(rest, particles[order], damping=damping)
+    positions, expected = start.copy(), start.copy()
+    multipliers, others = batch.new_multipliers(), plain.new_multipliers()
+    sheets = _core.Sheets(inverse_masses, middle)
+    batch.add_to(sheets, multipliers, substep=0.05, method="xpbd")
+    for sweep in range(3):
+        sheets.solve(positions, rest, is_first=sweep == 0)
+        plain.solve_plainly(State(expected, rest, inverse_masses), others, time=0.0, substep=0.05, method="xpbd")
+    sheets.store()
+    np.testing.assert_allclose(positions, expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(multipliers[order], others, rtol=1e-9, atol=1e-12)
+    assert np.abs(positions - start).max() > 0.01
+
+
+def test_a_middle_that_chains_cross_twice_or_that_is_no_particle_is_refused() -> None:
+    sheets = _core.Sheets(np.ones(12), 6)
+    for chains in ([[0, 6, 1]], [[6, 1]], [[0, 1, 6], [2, 7, 8]]):
+        batch = ChainConstraints.from_positions(SHEET, chains)
+        with pytest.raises(ValueError, match="cross the middle of a sheet once, all at one link"):
+            batch.add_to(sheets, batch.new_multipliers(), substep=0.05, method="xpbd")
+    with pytest.raises(SettingsError, match="the middle must be one of the 12 particles, not 13"):
+        System(positions=SHEET, inverse_masses=np.ones(12), middle=13)
+
+
+def test_two_threads_give_the_bits_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = build("cloth", columns=64, rows=65)
+    assert 0 < scene.system.middle < len(scene.system.positions)
+    found = []
+    for threads in ("1", "2"):
+        monkeypatch.setenv("PDECODEC_THREADS", threads)
+        solver = Solver(scene.system, substep=1e-3, iterations=2)
+        solver.advance(45)
+        found.append((solver.positions.copy(), solver.velocities.copy(), *solver.multipliers))
+    for one, two in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, two)
+    assert np.abs(found[0][0] - scene.system.positions).max() > 0.005

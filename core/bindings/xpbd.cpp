@@ -59,15 +59,13 @@ void py_predict(const ChangedPoints &positions, const ChangedPoints &previous, c
 }
 
 // Batches of sheets know their callers' arrays of multipliers.
-i32 filler_of(const Sheets &sheets) { return static_cast<i32>(sheets.particles()); }
-
 void py_add_distances(Sheets &sheets, const Rows<i32, 2> &pairs, const Flat<double> &lengths,
                       const ChangedNumbers &multipliers, const ScalingNumbers &scaling) {
     const std::size_t count = pairs.shape(0);
     members_of<2>(pairs, sheets.particles());
     const auto rest = items<const double>(lengths, count);
     const auto forces = items<double>(multipliers, count);
-    sheets.add(make_distances({pairs.data(), pairs.size()}, filler_of(sheets), rest, forces, scaling_of(scaling)));
+    sheets.add(make_distances({pairs.data(), pairs.size()}, sheets.halves(), rest, forces, scaling_of(scaling)));
 }
 
 void py_add_chains(Sheets &sheets, const Array<const i32, nb::ndim<2>> &chains,
@@ -78,8 +76,7 @@ void py_add_chains(Sheets &sheets, const Array<const i32, nb::ndim<2>> &chains,
     members_of<1>(chains, sheets.particles());
     const auto rest = items<const double>(lengths, chains.shape(0) * links);
     const auto forces = items<double>(multipliers, chains.shape(0) * links);
-    sheets.add(
-        make_chains(links, {chains.data(), chains.size()}, filler_of(sheets), rest, forces, scaling_of(scaling)));
+    sheets.add(make_chains(links, {chains.data(), chains.size()}, sheets.halves(), rest, forces, scaling_of(scaling)));
 }
 
 void py_add_bending(Sheets &sheets, const Rows<i32, 4> &stencils, const Rows<double, 4> &coefficients,
@@ -88,7 +85,7 @@ void py_add_bending(Sheets &sheets, const Rows<i32, 4> &stencils, const Rows<dou
     members_of<4>(stencils, sheets.particles());
     const auto weights = items<const double>(coefficients, 4 * count);
     const auto forces = items<double>(multipliers, 3 * count);
-    sheets.add(make_bending({stencils.data(), stencils.size()}, filler_of(sheets), weights, forces,
+    sheets.add(make_bending({stencils.data(), stencils.size()}, sheets.halves(), weights, forces,
                             sheets.inverse_masses(), scaling_of(scaling)));
 }
 
@@ -102,13 +99,13 @@ void py_solve_sheets(Sheets &sheets, const ChangedPoints &positions, const Point
 
 void py_advance_sheets(Sheets &sheets, const ChangedPoints &positions, const ChangedPoints &previous,
                        const ChangedPoints &velocities, const Points &accelerations, double substep, double keep,
-                       i64 substeps, i64 iterations) {
+                       i64 substeps, i64 iterations, int threads) {
     const std::size_t count = sheets.particles();
     const auto moved = items<Point>(positions, count), noted = items<Point>(previous, count);
     const auto speeds = items<Point>(velocities, count);
     const auto pulls = items<const Point>(accelerations, count);
     nb::gil_scoped_release release;
-    sheets.advance(moved, noted, speeds, pulls, substep, keep, substeps, iterations);
+    sheets.advance(moved, noted, speeds, pulls, substep, keep, substeps, iterations, threads);
 }
 
 void py_solve_attachments(const StateArrays &state, const Rows<i32, 1> &attached, const Points &targets,
@@ -178,10 +175,14 @@ void bind_xpbd(nb::module_ &module) {
     nb::class_<Sheets>(module, "Sheets", "Batches of sheets that are solved in turn.")
         .def(
             "__init__",
-            [](Sheets *self, const Flat<double> &inverse_masses) {
-                new (self) Sheets(items<const double>(inverse_masses, inverse_masses.shape(0)));
+            [](Sheets *self, const Flat<double> &inverse_masses, i32 middle) {
+                const std::size_t particles = inverse_masses.shape(0);
+                if (middle < 0 || static_cast<std::size_t>(middle) > particles) {
+                    throw nb::value_error("the middle is one of the particles, or behind them");
+                }
+                new (self) Sheets(items<const double>(inverse_masses, particles), middle);
             },
-            nb::arg("inverse_masses"))
+            nb::arg("inverse_masses"), nb::arg("middle"), "`middle`: the first particle of the second half.")
         .def("add_distances", &py_add_distances, nb::arg("pairs"), nb::arg("lengths"), changed("multipliers"),
              nb::arg("scaling"), nb::keep_alive<1, 4>())
         .def("add_chains", &py_add_chains, nb::arg("chains"), nb::arg("lengths"), changed("multipliers"),
@@ -192,7 +193,7 @@ void bind_xpbd(nb::module_ &module) {
              "One iteration; where it is the first, multipliers start from 0.")
         .def("advance", &py_advance_sheets, changed("positions"), changed("previous"), changed("velocities"),
              nb::arg("accelerations"), nb::arg("substep"), nb::arg("keep"), nb::arg("substeps"), nb::arg("iterations"),
-             "Substeps of Algorithm 1 with nothing but these batches in it.")
+             nb::arg("threads"), "Substeps of Algorithm 1 with nothing but these batches in it.")
         .def("store", &Sheets::store, "Write multipliers to the arrays that they came from.");
     module.def("solve_attachments", &py_solve_attachments, changed("state"), nb::arg("attached"), nb::arg("targets"),
                changed("multipliers"), nb::arg("scaling"), "One sweep over springs to points.");

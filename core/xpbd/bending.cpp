@@ -59,15 +59,17 @@ PDEANIM_MULTIVERSION void solve_undamped(const Places &places, const BendingSlot
 
 class Bending : public SlottedBatch {
 public:
-    Bending(std::span<const i32> stencils, i32 filler, std::span<const double> coefficients,
+    Bending(std::span<const i32> stencils, const Halves &halves, std::span<const double> coefficients,
             std::span<double> multipliers, std::span<const double> inverses, const Scaling &scaling)
-        : SlottedBatch(stencils, 4, filler, multipliers, 3, scaling), coefficients_(slotted(coefficients, 4, 0.0)),
+        : SlottedBatch(stencils, 4, halves, multipliers, 3, scaling), coefficients_(slotted(coefficients, 4, 0.0)),
           inverses_(slotted(inverses, 1, 0.0)) {}
 
-    void solve(const Places &places) override {
-        const BendingSlots slots{members_.data(), coefficients_.data(), inverses_.data(), multipliers_.data()};
+protected:
+    void solve_group(const Places &places, Group group) override {
+        const BendingSlots slots{members_.data() + first_of(group, 4), coefficients_.data() + first_of(group, 4),
+                                 inverses_.data() + first_of(group, 1), multipliers_.data() + first_of(group, 3)};
         const auto take = scaling_.damping > 0.0 ? solve_damped : solve_undamped;
-        take(places, slots, slot_count(), scaling_);
+        take(places, slots, count(group), scaling_);
     }
 
 private:
@@ -76,9 +78,9 @@ private:
 
 }  // namespace
 
-std::unique_ptr<Batch> make_bending(std::span<const i32> stencils, i32 filler, std::span<const double> coefficients,
-                                    std::span<double> multipliers, std::span<const double> inverse_masses,
-                                    const Scaling &scaling) {
+std::unique_ptr<Batch> make_bending(std::span<const i32> stencils, const Halves &halves,
+                                    std::span<const double> coefficients, std::span<double> multipliers,
+                                    std::span<const double> inverse_masses, const Scaling &scaling) {
     std::vector<double> inverses(stencils.size() / 4, 0.0);
     for (std::size_t i = 0; i < inverses.size(); ++i) {
         double slope = 0.0;
@@ -90,7 +92,7 @@ std::unique_ptr<Batch> make_bending(std::span<const i32> stencils, i32 filler, s
         // Held particles have nothing to give.
         if (slope != 0.0) inverses[i] = 1.0 / ((1.0 + scaling.damping) * slope + scaling.compliance);
     }
-    return std::make_unique<Bending>(stencils, filler, coefficients, multipliers, inverses, scaling);
+    return std::make_unique<Bending>(stencils, halves, coefficients, multipliers, inverses, scaling);
 }
 
 }  // namespace pdeanim::xpbd

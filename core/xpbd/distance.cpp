@@ -1,4 +1,5 @@
 #include <cmath>
+#include <stdexcept>
 
 #include "xpbd/slots.hpp"
 
@@ -94,24 +95,33 @@ PDEANIM_MULTIVERSION void solve_undamped(const Places &places, const DistanceSlo
 
 class Distances : public SlottedBatch {
 public:
-    Distances(std::span<const i32> pairs, i32 filler, std::span<const double> lengths, std::span<double> multipliers,
-              const Scaling &scaling)
-        : SlottedBatch(pairs, 2, filler, multipliers, 1, scaling), lengths_(slotted(lengths, 1, 0.0)) {}
+    Distances(std::span<const i32> pairs, const Halves &halves, std::span<const double> lengths,
+              std::span<double> multipliers, const Scaling &scaling)
+        : SlottedBatch(pairs, 2, halves, multipliers, 1, scaling), lengths_(slotted(lengths, 1, 0.0)) {}
 
-    void solve(const Places &places) override {
-        const DistanceSlots slots{members_.data(), lengths_.data(), multipliers_.data()};
+protected:
+    void solve_group(const Places &places, Group group) override {
+        const DistanceSlots slots{members_.data() + first_of(group, 2), lengths_.data() + first_of(group, 1),
+                                  multipliers_.data() + first_of(group, 1)};
         const auto take = scaling_.damping > 0.0 ? solve_damped : solve_undamped;
-        take(places, slots, slot_count(), scaling_);
+        take(places, slots, count(group), scaling_);
     }
 
 private:
     std::vector<double> lengths_;
 };
 
-// A link of each chain of a slot. upper: of the bidiagonal matrix that elimination leaves, its diagonal 1.
+// A link of each chain of a slot, in a matrix that is eliminated from both ends of the chain.
 struct alignas(64) Link {
     Vectors direction;
-    Slot upper, right, mass;  // mass: the inverse one of its first point
+    // coupling: on the way to the link where the ends meet, its share of the next one that is left of it; then Eq. 6's
+    // change. right: what is left to the right of the equation.
+    Slot coupling, right, mass;  // mass: the inverse one of its first point
+};
+
+// The last link that is eliminated, and the inverse pivot of the one beyond it, to which the other end has come.
+struct Meeting {
+    Slot full, diagonal, beyond;
 };
 
 // The same point of each chain of a slot.
@@ -120,109 +130,290 @@ struct Looked {
     Slot mass;
 };
 
+// Chains of a slot.
+struct ChainSlot {
+    const i32 *points;
+    const double *lengths;
+    double *multipliers;
+    std::size_t links;
+};
+
+// The share of the diagonal under which a pivot is rounding: a straight rigid chain that is held at both ends has one link
+// too many, and that link is left as it is.
+constexpr double smallest_pivot = 1e-12;
+
+PDEANIM_INLINE Slot inverse_pivot(const Slot &diagonal, const Slot &full) {
+    return where_positive(diagonal - smallest_pivot * full, 1.0 / diagonal);
+}
+
 PDEANIM_INLINE Looked look(const Places &places, const i32 *points) {
     return {vectors(places.positions, points), vectors(places.previous, points), masses(places, points)};
+}
+
+// Direction and right side of a link; its diagonal.
+PDEANIM_INLINE Slot measure(Link &link, const Looked &from, const Looked &to, const ChainSlot &chain, std::size_t i,
+                            const Scaling &scaling) {
+    link.mass = from.mass;
+    for (int axis = 0; axis < 3; ++axis) link.direction.axes[axis] = to.now.axes[axis] - from.now.axes[axis];
+    const Slot length = square_roots(dot(link.direction, link.direction));
+    const Slot inverse = where_positive(length, 1.0 / length);
+    Vectors moved{};
+    for (int axis = 0; axis < 3; ++axis) {
+        link.direction.axes[axis] = link.direction.axes[axis] * inverse;
+        moved.axes[axis] = to.now.axes[axis] - to.before.axes[axis] - from.now.axes[axis] + from.before.axes[axis];
+    }
+    const auto &multiplier = lanes_at<slot_size>(chain.multipliers + i * slot_size);
+    link.right = lanes_at<slot_size>(chain.lengths + i * slot_size) - length - scaling.compliance * multiplier -
+                 scaling.damping * dot(link.direction, moved);
+    const Slot directed = where_positive(length, Slot{} + (1.0 + scaling.damping));
+    return directed * (from.mass + to.mass) + scaling.compliance;
+}
+
+// Entry of the matrix for two links that follow each other.
+PDEANIM_INLINE Slot coupling_of(const Link &link, const Link &next, const Scaling &scaling) {
+    return -(1.0 + scaling.damping) * next.mass * dot(link.direction, next.direction);
+}
+
+// Links 0 to `last`, whose own pivot waits for the other end.
+PDEANIM_INLINE void eliminate_forwards(const Places &places, const ChainSlot &chain, std::size_t last,
+                                       const Scaling &scaling, Link *row, Meeting &meeting) {
+    Slot pivot{};
+    Looked from = look(places, chain.points);
+    for (std::size_t i = 0; i <= last; ++i) {
+        const Looked to = look(places, chain.points + (i + 1) * slot_size);
+        const Slot full = measure(row[i], from, to, chain, i, scaling);
+        Slot diagonal = full;
+        if (i > 0) {
+            const Slot coupling = coupling_of(row[i - 1], row[i], scaling);
+            row[i - 1].coupling = coupling * pivot;
+            diagonal -= coupling * row[i - 1].coupling;
+            row[i].right -= coupling * row[i - 1].right;
+        }
+        if (i < last) {
+            pivot = inverse_pivot(diagonal, full);
+            row[i].right = row[i].right * pivot;
+        } else {
+            meeting.full = full;
+            meeting.diagonal = diagonal;
+        }
+        from = to;
+    }
+}
+
+// Links from the end to the one behind `last`.
+PDEANIM_INLINE void eliminate_backwards(const Places &places, const ChainSlot &chain, std::size_t last,
+                                        const Scaling &scaling, Link *row, Meeting &meeting) {
+    Slot pivot{};
+    Looked to = look(places, chain.points + chain.links * slot_size);
+    for (std::size_t i = chain.links; i-- > last + 1;) {
+        const Looked from = look(places, chain.points + i * slot_size);
+        const Slot full = measure(row[i], from, to, chain, i, scaling);
+        Slot diagonal = full;
+        if (i + 1 < chain.links) {
+            const Slot coupling = coupling_of(row[i], row[i + 1], scaling);
+            row[i + 1].coupling = coupling * pivot;
+            diagonal -= coupling * row[i + 1].coupling;
+            row[i].right -= coupling * row[i + 1].right;
+        }
+        pivot = inverse_pivot(diagonal, full);
+        row[i].right = row[i].right * pivot;
+        to = from;
+    }
+    meeting.beyond = pivot;
+}
+
+struct Met {
+    Slot change, coupling;  // of the last link, and what that has of the link beyond it
+};
+
+PDEANIM_INLINE Met meet(const Link *row, std::size_t last, std::size_t links, const Scaling &scaling,
+                        const Meeting &meeting) {
+    Slot diagonal = meeting.diagonal, right = row[last].right, share{};
+    if (last + 1 < links) {
+        const Slot coupling = coupling_of(row[last], row[last + 1], scaling);
+        share = coupling * meeting.beyond;
+        diagonal -= coupling * share;
+        right -= coupling * row[last + 1].right;
+    }
+    return {right * inverse_pivot(diagonal, meeting.full), share};
+}
+
+// Eq. 7 for points `first` to `end` - 1, for each the link before it first; Eq. 6 for the links that begin at them. `step`:
+// of the link before the first of them.
+PDEANIM_INLINE void move_points(const Places &places, const ChainSlot &chain, std::size_t first, std::size_t end,
+                                const Link *row, Vectors step) {
+    for (std::size_t i = first; i < end; ++i) {
+        const i32 *particles = chain.points + i * slot_size;
+        Vectors at = vectors(places.positions, particles);
+        const Slot inverse_mass = i < chain.links ? row[i].mass : masses(places, particles);
+        if (i > 0) {
+            for (int axis = 0; axis < 3; ++axis) at.axes[axis] += inverse_mass * step.axes[axis];
+        }
+        if (i < chain.links) {
+            lanes_at<slot_size>(chain.multipliers + i * slot_size) += row[i].coupling;  // Eq. 6
+            for (int axis = 0; axis < 3; ++axis) {
+                step.axes[axis] = row[i].direction.axes[axis] * row[i].coupling;
+                at.axes[axis] -= inverse_mass * step.axes[axis];
+            }
+        }
+        for (int lane = 0; lane < slot_size; ++lane) {
+            Place &place = places.positions[particles[lane]];
+            for (int axis = 0; axis < 3; ++axis) place.at[axis] = at.axes[axis][lane];
+        }
+    }
+}
+
+// Changes of links `last` to 0, and what moves by them up to the point before `end`.
+PDEANIM_INLINE void substitute_backwards(const Places &places, const ChainSlot &chain, std::size_t last,
+                                         std::size_t end, Link *row, const Met &met) {
+    row[last].coupling = met.change;
+    for (std::size_t i = last; i-- > 0;) row[i].coupling = row[i].right - row[i].coupling * row[i + 1].coupling;
+    move_points(places, chain, 0, end, row, Vectors{});
+}
+
+// Changes of links behind `last`, and what moves by them and by it. What the other half reads stays as it is.
+PDEANIM_INLINE void substitute_forwards(const Places &places, const ChainSlot &chain, std::size_t last, Link *row,
+                                        const Met &met) {
+    Slot change = met.change;
+    for (std::size_t i = last + 1; i < chain.links; ++i) {
+        change = row[i].right - (i == last + 1 ? met.coupling : row[i].coupling) * change;
+        row[i].coupling = change;
+    }
+    Vectors step{};
+    for (int axis = 0; axis < 3; ++axis) step.axes[axis] = row[last].direction.axes[axis] * met.change;
+    move_points(places, chain, last + 1, chain.links + 1, row, step);
+}
+
+PDEANIM_INLINE ChainSlot chain_of(const DistanceSlots &slots, std::size_t links, std::size_t slot) {
+    return {slots.members + slot * (links + 1) * slot_size, slots.lengths + slot * links * slot_size,
+            slots.multipliers + slot * links * slot_size, links};
 }
 
 // Eqs. 6 and 7 for chain after chain, by elimination without pivoting: the matrix is positive definite.
 PDEANIM_MULTIVERSION void solve_chains(const Places &places, const DistanceSlots &slots, std::size_t links,
                                        std::size_t count, const Scaling &scaling, Link *row) {
-    // The share of the diagonal under which a pivot is rounding: a straight rigid chain that is held at both ends has
-    // one link too many, and that link is left as it is.
-    constexpr double smallest_pivot = 1e-12;
-    const auto [compliance, damping, _] = scaling;
     for (std::size_t slot = 0; slot < count; ++slot) {
-        const i32 *points = slots.members + slot * (links + 1) * slot_size;
-        const double *rest = slots.lengths + slot * links * slot_size;
-        double *multipliers = slots.multipliers + slot * links * slot_size;
-        Slot pivot{};
-        Looked from = look(places, points);
-        for (std::size_t i = 0; i < links; ++i) {
-            Link &link = row[i];
-            const Looked to = look(places, points + (i + 1) * slot_size);
-            link.mass = from.mass;
-            for (int axis = 0; axis < 3; ++axis) link.direction.axes[axis] = to.now.axes[axis] - from.now.axes[axis];
-            const Slot length = square_roots(dot(link.direction, link.direction));
-            const Slot inverse = where_positive(length, 1.0 / length);
-            Vectors moved{};
-            for (int axis = 0; axis < 3; ++axis) {
-                link.direction.axes[axis] = link.direction.axes[axis] * inverse;
-                moved.axes[axis] =
-                    to.now.axes[axis] - to.before.axes[axis] - from.now.axes[axis] + from.before.axes[axis];
-            }
-            const auto &multiplier = lanes_at<slot_size>(multipliers + i * slot_size);
-            link.right = lanes_at<slot_size>(rest + i * slot_size) - length - compliance * multiplier -
-                         damping * dot(link.direction, moved);
-            const Slot directed = where_positive(length, Slot{} + (1.0 + damping));
-            const Slot full = directed * (from.mass + to.mass) + compliance;
-            Slot diagonal = full;
-            if (i > 0) {
-                const Slot coupling = -(1.0 + damping) * from.mass * dot(row[i - 1].direction, link.direction);
-                row[i - 1].upper = coupling * pivot;
-                diagonal -= coupling * row[i - 1].upper;
-                link.right -= coupling * row[i - 1].right;
-            }
-            pivot = where_positive(diagonal - smallest_pivot * full, 1.0 / diagonal);
-            link.right = link.right * pivot;
-            from = to;
-        }
-        Slot change{};
-        for (std::size_t i = links; i-- > 0;) {
-            row[i].right = i + 1 < links ? row[i].right - row[i].upper * change : row[i].right;
-            change = row[i].right;
-        }
-        Vectors step{};
-        for (std::size_t i = 0; i <= links; ++i) {  // Eq. 7, for each point the link before it first
-            const i32 *particles = points + i * slot_size;
-            Vectors at = vectors(places.positions, particles);
-            const Slot inverse_mass = i < links ? row[i].mass : from.mass;
-            if (i > 0) {
-                for (int axis = 0; axis < 3; ++axis) at.axes[axis] += inverse_mass * step.axes[axis];
-            }
-            if (i < links) {
-                lanes_at<slot_size>(multipliers + i * slot_size) += row[i].right;  // Eq. 6
-                for (int axis = 0; axis < 3; ++axis) {
-                    step.axes[axis] = row[i].direction.axes[axis] * row[i].right;
-                    at.axes[axis] -= inverse_mass * step.axes[axis];
-                }
-            }
-            for (int lane = 0; lane < slot_size; ++lane) {
-                Place &place = places.positions[particles[lane]];
-                for (int axis = 0; axis < 3; ++axis) place.at[axis] = at.axes[axis][lane];
-            }
+        const ChainSlot chain = chain_of(slots, links, slot);
+        Meeting meeting{};
+        eliminate_forwards(places, chain, links - 1, scaling, row, meeting);
+        substitute_backwards(places, chain, links - 1, links + 1, row, meet(row, links - 1, links, scaling, meeting));
+    }
+}
+
+// What chains of both halves, whose links up to `last` begin in the first, have of one half: first this, ...
+PDEANIM_MULTIVERSION void eliminate_half(const Places &places, const DistanceSlots &slots, std::size_t links,
+                                         std::size_t count, const Scaling &scaling, Link *rows, Meeting *meetings,
+                                         std::size_t last, int half) {
+    for (std::size_t slot = 0; slot < count; ++slot) {
+        const ChainSlot chain = chain_of(slots, links, slot);
+        if (half == 0) {
+            eliminate_forwards(places, chain, last, scaling, rows + slot * links, meetings[slot]);
+        } else {
+            eliminate_backwards(places, chain, last, scaling, rows + slot * links, meetings[slot]);
         }
     }
+}
+
+// ... and when both halves have done that, this.
+PDEANIM_MULTIVERSION void substitute_half(const Places &places, const DistanceSlots &slots, std::size_t links,
+                                          std::size_t count, const Scaling &scaling, Link *rows,
+                                          const Meeting *meetings, std::size_t last, int half) {
+    for (std::size_t slot = 0; slot < count; ++slot) {
+        const ChainSlot chain = chain_of(slots, links, slot);
+        Link *row = rows + slot * links;
+        const Met met = meet(row, last, links, scaling, meetings[slot]);
+        if (half == 0) {
+            substitute_backwards(places, chain, last, last + 1, row, met);
+        } else {
+            substitute_forwards(places, chain, last, row, met);
+        }
+    }
+}
+
+// The link at which all chains of both halves cross the middle, from the first half.
+std::size_t crossing(std::span<const i32> chains, std::size_t points, const Halves &halves) {
+    std::size_t found = 0;
+    for (std::size_t start = 0; start < chains.size(); start += points) {
+        const auto chain = chains.subspan(start, points);
+        const auto is_first = [&](i32 particle) { return halves.of(particle) == 0; };
+        const auto end = std::find_if_not(chain.begin(), chain.end(), is_first);
+        if (end == chain.end() || std::none_of(chain.begin(), chain.end(), is_first)) continue;
+        const std::size_t before = static_cast<std::size_t>(end - chain.begin());
+        if (before == 0 || std::any_of(end, chain.end(), is_first) || (found > 0 && before != found)) {
+            throw std::invalid_argument("chains cross the middle of a sheet once, all at one link");
+        }
+        found = before;
+    }
+    return found > 0 ? found - 1 : 0;
 }
 
 class Chains : public SlottedBatch {
 public:
-    Chains(std::size_t links, std::span<const i32> chains, i32 filler, std::span<const double> lengths,
+    Chains(std::size_t links, std::span<const i32> chains, const Halves &halves, std::span<const double> lengths,
            std::span<double> multipliers, const Scaling &scaling)
-        : SlottedBatch(chains, links + 1, filler, multipliers, links, scaling), links_(links),
-          lengths_(slotted(lengths, links, 0.0)), row_(links) {}
+        : SlottedBatch(chains, links + 1, halves, multipliers, links, scaling), links_(links),
+          lengths_(slotted(lengths, links, 0.0)), last_(crossing(chains, links + 1, halves)),
+          divided_(count(between) * links), meetings_(count(between)) {
+        for (auto &row : rows_) row.resize(links);
+        for (std::size_t slot = 0; slot < count(between); ++slot) {
+            i32 *points = members_.data() + first_of(between, links + 1) + slot * (links + 1) * slot_size;
+            std::replace(points + (last_ + 1) * slot_size, points + (links + 1) * slot_size, halves.filler(0),
+                         halves.filler(1));
+        }
+    }
 
-    void solve(const Places &places) override {
-        const DistanceSlots slots{members_.data(), lengths_.data(), multipliers_.data()};
-        solve_chains(places, slots, links_, slot_count(), scaling_, row_.data());
+    int stages() const override { return whole_stages() + (count(between) > 0 ? 2 : 0); }
+    void solve(const Places &places, int stage, int half) override {
+        if (stage < whole_stages()) {
+            solve_group(places, within(half));
+        } else if (stage == whole_stages()) {
+            eliminate_half(places, slots_of(between), links_, count(between), scaling_, divided_.data(),
+                           meetings_.data(), last_, half);
+        } else {
+            substitute_half(places, slots_of(between), links_, count(between), scaling_, divided_.data(),
+                            meetings_.data(), last_, half);
+        }
+    }
+    void clear(int half) override {
+        clear_group(within(half));
+        double *multipliers = slots_of(between).multipliers;
+        const std::size_t begin = half == 0 ? 0 : last_ + 1, end = half == 0 ? last_ + 1 : links_;
+        for (std::size_t slot = 0; slot < count(between); ++slot, multipliers += links_ * slot_size) {
+            std::fill(multipliers + begin * slot_size, multipliers + end * slot_size, 0.0);
+        }
+    }
+
+protected:
+    void solve_group(const Places &places, Group group) override {
+        Link *row = rows_[group == within_first ? 0 : 1].data();
+        solve_chains(places, slots_of(group), links_, count(group), scaling_, row);
     }
 
 private:
+    int whole_stages() const { return count(within_first) + count(within_second) > 0 ? 1 : 0; }
+    DistanceSlots slots_of(Group group) {
+        return {members_.data() + first_of(group, links_ + 1), lengths_.data() + first_of(group, links_),
+                multipliers_.data() + first_of(group, links_)};
+    }
     std::size_t links_;
     std::vector<double> lengths_;
-    std::vector<Link> row_;
+    std::size_t last_;  // the link across the middle
+    std::array<std::vector<Link>, 2> rows_;
+    std::vector<Link> divided_;
+    std::vector<Meeting> meetings_;
 };
 
 }  // namespace
 
-std::unique_ptr<Batch> make_distances(std::span<const i32> pairs, i32 filler, std::span<const double> lengths,
+std::unique_ptr<Batch> make_distances(std::span<const i32> pairs, const Halves &halves, std::span<const double> lengths,
                                       std::span<double> multipliers, const Scaling &scaling) {
-    return std::make_unique<Distances>(pairs, filler, lengths, multipliers, scaling);
+    return std::make_unique<Distances>(pairs, halves, lengths, multipliers, scaling);
 }
 
-std::unique_ptr<Batch> make_chains(std::size_t links, std::span<const i32> chains, i32 filler,
+std::unique_ptr<Batch> make_chains(std::size_t links, std::span<const i32> chains, const Halves &halves,
                                    std::span<const double> lengths, std::span<double> multipliers,
                                    const Scaling &scaling) {
-    return std::make_unique<Chains>(links, chains, filler, lengths, multipliers, scaling);
+    return std::make_unique<Chains>(links, chains, halves, lengths, multipliers, scaling);
 }
 
 }  // namespace pdeanim::xpbd

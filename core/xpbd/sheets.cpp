@@ -1,6 +1,8 @@
 #include "xpbd/sheets.hpp"
 
 #include <algorithm>
+#include <atomic>
+#include <thread>
 
 namespace pdeanim::xpbd {
 
@@ -23,11 +25,36 @@ PDEANIM_MULTIVERSION void predict_again(Place *positions, Place *previous, const
     }
 }
 
+// Where two threads wait for each other, again and again: stages are short, so that they look for a while before they
+// sleep.
+class Rendezvous {
+public:
+    void wait() {
+        constexpr int looks =
+            20'000;  // some tens of microseconds: longer than most stages of one differ from the other's
+        const int round = round_.load(std::memory_order_relaxed);
+        if (arrived_.fetch_add(1, std::memory_order_acq_rel) == 1) {
+            arrived_.store(0, std::memory_order_relaxed);
+            round_.store(round + 1, std::memory_order_release);
+            round_.notify_one();
+            return;
+        }
+        for (int look = 0; look < looks; ++look) {
+            if (round_.load(std::memory_order_acquire) != round) return;
+        }
+        round_.wait(round, std::memory_order_acquire);
+    }
+
+private:
+    std::atomic<int> arrived_ = 0, round_ = 0;
+};
+
 }  // namespace
 
-Sheets::Sheets(std::span<const double> inverse_masses)
-    : inverse_masses_(inverse_masses.begin(), inverse_masses.end()), positions_(particles() + 1),
-      previous_(particles() + 1) {}
+Sheets::Sheets(std::span<const double> inverse_masses, i32 middle)
+    : inverse_masses_(inverse_masses.begin(), inverse_masses.end()),
+      halves_{static_cast<i32>(inverse_masses.size()), middle}, positions_(halves_.places()),
+      previous_(halves_.places()) {}
 
 void Sheets::take(std::span<const Point> positions, std::span<const Point> previous) {
     for (std::size_t i = 0; i < positions.size(); ++i) {
@@ -39,24 +66,48 @@ void Sheets::take(std::span<const Point> positions, std::span<const Point> previ
 void Sheets::solve(std::span<Point> positions, std::span<const Point> previous, bool is_first) {
     take(positions, previous);
     for (const auto &batch : batches_) {
-        if (is_first) batch->clear();
-        batch->solve({positions_.data(), previous_.data()});
+        for (int half = 0; half < 2 && is_first; ++half) batch->clear(half);
+        for (int stage = 0; stage < batch->stages(); ++stage) {
+            for (int half = 0; half < 2; ++half) batch->solve({positions_.data(), previous_.data()}, stage, half);
+        }
     }
     for (std::size_t i = 0; i < positions.size(); ++i) std::copy_n(positions_[i].at, 3, positions[i].begin());
 }
 
 void Sheets::advance(std::span<Point> positions, std::span<Point> previous, std::span<Point> velocities,
-                     std::span<const Point> accelerations, double substep, double keep, i64 substeps, i64 iterations) {
+                     std::span<const Point> accelerations, double substep, double keep, i64 substeps, i64 iterations,
+                     int threads) {
     predict(positions, previous, inverse_masses_, velocities, accelerations, substep, keep);  // line 1
     take(positions, previous);
-    for (i64 done = 0; done < substeps; ++done) {
-        if (done > 0) {
-            predict_again(positions_.data(), previous_.data(), accelerations.data(), particles(), substep, keep);
+    // What is done for the halves from `first` to `last`; what comes after `meet` needs what all have done before it.
+    const auto go_on = [&](int first, int last, const auto &meet) {
+        for (i64 done = 0; done < substeps; ++done) {
+            for (int half = first; half <= last; ++half) {
+                const auto [begin, end] = halves_.range(half);
+                if (done > 0) {
+                    predict_again(&positions_[begin], &previous_[begin], &accelerations[begin], end - begin, substep,
+                                  keep);
+                }
+                for (const auto &batch : batches_) batch->clear(half);
+            }
+            for (i64 iteration = 0; iteration < iterations; ++iteration) {  // line 2
+                for (const auto &batch : batches_) {                        // lines 3 to 6
+                    for (int stage = 0; stage < batch->stages(); ++stage) {
+                        for (int half = first; half <= last; ++half) {
+                            batch->solve({positions_.data(), previous_.data()}, stage, half);
+                        }
+                        meet();
+                    }
+                }
+            }
         }
-        for (const auto &batch : batches_) batch->clear();
-        for (i64 iteration = 0; iteration < iterations; ++iteration) {                               // line 2
-            for (const auto &batch : batches_) batch->solve({positions_.data(), previous_.data()});  // lines 3 to 6
-        }
+    };
+    if (threads < 2 || halves_.middle == halves_.particles) {
+        go_on(0, 1, [] {});
+    } else {
+        Rendezvous rendezvous;
+        const std::jthread other([&] { go_on(1, 1, [&] { rendezvous.wait(); }); });
+        go_on(0, 0, [&] { rendezvous.wait(); });
     }
     for (std::size_t i = 0; i < positions.size(); ++i) {
         for (int axis = 0; axis < 3; ++axis) {

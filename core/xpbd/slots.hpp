@@ -13,41 +13,70 @@ namespace pdeanim::xpbd {
 // How many constraints are taken side by side.
 constexpr int slot_size = 8;
 
-// Constraints of `each` particles, given in the batch's order, by slot: -1 where one is not full. `particles` is their
-// number.
-std::vector<i32> make_slots(std::span<const i32> members, std::size_t each, std::size_t particles);
+// Constraints within the first half, within the second, and those that are of both.
+enum Group { within_first, within_second, between, group_count };
+
+inline Group within(int half) { return half == 0 ? within_first : within_second; }
+
+struct Slots {
+    std::vector<i32> items;                             // constraints, slot after slot; -1 where one is not full
+    std::array<std::size_t, group_count + 1> starts{};  // slots of the groups, which follow each other
+};
+
+// Constraints of `each` particles, given in the batch's order.
+Slots make_slots(std::span<const i32> members, std::size_t each, const Halves &halves);
 
 // A number of each constraint of a slot.
 using Slot = Lanes<double, slot_size>;
 
 // A batch whose constraints have `each` particles and `rows` multipliers. What there are several of in a constraint
 // stands in its slot one behind the other, each of all constraints side by side. Slots that are not full are filled up
-// with constraints of `filler`, a particle without mass to move.
+// with constraints of a particle without mass to move.
 class SlottedBatch : public Batch {
 public:
-    SlottedBatch(std::span<const i32> members, std::size_t each, i32 filler, std::span<double> multipliers,
+    SlottedBatch(std::span<const i32> members, std::size_t each, const Halves &halves, std::span<double> multipliers,
                  std::size_t rows, const Scaling &scaling)
-        : items_(make_slots(members, each, static_cast<std::size_t>(filler))), scaling_(scaling), given_(multipliers),
-          rows_(rows), members_(slotted(members, each, filler)),
-          multipliers_(slotted(std::span<const double>(given_), rows_, 0.0)) {}
+        : slots_(make_slots(members, each, halves)), scaling_(scaling), given_(multipliers), rows_(rows),
+          members_(slotted(members, each, halves.filler(0))),
+          multipliers_(slotted(std::span<const double>(given_), rows_, 0.0)) {
+        const auto begin = members_.begin();
+        std::replace(begin + static_cast<std::ptrdiff_t>(slots_.starts[within_second] * each * slot_size),
+                     begin + static_cast<std::ptrdiff_t>(slots_.starts[between] * each * slot_size), halves.filler(0),
+                     halves.filler(1));
+    }
 
-    void clear() override { std::fill(multipliers_.begin(), multipliers_.end(), 0.0); }
+    // Those of both halves come when each is done, all on the first one's thread.
+    int stages() const override { return count(between) > 0 ? 2 : 1; }
+    void solve(const Places &places, int stage, int half) override {
+        if (stage == 0) {
+            solve_group(places, within(half));
+        } else if (half == 0) {
+            solve_group(places, between);
+        }
+    }
+    void clear(int half) override {
+        clear_group(within(half));
+        if (half == 0) clear_group(between);
+    }
     void store() const override {
-        for (std::size_t place = 0; place < items_.size(); ++place) {
-            for (std::size_t k = 0; k < rows_ && items_[place] >= 0; ++k) {
-                given_[items_[place] * rows_ + k] = multipliers_[position(place, k, rows_)];
+        for (std::size_t place = 0; place < slots_.items.size(); ++place) {
+            for (std::size_t k = 0; k < rows_ && slots_.items[place] >= 0; ++k) {
+                given_[slots_.items[place] * rows_ + k] = multipliers_[position(place, k, rows_)];
             }
         }
     }
 
 protected:
+    virtual void solve_group(const Places &places, Group group) = 0;
+
     // Numbers of the constraints, `each` apiece, by slot.
     template <class Number>
     std::vector<Number> slotted(std::span<const Number> numbers, std::size_t each, Number filler) const {
-        std::vector<Number> found(items_.size() * each, filler);
-        for (std::size_t place = 0; place < items_.size(); ++place) {
-            for (std::size_t k = 0; k < each && items_[place] >= 0; ++k) {
-                found[position(place, k, each)] = numbers[items_[place] * each + k];
+        const std::vector<i32> &items = slots_.items;
+        std::vector<Number> found(items.size() * each, filler);
+        for (std::size_t place = 0; place < items.size(); ++place) {
+            for (std::size_t k = 0; k < each && items[place] >= 0; ++k) {
+                found[position(place, k, each)] = numbers[items[place] * each + k];
             }
         }
         return found;
@@ -56,9 +85,17 @@ protected:
         return (place / slot_size * each + k) * slot_size + place % slot_size;
     }
 
-    std::size_t slot_count() const { return items_.size() / slot_size; }
+    std::size_t count(Group group) const { return slots_.starts[group + 1] - slots_.starts[group]; }
 
-    std::vector<i32> items_;  // constraints by slot
+    // Where what there are `each` of in a constraint begins for a group.
+    std::size_t first_of(Group group, std::size_t each) const { return slots_.starts[group] * each * slot_size; }
+
+    void clear_group(Group group) {
+        std::fill_n(multipliers_.begin() + static_cast<std::ptrdiff_t>(first_of(group, rows_)),
+                    count(group) * rows_ * slot_size, 0.0);
+    }
+
+    Slots slots_;
     Scaling scaling_;
     std::span<double> given_;
     std::size_t rows_;

@@ -233,7 +233,7 @@ class SheetConstraints(UniformConstraints):
         """Make this the next batch of `sheets`; `multipliers`, (constraints, rows), are where those are stored."""
 
     def solve(self, state: State, multipliers: Float64Array, *, time: float, substep: float, method: Method) -> None:
-        sheets = _core.Sheets(state.inverse_masses)
+        sheets = _core.Sheets(state.inverse_masses, len(state.inverse_masses))
         self.add_to(sheets, multipliers, substep=substep, method=method)
         sheets.solve(state.positions, state.previous, is_first=False)
         sheets.store()

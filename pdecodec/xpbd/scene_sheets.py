@@ -40,6 +40,9 @@ CLIP = 0.03
 FRICTION = 0.4
 """Of cloth on the sphere and on the ground."""
 
+LARGE = 4096
+"""Particles from which on a sheet is simulated in halves: threads have something to do between two meetings then."""
+
 WIND_DIRECTION = np.array([0.97, 0.0, 0.24])
 """Not quite along the flag at rest, so that it is blown out of its plane at once."""
 
@@ -71,6 +74,7 @@ def build_cloth(options: ClothOptions) -> Scene:
         constraints=_sheet_constraints(positions, columns, rows),
         colliders=colliders,
         drag=DRAG,
+        middle=_middle(columns, rows),
     )
     return Scene(
         name="cloth",
@@ -96,6 +100,7 @@ def build_flag(options: FlagOptions) -> Scene:
         inverse_masses=inverse_masses,
         constraints=_sheet_constraints(positions, columns, rows),
         winds=(Wind(triangles=triangles, velocity=options.wind * direction, gusts=options.gusts),),
+        middle=_middle(columns, rows),
     )
     return Scene(
         name="flag",
@@ -103,6 +108,11 @@ def build_flag(options: FlagOptions) -> Scene:
         visible=np.arange(x.size, dtype=np.int32),
         faces=quads if options.faces == "quads" else triangles,
     )
+
+
+def _middle(columns: int, rows: int) -> int:
+    """The first particle of a large sheet's second half; the one behind the last of a small one."""
+    return columns * (rows // 2 if columns * rows >= LARGE else rows)
 
 
 def _sheet_constraints(positions: Float64Array, columns: int, rows: int) -> tuple[Constraints, ...]:

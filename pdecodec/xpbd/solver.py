@@ -3,7 +3,8 @@
 Departures, none of which changes the equations:
 
 * Eq. 6 is not assembled. Constraints are taken one after another (Gauss-Seidel), in the order of the system's batches
-  and of the constraints in each; the block of one constraint's rows is solved exactly. Line 1's external forces
+  and of the constraints in each; of a system in halves, those within them come first in each batch, and then those
+  across its middle. The block of one constraint's rows is solved exactly. Line 1's external forces
   (gravity, wind) enter there, the constraints' forces through the multipliers alone, as in Macklin et al. 2016.
 * ``v^n = (x^n - x^(n-1)) / dt`` of line 9 is the velocity in the middle of the last substep. The first substep
   therefore starts from the initial velocity less half a substep of acceleration: free fall is then exact at every
@@ -20,6 +21,7 @@ import numpy as np
 from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array
+from pdecodec.shares import thread_count
 from pdecodec.xpbd.constraints import Constraints, Method, SheetConstraints, State
 from pdecodec.xpbd.system import System
 
@@ -92,7 +94,7 @@ class Solver:
             state = (self.positions, self.previous, self.velocities, self._accelerations())
             for done in range(0, substeps, SUBSTEPS_AT_ONCE):
                 count = min(substeps - done, SUBSTEPS_AT_ONCE)
-                self._alone.advance(*state, self.substep, self._keep, count, self.iterations)
+                self._alone.advance(*state, self.substep, self._keep, count, self.iterations, thread_count())
                 self.substeps_done += count
         else:
             for _ in range(substeps):
@@ -112,7 +114,7 @@ class Solver:
                 continue
             sheets = parts[-1] if parts else None
             if not isinstance(sheets, _core.Sheets):
-                sheets = _core.Sheets(self.system.inverse_masses)
+                sheets = _core.Sheets(self.system.inverse_masses, self.system.middle)
                 parts.append(sheets)
             batch.add_to(sheets, multipliers, substep=self.substep, method=self.method)
         return parts

@@ -38,7 +38,10 @@ class System:
         Downwards, along -y.
     drag : float [1/s]
         Rate at which all velocities fade, as in still air.
-
+    middle : int, optional
+        The first particle of the second half of a sheet that two threads simulate, with the same bits as one: in each
+        batch constraints within the halves are solved first, then those across the middle. Chains cross it once, from
+        the first half, all of a batch at the same link. Default: the number of particles; nothing is divided.
     """
 
     positions: Float64Array
@@ -50,6 +53,7 @@ class System:
     winds: tuple[Wind, ...] = ()
     gravity: float = STANDARD_GRAVITY
     drag: float = 0.0
+    middle: int = -1
 
     def __post_init__(self) -> None:
         positions = np.array(self.positions, dtype=np.float64)
@@ -62,6 +66,9 @@ class System:
         if (inverse_masses < 0).any():
             raise SettingsError(f"inverse mass {int(inverse_masses.argmin())} is negative")
         check_positive("drag", self.drag)
+        middle = count if self.middle < 0 else self.middle
+        if middle > count:
+            raise SettingsError(f"the middle must be one of the {count} particles, not {middle}")
         if not math.isfinite(self.gravity):
             raise SettingsError(f"gravity must be a finite number, not {self.gravity}")
         members = [item.particles for item in self.constraints] + [item.particles for item in self.pins]
@@ -74,3 +81,4 @@ class System:
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "inverse_masses", inverse_masses)
         object.__setattr__(self, "velocities", velocities)
+        object.__setattr__(self, "middle", middle)
