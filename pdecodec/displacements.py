@@ -18,6 +18,7 @@ from pdecodec.principal import (
     leading_span,
     principal_axes,
     principal_axes_within,
+    principal_energies,
     principal_trajectories,
     products,
     sums_of_squares,
@@ -202,12 +203,9 @@ class Displacements:
         """As :attr:`_shapes`, of frames each as far as can be from what those before it span; none where principal
         shapes need fewer functions.
         """
-        most = min(self._shapes[0].size, int(MOST_POSES * self._frames))
-        if not most:
-            return np.zeros(0), np.zeros((self._frames, 0))
         products = self._squares_by_axis
-        found = spanning(products, self._least / self._frames, most)
-        if found is None:
+        found = spanning(products, self._least / self._frames, int(MOST_POSES * self._frames))
+        if found is None or not 0 < found.size <= self._shapes[0].size:
             return np.zeros(0), np.zeros((self._frames, 0))
         poses = np.sort(found)
         weights = np.linalg.solve(products[np.ix_(poses, poses)], products[poses]).T
@@ -345,10 +343,13 @@ class Displacements:
         """
         if self._alike is not None:
             return self._alike.spread(kind, step)
+        each = self._vertices * (1 if kind == "trajectories" else 3)
         if kind == "cosines":
-            energies, each = self._cosine_energies, 3 * self._vertices
+            energies = self._cosine_energies
+        elif kind == "shapes":
+            energies = principal_energies(self._squares_by_axis, self._least)
         else:
-            energies, each = self.functions(kind)[0], self._vertices * (1 if kind == "trajectories" else 3)
+            energies = self.functions(kind)[0]
         return float(0.5 * each * np.log2(1.0 + energies / (each * step * step)).sum())
 
     @cached_property

@@ -26,7 +26,7 @@ from pdecodec.groupfit import (
 )
 from pdecodec.groups import GroupEntry, functions_of_time, group_functions, margins
 from pdecodec.residuals import residual_ways
-from pdecodec.shares import side_by_side, thread_count
+from pdecodec.shares import in_shares, side_by_side, thread_count
 from pdecodec.spacebasis import SpaceBasis
 
 Float32Array = NDArray[np.float32]
@@ -47,6 +47,9 @@ RUN, RUNS = 8, 2
 
 FEWEST_FRAMES = 128
 """Frames up to which all are looked at."""
+
+ROWS_AT_ONCE = 256
+"""Rows of coefficients that are weighed at once: as many as caches hold."""
 
 
 class BitCounter(Protocol):
@@ -133,7 +136,12 @@ class _Sample:
         if like and np.array_equal(self.vertices, like.vertices):
             self.points = like.points
         else:
-            self.points = np.ascontiguousarray(points[self.frames[:, None], self.vertices])
+            self.points = np.empty((self.frames.size, self.vertices.size, 3), np.float32)
+
+            def take(first: int, end: int) -> None:
+                self.points[first:end] = points[self.frames[first:end]].take(self.vertices, axis=1)
+
+            in_shares(take, self.frames.size)
         self.copies = basis.order.size / self.vertices.size * (runs.size / self.frames.size)
         starts, kinds, parents = basis.subbands
         nodes = kinds.size - basis.element_count
@@ -160,8 +168,15 @@ def _weights(basis: SpaceBasis, coefficients: Float64Array, step: float) -> Floa
     step : float
         Their quantisation step.
     """
-    rough = np.log2(1.0 + np.square(coefficients / step)).sum(axis=1)
-    weights: Float64Array = np.add.reduceat(np.append(rough, 0.0), basis.coefficient_starts[:-1])
+    rough = np.zeros(len(coefficients) + 1)
+
+    def add_up(first: int, end: int) -> None:
+        for begin in range(first, end, ROWS_AT_ONCE):
+            some = slice(begin, min(begin + ROWS_AT_ONCE, end))
+            rough[some] = np.log2(1.0 + np.square(coefficients[some] / step)).sum(axis=1)
+
+    in_shares(add_up, len(coefficients))
+    weights: Float64Array = np.add.reduceat(rough, basis.coefficient_starts[:-1])
     weights[np.diff(basis.coefficient_starts) == 0] = 0.0
     return weights
 

@@ -129,11 +129,17 @@ class GroupSearch:
     def look(self, choices: Sequence[GroupChoice]) -> None:
         """Count what those take that have not been looked at, at once."""
         new = [choice for choice in choices if choice not in self._found]
-        for choice in new:
+        origins = [[choice for choice in new if choice.origin == origin] for origin in ORIGINS]
+        parts = [partial(self._count, some) for some in origins if some]
+        for found in side_by_side(*parts):
+            self._found.update(found)
+
+    def _count(self, choices: Sequence[GroupChoice]) -> dict[GroupChoice, float]:
+        """What choices of one origin take: they share what :meth:`BitCounter.prepare` computes."""
+        for choice in choices:
             self._counter.prepare(choice)
-        self._found.update(
-            zip(new, side_by_side(*(partial(self._counter.bits, choice) for choice in new)), strict=True)
-        )
+        bits = side_by_side(*(partial(self._counter.bits, choice) for choice in choices))
+        return dict(zip(choices, bits, strict=True))
 
     def bits(self, choice: GroupChoice) -> float:
         """What a choice takes."""

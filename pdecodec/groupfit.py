@@ -6,7 +6,7 @@ import bisect
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from pdecodec.groups import (
     normalised,
 )
 from pdecodec.residuals import ResidualPlan, encode_residuals, plan_residuals
-from pdecodec.shares import side_by_side, thread_count
+from pdecodec.shares import thread_count
 from pdecodec.spacebasis import SpaceBasis
 from pdecodec.timefunctions import QuantisedTimeFunctions, quantise_time_functions
 
@@ -304,13 +304,14 @@ class GroupFitter:
         """What is fitted where nothing is tried: the first choice with the step that leaves the usual mean error."""
         choice = self.first_choice
         values = self.projected(basis, choice)
-        rows = np.abs(values[:: max(1, values.size // ROWS_LOOKED_AT)])
-        positions = self.frames * len(self._reference) * len(rows) / max(1, len(values))
+        some = values[:: max(1, values.size // ROWS_LOOKED_AT)]
+        positions = self.frames * len(self._reference) * len(some) / max(1, len(values))
+        sizes = np.abs(some).ravel()
 
         def is_too_coarse(index: int) -> bool:
             step = grid_step(index)
-            lost = rows[rows < ROUND_UP_AT * step]
-            kept = rows.size - lost.size
+            is_lost = sizes < ROUND_UP_AT * step
+            lost, kept = sizes * is_lost, sizes.size - int(np.count_nonzero(is_lost))
             error = math.sqrt((float(lost @ lost) + CELL * step * step * kept) / positions)
             return error > (MEAN_ERROR + MORE_OF_DENSE * math.sqrt(kept / positions)) * self.unit
 
@@ -376,16 +377,20 @@ class GroupFitter:
 
         `excess`, where it is given, is filled with what vertices are off beyond what is aimed at.
         """
-        functions = self._functions(basis, entry, quantised, time_functions)
-        limits = margins(entry, functions.time, magnitudes(quantised), self.residual_step)
-        aim = (AIM, AIM_FROM, FARTHEST_PUSH)
-        residuals = self._model(functions, basis).missing(limits, aim, excess, thread_count())
+
+        def fit() -> tuple[GroupFunctions, Residuals, ResidualPlan]:
+            functions = self._functions(basis, entry, quantised, time_functions)
+            limits = margins(entry, functions.time, magnitudes(quantised), self.residual_step)
+            aim = (AIM, AIM_FROM, FARTHEST_PUSH)
+            residuals = self._model(functions, basis).missing(limits, aim, excess, thread_count())
+            return functions, residuals, plan_residuals(residuals, basis.starts)
+
         with ThreadPoolExecutor(1) as beside:
-            planned = beside.submit(plan_residuals, residuals, basis.starts)
+            fitted = beside.submit(fit)
             bits = 0.0 if is_measured else math.inf
             if is_measured and entry.width:
                 bits = measure_coefficients(quantised, basis, axes=entry.axes)
-            plan = planned.result()
+            functions, residuals, plan = fitted.result()
         bits += (time_functions.bits if time_functions else 0.0) + plan.bits
         return FittedGroup(entry, time_functions, quantised, functions, residuals, plan, bits)
 
@@ -395,22 +400,17 @@ class GroupFitter:
         Where adding up in float32 turns out to take more than half of the margin for it, positions are added up in
         float64: another order of the same sums may take as much again.
         """
-        if fitted.entry.single and not self._is_single_enough(fitted, basis):
-            entry = replace(fitted.entry, single=False)
-            fitted = self.fitted(basis, entry, fitted.quantised, fitted.time_functions)
-        entry, quantised, time_functions, residuals = (
-            fitted.entry,
-            fitted.quantised,
-            fitted.time_functions,
-            fitted.residuals,
-        )
-        time_bytes, coefficient_bytes, residual_bytes = side_by_side(
-            time_functions.to_bytes if time_functions else bytes,
-            partial(encode_coefficients, quantised, basis, axes=entry.axes) if entry.width else bytes,
-            partial(encode_residuals, residuals, basis.starts, fitted.plan),
-        )
-        chunks = time_bytes, coefficient_bytes, residual_bytes
-        largest_square, sum_of_squares = self._model(fitted.functions, basis).errors(residuals, thread_count())
+        entry, quantised, time_functions = fitted.entry, fitted.quantised, fitted.time_functions
+        with ThreadPoolExecutor(1) as beside:
+            encoded = beside.submit(encode_coefficients, quantised, basis, axes=entry.axes) if entry.width else None
+            if entry.single and not self._is_single_enough(fitted, basis):
+                entry = replace(entry, single=False)
+                fitted = self.fitted(basis, entry, quantised, time_functions, is_measured=False)
+            residuals = fitted.residuals
+            time_bytes = time_functions.to_bytes() if time_functions else b""
+            residual_bytes = encode_residuals(residuals, basis.starts, fitted.plan)
+            largest_square, sum_of_squares = self._model(fitted.functions, basis).errors(residuals, thread_count())
+            chunks = time_bytes, encoded.result() if encoded else b"", residual_bytes
         coefficients = int(np.count_nonzero(quantised)) + (time_functions.decoded.size if time_functions else 0)
         return EncodedGroup(
             entry.with_chunks(chunks), chunks, largest_square, sum_of_squares, residuals.count, coefficients

@@ -87,10 +87,21 @@ def principal_trajectories(moved: Float64Array, least: float) -> tuple[Float64Ar
 def principal_axes(squares: Float64Array, least: float) -> tuple[Float64Array, Float64Array]:
     """The same from the sums of squares, (n, n), of all vertices."""
     energies, axes = _leading(squares, least)
-    left = float(np.trace(squares)) - np.append(0.0, np.cumsum(energies))
-    enough = np.flatnonzero(left <= least)
-    kept = int(enough[0]) if enough.size else energies.size
+    kept = _count_of_leading(energies, float(np.trace(squares)), least)
     return energies[:kept], _turned(axes[:, :kept])
+
+
+def principal_energies(squares: Float64Array, least: float) -> Float64Array:
+    """The energies of :func:`principal_axes` alone: a quarter of the time where they are many."""
+    energies = np.maximum(np.linalg.eigvalsh(squares)[::-1], 0.0)
+    return energies[: _count_of_leading(energies, float(np.trace(squares)), least)]
+
+
+def _count_of_leading(energies: Float64Array, total: float, least: float) -> int:
+    """How many of falling energies leave at most `least` of a total; all where none do."""
+    left = total - np.append(0.0, np.cumsum(energies))
+    enough = np.flatnonzero(left <= least)
+    return int(enough[0]) if enough.size else energies.size
 
 
 def _turned(axes: Float64Array) -> Float64Array:
@@ -156,21 +167,20 @@ def leading_span(rows: Rows, least: float) -> Span | None:
     if min(vertices, size) < WORTH_SUMS:
         return None
     sums = _signed_sums(rows)
-    axes, parts = np.zeros((size, 0)), [np.zeros((vertices, 0))]
+    axes = np.zeros((size, 0))
     before = math.inf
     for block in range(SUM_BLOCKS):
         signs = [-1.0 if (block & other).bit_count() % 2 else 1.0 for other in range(SUM_BLOCKS)]
         left = _outside(np.tensordot(signs, sums, axes=1).T, axes)
         energy = float(np.square(left).sum())
         if energy <= SPANNED * least:
-            return np.concatenate(parts, axis=1), axes
+            return products(rows, axes), axes
         # What is left falls more slowly from block to block.
         blocks = min(most // SUMS, SUM_BLOCKS - 1) - block
         if blocks <= 0 or (block > 1 and energy * (energy / before) ** blocks > SPANNED * least):
             return None
         before = energy
         more = np.linalg.qr(_outside(np.linalg.qr(left)[0], axes))[0]
-        parts.append(products(rows, more))
         axes = np.concatenate([axes, more], axis=1)
     return None
 

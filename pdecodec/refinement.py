@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from pdecodec._core import Excess
 from pdecodec.displacements import dual_functions
 from pdecodec.groupfit import (
@@ -43,7 +45,8 @@ class Refinement:
         self.choice = choice
         self._fitter, self._basis, self._zone = fitter, basis, zone
         start = fitter.quantised(basis, choice, zone)
-        self._entry, self._time_functions, self._values = start.entry, start.time_functions, start.values
+        self._entry, self._time_functions = start.entry, start.time_functions
+        self._values = np.ascontiguousarray(start.values)
         self._dual = dual_functions(
             unit_functions(start.time_functions)
             if start.time_functions
@@ -55,13 +58,16 @@ class Refinement:
     def refined(self, passes: int) -> Refinement:
         """Itself, its coefficients rounded again so many times, as far as that pays."""
         entry = self._entry
+        values = np.empty_like(self._values)  # memory that is new to a process takes longer than what is done with it
         for _ in range(passes if entry.functions else 0):
-            values, excess = self._values.copy(), Excess()
+            excess = Excess()
+            np.copyto(values, self._values)
             self._excess.add_to(values, self._dual, entry.axes, self._push)
             quantised, _ = quantise_sparsely(self._basis.project(values), entry.step, entry.axes, self._zone)
             found = self._fitter.fitted(self._basis, entry, quantised, self._time_functions, excess)
             if found.bits < self.best.bits:
-                self.best, self._values, self._excess = found, values, excess
+                self.best, self._excess = found, excess
+                self._values, values = values, self._values
             else:
                 self._push *= 0.5
         return self

@@ -19,6 +19,7 @@ from pdecodec.encodereport import EncodeReport
 from pdecodec.estimate import Estimate, bit_counter
 from pdecodec.groupfit import GroupFitter
 from pdecodec.groups import cosines
+from pdecodec.principal import principal_axes, principal_energies
 from pdecodec.reference import quantise_reference
 from pdecodec.refinement import Refinement
 from pdecodec.residuals import residual_step
@@ -125,6 +126,14 @@ def test_shapes_and_trajectories_both_carry_all_of_the_motion() -> None:
         assert np.allclose(functions.T @ functions, np.eye(energies.size), atol=1e-9)
         assert moved.explained(energies.size, basis) == pytest.approx(1.0, abs=1e-4)
     assert moved.functions("shapes")[0].size == 3
+
+
+@pytest.mark.parametrize("frames", [30, 200])
+def test_energies_alone_are_those_of_principal_axes(frames: int) -> None:
+    rows = np.random.default_rng(3).normal(size=(300, frames)) * 0.7 ** np.arange(frames)
+    squares = rows.T @ rows
+    for least in (1e-6, 1e-3, 1e9):
+        assert principal_energies(squares, least) == pytest.approx(principal_axes(squares, least)[0], abs=1e-9)
 
 
 def waving_sheet(rows: int = 60, frames: int = 24) -> ArraySequence:

@@ -14,6 +14,7 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 from residual_cases import FINITE, example, groups, none_of, of_field, of_frames, starts_of, walk
 
+from pdecodec import _core
 from pdecodec._core import BYTES_PER_RAW_VERTEX, BYTES_PER_RESIDUAL, Residuals
 from pdecodec.errors import CorruptFileError, LimitError
 from pdecodec.limits import LARGEST
@@ -80,6 +81,14 @@ def test_a_cycle_costs_its_first_turn() -> None:
     starts = starts_of(60, 20)
     once, thrice = (assert_comes_back(of_field(np.tile(turn, (turns, 1, 1))), starts) for turns in (1, 3))
     assert len(thrice) < 1.25 * len(once)
+
+
+@pytest.mark.parametrize("factor", [1, 2**12, 2**13, 2**25])
+def test_frames_of_a_cycle_refer_to_a_turn_before_however_large_they_are(factor: int) -> None:
+    random = np.random.default_rng(2)
+    turn = random.integers(-120, 120, (8, 60, 3), endpoint=True)
+    distances = _core.reference_distances(of_field(factor * np.tile(turn, (3, 1, 1))))
+    assert distances.tolist() == [1] * 8 + [8] * 8 + [16] * 8
 
 
 def test_few_residuals_gathered_in_place_and_time_cost_less_than_scattered_ones() -> None:

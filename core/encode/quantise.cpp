@@ -13,6 +13,7 @@ Quantised quantise_sparsely(std::span<const double> values, i64 channels, int ax
     std::mutex lock;
     const i64 rows = channels ? static_cast<i64>(values.size()) / channels : 0;
     const double round_up = 1.0 - zone.round_up_at, alone = zone.round_up_alone_at * step;
+    const double surely_zero = 0.999 * zone.round_up_at * step;  // of most it is seen without a division
     const auto magnitude = [&](i64 at) { return std::floor(std::fabs(values[at]) / step + round_up); };
     const auto is_used = [&](i64 row, i64 channel) {
         return 0 <= row && row < rows && 0 <= channel && channel < channels && magnitude(row * channels + channel) != 0;
@@ -22,6 +23,7 @@ Quantised quantise_sparsely(std::span<const double> values, i64 channels, int ax
         for (i64 row = first; row < end; ++row) {
             for (i64 channel = 0; channel < channels; ++channel) {
                 const i64 at = row * channels + channel;
+                if (std::fabs(values[at]) < surely_zero) continue;
                 const double size = magnitude(at);
                 if (size == 0.0) continue;
                 if (std::fabs(values[at]) < alone && !is_used(row - 1, channel) && !is_used(row + 1, channel) &&

@@ -14,6 +14,7 @@ namespace pdeanim {
 namespace {
 
 constexpr std::size_t most_samples = 64;  // places at which frames are compared: enough to tell a cycle from likeness
+constexpr i64 small_number = 1 << 20;     // of residuals below it, sums over all samples stay within 32 bits
 constexpr i64 raw_vertex_bytes = 12;      // in a stream, at the least; the last one's may be shortened
 
 struct Head {
@@ -98,6 +99,49 @@ void check_places(const std::vector<i64> &starts, const std::vector<i32> &places
     }
 }
 
+// How many frames before each the one is that is most like it at some places, ascending, if that is like it at all.
+// Number: has room for sums of 12 differences a place.
+template <class Number>
+void find_nearest(const Residuals &residuals, std::span<const i32> sampled, std::span<i64> distances) {
+    const i64 frames = residuals.frames();
+    std::vector<i32> sample_of(sampled.back() + 1, -1);
+    for (std::size_t k = 0; k < sampled.size(); ++k) sample_of[sampled[k]] = static_cast<i32>(k);
+    const std::size_t width = 3 * sampled.size();
+    std::vector<Number> numbers(frames * width);
+    for (i64 frame = 0; frame < frames; ++frame) {
+        for (i64 k = residuals.frame_starts[frame]; k < residuals.frame_starts[frame + 1]; ++k) {
+            const i32 place = residuals.places[k];
+            const i32 sample = place <= sampled.back() ? sample_of[place] : -1;
+            if (sample < 0) continue;
+            for (int axis = 0; axis < 3; ++axis) {
+                numbers[frame * width + 3 * sample + axis] = static_cast<Number>(residuals.quantised[k][axis]);
+            }
+        }
+    }
+    for (i64 frame = 2; frame < frames; ++frame) {
+        const Number *own = &numbers[frame * width], *before = own - width, *second = before - width;
+        i64 nearest = 0;
+        Number least_different = -1, of_frame_before = 0, of_straight_line = 0;
+        for (i64 other = 0; other < frame; ++other) {
+            const Number *its = &numbers[other * width];
+            Number different = 0;
+            for (std::size_t k = 0; k < width; ++k) {
+                different += its[k] < own[k] ? own[k] - its[k] : its[k] - own[k];
+            }
+            if (least_different < 0 || different < least_different) {
+                nearest = other;
+                least_different = different;
+            }
+            of_frame_before = different;
+        }
+        for (std::size_t k = 0; k < width; ++k) {
+            of_straight_line += static_cast<Number>(size_of(own[k] - 2 * before[k] + second[k]));
+        }
+        // A frame far before is taken where it differs by less than half of what those just before do.
+        if (2 * least_different < least(of_frame_before, of_straight_line)) distances[frame] = frame - nearest;
+    }
+}
+
 }  // namespace
 
 void check_residuals(const Residuals &residuals, i64 vertices) {
@@ -129,35 +173,13 @@ std::vector<i64> reference_distances(const Residuals &residuals) {
     }
     std::sort(sampled.begin(), sampled.end());
     sampled.erase(std::unique(sampled.begin(), sampled.end()), sampled.end());
-    std::vector<i32> sample_of(sampled.back() + 1, -1);
-    for (std::size_t k = 0; k < sampled.size(); ++k) sample_of[sampled[k]] = static_cast<i32>(k);
-    // Numbers of each frame at the sampled places. Sums of their differences stay below 2^50.
-    const std::size_t width = 3 * sampled.size();
-    std::vector<i64> numbers(frames * width);
-    for (i64 frame = 0; frame < frames; ++frame) {
-        for (i64 k = residuals.frame_starts[frame]; k < residuals.frame_starts[frame + 1]; ++k) {
-            const i32 place = residuals.places[k];
-            const i32 sample = place <= sampled.back() ? sample_of[place] : -1;
-            if (sample < 0) continue;
-            std::copy(residuals.quantised[k].begin(), residuals.quantised[k].end(),
-                      numbers.begin() + frame * width + 3 * sample);
-        }
-    }
-    for (i64 frame = 2; frame < frames; ++frame) {
-        const i64 *own = &numbers[frame * width], *before = own - width, *second = before - width;
-        i64 nearest = 0, least_different = -1, of_frame_before = 0, of_straight_line = 0;
-        for (i64 other = 0; other < frame; ++other) {
-            i64 different = 0;
-            for (std::size_t k = 0; k < width; ++k) different += size_of(numbers[other * width + k] - own[k]);
-            if (least_different < 0 || different < least_different) {
-                nearest = other;
-                least_different = different;
-            }
-            of_frame_before = different;
-        }
-        for (std::size_t k = 0; k < width; ++k) of_straight_line += size_of(own[k] - 2 * before[k] + second[k]);
-        // A frame far before is taken where it differs by less than half of what those just before do.
-        if (2 * least_different < least(of_frame_before, of_straight_line)) distances[frame] = frame - nearest;
+    const bool is_small = std::all_of(residuals.quantised.begin(), residuals.quantised.end(), [](const Steps &steps) {
+        return std::all_of(steps.begin(), steps.end(), [](i64 number) { return size_of(number) < small_number; });
+    });
+    if (is_small) {
+        find_nearest<i32>(residuals, sampled, distances);
+    } else {
+        find_nearest<i64>(residuals, sampled, distances);
     }
     return distances;
 }
