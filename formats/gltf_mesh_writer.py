@@ -3,8 +3,8 @@
 A motion is few shapes times functions of time, where that is exact, or a shape a frame. Displacements from the first
 frame are rows of a matrix, a frame each. Where its rank is small in float32, as that of a motion made of few functions
 of time is, the leading singular vectors give the whole of it, brought between 0 and 1: programs clamp weights to that.
-Normals are moved by the same functions, and by further ones where those do not turn them far enough, from those of the
-shape at rest.
+Normals are moved by the same functions, and by further ones where those do not turn them far enough. Where the sum of
+functions begins at a shape whose normals it does not begin with, the shape at rest is a frame instead.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ MOST_NORMAL_FUNCTIONS = 8
 """Functions of time beside those of the positions that normals may take, or as many as the positions have."""
 
 MOST_TURNED_AT_REST = 1.0
-"""Largest angle between a normal that is stored at rest and that of the shape there [degrees]."""
+"""Largest angle between a normal that the sum of functions begins with and that of the shape there [degrees]."""
 
 SHORTEST_NORMAL = 1e-4
 """Length below which the normal that targets add to is not made longer, so that they stay far from overflow."""
@@ -113,9 +113,22 @@ def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRo
             return Motion(rest, shapes, functions)
         if not len(shapes):
             return Motion(rest, shapes, functions, rows.of(points[:1])[0], np.zeros((0, rows.count, 3), np.float32))
-        functions, normals, turned, error = _turning(functions, rows.of(points), rows.of(rest[None])[0], cubic=cubic)
+        functions, start, turned = _turning(functions, every := rows.of(points), cubic=cubic)
         shapes = np.pad(shapes, ((0, functions.shape[1] - len(shapes)), (0, 0), (0, 0)))
-        return Motion(rest, shapes, functions, normals, turned, error)
+        lengths = np.linalg.norm(start, axis=1, keepdims=True)
+        unit = np.where(lengths > 0, start / np.where(lengths > 0, lengths, 1), every[0])
+        if np.linalg.norm(unit - rows.of(rest[None])[0], axis=1).max() > np.radians(MOST_TURNED_AT_REST):
+            # Blender does not morph normals: it turns those at rest as the surface under them turns from there, which
+            # may be a shape that no frame is like. A function that is always 1 adds the rest to what is one.
+            at = rows.least_flattened(frames)
+            (unit,), lengths = rows.of(frames[at : at + 1]).astype(np.float64), np.ones((rows.count, 1))
+            functions = np.column_stack([functions, np.ones(len(functions))])
+            shapes = np.concatenate([shapes, (rest.astype(np.float64) - frames[at])[None].astype(np.float32)])
+            turned, rest = np.concatenate([turned, (start - unit)[None]]), frames[at]
+        # Programs make the sum a unit vector: rows may have any length, but that at rest must have length 1.
+        normals = unit.astype(np.float32)
+        targets = (turned / np.maximum(lengths, SHORTEST_NORMAL)).astype(np.float32)
+        return Motion(rest, shapes, functions, normals, targets, _turned_off(functions, normals, targets, every))
     rest, shapes = frames[0], frames[1:] - frames[0]
     if rows is None:
         return Motion(rest, shapes, None)
@@ -124,13 +137,9 @@ def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRo
 
 
 def _turning(
-    functions: Float64Array, every: Float32Array, of_rest: Float32Array, *, cubic: bool
-) -> tuple[Float64Array, Float32Array, Float32Array, float]:
-    """Functions of time that turn normals (samples, rows, 3) too; normals at rest, what each adds, and the error.
-
-    Blender, which does not morph normals, turns those at rest as the surface under them turns: where that sum does not
-    begin with the normals of the shape at rest (rows, 3), these are it, and a function that is always 1 adds the rest.
-    """
+    functions: Float64Array, every: Float32Array, *, cubic: bool
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Functions of time that turn normals (samples, rows, 3) too; what they add to (rows, 3), and what each adds."""
     flat = every.reshape(len(every), -1).astype(np.float64)
     rest, shapes = fit(functions, flat)
     left = flat - rest - functions @ shapes
@@ -141,21 +150,16 @@ def _turning(
         if more is not None:
             functions = np.column_stack([functions, more[0]])
             rest, shapes = fit(functions, flat)
-    # Programs make the sum a unit vector: rows may have any length, but that at rest must have length 1.
-    start = rest.reshape(-1, 3)
-    lengths = np.linalg.norm(start, axis=1, keepdims=True)
-    start = np.where(lengths > 0, start / np.where(lengths > 0, lengths, 1), every[0])
-    if np.linalg.norm(start - of_rest, axis=1).max() > np.radians(MOST_TURNED_AT_REST):
-        functions = np.column_stack([functions, np.ones(len(functions))])
-        shapes = np.concatenate([shapes, rest[None] - of_rest.reshape(1, -1)])
-        start, lengths = of_rest.astype(np.float64), np.ones((len(of_rest), 1))
-    steps = shapes.reshape(-1, *every.shape[1:]) / np.maximum(lengths, SHORTEST_NORMAL)
-    normals, targets = start.astype(np.float32), steps.astype(np.float32)
+    return functions, rest.reshape(-1, 3), shapes.reshape(-1, *every.shape[1:])
+
+
+def _turned_off(functions: Float64Array, normals: Float32Array, targets: Float32Array, every: Float32Array) -> float:
+    """Largest angle between normals (samples, rows, 3) and what comes out for them [degrees]."""
     sums = normals + np.tensordot(functions, targets, 1)
     sums /= np.maximum(np.linalg.norm(sums, axis=2, keepdims=True), np.finfo(np.float64).tiny)
     # By the chord, which is exact where angles are small.
     chord = float(np.linalg.norm(sums - every, axis=2).max(initial=0))
-    return functions, normals, targets, float(np.degrees(2 * np.arcsin(min(1.0, chord / 2))))
+    return float(np.degrees(2 * np.arcsin(min(1.0, chord / 2))))
 
 
 def held_by_mesh(item: MeshObject, attribute: Attribute) -> bool:

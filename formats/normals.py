@@ -33,6 +33,9 @@ SAME_NORMAL = 1e-3
 CORNERS_AT_ONCE = 2**18
 """Corners whose normals are computed together, which bounds the memory that takes."""
 
+FULL_ENOUGH = 0.5
+"""The first frame is taken whose most flattened face has this share of what the best frame leaves it."""
+
 _NOWHERE = (0.0, 0.0, 1.0)
 """Normal where there is no face, or a face without an area."""
 
@@ -137,12 +140,29 @@ class NormalRows:
             with np.errstate(invalid="ignore", over="ignore"):
                 yield from self._of_block(points[start : start + step].astype(np.float64))
 
-    def _of_block(self, points: Float64Array) -> Float32Array:
-        # Coordinate by coordinate: sums along rows of three are several times as slow.
-        here = np.ascontiguousarray(points.transpose(2, 0, 1))[..., self._corners]
+    def least_flattened(self, points: Float32Array) -> int:
+        """The frame of (frames, vertices, 3) in which no face is flattened most, beside the largest that it is."""
+        sizes = [_lengths(self._areas(self._at_corners(frame[None].astype(np.float64))))[0] for frame in points]
+        largest = np.max(sizes, axis=0)
+        there = largest > 0
+        shares = [np.min(size[there] / largest[there], initial=1.0) for size in sizes]
+        return int(np.argmax(np.array(shares) >= FULL_ENOUGH * max(shares)))
+
+    def _at_corners(self, points: Float64Array) -> Float64Array:
+        """(3, frames, corners): coordinates of positions (frames, vertices, 3)."""
+        return np.ascontiguousarray(points.transpose(2, 0, 1))[..., self._corners]
+
+    def _areas(self, here: Float64Array) -> Float64Array:
+        """(3, frames, faces): twice the areas, as normals, of faces whose corners are `here`."""
         # From the first corner of each face, so that far from the origin nothing cancels.
         from_first = here - np.repeat(here[..., self._starts], self._counts, axis=-1)
-        areas = np.add.reduceat(_cross(from_first, from_first[..., self._next]), self._starts, axis=-1)
+        summed: Float64Array = np.add.reduceat(_cross(from_first, from_first[..., self._next]), self._starts, axis=-1)
+        return summed
+
+    def _of_block(self, points: Float64Array) -> Float32Array:
+        # Coordinate by coordinate: sums along rows of three are several times as slow.
+        here = self._at_corners(points)
+        areas = self._areas(here)
         ahead, back = here[..., self._next] - here, here[..., self._previous] - here
         angles = np.arctan2(_lengths(_cross(ahead, back)), (ahead * back).sum(axis=0))
         parts = np.repeat(_unit(areas), self._counts, axis=-1) * angles

@@ -66,12 +66,18 @@ def test_normals_of_faces_without_an_area_are_not_looked_at() -> None:
     expected = expected_of(ArraySequence(points, objects=[*clip.objects, nothing], times=clip.times, metadata=SPACE))
     rows = smooth_rows(clip.objects[0])
     assert rows is not None
-    normals = np.concatenate([rows.of(clip.points[:1])[0][rows.corner_rows], np.tile([1.0, 0, 0], (3, 1))])
+    shown = rows.of(expected.points[:, : clip.vertex_count].astype(np.float32))[:, rows.corner_rows]
+    normals = np.concatenate([shown, np.tile([1.0, 0, 0], (len(shown), 3, 1))], axis=1)
     corners = np.concatenate([clip.connectivity.face_indices, [24, 25, 26]])
     found = difference(Seen(expected.points, normals=normals, corners=corners), expected)
     assert isinstance(found, Difference)
     assert found.normals is not None
     assert max(found.normals) < 0.1
+    normals[-1, 0] = -normals[-1, 0]
+    wrong = difference(Seen(expected.points, normals=normals, corners=corners), expected)
+    assert isinstance(wrong, Difference)
+    assert wrong.normals is not None
+    assert wrong.normals[1] > 179
 
 
 def test_programs_may_show_lines_or_leave_them_out() -> None:

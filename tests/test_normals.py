@@ -223,8 +223,17 @@ def test_the_shape_at_rest_of_a_gltf_file_has_its_own_normals(tmp_path: Path) ->
     rest, normals = (file.accessor(stored[name]) for name in ("POSITION", "NORMAL"))
     rows = NormalRows(connectivity, np.zeros_like(connectivity.face_indices))
     assert np.linalg.norm(rows.of(rest[None])[0] - normals, axis=1).max() < np.radians(1.1)
+    assert (frames.points == rest).all(axis=(1, 2)).any()
     for shown, expected in zip(glb_normals(tmp_path / "x.glb", connectivity), frames.points, strict=True):
         assert np.linalg.norm(shown - rows.of(expected[None])[0][connectivity.face_indices], axis=1).max() < 0.1
+
+
+def test_of_frames_the_one_whose_faces_are_flattened_least_is_at_rest() -> None:
+    connectivity, points = sphere()
+    rows = NormalRows(connectivity, np.zeros_like(connectivity.face_indices))
+    heights = [0.0, 0.1, 0.7, 1.0]
+    assert rows.least_flattened(np.stack([points * [1, 1, height] for height in heights]).astype(np.float32)) == 2
+    assert rows.least_flattened(np.zeros((2, *points.shape), np.float32)) == 0
 
 
 @pytest.mark.parametrize("name", ["x.####.ply", "x.pvd", "x.xdmf"])

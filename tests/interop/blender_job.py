@@ -53,7 +53,7 @@ def seen(job):
         raise ValueError(f"the number of points changes: {sorted(alike)}")
     return {
         "points": np.stack(points),
-        "normals": normals[0],
+        "normals": np.stack(normals),
         "corners": corners[0],
         "materials": np.array(sorted(materials)),
         "uvs": np.array(uvs),

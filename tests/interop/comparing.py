@@ -111,49 +111,59 @@ def _ways(points: np.ndarray, is_frame: np.ndarray) -> np.ndarray:
 
 
 def _normals(seen: Seen, expected: Expected, vertex: np.ndarray, ways: np.ndarray) -> tuple[float, float] | None:
-    """Angles between each corner's normal and the nearest of its vertex, and of those that go its way.
+    """Angles at frames between each corner's normal and the nearest of its vertex, and of those that go its way.
 
     Where no face has an area nothing is seen, and normals are anyone's.
     """
     if seen.normals is None or seen.corners is None or not len(seen.corners):
         return None
-    owners, normals, first = [], [], 0
-    for item in expected.sequence.objects:
-        rows = normal_rows(item) or smooth_rows(item)
-        if rows is not None:
-            own = expected.sequence.points[:1, first : first + item.vertex_count]
-            pairs = np.unique(np.stack([item.connectivity.face_indices, rows.corner_rows], axis=1), axis=0)
-            owners.append(pairs[:, 0] + first)
-            normals.append(rows.of(own)[0][pairs[:, 1]])
-        first += item.vertex_count
     _, alike = np.unique(ways, axis=0, return_inverse=True)
     alike = alike.reshape(-1)
-    owner, normal = alike[np.concatenate(owners)], np.concatenate(normals).astype(np.float64)
+    wanted = alike[vertex[seen.corners]]
+    found = [
+        _angles(seen.normals[number], wanted, expected.sequence, expected.points[number].astype(np.float32), alike)
+        for number in np.flatnonzero(expected.is_frame)
+    ]
+    angles = np.concatenate(found)
+    return (float(np.percentile(angles, 99)), float(angles.max())) if angles.size else None
+
+
+def _angles(
+    normals: np.ndarray, wanted: np.ndarray, sequence: ArraySequence, points: np.ndarray, alike: np.ndarray
+) -> np.ndarray:
+    """Of the normals of corners that go ways `wanted`, at one frame [degrees]."""
+    owners, of_owners, first = [], [], 0
+    for item in sequence.objects:
+        rows = normal_rows(item) or smooth_rows(item)
+        if rows is not None:
+            own = points[None, first : first + item.vertex_count]
+            pairs = np.unique(np.stack([item.connectivity.face_indices, rows.corner_rows], axis=1), axis=0)
+            owners.append(pairs[:, 0] + first)
+            of_owners.append(rows.of(own)[0][pairs[:, 1]])
+        first += item.vertex_count
+    owner, normal = alike[np.concatenate(owners)], np.concatenate(of_owners).astype(np.float64)
     order = np.argsort(owner, kind="stable")
     owner, normal = owner[order], normal[order]
-    shown = seen.normals / np.maximum(np.linalg.norm(seen.normals, axis=1, keepdims=True), 1e-30)
-    wanted = alike[vertex[seen.corners]]
-    seen_there = np.isin(wanted, alike[_of_area(expected.sequence)])
+    shown = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    seen_there = np.isin(wanted, alike[_of_area(sequence, points)])
     shown, wanted = shown[seen_there], wanted[seen_there]
-    if not len(wanted):
-        return None
     begin, end = np.searchsorted(owner, wanted), np.searchsorted(owner, wanted, side="right")
     best = np.full(len(wanted), -1.0)
     for step in range(int((end - begin).max(initial=0))):
         there = begin + step < end
         dots = (shown[there] * normal[(begin + step)[there]]).sum(axis=1)
         best[there] = np.maximum(best[there], dots)
-    angles = np.degrees(np.arccos(np.clip(best, -1, 1)))
-    return float(np.percentile(angles, 99)), float(angles.max())
+    angles: np.ndarray = np.degrees(np.arccos(np.clip(best, -1, 1)))
+    return angles
 
 
-def _of_area(sequence: ArraySequence) -> np.ndarray:
-    """Vertices of faces that have an area at the first frame."""
+def _of_area(sequence: ArraySequence, points: np.ndarray) -> np.ndarray:
+    """Vertices of faces that have an area at one frame."""
     counts, corners = sequence.connectivity.face_counts, sequence.connectivity.face_indices
     starts = np.cumsum(counts, dtype=np.int64) - counts
     ahead = np.arange(1, corners.size + 1)
     ahead[starts + counts - 1] = starts
-    here = sequence.points[0].astype(np.float64)[corners]
+    here = points.astype(np.float64)[corners]
     here -= np.repeat(here[starts], counts, axis=0)
     areas = np.linalg.norm(np.add.reduceat(np.cross(here, here[ahead]), starts), axis=1)
     found: np.ndarray = corners[np.repeat(areas > 0, counts)]

@@ -33,9 +33,11 @@ Written by `make interop` from the shared files; do not edit. Every file is open
 and these are opened by other programs; of clips of more than 48 frames the first 48. Distances are the largest of any
 point from where it belongs, over the diagonal of the first frame's bounding box: at the first frame, one in the middle
 and the last, then at times between frames, beside the straight line from frame to frame. Where a part turns rigidly,
-its node turns between frames and does not go straight. Normals are those of corners at the first frame beside ours: the
+its node turns between frames and does not go straight. Normals are those of corners at these frames beside ours: the
 angle that 99 % do not exceed, and the largest, where faces have an area; where a source has no normals, Alembic and
-USD are written without, and programs show flat faces. Materials and UV sets are those that Blender shows of the glb
+USD are written without, and programs show flat faces. Blender takes a glb's normals at rest alone, and turns them with
+the triangles: on faces with hard edges and more than three corners that bend (AnimCube, hypercube, cortex_vertexAnim)
+they are those of the triangles then. Materials and UV sets are those that Blender shows of the glb
 over those that we read.
 """
 

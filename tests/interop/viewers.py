@@ -44,8 +44,8 @@ class Seen:
     points : (times, points, 3) float64
     failed : str
         What the program said instead; else empty.
-    normals, corners : (corners, 3), (corners,) or None
-        At the first time, where the program tells.
+    normals, corners : (times, corners, 3), (corners,) or None
+        Where the program tells.
     materials : int
     uvs : int
         Most UV sets of a mesh.
