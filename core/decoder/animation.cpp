@@ -39,6 +39,13 @@ constexpr int part_levels = 3;
 // Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered through.
 Polygons polygons_of(std::span<const Connectivity> parts) {
     Polygons mesh;
+    std::size_t corners = 0, polygons = 0;  // at most
+    for (const Connectivity &part : parts) {
+        corners += part.face_indices.size() + 2 * part.line_indices.size();
+        polygons += part.face_sizes.size() + part.line_indices.size();
+    }
+    mesh.vertex.reserve(corners);
+    mesh.starts.reserve(polygons + 1);
     i64 shift = 0;
     for (const Connectivity &part : parts) {
         for (const i32 index : part.face_indices) mesh.vertex.push_back(static_cast<i32>(index + shift));
@@ -168,6 +175,7 @@ const Reference &Animation::reference() {
             is_sound = is_sound && std::abs(coordinate) <= limits::largest_step;
         if (!is_sound) throw CorruptError("section REST has a quantisation step or an origin out of range");
         found.grid = decode_reference(polygons_of(connectivity()), predictor, fields.rest());
+        found.points.reserve(3 * found.grid.size());
         for (const GridPoint &point : found.grid) {
             for (int axis = 0; axis < 3; ++axis) {
                 found.points.push_back(found.origin[axis] + static_cast<double>(point[axis]) * found.step);

@@ -48,32 +48,45 @@ public:
           visited_(order_.size() + 1), members_(order_.size()) {}
 
     Patches halve(i64 points) {
-        std::vector<i64> begins = {0}, ends = {static_cast<i64>(order_.size())}, children;
-        for (std::size_t node = 0; node < begins.size(); ++node) {
-            const i64 begin = begins[node], end = ends[node];
-            if (end - begin <= points) {
-                children.push_back(-1);
-                continue;
-            }
-            children.push_back(static_cast<i64>(begins.size()));
-            const i64 middle = begin + cut(begin, end - begin);
-            begins.insert(begins.end(), {begin, middle});
-            ends.insert(ends.end(), {middle, end});
+        // A half is halved on before the other one is: it is in the processor's caches.
+        std::vector<Set> sets = {{0, static_cast<i64>(order_.size())}};
+        std::vector<i64> waiting = {0};
+        while (!waiting.empty()) {
+            const i64 own = waiting.back(), begin = sets[own].begin, end = sets[own].end;
+            waiting.pop_back();
+            if (end - begin <= points) continue;
+            const i64 middle = begin + cut(begin, end - begin), first = static_cast<i64>(sets.size());
+            sets[own].halves = first;
+            sets.insert(sets.end(), {{begin, middle}, {middle, end}});
+            waiting.insert(waiting.end(), {first + 1, first});
         }
+        // Nodes are numbered breadth first.
         Patches found;
-        for (std::size_t node = 0; node < children.size(); ++node) {
-            if (children[node] < 0) found.node_of.push_back(static_cast<i64>(node));
+        std::vector<i64> numbered = {0};
+        for (std::size_t node = 0; node < numbered.size(); ++node) {
+            const Set &own = sets[numbered[node]];
+            found.begins.push_back(own.begin);
+            found.children.push_back(own.halves < 0 ? -1 : static_cast<i64>(numbered.size()));
+            if (own.halves < 0) {
+                found.node_of.push_back(static_cast<i64>(node));
+            } else {
+                numbered.insert(numbered.end(), {own.halves, own.halves + 1});
+            }
         }
+        const std::vector<i64> &begins = found.begins;
         std::sort(found.node_of.begin(), found.node_of.end(), [&](i64 a, i64 b) { return begins[a] < begins[b]; });
         for (const i64 node : found.node_of) found.starts.push_back(begins[node]);
         found.starts.push_back(static_cast<i64>(order_.size()));
         found.order = std::move(order_);
-        found.begins = std::move(begins);
-        found.children = std::move(children);
         return found;
     }
 
 private:
+    // Vertices order_[begin] to order_[end - 1], and the first of its halves, which the second follows; -1: a patch.
+    struct Set {
+        i64 begin, end, halves = -1;
+    };
+
     // Visit all members of one set breadth first, component after component, from `first`; each other component begins
     // with its first member in the order of `members`. What is outside has distances that are not negative.
     void visit(i32 first, std::span<const i32> members, std::vector<i32> &distance) {

@@ -65,74 +65,102 @@ CornerTable::CornerTable(Polygons mesh) : polygons(std::move(mesh)) {
     }
 }
 
-std::vector<Neighbourhood> neighbourhoods(const CornerTable &corners) {
+Neighbourhood neighbourhood_at(const CornerTable &corners, i32 corner) {
     const auto &opposite = corners.opposite, &next = corners.next, &previous = corners.previous, &size = corners.size;
-    std::vector<Neighbourhood> found(corners.fan.size());
-    for (std::size_t k = 0; k < found.size(); ++k) {
-        Neighbourhood &own = found[k];
-        const i32 corner = corners.fan[k], after = next[corner], before = previous[corner];
-        own.after = corners.vertex(after);
-        if (size[corner] == 2) {
-            if (opposite[after] >= 0) own.straight_after = corners.vertex(next[opposite[after]]);
-            continue;
-        }
-        own.before = corners.vertex(before);
-        // Else the vertex before is the vertex after of the corner at the same vertex in the polygon beside.
-        own.before_counts = opposite[before] < 0 || corners.vertex(opposite[before]) == corners.vertex(before);
-        if (size[corner] == 3) {
-            own.is_triangle = true;
-            const i32 across = opposite[after];
-            if (across < 0 || size[across] != 3) continue;
-            own.opposite = corners.vertex(previous[across]);
-            const i32 over_after = opposite[next[across]], over_before = opposite[previous[across]];
-            if (over_after >= 0 && size[over_after] == 3) own.straight_after = corners.vertex(previous[over_after]);
-            if (over_before >= 0 && size[over_before] == 3) own.straight_before = corners.vertex(previous[over_before]);
-        } else if (size[corner] == 4) {
-            own.opposite = corners.vertex(next[after]);
-            const i32 over_after = opposite[after], over_before = opposite[previous[before]];
-            if (over_after >= 0 && size[over_after] == 4) own.straight_after = corners.vertex(next[next[over_after]]);
-            if (over_before >= 0 && size[over_before] == 4) own.straight_before = corners.vertex(previous[over_before]);
-        }
+    Neighbourhood found;
+    const i32 after = next[corner], before = previous[corner];
+    found.after = corners.vertex(after);
+    if (size[corner] == 2) {
+        if (opposite[after] >= 0) found.straight_after = corners.vertex(next[opposite[after]]);
+        return found;
+    }
+    found.before = corners.vertex(before);
+    // Else the vertex before is the vertex after of the corner at the same vertex in the polygon beside.
+    found.before_counts = opposite[before] < 0 || corners.vertex(opposite[before]) == corners.vertex(before);
+    if (size[corner] == 3) {
+        found.is_triangle = true;
+        const i32 across = opposite[after];
+        if (across < 0 || size[across] != 3) return found;
+        found.opposite = corners.vertex(previous[across]);
+        const i32 over_after = opposite[next[across]], over_before = opposite[previous[across]];
+        if (over_after >= 0 && size[over_after] == 3) found.straight_after = corners.vertex(previous[over_after]);
+        if (over_before >= 0 && size[over_before] == 3) found.straight_before = corners.vertex(previous[over_before]);
+    } else if (size[corner] == 4) {
+        found.opposite = corners.vertex(next[after]);
+        const i32 over_after = opposite[after], over_before = opposite[previous[before]];
+        if (over_after >= 0 && size[over_after] == 4) found.straight_after = corners.vertex(next[next[over_after]]);
+        if (over_before >= 0 && size[over_before] == 4) found.straight_before = corners.vertex(previous[over_before]);
     }
     return found;
 }
 
+namespace {
+
+constexpr int last_rank = 63;  // best rank that is told from others: 12 faces that lack nothing but the vertex
+
+// The vertices of each rank, in the order in which they reached it.
+class RankQueues {
+public:
+    explicit RankQueues(i64 vertices) : rank_(vertices), links_(vertices) {
+        first_.fill(-1);
+        last_.fill(-1);
+    }
+
+    void raise(i32 vertex, int by) {
+        const int before = rank_[vertex], rank = least(before + by, last_rank);
+        if (rank == before) return;
+        if (before > 0) unlink(vertex);
+        rank_[vertex] = static_cast<u8>(rank);
+        links_[vertex] = {last_[rank], -1};
+        (last_[rank] < 0 ? first_[rank] : links_[last_[rank]].next) = vertex;
+        last_[rank] = vertex;
+        best_ = most(best_, rank);
+    }
+
+    // Take a vertex out that will not be raised again.
+    void remove(i32 vertex) {
+        if (rank_[vertex] > 0) unlink(vertex);
+    }
+
+    // The first vertex of the highest rank, -1 where none has one.
+    i32 best() {
+        while (best_ > 0 && first_[best_] < 0) --best_;
+        return best_ > 0 ? first_[best_] : -1;
+    }
+
+private:
+    struct Links {
+        i32 previous, next;
+    };
+
+    void unlink(i32 vertex) {
+        const auto [previous, next] = links_[vertex];
+        (previous < 0 ? first_[rank_[vertex]] : links_[previous].next) = next;
+        (next < 0 ? last_[rank_[vertex]] : links_[next].previous) = previous;
+    }
+
+    std::vector<u8> rank_;
+    std::vector<Links> links_;
+    std::array<i32, last_rank + 1> first_, last_;
+    int best_ = 0;
+};
+
+}  // namespace
+
 std::vector<i32> prediction_order(const CornerTable &corners) {
-    constexpr i64 last_rank = 63;  // best rank that is told from others: 12 faces that lack nothing but the vertex
-    constexpr i64 face_lacks_one =
-        4;  // what a rank gains from a face that lacks nothing but the vertex: it predicts best
-    constexpr i64 beside_known = 1;  // what it gains from each edge of a face to a known vertex
+    // What a rank gains from a face that lacks nothing but the vertex, which predicts best, and from each edge of a face
+    // to a known vertex.
+    constexpr int face_lacks_one = 4, beside_known = 1;
     const std::vector<i64> &starts = corners.polygons.starts;
     const i64 vertex_count = corners.vertices();
     std::vector<i32> order;
     order.reserve(vertex_count);
     std::vector<bool> is_known(vertex_count);
     std::vector<i32> known_corners(starts.size() - 1);
-    std::vector<i64> rank(vertex_count);
-    // A queue for each rank, as linked lists. A vertex enters one whenever its rank grows: twice a corner for edges, once a
-    // polygon. Entries of older ranks are passed over.
-    struct Entry {
-        i32 vertex;
-        i64 next;
-    };
-    std::vector<Entry> entries;
-    entries.reserve(2 * corners.fan.size() + starts.size());
-    std::array<i64, last_rank + 1> first, last;
-    first.fill(-1);
-    last.fill(-1);
-    i64 best = 0, seed = 0;
+    RankQueues queues(vertex_count);
+    i32 seed = 0;
     while (static_cast<i64>(order.size()) < vertex_count) {
-        i64 vertex = -1;
-        while (best > 0 && vertex < 0) {
-            const i64 entry = first[best];
-            if (entry < 0) {
-                --best;
-                continue;
-            }
-            first[best] = entries[entry].next;
-            const i32 found = entries[entry].vertex;
-            if (!is_known[found] && least(rank[found], last_rank) == best) vertex = found;
-        }
+        i32 vertex = queues.best();
         if (vertex < 0) {
             while (seed < vertex_count &&
                    (is_known[seed] || corners.fan_starts[seed] == corners.fan_starts[seed + 1])) {
@@ -141,8 +169,9 @@ std::vector<i32> prediction_order(const CornerTable &corners) {
             if (seed == vertex_count) break;
             vertex = seed;
         }
+        queues.remove(vertex);
         is_known[vertex] = true;
-        order.push_back(static_cast<i32>(vertex));
+        order.push_back(vertex);
         for (i64 k = corners.fan_starts[vertex]; k < corners.fan_starts[vertex + 1]; ++k) {
             const i32 corner = corners.fan[k], polygon = corners.polygon[corner];
             i32 lacking = -1;
@@ -155,21 +184,12 @@ std::vector<i32> prediction_order(const CornerTable &corners) {
             for (int turn = 0; turn < 3; ++turn) {
                 const i32 grown = turn == 0 ? after : turn == 1 ? before : lacking;
                 if (grown < 0 || is_known[grown] || (turn == 2 && (grown == after || grown == before))) continue;
-                rank[grown] += (turn < 2 ? beside_known : 0) + (grown == lacking ? face_lacks_one : 0);
-                const i64 queue = least(rank[grown], last_rank), entry = static_cast<i64>(entries.size());
-                entries.push_back({grown, -1});
-                if (first[queue] < 0) {
-                    first[queue] = entry;
-                } else {
-                    entries[last[queue]].next = entry;
-                }
-                last[queue] = entry;
-                best = most(best, queue);
+                queues.raise(grown, (turn < 2 ? beside_known : 0) + (grown == lacking ? face_lacks_one : 0));
             }
         }
     }
-    for (i64 vertex = 0; vertex < vertex_count; ++vertex) {
-        if (!is_known[vertex]) order.push_back(static_cast<i32>(vertex));
+    for (i32 vertex = 0; vertex < vertex_count; ++vertex) {
+        if (!is_known[vertex]) order.push_back(vertex);
     }
     return order;
 }

@@ -48,8 +48,7 @@ struct Neighbourhood {
     bool before_counts = false;
 };
 
-// One for each corner, in the order of the fans.
-std::vector<Neighbourhood> neighbourhoods(const CornerTable &corners);
+Neighbourhood neighbourhood_at(const CornerTable &corners, i32 corner);
 
 // An order of the vertices in which each has as many complete faces around it as can be.
 //

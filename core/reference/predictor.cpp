@@ -45,7 +45,7 @@ Around Predictor::look_around(i32 vertex) const {
     const i64 end = least(corners_.fan_starts[vertex + 1], begin + most_corners);
     const auto known = [&](i32 v) { return v >= 0 && points_[v].is_known; };
     for (i64 row = begin; row < end; ++row) {
-        const Neighbourhood &own = around_[row];
+        const Neighbourhood own = neighbourhood_at(corners_, corners_.fan[row]);
         const i32 a = own.after, b = own.before, d = own.opposite;
         const bool a_known = known(a), b_known = known(b);
         if (!a_known && !b_known) continue;

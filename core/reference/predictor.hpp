@@ -49,8 +49,8 @@ struct Around {
 // The vertices of a mesh on the way through its prediction order.
 class Predictor {
 public:
-    Predictor(const CornerTable &corners, std::vector<Neighbourhood> around, std::vector<Vector> grid)
-        : grid(std::move(grid)), corners_(corners), around_(std::move(around)), points_(this->grid.size()) {}
+    Predictor(const CornerTable &corners, std::vector<Vector> grid)
+        : grid(std::move(grid)), corners_(corners), points_(this->grid.size()) {}
 
     // What is known around a vertex that comes next.
     Around look_around(i32 vertex) const;
@@ -69,7 +69,6 @@ private:
     void add_normal(i32 a, i32 b, i32 d, Vector &normal) const;
 
     const CornerTable &corners_;
-    std::vector<Neighbourhood> around_;
     std::vector<Point> points_;
     i32 last_ = -1, last_seed_ = -1;  // the vertex before, and the last one that nothing was known around
     Vector seed_errors_{};            // sizes of residuals of such vertices [1/16]

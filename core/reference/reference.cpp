@@ -36,11 +36,10 @@ std::vector<i32> shared_points(const Polygons &mesh, std::span<const Vector> gri
     return point_of;
 }
 
-Polygons welded(const Polygons &mesh, const std::vector<i32> &point_of, i64 points) {
-    Polygons found = mesh;
-    for (i32 &vertex : found.vertex) vertex = point_of[vertex];
-    found.vertices = points;
-    return found;
+Polygons welded(Polygons mesh, const std::vector<i32> &point_of, i64 points) {
+    for (i32 &vertex : mesh.vertex) vertex = point_of[vertex];
+    mesh.vertices = points;
+    return mesh;
 }
 
 // A surface that is predicted across: the mesh, or the mesh with its welds, which are coded first.
@@ -57,14 +56,13 @@ struct Surface {
             corners.emplace(mesh);
         }
         order = prediction_order(*corners);
-        around = neighbourhoods(*corners);
-        Predictor seen(*corners, around, points);
+        Predictor seen(*corners, points);
         weights = choose_term_weights(order, seen);
     }
 
     std::vector<u8> encode(bool matches) const {
         RangeCoder<Mode::encode> after = coder;
-        Predictor predictor(*corners, around, points);
+        Predictor predictor(*corners, points);
         PointModel model(matches);
         TermWeights coded = weights;
         model.code_weights(after, coded);
@@ -76,7 +74,6 @@ struct Surface {
     std::vector<Vector> points;
     std::optional<CornerTable> corners;
     std::vector<i32> order;
-    std::vector<Neighbourhood> around;
     TermWeights weights;
 };
 
@@ -100,28 +97,29 @@ CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> gr
     return best;
 }
 
-std::vector<Vector> decode_reference(const Polygons &mesh, u8 kind, std::span<const u8> data) {
+std::vector<Vector> decode_reference(Polygons mesh, u8 kind, std::span<const u8> data) {
     RangeCoder<Mode::decode> coder(data);
     const bool is_welded = kind & welds_points;
-    std::vector<i32> point_of(mesh.vertices);
-    i64 points = mesh.vertices;
-    Polygons surface = mesh;
+    const i64 vertices = mesh.vertices;
+    i64 points = vertices;
+    std::vector<i32> point_of;
     if (is_welded) {
+        point_of.resize(vertices);
         points = code_welds(coder, CornerTable(mesh), point_of);
-        surface = welded(mesh, point_of, points);
+        mesh = welded(std::move(mesh), point_of, points);
     }
-    const CornerTable corners(std::move(surface));
+    const CornerTable corners(std::move(mesh));
     PointModel model(kind & matches_residuals);
     TermWeights weights{};
     model.code_weights(coder, weights);
-    Predictor predictor(corners, neighbourhoods(corners), std::vector<Vector>(points));
+    Predictor predictor(corners, std::vector<Vector>(points));
     model.code(coder, prediction_order(corners), weights, predictor);
     if (!coder.is_finished()) {
         throw CorruptError("section REST does not end where its numbers do; get the file again");
     }
     if (!is_welded) return std::move(predictor.grid);
-    std::vector<Vector> grid(mesh.vertices);
-    for (i64 vertex = 0; vertex < mesh.vertices; ++vertex) grid[vertex] = predictor.grid[point_of[vertex]];
+    std::vector<Vector> grid(vertices);
+    for (i64 vertex = 0; vertex < vertices; ++vertex) grid[vertex] = predictor.grid[point_of[vertex]];
     return grid;
 }
 

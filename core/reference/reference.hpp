@@ -24,6 +24,6 @@ struct CodedReference {
 CodedReference encode_reference(const Polygons &mesh, std::span<const Vector> grid);
 
 // Undo `encode_reference`; CorruptError if the bytes are damaged.
-std::vector<Vector> decode_reference(const Polygons &mesh, u8 kind, std::span<const u8> data);
+std::vector<Vector> decode_reference(Polygons mesh, u8 kind, std::span<const u8> data);
 
 }  // namespace pdeanim
