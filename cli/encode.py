@@ -95,7 +95,7 @@ if TYPE_CHECKING:
     type=click.Choice(["fast", "default", "best"]),
     default="default",
     show_default=True,
-    help="fast: one basis, for previews. best: all bases, for archives. Profile auto.",
+    help="fast: no search on large clips, for previews. best: all bases, for archives. Profile auto.",
 )
 @click.option(
     "--why",

@@ -25,10 +25,6 @@ class Effort:
     larger_must_save : float
         Share of the coefficients' bits that larger patches than the first must save on large meshes: making their
         functions takes every reader the square of their number.
-    time_bases : bool
-        Whether other functions of time than trajectories, and displacements from the first frame, are tried.
-    reference_steps : bool
-        Whether the step of the reference frame is searched.
     fine_steps : bool
         Whether steps are searched closely, and functions of time have steps of their own.
     division : bool
@@ -55,8 +51,6 @@ class Effort:
     space_bases: SpaceBases
     more_of_small: SpaceBases = ()
     larger_must_save: float = 0.0
-    time_bases: bool = True
-    reference_steps: bool = True
     fine_steps: bool = True
     division: bool = True
     rounding_passes: int = 0
@@ -86,9 +80,8 @@ SMALL_CLIP = 2**16
 EFFORTS: dict[EffortName, Effort] = {
     "fast": Effort(
         space_bases=(("patch", 64), ("patch", 128)),
+        more_of_small=(("patch", 256), ("patch", 8)),
         larger_must_save=0.02,
-        time_bases=False,
-        reference_steps=False,
         fine_steps=False,
         division=False,
         searched_clip=2**19,

@@ -397,7 +397,7 @@ class AutoEncoder(Encoder):
         """The groups that frames after the first ones are divided into."""
         effort, basis = self._effort, self._space
         search = GroupSearch(fitter, basis)
-        choices = candidates(search, usual) if effort.time_bases else [usual]
+        choices = candidates(search, usual)
         groups = divided(search, choices, basis) if effort.division else [search.choose(choices)]
         if effort.fine_steps:
             groups = [group.tuned() for group in groups]

@@ -240,7 +240,7 @@ class ModelSearch:
     def _for_this_bound(self) -> FinishedModel:
         steps, usual = self._reference_steps()
         model = self._with_reference(steps[usual])
-        if model.moves and self.effort.reference_steps:
+        if model.moves:
             model = self._with_better_reference(model, steps, usual)
         made = self.beside.submit(clear_space_basis, model.basis, model.reference.grid)
         if self.effort.fine_steps:
@@ -322,7 +322,7 @@ class ModelSearch:
         self.references.begin(reference)
         fitter.prepare(fitter.first_choice)
         usual = fitter.with_usual_step(spaces.basis(first)) if self._is_large else fitter.first_choice
-        choices = candidates(spaces.search(fitter, first), usual) if self.effort.time_bases else [usual]
+        choices = candidates(spaces.search(fitter, first), usual)
         space = self._choose_space([(fitter, choices[0])], spaces)
         search = GroupSearch(fitter, spaces.basis(space))
         groups = divided(search, choices, spaces.basis(space)) if self.effort.division else [search.choose(choices)]

@@ -194,10 +194,16 @@ def test_rounding_again_towards_what_is_missed_takes_fewer_bits_and_keeps_the_bo
 
 def test_more_effort_takes_no_more_bits_where_its_own_search_finds_little(monkeypatch: pytest.MonkeyPatch) -> None:
     sequence = blend_shapes()
-    blind = replace(EFFORTS["best"], space_bases=(("patch", 256),), more_of_small=(), time_bases=False)
+    blind = replace(EFFORTS["best"], space_bases=(("patch", 256),), more_of_small=(), fine_steps=False)
     monkeypatch.setitem(EFFORTS, "best", blind)
     best, usual = (encode(sequence, tolerance=1e-3, effort=effort) for effort in ("best", "default"))
     assert size(best) - best.sections["META"] <= size(usual) - usual.sections["META"]
+
+
+@pytest.mark.parametrize("make", [blend_shapes, keyed_shapes, turning_pieces])
+def test_little_effort_takes_little_more_bits_of_small_clips(make: Callable[[], ArraySequence]) -> None:
+    fast, usual = (size(encode(make(), tolerance=1e-3, effort=effort)) for effort in ("fast", "default"))
+    assert fast <= 1.07 * usual
 
 
 def test_displacements_from_another_shape_have_the_principal_functions_of_their_own() -> None:
