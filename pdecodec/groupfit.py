@@ -70,8 +70,8 @@ ROWS_LOOKED_AT = 2**19
 CELL = ROUND_UP_AT**3 / 3.0 + (1.0 - ROUND_UP_AT) ** 3 / 3.0
 """Mean square of what rounding takes from a coefficient that does not become zero, in steps."""
 
-SPARSE_LOOK = 8
-"""One in so many frames tells whether positions may be added up in float32, unless it is close."""
+SPARSE_LOOK, CLOSE_LOOK = 8, 2
+"""One in so many frames tells whether positions may be added up in float32, and where it is close."""
 
 WELL_BELOW = 0.8
 """Share of a limit below which that is not close."""
@@ -390,8 +390,10 @@ class GroupFitter:
             bits = 0.0 if is_measured else math.inf
             if is_measured and entry.width:
                 bits = measure_coefficients(quantised, basis, axes=entry.axes)
+            if is_measured and time_functions:
+                bits += time_functions.bits
             functions, residuals, plan = fitted.result()
-        bits += (time_functions.bits if time_functions else 0.0) + plan.bits
+        bits += plan.bits
         return FittedGroup(entry, time_functions, quantised, functions, residuals, plan, bits)
 
     def encode(self, fitted: FittedGroup, basis: SpaceBasis) -> EncodedGroup:
@@ -431,7 +433,7 @@ class GroupFitter:
             return one.farthest_from(other, thread_count())
 
         some = farthest(slice(None, None, SPARSE_LOOK))
-        return some <= limit and (some <= WELL_BELOW * limit or farthest(slice(None)) <= limit)
+        return some <= limit and (some <= WELL_BELOW * limit or farthest(slice(None, None, CLOSE_LOOK)) <= limit)
 
     def _functions(
         self, basis: SpaceBasis, entry: GroupEntry, quantised: Int64Array, time_functions: QuantisedTimeFunctions | None

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pdecodec.sequence import Float32Array, Float64Array, MeshSequence
+from pdecodec.shares import in_shares
 
 ALONE = 8.0
 """How many times the steps around it a step is that is a jump (root of the mean square over the mesh). Breaking the
@@ -20,6 +21,9 @@ frames it is 4."""
 
 AROUND = 2
 """Steps on either side that are looked at. With one alone, a swing of four frames would be full of jumps."""
+
+NUMBERS_AT_ONCE = 2**16
+"""Coordinates whose steps are looked at at once: as many as caches hold."""
 
 
 class JumpFinder:
@@ -37,14 +41,23 @@ class JumpFinder:
 
     def add(self, points: Float32Array) -> None:
         """Take the next frames, (frames, vertices, 3) [scene units]."""
-        last = points[0] if self._last is None else self._last
-        for point in points if self._last is not None else points[1:]:
-            step = np.subtract(point, last, dtype=np.float64)
-            squares = np.einsum("vx,vx->v", step, step)
-            self._squares.append(float(squares.mean()))
-            self._largest.append(float(squares.max()))
-            last = point
-        self._last = np.array(last)
+        if self._last is not None:
+            self._take(*_sizes_of_steps(self._last[None], points[:1]))
+        count = max(1, NUMBERS_AT_ONCE // points[0].size)
+        squares, largest = np.zeros((2, len(points) - 1))
+
+        def measure(first: int, end: int) -> None:
+            for begin in range(first, end, count):
+                some = slice(begin, min(begin + count, end))
+                squares[some], largest[some] = _sizes_of_steps(points[some], points[1:][some])
+
+        in_shares(measure, len(points) - 1)
+        self._take(squares, largest)
+        self._last = np.array(points[-1])
+
+    def _take(self, squares: Float64Array, largest: Float64Array) -> None:
+        self._squares.extend(squares.tolist())
+        self._largest.extend(largest.tolist())
 
     def jumps(self, bound: float) -> list[int]:
         """Frames that are jumped to, increasing.
@@ -55,6 +68,13 @@ class JumpFinder:
             Steps that no vertex goes beyond it in are none: what they overshoot is less than the error allowed.
         """
         return jumps_of_steps(np.array(self._squares), np.array(self._largest), bound)
+
+
+def _sizes_of_steps(before: Float32Array, after: Float32Array) -> tuple[Float64Array, Float64Array]:
+    """Mean and largest square over the vertices of each of some steps, both (steps,) [square scene units]."""
+    steps = np.square((after - before).astype(np.float64))
+    squares = steps[:, :, 0] + steps[:, :, 1] + steps[:, :, 2]
+    return squares.mean(axis=1), squares.max(axis=1)
 
 
 def jumps_of_steps(squares: Float64Array, largest: Float64Array, bound: float) -> list[int]:
