@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -43,8 +43,9 @@ def compare(
     """Measure how far B is from A.
 
     Frames and vertices are compared one by one, in order. Errors are Euclidean distances in scene units; relative
-    ones are over the diagonal of the bounding box of A's frame 0. The exit code is 1 when faces or counts differ, or
-    an error bound given here is exceeded.
+    ones are over the diagonal of the bounding box of A's frame 0. Where faces and lines are equal, lengths of edges in
+    space and time (a spatio-temporal edge difference after Vasa and Skala 2011) and normals are compared as well. The
+    exit code is 1 when faces or counts differ, or an error bound given here is exceeded.
     """
     from pdecodec.formats import open_sequence
     from pdecodec.formats.scene_space import bake_transforms
@@ -91,6 +92,7 @@ def _compare(first: MeshSequence, second: MeshSequence) -> dict[str, Any]:
     import numpy as np
 
     from pdecodec.metrics import Distortion, measure_distortion
+    from pdecodec.report.surface_metrics import SurfaceDistortion, measure_surfaces
 
     result: dict[str, Any] = {
         "frames": [first.frame_count, second.frame_count],
@@ -100,12 +102,16 @@ def _compare(first: MeshSequence, second: MeshSequence) -> dict[str, Any]:
         "times_equal": first.frame_count == second.frame_count
         and bool(np.allclose(first.times, second.times, rtol=0.0, atol=TIME_TOLERANCE)),
     }
-    measures: dict[str, Any] = dict.fromkeys(field.name for field in fields(Distortion))
+    measures: dict[str, Any] = dict.fromkeys(
+        field.name for kind in (Distortion, SurfaceDistortion) for field in fields(kind)
+    )
     if first.frame_count == second.frame_count and _are_alike(
         first, second, lambda a, b: a.vertex_count == b.vertex_count
     ):
         with progress_bar() as progress:
-            measures = measure_distortion(first, second, progress=progress).to_dict()
+            measures |= measure_distortion(first, second, progress=progress).to_dict()
+            if result["connectivity_equal"]:
+                measures |= asdict(measure_surfaces(first, second, measures["scale"], progress))
     for left_out in ("frames", "vertices", "within"):
         del measures[left_out]
     return {**result, "diagonal": measures.pop("scale"), **measures}
@@ -150,6 +156,11 @@ def _print(result: dict[str, Any]) -> None:
         table.add_row("E_A (Eq. 26)", "", f"{result['e_a']:.6g}")
         table.add_row("E_M (Eq. 27)", "", f"{result['e_m']:.6g}")
         table.add_row("KG error", "infinite" if result["kg_error"] is None else f"{result['kg_error']:.6g} %")
+        if result["sted"] is not None:
+            table.add_row("edge difference (STED)", "", f"{result['sted']:.6g}")
+        if result["normal_error"] is not None:
+            degrees = f"{result['normal_error']:.4g} degrees, 99 % within {result['normal_p99']:.4g}"
+            table.add_row("normals, mean angle", degrees)
         table.add_row("diagonal", f"{result['diagonal']:.6g}", "1")
         table.add_row("worst at", f"frame {result['worst_frame']}, vertex {result['worst_vertex']}")
     for label, name in (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from pdecodec.report.demo import Demonstration, Encoding
+    from pdecodec.report.surface_metrics import SurfaceDistortion
 
 
 @click.command()
@@ -86,6 +88,8 @@ def _encodings_table(found: Demonstration) -> Table:
     row("E_A (Eq. 26)", *(f"{item.distortion.e_a:.6f}" for item in each))
     row("E_M (Eq. 27)", *(f"{item.distortion.e_m:.6f}" for item in each))
     row("KG error", *(f"{item.distortion.kg_error:.4f} %" for item in each))
+    for label, values in _surface_rows([item.surface for item in each]):
+        row(label, *values)
     row("encode", *(f"{item.report.seconds:.2f} s" for item in each))
     row("decode all frames", *(f"{item.decode_seconds:.2f} s" for item in each))
     return table
@@ -105,7 +109,17 @@ def _between_table(found: Demonstration) -> Table:
     table.add_row("maximum error / diagonal", *(f"{item.e_m:.6f}" for item in pair))
     table.add_row("rms error / diagonal", *(f"{item.rms_error / item.scale:.6f}" for item in pair))
     table.add_row("KG error", *(f"{item.kg_error:.4f} %" for item in pair))
+    for label, values in _surface_rows([found.between.decoded_surface, found.between.linear_surface]):
+        table.add_row(label, *values)
     return table
+
+
+def _surface_rows(each: list[SurfaceDistortion]) -> list[tuple[str, list[str]]]:
+    return [
+        ("edge difference (STED)", [f"{item.sted:.6f}" for item in each]),
+        ("normals, mean angle", [f"{item.normal_error:.3f} degrees" for item in each]),
+        ("normals, 99 % within", [f"{item.normal_p99:.3f} degrees" for item in each]),
+    ]
 
 
 def _sections_table(found: Demonstration) -> Table:
@@ -131,7 +145,7 @@ def _as_json(found: Demonstration, seconds: float) -> dict[str, Any]:
             "sections": item.report.sections,
             "encode_seconds": item.report.seconds,
             "decode_seconds": item.decode_seconds,
-            "distortion": item.distortion.to_dict(),
+            "distortion": {**item.distortion.to_dict(), **asdict(item.surface)},
         }
 
     return {
@@ -141,8 +155,8 @@ def _as_json(found: Demonstration, seconds: float) -> dict[str, Any]:
         "encodings": {item.name: encoding(item) for item in found.encodings},
         "rates": [encoding(item) for item in found.rates],
         "between_frames": {
-            "decoded": found.between.decoded.to_dict(),
-            "linear": found.between.linear.to_dict(),
+            "decoded": {**found.between.decoded.to_dict(), **asdict(found.between.decoded_surface)},
+            "linear": {**found.between.linear.to_dict(), **asdict(found.between.linear_surface)},
         },
         "seconds": seconds,
     }

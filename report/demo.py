@@ -18,6 +18,7 @@ from pdecodec.encodereport import SECTION_TITLES, EncodeReport
 from pdecodec.metrics import Distortion, bits_per_vertex_frame, frame_scale, measure_distortion
 from pdecodec.report.charts import as_seen, draw_mesh, draw_near, heat_map, hide_axes, quads_of, require_drawing, write
 from pdecodec.report.figure import Canvas
+from pdecodec.report.surface_metrics import SurfaceDistortion, measure_surfaces
 from pdecodec.resample import LinearInterpolation, SampledAnimation
 from pdecodec.selection import FrameSelection
 from pdecodec.sequence import ArraySequence, Float32Array, Float64Array, Progress
@@ -60,6 +61,7 @@ class Encoding:
     report: EncodeReport
     decode_seconds: float
     distortion: Distortion
+    surface: SurfaceDistortion
 
     @property
     def bits(self) -> float:
@@ -73,6 +75,8 @@ class Between:
 
     decoded: Distortion
     linear: Distortion
+    decoded_surface: SurfaceDistortion
+    linear_surface: SurfaceDistortion
 
 
 @dataclass(frozen=True)
@@ -140,7 +144,8 @@ def _encode(
         started = time.perf_counter()
         decoded = animation.to_array()
         seconds = time.perf_counter() - started
-    return Encoding(name, report, seconds, measure_distortion(sequence, decoded))
+    found = measure_distortion(sequence, decoded)
+    return Encoding(name, report, seconds, found, measure_surfaces(sequence, decoded, found.scale))
 
 
 def _between_frames(sequence: ArraySequence, path: Path, progress: Progress | None) -> Between:
@@ -150,9 +155,16 @@ def _between_frames(sequence: ArraySequence, path: Path, progress: Progress | No
     encode(kept, path, EncodeSettings(tolerance=TOLERANCE), overwrite=True, progress=progress)
     scale = measure_distortion(sequence, sequence).scale
     with open_animation(path) as animation:
-        decoded = measure_distortion(left_out, SampledAnimation(animation, left_out.times), scale=scale)
-    linear = measure_distortion(left_out, LinearInterpolation(kept, left_out.times), scale=scale)
-    return Between(decoded, linear)
+        sampled = SampledAnimation(animation, left_out.times)
+        decoded = measure_distortion(left_out, sampled, scale=scale)
+        decoded_surface = measure_surfaces(left_out, sampled, scale)
+    straight = LinearInterpolation(kept, left_out.times)
+    return Between(
+        decoded=decoded,
+        linear=measure_distortion(left_out, straight, scale=scale),
+        decoded_surface=decoded_surface,
+        linear_surface=measure_surfaces(left_out, straight, scale),
+    )
 
 
 def draw(demonstration: Demonstration, path: Path) -> None:

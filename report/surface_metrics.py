@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from pdecodec.sequence import Connectivity, Float32Array, Float64Array, Int32Array
+from pdecodec.sequence import Connectivity, Float32Array, Float64Array, Int32Array, MeshSequence, Progress
 
 CHUNK_VALUES = 2**22
 """Numbers of an array that are worked on at once."""
@@ -40,7 +41,7 @@ class SurfaceDistortion:
         Mean and 99th percentile of the angle between normals of vertices, over all frames (rounded up by 0.6 %); None
         without faces.
     sted : float or None
-        Spatio-temporal edge difference; see :func:`edge_difference`.
+        Spatio-temporal edge difference, of :class:`SurfaceMeter`; None where there is no edge.
     """
 
     normal_error: float | None
@@ -48,38 +49,129 @@ class SurfaceDistortion:
     sted: float | None
 
 
+class SurfaceMeter:
+    """Gathers a :class:`SurfaceDistortion` from blocks of frames given in order.
+
+    A vertex's normal is the sum of its faces' normals as long as their area; vertices without one are left out.
+
+    The edge difference is one after Vasa and Skala, "A perception correlated comparison method for dynamic meshes",
+    TVCG 2011: how unevenly edges around a vertex, and its steps in time, are off their lengths. An edge of length l
+    that has length l' is off by d = abs(l - l') / l. In space, the deviation at a vertex is the standard deviation of
+    the d of its edges, weighted by l; in time, that of the d of WINDOW consecutive steps, where the length of a step is
+    sqrt(step^2 / scale^2 + TIME_STEP^2). Both are averaged over all vertices and frames, S and T, and it is
+    sqrt(S^2 + TIME_WEIGHT^2 T^2). Neighbourhood, window and time step are chosen here: values are for comparison with
+    each other, not with those of other works.
+
+    Parameters
+    ----------
+    scale : float [scene units]
+        Diagonal of frame 0.
+    """
+
+    def __init__(self, scale: float) -> None:
+        self._scale = scale
+        self._angles, self._normals = np.zeros(ANGLE_BINS, np.int64), 0
+        self._angle_sum = 0.0
+        self._spatial, self._frames = 0.0, 0
+        self._temporal, self._windows = 0.0, 0
+        self._has_edges = False
+        self._latest: tuple[Float32Array, Float32Array] | None = None
+        self._is_short = False
+
+    def begin(self, connectivity: Connectivity) -> None:
+        """The frames that follow are of this mesh; no step in time leads to them from those before."""
+        self._end_run()
+        self._connectivity = connectivity
+        self._faces = _faces_of_vertices(connectivity)
+        self._edges = _edges(connectivity)
+        self._has_edges = self._has_edges or len(self._edges) > 0
+        ends, rows = self._edges.ravel(), np.repeat(np.arange(len(self._edges)), 2)
+        self._ends = csr_array((np.ones(ends.size), (ends, rows)), (connectivity.vertex_count, len(self._edges)))
+
+    def add(self, reference: Float32Array, other: Float32Array) -> None:
+        """Take the next frames, (frames, vertices, 3) float32 each."""
+        connectivity = self._connectivity
+        for begin, end in _blocks(len(reference), 9 * max(1, connectivity.face_indices.size)):
+            self._add_normals(reference[begin:end], other[begin:end])
+        if not len(self._edges):
+            return
+        for begin, end in _blocks(len(reference), 6 * len(self._edges)):
+            before, after = (_lengths(points[begin:end], self._edges) for points in (reference, other))
+            sums = [self._ends @ (before * _off(before, after) ** power) for power in range(3)]
+            self._spatial += float(_deviation(*sums).mean(axis=0).sum())
+        self._frames += len(reference)
+        if self._latest is not None:
+            reference = np.concatenate([self._latest[0], reference])
+            other = np.concatenate([self._latest[1], other])
+        if len(reference) > WINDOW:
+            self._add_windows(reference, other, WINDOW)
+        self._latest = reference[-WINDOW:], other[-WINDOW:]
+        self._is_short = len(reference) <= WINDOW
+
+    def _add_normals(self, reference: Float32Array, other: Float32Array) -> None:
+        before, after = (_vertex_normals(points, self._connectivity, self._faces) for points in (reference, other))
+        there = (np.linalg.norm(before, axis=2) > 0) & (np.linalg.norm(after, axis=2) > 0)
+        cross = np.linalg.norm(np.cross(before[there], after[there]), axis=1)
+        # Of the sine and the cosine: neither alone tells small and large angles.
+        angles = np.degrees(np.arctan2(cross, np.einsum("nx,nx->n", before[there], after[there])))
+        self._angle_sum += float(angles.sum())
+        self._normals += angles.size
+        self._angles += np.bincount(_bins(angles), minlength=ANGLE_BINS)
+
+    def _add_windows(self, reference: Float32Array, other: Float32Array, window: int) -> None:
+        frames, vertices = reference.shape[:2]
+        total = 0.0
+        for begin, end in _blocks(vertices, 3 * frames):
+            before, after = (_steps(points[:, begin:end], self._scale) for points in (reference, other))
+            sums = [_in_windows(before * _off(before, after) ** power, window) for power in range(3)]
+            total += float(_deviation(*sums).sum())
+        self._temporal += total / vertices
+        self._windows += frames - window
+
+    def _end_run(self) -> None:
+        # A run shorter than a window is one by itself; a single step has no spread.
+        if self._latest is not None and self._is_short and len(self._latest[0]) > 2:
+            self._add_windows(*self._latest, window=len(self._latest[0]) - 1)
+        self._latest = None
+
+    def result(self) -> SurfaceDistortion:
+        """Of all frames added so far."""
+        self._end_run()
+        sted = None
+        if self._has_edges:
+            sted = math.hypot(self._spatial / self._frames, TIME_WEIGHT * self._temporal / max(1, self._windows))
+        if not self._normals:
+            return SurfaceDistortion(None, None, sted)
+        at = int(np.searchsorted(np.cumsum(self._angles), math.ceil(0.99 * self._normals)))
+        p99 = 0.0 if at == 0 else LEAST_ANGLE * (180.0 / LEAST_ANGLE) ** (at / (ANGLE_BINS - 1))
+        return SurfaceDistortion(self._angle_sum / self._normals, p99, sted)
+
+
 def measure_surface(
     reference: Float32Array, other: Float32Array, connectivity: Connectivity, scale: float
 ) -> SurfaceDistortion:
     """Normals and edges of two (frames, vertices, 3) arrays; `scale` is frame 0's diagonal [scene units]."""
-    mean, largest = normal_errors(reference, other, connectivity)
-    return SurfaceDistortion(mean, largest, edge_difference(reference, other, connectivity, scale))
+    meter = SurfaceMeter(scale)
+    meter.begin(connectivity)
+    meter.add(reference, other)
+    return meter.result()
 
 
-def normal_errors(
-    reference: Float32Array, other: Float32Array, connectivity: Connectivity
-) -> tuple[float | None, float | None]:
-    """Mean and 99th percentile [degrees] of the angles between normals of vertices.
-
-    A vertex's normal is the sum of its faces' normals as long as their area; vertices without one are left out.
-    """
-    counts = np.zeros(ANGLE_BINS, np.int64)
-    total, number = 0.0, 0
-    gather = _faces_of_vertices(connectivity)
-    for begin, end in _blocks(len(reference), 9 * max(1, connectivity.face_indices.size)):
-        before = _vertex_normals(reference[begin:end], connectivity, gather)
-        after = _vertex_normals(other[begin:end], connectivity, gather)
-        lengths = np.linalg.norm(before, axis=2), np.linalg.norm(after, axis=2)
-        there = (lengths[0] > 0) & (lengths[1] > 0)
-        cross = np.linalg.norm(np.cross(before[there], after[there]), axis=1)
-        # Of the sine and the cosine: neither alone tells small and large angles.
-        angles = np.degrees(np.arctan2(cross, np.einsum("nx,nx->n", before[there], after[there])))
-        total, number = total + float(angles.sum()), number + angles.size
-        counts += np.bincount(_bins(angles), minlength=ANGLE_BINS)
-    if not number:
-        return None, None
-    at = int(np.searchsorted(np.cumsum(counts), math.ceil(0.99 * number)))
-    return total / number, 0.0 if at == 0 else LEAST_ANGLE * (180.0 / LEAST_ANGLE) ** (at / (ANGLE_BINS - 1))
+def measure_surfaces(
+    reference: MeshSequence, other: MeshSequence, scale: float, progress: Progress | None = None
+) -> SurfaceDistortion:
+    """The same of two sequences of equal connectivity in every frame, a run after the other."""
+    meter = SurfaceMeter(scale)
+    edges = sorted({*reference.run_starts.tolist(), *other.run_starts.tolist(), reference.frame_count})
+    for first, last in itertools.pairwise(edges):
+        run = reference.runs[reference.run_number_of(first)]
+        meter.begin(run.connectivity)
+        for begin in range(first, last, run.frames_per_block):
+            end = min(begin + run.frames_per_block, last)
+            meter.add(reference.read_frames(begin, end), other.read_frames(begin, end))
+            if progress is not None:
+                progress(end, reference.frame_count, "comparing surfaces")
+    return meter.result()
 
 
 def _bins(angles: Float64Array) -> Int32Array:
@@ -109,45 +201,6 @@ def _vertex_normals(points: Float32Array, connectivity: Connectivity, gather: cs
     normals = np.add.reduceat(np.cross(corners, corners[:, following]), starts, axis=1)
     flat = gather @ normals.transpose(1, 0, 2).reshape(connectivity.face_count, -1)
     return np.asarray(flat.reshape(-1, frames, 3).transpose(1, 0, 2))
-
-
-def edge_difference(
-    reference: Float32Array, other: Float32Array, connectivity: Connectivity, scale: float
-) -> float | None:
-    """Spatio-temporal edge difference, after Vasa and Skala, "A perception correlated comparison method for dynamic
-    meshes", TVCG 2011: how unevenly edges around a vertex, and its steps in time, are off their lengths.
-
-    An edge of length l that has length l' is off by d = abs(l - l') / l. In space, the deviation at a vertex is the
-    standard deviation of the d of its edges, weighted by l; in time, that of the d of WINDOW consecutive steps, where
-    the length of a step is sqrt(step^2 / scale^2 + TIME_STEP^2). Both are averaged over all vertices and frames, S and
-    T, and it is sqrt(S^2 + TIME_WEIGHT^2 T^2). Neighbourhood, window and time step are chosen here: values are for
-    comparison with each other, not with those of other works. None where there is no edge.
-    """
-    edges = _edges(connectivity)
-    if not len(edges):
-        return None
-    ends, rows = edges.ravel(), np.repeat(np.arange(len(edges)), 2)
-    gather = csr_array((np.ones(ends.size), (ends, rows)), (connectivity.vertex_count, len(edges)))
-    total, frames = 0.0, len(reference)
-    for begin, end in _blocks(frames, 6 * len(edges)):
-        before, after = (_lengths(points[begin:end], edges) for points in (reference, other))
-        sums = [gather @ (before * _off(before, after) ** power) for power in range(3)]
-        total += float(_deviation(*sums).mean(axis=0).sum())
-    spatial = total / frames
-    return math.hypot(spatial, TIME_WEIGHT * _temporal_part(reference, other, scale))
-
-
-def _temporal_part(reference: Float32Array, other: Float32Array, scale: float) -> float:
-    frames, vertices = reference.shape[:2]
-    if frames < 3:
-        return 0.0
-    total: float = 0.0
-    window = min(WINDOW, frames - 1)
-    for begin, end in _blocks(vertices, 3 * frames):
-        before, after = (_steps(points[:, begin:end], scale) for points in (reference, other))
-        sums = [_in_windows(before * _off(before, after) ** power, window) for power in range(3)]
-        total += float(_deviation(*sums).mean(axis=0).sum())
-    return total / float(vertices)
 
 
 def _steps(points: Float32Array, scale: float) -> Float64Array:

@@ -124,6 +124,9 @@ def test_what_was_encoded_comes_back_within_the_bound_in_every_format(
     assert 0 < found["rms_error"] <= found["p99_error"] <= found["max_error"] <= TOLERANCE * found["diagonal"]
     assert found["e_m"] == pytest.approx(found["max_error"] / found["diagonal"])
     assert 0 < found["e_a"] < found["e_m"]
+    assert 0 < found["kg_error"] < 1
+    assert 0 < found["sted"] < 0.1
+    assert 0 < found["normal_error"] < found["normal_p99"] < 5
 
 
 def test_max_error_bounds_in_scene_units_and_rms_the_mean_error_over_the_diagonal(
@@ -255,6 +258,9 @@ def test_compare_fails_beyond_the_bound_and_where_faces_or_frames_differ(
         np.savez(tmp_path / "turned.npz", **turned)
     assert run(["compare", str(wave), str(tmp_path / "turned.npz")]) == 1
     assert "faces or lines differ" in capsys.readouterr().err
+    assert run(["compare", str(wave), str(tmp_path / "turned.npz"), "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert (found["max_error"], found["sted"], found["normal_error"]) == (0.0, None, None)
     other = save_wave(tmp_path / "short.npz", frames=FRAMES - 1)
     assert run(["compare", str(wave), str(other), "--json"]) == 1
     captured = capsys.readouterr()

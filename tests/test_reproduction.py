@@ -41,8 +41,10 @@ from pdecodec.report.reproduction.method import (
 )
 from pdecodec.report.reproduction.physics import CLAMPED_FREE, PERIODS, PLAIN, TIED, TWO, beam_errors, mode
 from pdecodec.report.reproduction.rates import COARSENING, PDE, POLYNOMIALS, SPLINES, measure_model
-from pdecodec.report.reproduction.rope import RopeSettings, own_substeps, simulate_rope
+from pdecodec.report.reproduction.rope import Rope, RopeSettings, own_substeps, simulate_rope
 from pdecodec.report.reproduction.sweep import times_table_1
+from pdecodec.sequence import ArraySequence, MeshObject
+from tests.mesh_cases import grid
 
 KEPT = Path(__file__).resolve().parent.parent / "docs" / "paper"
 
@@ -171,15 +173,23 @@ def test_where_one_u_serves_all_the_product_is_the_minimiser_of_equation_25(para
 
 
 def test_pieces_and_segments_only_add_to_what_a_model_can_do() -> None:
-    curves = swinging_curve(points=120)[None]
+    settings = RopeSettings(rings=120, sides=3)
+    strip = swinging_curve(points=120)[:, None] + np.arange(3)[None, :, None, None] * [0.0, 0.0, 0.1]
+    objects = [MeshObject("strip", grid(3, 120))]
+    fine = ArraySequence(np.repeat(strip.reshape(11, -1, 3), 3, axis=0)[:31], objects=objects, fps=24.0)
+    rope = Rope(settings, fine, 0.0)
     for model in (PDE, POLYNOMIALS, SPLINES):
-        sizes = [measure_model(curves, 10.0, model, *size) for size in ((1, 1), (2, 2), (3, 3))]
+        sizes = [measure_model(rope, model, *size) for size in ((1, 1), (2, 2), (3, 3))]
         errors = [point.unrounded.relative for point in sizes]
         assert errors[0] > errors[1] > errors[2]
         # From the coded bytes: hardly worse than before rounding, and less than the constants as float32.
         for point in sizes:
             assert point.errors.largest <= COARSENING * point.unrounded.largest
             assert point.coded_bytes < (point.plain_bytes or 0)
+        # Of the mesh that the curves are: all that is measured of it falls with them.
+        for of_mesh in (lambda p: p.kg_error, lambda p: p.surface.sted, lambda p: p.surface.normal_p99):
+            found = [of_mesh(point) for point in sizes]
+            assert found[0] > found[2] > 0
 
 
 def test_chosen_rates_leave_no_more_at_the_keyframes_than_the_fixed_ones() -> None:

@@ -10,11 +10,12 @@ from pdecodec.report.surface_metrics import (
     TIME_STEP,
     TIME_WEIGHT,
     WINDOW,
-    edge_difference,
+    SurfaceMeter,
     measure_surface,
-    normal_errors,
+    measure_surfaces,
 )
-from pdecodec.sequence import Connectivity
+from pdecodec.runs import ChangingSequence
+from pdecodec.sequence import ArraySequence, Connectivity, MeshObject
 from tests.mesh_cases import grid
 
 Points = NDArray[np.float32]
@@ -32,10 +33,23 @@ def turned(points: Points, degrees: float) -> Points:
     return (points.astype(np.float64) @ np.array([[1, 0, 0], [0, c, s], [0, -s, c]])).astype(np.float32)
 
 
+def normal_errors(points: Points, other: Points) -> tuple[float, float]:
+    found = measure_surface(points, other, grid(SIDE, SIDE), 1.0)
+    assert found.normal_error is not None
+    assert found.normal_p99 is not None
+    return found.normal_error, found.normal_p99
+
+
+def edge_difference(points: Points, other: Points, connectivity: Connectivity, scale: float) -> float:
+    found = measure_surface(points, other, connectivity, scale).sted
+    assert found is not None
+    return found
+
+
 def test_a_flat_sheet_that_is_tilted_has_the_angle_as_normal_error() -> None:
     flat = sheet() * np.float32([1, 0, 1])
     for degrees in (1e-3, 3.0, 90.0, 179.0):
-        mean, most = normal_errors(flat, turned(flat, degrees), grid(SIDE, SIDE))
+        mean, most = normal_errors(flat, turned(flat, degrees))
         assert mean == pytest.approx(degrees, rel=1e-3)
         assert most == pytest.approx(degrees, rel=8e-3)
         assert most >= mean * 0.999
@@ -55,7 +69,7 @@ def test_the_percentile_is_that_of_all_vertices_and_frames() -> None:
             np.add.at(vertex, (slice(None), faces[:, corner]), face)
         normals.append(vertex / np.linalg.norm(vertex, axis=2, keepdims=True))
     angles = np.degrees(np.arccos(np.clip((normals[0] * normals[1]).sum(axis=2), -1, 1)))
-    mean, most = normal_errors(points, other, grid(SIDE, SIDE))
+    mean, most = normal_errors(points, other)
     assert mean == pytest.approx(angles.mean(), rel=1e-3)
     wanted = np.sort(angles.ravel())[int(np.ceil(0.99 * angles.size)) - 1]
     assert wanted * 0.999 <= most <= wanted * 1.007
@@ -108,3 +122,44 @@ def test_the_temporal_part_is_the_spread_of_steps_in_a_window() -> None:
 def test_points_alone_have_neither() -> None:
     found = measure_surface(sheet(), sheet() + np.float32(1), Connectivity(SIDE * SIDE), 1.0)
     assert (found.normal_error, found.normal_p99, found.sted) == (None, None, None)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 7, WINDOW, 30])
+@pytest.mark.parametrize("block", [1, 4, 11])
+def test_blocks_of_frames_give_what_all_at_once_give(frames: int, block: int) -> None:
+    points, random = sheet(frames), np.random.default_rng(0)
+    other = (points + 1e-3 * random.normal(size=points.shape)).astype(np.float32)
+    meter = SurfaceMeter(1.0)
+    meter.begin(grid(SIDE, SIDE))
+    for begin in range(0, frames, block):
+        meter.add(points[begin : begin + block], other[begin : begin + block])
+    wanted, found = measure_surface(points, other, grid(SIDE, SIDE), 1.0), meter.result()
+    assert (found.normal_error, found.sted) == pytest.approx((wanted.normal_error, wanted.sted), rel=1e-9)
+    assert found.normal_p99 == wanted.normal_p99
+
+
+def test_runs_of_other_meshes_are_measured_each_by_itself() -> None:
+    points, random = sheet(30), np.random.default_rng(0)
+    other = (points + 1e-3 * random.normal(size=points.shape)).astype(np.float32)
+
+    def sequence(values: Points) -> ChangingSequence:
+        whole = MeshObject("whole", grid(SIDE, SIDE))
+        half = MeshObject("half", grid(SIDE // 2, SIDE))
+        first = ArraySequence(values[:15], objects=[whole], fps=24.0)
+        second = ArraySequence(
+            values[15:, : SIDE * SIDE // 2], objects=[half], times=np.arange(15, 30) / 24.0, fps=24.0
+        )
+        return ChangingSequence([first, second])
+
+    found = measure_surfaces(sequence(points), sequence(other), 1.0)
+    parts = [
+        measure_surface(points[:15], other[:15], grid(SIDE, SIDE), 1.0),
+        measure_surface(points[15:, : SIDE * SIDE // 2], other[15:, : SIDE * SIDE // 2], grid(SIDE // 2, SIDE), 1.0),
+    ]
+    whole, half = (part.normal_error for part in parts)
+    assert whole is not None
+    assert half is not None
+    assert found.normal_error == pytest.approx((2 * whole + half) / 3)
+    least, most = sorted(part.sted or 0.0 for part in parts)
+    assert found.sted is not None
+    assert 0 < least <= found.sted <= most

@@ -18,7 +18,13 @@ from pdecodec.report.reproduction.functions import equation_figure
 from pdecodec.report.reproduction.leak import choices_figure, elimination_figure, knot_figure, leak_figure
 from pdecodec.report.reproduction.method import PRINTED
 from pdecodec.report.reproduction.physics import beam_figure, tied_figure
-from pdecodec.report.reproduction.rates import constants_figure, fit_time_figure, gap_figure, rate_figure
+from pdecodec.report.reproduction.rates import (
+    constants_figure,
+    fit_time_figure,
+    gap_figure,
+    rate_figure,
+    surface_figure,
+)
 from pdecodec.report.reproduction.shapes import (
     figure_2,
     figure_3,
@@ -83,6 +89,7 @@ def make_report(findings: Findings) -> Report:
                 (
                     bytes_figure(findings),
                     rate_figure(findings),
+                    surface_figure(findings),
                     constants_figure(findings),
                     gap_figure(findings),
                     speed_figure(findings),

@@ -84,6 +84,12 @@ def as_curves(points: Float32Array, settings: RopeSettings) -> Float64Array:
     return np.ascontiguousarray(shaped.transpose(1, 0, 2, 3))
 
 
+def as_points(curves: Float64Array) -> Float32Array:
+    """Undo :func:`as_curves`: (frames, vertices, 3) [m]."""
+    frames = curves.shape[1]
+    return np.ascontiguousarray(curves.transpose(1, 0, 2, 3)).reshape(frames, -1, 3).astype(np.float32)
+
+
 def simulate_rope(settings: RopeSettings) -> Rope:
     """Simulate it."""
     started = time.process_time()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import astuple, dataclass
+
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -12,6 +15,7 @@ from pdecodec.metrics import bits_per_vertex_frame, frame_scale, measure_distort
 from pdecodec.report.charts import BLUE, FAILING, FAILURE, GREEN, ORANGE, label_ends, mark_failing, name_rows, write
 from pdecodec.report.figure import Canvas, Figure, Section, Table, Value
 from pdecodec.report.stability.nasty_clips import FPS, NASTY, far_away, impact, teleport
+from pdecodec.report.surface_metrics import SurfaceDistortion, measure_surface
 from pdecodec.sequence import ArraySequence, Float64Array
 from pdecodec.settings import EncodeSettings
 
@@ -27,14 +31,32 @@ RAW_BITS = 96.0
 """Of float32 positions, a vertex and frame: above, a file is larger than its input."""
 
 
-def coded(clip: ArraySequence, settings: EncodeSettings) -> tuple[float, float]:
-    """Rate in bits a vertex and frame, and largest error over the tolerance, of the decoded bytes."""
+@dataclass(frozen=True)
+class Coded:
+    """What a clip takes and leaves: bits a vertex and frame; the largest error over the tolerance, the error of Karni
+    and Gotsman [%], and how far edges and normals are off, of the decoded bytes.
+    """
+
+    bits: float
+    error: float
+    kg_error: float
+    surface: SurfaceDistortion
+
+
+def coded(clip: ArraySequence, settings: EncodeSettings) -> Coded:
+    """Encode, decode and measure a clip."""
     report = encode(clip, settings=settings)
     with open_animation(report.data or b"") as animation:
-        found = measure_distortion(clip, animation.to_array())
+        decoded = animation.to_array()
+    found = measure_distortion(clip, decoded)
     counted = report.file_bytes - sum(report.sections.get(name, 0) for name in CONSTANT_SECTIONS)
-    bits = bits_per_vertex_frame(counted, vertices=clip.vertex_count, frames=clip.frame_count)
-    return bits, found.max_error / (TOLERANCE * frame_scale(clip.points[0]))
+    scale = frame_scale(clip.points[0])
+    return Coded(
+        bits_per_vertex_frame(counted, vertices=clip.vertex_count, frames=clip.frame_count),
+        found.max_error / (TOLERANCE * scale),
+        found.kg_error,
+        measure_surface(clip.points, decoded.points, clip.connectivity, scale),
+    )
 
 
 def stress_figure(side: int, frames: int) -> Figure:
@@ -44,7 +66,13 @@ def stress_figure(side: int, frames: int) -> Figure:
         profile: {name: coded(clip, settings) for name, clip in clips.items()}
         for profile, (settings, _) in PROFILES.items()
     }
-    rows: list[tuple[Value, ...]] = [(name, profile, *found[profile][name]) for name in clips for profile in PROFILES]
+    rows: list[tuple[Value, ...]] = []
+    for name in clips:
+        for profile in PROFILES:
+            item = found[profile][name]
+            # Of a clip whose frames are a point each, there is nothing that errors could be over.
+            kg_error = item.kg_error if math.isfinite(item.kg_error) else None
+            rows.append((name, profile, item.bits, item.error, kg_error, *astuple(item.surface)))
 
     def draw(canvas: Canvas) -> None:
         left, right = canvas.subplots(1, 2, sharey=True)
@@ -53,10 +81,11 @@ def stress_figure(side: int, frames: int) -> Figure:
         left.set(xscale="log", xlim=(0.02, 600), xlabel="bits a vertex and frame")
         right.set(xscale="log", xlim=(3e-4, 1e9), xlabel="largest error over the tolerance of 1e-3")
         for (profile, (_, colour)), marker in zip(PROFILES.items(), "oD", strict=True):
-            for panel, values in zip((left, right), zip(*found[profile].values(), strict=True), strict=True):
+            each = found[profile].values()
+            for panel, values in ((left, [item.bits for item in each]), (right, [item.error for item in each])):
                 panel.plot(np.maximum(values, 4e-4), heights, marker, color=colour, markersize=6.5)
         # Named where the two are apart: the smaller at its left, the larger at its right.
-        bits = {profile: found[profile]["topology soup"][0] for profile in PROFILES}
+        bits = {profile: found[profile]["topology soup"].bits for profile in PROFILES}
         row = heights[list(clips).index("topology soup")]
         for profile, offset, place in zip(sorted(bits, key=bits.__getitem__), (-8, 8), ("right", "left"), strict=True):
             colour = PROFILES[profile][1]
@@ -64,8 +93,8 @@ def stress_figure(side: int, frames: int) -> Figure:
         mark_failing(left, "larger\nthan raw", right_of=RAW_BITS, at=0.12)
         mark_failing(right, "fails: beyond the bound", right_of=1.0 + 1e-9, at=0.05)
 
-    worst = {profile: max((item[1], name) for name, item in found[profile].items()) for profile in PROFILES}
-    dearest = max((item[0], name) for name, item in found["auto"].items())
+    worst = {profile: max((item.error, name) for name, item in found[profile].items()) for profile in PROFILES}
+    dearest = max((item.bits, name) for name, item in found["auto"].items())
     return Figure(
         name="codec-stress",
         title="Clips that are hard for a reason",
@@ -75,7 +104,13 @@ def stress_figure(side: int, frames: int) -> Figure:
             f"Profile paper, the model alone, has no bound and leaves up to {worst['paper'][0]:.2g} times the "
             f"tolerance ({worst['paper'][1]})."
         ),
-        table=Table(("clip", "profile", "bits a vertex and frame", "largest error over the tolerance"), tuple(rows)),
+        table=Table(
+            (
+                *("clip", "profile", "bits a vertex and frame", "largest error over the tolerance", "KG error [%]"),
+                *("normals, mean angle [degrees]", "normals, 99 % within [degrees]", "edge difference (STED)"),
+            ),
+            tuple(rows),
+        ),
         draw=draw,
         size=(10.5, 4.4),
         consequence=(
@@ -156,7 +191,8 @@ def between_figure(side: int, samples: int) -> Figure:
 def distance_figure(side: int, frames: int, count: int) -> Figure:
     """The same clip farther and farther from the origin."""
     offsets = np.geomspace(1.0, 1e7, count)
-    bits, errors = np.array([coded(far_away(side, frames, o), PROFILES["auto"][0]) for o in offsets.tolist()]).T
+    found = [coded(far_away(side, frames, offset), PROFILES["auto"][0]) for offset in offsets.tolist()]
+    bits, errors = np.array([item.bits for item in found]), np.array([item.error for item in found])
     spacing = np.spacing(offsets.astype(np.float32)).astype(np.float64) / (TOLERANCE * np.sqrt(2.0))
 
     def draw(canvas: Canvas) -> None:
