@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 import tempfile
 import zlib
@@ -32,6 +33,9 @@ LENGTH_AT = 4
 
 REQUIRED = 1
 """Section flag: a decoder that does not know this type must refuse the file."""
+
+FIRST_OF_GROUPS = "TIME"
+"""The first of the sections that hold groups of frames; what stands before it is read whatever frame is asked for."""
 
 COPY_BYTES = 2**20
 """Bytes copied or checked at a time, so that memory does not grow with a section."""
@@ -114,6 +118,17 @@ def stored_sections(file: BinaryIO) -> list[tuple[str, StoredSection]]:
         (kind, StoredSection(offset, length, checksum))
         for offset, (kind, length, checksum) in zip(ends, found, strict=False)
     ]
+
+
+def before_groups(head: bytes) -> int:
+    """Where groups of frames begin in a file, by its first bytes, which nobody has checked; 0 where they do not say."""
+    if not head.startswith(IDENTIFIER):
+        return 0
+    try:
+        sections = dict(stored_sections(io.BytesIO(head)))
+    except (struct.error, UnicodeDecodeError):
+        return 0
+    return sections[FIRST_OF_GROUPS].offset if FIRST_OF_GROUPS in sections else 0
 
 
 def write_container(path: Path, sections: Sequence[Section], *, overwrite: bool = True) -> dict[str, int]:

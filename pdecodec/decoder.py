@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from pdecodec import _core
 from pdecodec.attributes import DOMAINS
 from pdecodec.connectivity import core_errors
+from pdecodec.container import before_groups
 from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
 from pdecodec.groups import TIME_BASES, GroupEntry
 from pdecodec.paperform import PaperForm, paper_form
@@ -115,8 +116,9 @@ def open_animation(
     if not isinstance(source, str | os.PathLike):
         return _opened(source, str(getattr(source, "name", "a file in memory")), limits)
     if is_address(source):
-        remote = cast("BinaryIO", open_range_reader(str(source)))
-        return _opened(remote, str(source), limits, origin=str(source))
+        remote = open_range_reader(str(source))
+        remote.read_ahead(before_groups(remote.head))
+        return _opened(cast("BinaryIO", remote), str(source), limits, origin=str(source))
     try:
         file = Path(source).open("rb", buffering=0)  # noqa: SIM115 - the animation keeps it open until it is closed
     except (OSError, ValueError) as error:  # ValueError: a character that no path can have

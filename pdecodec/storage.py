@@ -20,8 +20,11 @@ from pdecodec.errors import InputError, MissingExtraError, PdecodecError
 ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+(::[A-Za-z][A-Za-z0-9+.-]+)*://")
 """How an address begins; a drive letter is no protocol."""
 
-HEAD_BYTES = 4096
-"""What is read of a file at first: its table of sections, of most files with the times and names."""
+HEAD_BYTES = 1024
+"""What is read of a file at first: a table of sections is shorter than that."""
+
+AHEAD_BYTES = 2**20
+"""What is read ahead at most: beyond that, requests of their own for its parts cost little."""
 
 COPY_BYTES = 2**20
 """Read and written at a time."""
@@ -152,7 +155,7 @@ class RemoteFile:
 
 
 class RangeReader(io.RawIOBase):
-    """A remote file that reads what is asked for and no more, but for its first bytes: those are read once.
+    """A remote file that reads what is asked for and no more, but for its first bytes: those are read and kept.
 
     Attributes
     ----------
@@ -166,6 +169,18 @@ class RangeReader(io.RawIOBase):
         self._size, self._at = file.size(), 0
         self._head = file.read_range(0, min(HEAD_BYTES, self._size)) if self._size else b""
         self.bytes_read = len(self._head)
+
+    @property
+    def head(self) -> bytes:
+        """The bytes from the beginning on that are kept."""
+        return self._head
+
+    def read_ahead(self, end: int) -> None:
+        """Keep all before `end`, or as much of it as is read ahead, read by one request."""
+        begin, end = len(self._head), min(end, self._size, AHEAD_BYTES)
+        if begin < end:
+            self._head += self._file.read_range(begin, end)
+            self.bytes_read += end - begin
 
     def readable(self) -> bool:
         return True
