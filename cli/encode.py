@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say, say_alternatives, say_notices
-from pdecodec.cli.jobs import STREAM, Job, job_options, jobs, say_plan, say_start, streamed
+from pdecodec.cli.jobs import SAMPLES, STREAM, Job, job_options, jobs, say_plan, say_sizes, say_start, streamed
 from pdecodec.cli.options import (
     bytes_of,
     decode_limits,
@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from pdecodec.encodereport import EncodeReport
     from pdecodec.sequence import MeshSequence
     from pdecodec.settings import EncodeSettings
+
+SAMPLED_POSITIONS = 2**20
+"""A clip of no more is encoded for --dry-run, in a second or two, to tell how large its file becomes; of a longer one
+so much, for the file to grow on evenly: of its first few frames hardly anything follows."""
 
 
 @click.command()
@@ -200,11 +204,17 @@ def _encode(
         files = input_files(source)
         source_bytes = bytes_of(source, files)
         if dry_run:
+            if size is not None:
+                say_sizes(job, sequence, f"at most {byte_size(size)}", files=len(files), size=source_bytes)
+                return
 
             def write(some: MeshSequence, path: str) -> object:
+                if rms is not None:
+                    return encode_to_rms(some, rms, path, checked)
                 return encode_sequence(some, path, checked)
 
-            say_plan(job, sequence, write, files=len(files), size=source_bytes)
+            count = max(SAMPLES[-1], SAMPLED_POSITIONS // sequence.most_vertices)
+            say_plan(job, sequence, write, files=len(files), size=source_bytes, samples=(count // 2, count))
             return
         with progress_bar() as progress, naming_file(source), naming_options(settings):
             if size is not None:

@@ -192,12 +192,23 @@ def _make_folder(folder: Path) -> None:
 
 
 def say_plan(
-    job: Job, sequence: MeshSequence, write: Callable[[MeshSequence, str], object], *, files: int, size: int
+    job: Job,
+    sequence: MeshSequence,
+    write: Callable[[MeshSequence, str], object],
+    *,
+    files: int,
+    size: int,
+    samples: Sequence[int] = SAMPLES,
 ) -> None:
-    """Print what a job would read, `files` of `size` bytes, and write, and how large about by writing some frames."""
+    """Print what a job would read, `files` of `size` bytes, and write, and how large about by writing some frames.
+
+    Those are the first frames, in the numbers of `samples`; a clip of no more is written whole.
+    """
     from pdecodec.selection import select
 
-    counts = sorted({min(count, sequence.frame_count) for count in SAMPLES})
+    counts = sorted({min(count, sequence.frame_count) for count in samples})
+    if counts[-1] == sequence.frame_count:
+        counts = counts[-1:]
     sizes = []
     for count in counts:
         with tempfile.TemporaryDirectory(prefix="pdecodec-") as folder:
@@ -206,9 +217,14 @@ def say_plan(
             sizes.append(sum(one.stat().st_size for one in Path(folder).rglob("*") if one.is_file()))
     growth = (sizes[-1] - sizes[0]) / max(1, counts[-1] - counts[0])
     about = sizes[-1] + growth * (sequence.frame_count - counts[-1])
+    say_sizes(job, sequence, f"about {byte_size(max(0, round(about)))}", files=files, size=size)
+
+
+def say_sizes(job: Job, sequence: MeshSequence, becomes: str, *, files: int, size: int) -> None:
+    """Print what a job would read, `files` of `size` bytes, and what it becomes."""
     there = f"{files} file{'s' * (files != 1)}, {byte_size(size)}"
     click.echo(visible(f"read {job.source_name} ({there}): {extent(sequence)}"))
-    click.echo(visible(f"write {job.output_name}: about {byte_size(max(0, round(about)))}"))
+    click.echo(visible(f"write {job.output_name}: {becomes}"))
 
 
 def say_start(job: Job, sequence: MeshSequence) -> None:

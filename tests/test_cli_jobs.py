@@ -145,11 +145,41 @@ def test_a_dry_run_says_how_large_about_and_writes_nothing(clip: ArraySequence, 
 
 def test_an_encoding_that_is_dry_says_how_large_about(clip: ArraySequence, capsys: Capture) -> None:
     assert run(["a.npz", "a.pdeanim", "--dry-run"]) == 0
-    assert capsys.readouterr().out.splitlines()[1].startswith("write a.pdeanim: about ")
+    about = capsys.readouterr().out.splitlines()[1]
     assert not Path("a.pdeanim").exists()
     assert run(["a.npz", "a.pdeanim", "-q"]) == 0
+    assert about == f"write a.pdeanim: about {byte_size(Path('a.pdeanim').stat().st_size)}"
+    assert run(["a.npz", "b.pdeanim", "--rms", "1e-5", "--dry-run"]) == 0
+    about = capsys.readouterr().out.splitlines()[1]
+    assert run(["a.npz", "b.pdeanim", "--rms", "1e-5", "-q"]) == 0
+    assert about == f"write b.pdeanim: about {byte_size(Path('b.pdeanim').stat().st_size)}"
+    assert run(["a.npz", "c.pdeanim", "--size", "20kB", "--dry-run"]) == 0
+    assert capsys.readouterr().out.splitlines()[1] == "write c.pdeanim: at most 20.0 kB"
+    assert not Path("c.pdeanim").exists()
     assert run(["decode", "a.pdeanim", "b.npz", "--dry-run"]) == 0
     assert not Path("b.npz").exists()
+
+
+@pytest.mark.parametrize("kind", ["waves", "bursts", "still"])
+def test_a_longer_clip_is_estimated_by_its_beginning(
+    kind: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Capture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("pdecodec.cli.encode.SAMPLED_POSITIONS", 70 * 144)
+    at = np.arange(100)[:, None, None]
+    x, z = np.meshgrid(np.linspace(0, 1, 12), np.linspace(0, 1, 12), indexing="ij")
+    height = {
+        "waves": 0.1 * np.sin(5 * x + 0.3 * at) + 0.05 * np.sin(9 * z - 0.17 * at),
+        "bursts": 0.1 * np.sin(11 * x * z + 0.4 * at) * (at % 25 > 12),
+        "still": 0.1 * x + 0 * at,
+    }[kind]
+    points = np.stack(np.broadcast_arrays(x, height, z), axis=-1).reshape(100, -1, 3)
+    write_sequence(ArraySequence(points, objects=[MeshObject("sheet", grid(12, 12))], fps=24), "clip.npz")
+    assert run(["encode", "clip.npz", "clip.pdeanim", "--dry-run"]) == 0
+    number, unit = capsys.readouterr().out.rpartition("about ")[2].split()
+    assert run(["encode", "clip.npz", "clip.pdeanim", "-q"]) == 0
+    about = float(number) * {"bytes": 1, "kB": 1e3}[unit]
+    assert about == pytest.approx(Path("clip.pdeanim").stat().st_size, rel=0.25)
 
 
 def test_quiet_says_nothing_but_errors_and_verbose_what_is_done(clip: ArraySequence, capsys: Capture) -> None:
