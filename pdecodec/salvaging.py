@@ -8,12 +8,10 @@ of the run that they are of.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +30,7 @@ FROM_ELSEWHERE = "get the file again, or encode it again"
 
 @dataclass(frozen=True)
 class Salvage:
-    """What was saved; close it, or use it in a ``with`` statement.
+    """What was saved.
 
     Attributes
     ----------
@@ -50,24 +48,11 @@ class Salvage:
     frame_count: int
     missing: tuple[Frames, ...]
     lost: tuple[str, ...]
-    _open: ExitStack
 
     @property
     def is_whole(self) -> bool:
         """Whether nothing is missing."""
         return not (self.missing or self.lost)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Let go of the file."""
-        self._open.close()
 
 
 class SoundFrames(MeshSequence):
@@ -99,8 +84,9 @@ class SoundFrames(MeshSequence):
         return self._run.sample(self.times[start:stop])
 
 
-def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None) -> Salvage:
-    """Save what is undamaged of a file.
+@contextmanager
+def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None) -> Iterator[Salvage]:
+    """Save what is undamaged of a file, while a ``with`` statement lasts.
 
     Every group of frames is decoded once to know whether it does, and again when its frames are read.
 
@@ -108,6 +94,11 @@ def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None)
     ----------
     path : path-like
     limits : DecodeLimits, optional
+
+    Yields
+    ------
+    Salvage
+        Its sequence is closed with the file, when the block ends.
 
     Raises
     ------
@@ -133,7 +124,7 @@ def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None)
             raise
         except CorruptFileError as error:
             raise _nothing(path, error.message) from error
-        return Salvage(saved.sequence(), animation.frame_count, saved.missing, saved.lost, stack.pop_all())
+        yield Salvage(saved.sequence(), animation.frame_count, saved.missing, saved.lost)
 
 
 def _nothing(path: str | os.PathLike[str], reason: str) -> CorruptFileError:
