@@ -17,7 +17,7 @@ class GroupModelDescription:
     form : SpaceForm
     residual_step : float [scene units]
     masks : bytes
-        Of the partition tree's nodes, see :meth:`pdecodec.spacebasis.SpaceBasis.encode_masks`.
+        Of the partition tree's nodes, see :meth:`pdecodec.spacebasis.SpaceBasis.masks`.
     """
 
     form: SpaceForm

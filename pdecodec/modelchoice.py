@@ -300,18 +300,17 @@ class ModelSearch:
         return len(self.points[0]) > SMALL_MESH
 
     def _cost(self, model: _Model) -> float:
-        """Bits of the first frames, with their share of the reference frame."""
+        """Bits of the first frames, with their share of what is there once."""
         bits = sum(group.bits for group in model.groups)
-        return self._reference_bits(model.reference) + bits
+        return self._share_of(self.references.data(model.reference), model.basis.masks) + bits
 
     def _finished_cost(self, model: FinishedModel) -> float:
-        share = len(self.points) / self.times.size
-        return 8.0 * share * len(model.reference_data) + sum(group.fitted.bits for group in model.groups)
+        bits = sum(group.fitted.bits for group in model.groups)
+        return self._share_of(model.reference_data, model.basis.masks) + bits
 
-    def _reference_bits(self, reference: ReferenceFrame) -> float:
-        """The first frames' share of the bits of a reference frame."""
-        share = len(self.points) / self.times.size
-        return 8.0 * share * len(self.references.data(reference))
+    def _share_of(self, *once: bytes) -> float:
+        """The first frames' share of the bits of what is there once for all frames."""
+        return 8.0 * len(self.points) / self.times.size * sum(map(len, once))
 
     def _with_reference(self, step: float) -> _Model:
         reference = quantise_reference(self.points[0], step)
@@ -364,6 +363,7 @@ class ModelSearch:
 
         def cost(space: tuple[SpaceKind, int]) -> float:
             bits = sum(spaces.search(fitter, space).bits(choice) for fitter, choice in moving)
+            bits += self._share_of(spaces.basis(space).masks)
             is_dear = self._is_large and space[1] > kinds[0][1]
             return bits / (1.0 - self.effort.larger_must_save) if is_dear else bits
 

@@ -94,7 +94,7 @@ class SpaceBasis:
     reference : (vertices, 3) int64
         Grid coordinates of the reference frame.
     masks : bytes, optional
-        Which of 1, x, y, z the nodes of the partition tree keep, as :meth:`encode_masks` gives it; chosen where there
+        Which of 1, x, y, z the nodes of the partition tree keep, as :attr:`masks` are; chosen where there
         is none.
 
     Raises
@@ -169,7 +169,8 @@ class SpaceBasis:
         """
         return self.core.project(np.ascontiguousarray(values, np.float64), elements, thread_count())
 
-    def encode_masks(self) -> bytes:
+    @cached_property
+    def masks(self) -> bytes:
         """Which of 1, x, y, z the nodes keep, as a decoder needs it: a coded stream."""
         return self.core.encode_masks()
 
@@ -239,7 +240,7 @@ def decode_space_basis(
     ----------
     form : SpaceForm
     masks : bytes
-        What :meth:`SpaceBasis.encode_masks` gave.
+        :attr:`SpaceBasis.masks`.
     objects : sequence of MeshObject
     reference : (vertices, 3) int64
         Grid coordinates of the reference frame.

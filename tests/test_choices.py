@@ -27,7 +27,8 @@ from pdecodec.sequence import ArraySequence, MeshObject
 from pdecodec.spacebasis import MOST_FUNCTIONS, SpaceBasis, build_space_basis
 from spec.sealing import take_apart
 
-Float32Array = NDArray[np.float32]
+Float32Array = NDArray[np.float32]from pdecodec.xpbd.scenes import build
+
 
 
 def blend_shapes(frames: int = 60, rows: int = 12) -> ArraySequence:
@@ -107,6 +108,13 @@ def test_a_looser_bound_never_takes_more_bytes(make: Callable[[], ArraySequence]
     sequence = make()
     sizes = [size(encode(sequence, tolerance=tolerance)) for tolerance in np.geomspace(1e-1, 1e-3, 9)]
     assert sizes == sorted(sizes)
+
+
+def test_what_nodes_keep_counts_where_the_motion_takes_next_to_nothing() -> None:
+    rope = build("cube-rope").simulate(frames=24)
+    loose, closer = (encode(rope, tolerance=tolerance) for tolerance in (0.0527, 0.04))
+    assert loose.sections["MODL"] < 100
+    assert size(loose) < size(closer)
 
 
 def test_what_stands_still_costs_nothing_when_displacements_start_from_the_first_frame() -> None:

@@ -184,6 +184,6 @@ def test_where_a_column_is_near_the_threshold_another_one_is_taken(monkeypatch: 
     other = build_space_basis("patch", sequence.objects, rest, points=81, functions=128)
     assert other.form.threshold > 0
     assert other.nearest > nearest
-    again = decode_space_basis(other.form, other.encode_masks(), sequence.objects, rest)
+    again = decode_space_basis(other.form, other.masks, sequence.objects, rest)
     for made, expected in zip(again.functions_of_elements(), other.functions_of_elements(), strict=True):
         assert np.array_equal(made, expected)
