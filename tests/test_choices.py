@@ -25,10 +25,10 @@ from pdecodec.refinement import Refinement
 from pdecodec.residuals import residual_step
 from pdecodec.sequence import ArraySequence, MeshObject
 from pdecodec.spacebasis import MOST_FUNCTIONS, SpaceBasis, build_space_basis
+from pdecodec.xpbd.scenes import build
 from spec.sealing import take_apart
 
-Float32Array = NDArray[np.float32]from pdecodec.xpbd.scenes import build
-
+Float32Array = NDArray[np.float32]
 
 
 def blend_shapes(frames: int = 60, rows: int = 12) -> ArraySequence:
