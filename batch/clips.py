@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import list_formats
-from pdecodec.formats.companions import frame_extensions, input_files
+from pdecodec.formats.companions import check_there, frame_extensions, input_files
 from pdecodec.formats.frame_files import is_frame_pattern, parse_pattern, sequences_in
 from pdecodec.settings import EncodeSettings, PaperSettings
 from pdecodec.storage import RemoteFile, is_address
@@ -185,6 +185,7 @@ def clips_of(given: str | os.PathLike[str], options: ClipOptions | None = None) 
         sources = sorted(name for name in glob(given, recursive=True) if _is_clip(name))
         clips = _named([(source, _below(source, root)) for source in sources], options)
     else:
+        check_there(given)
         clips = _named([(given, path.name)], options)
     if not clips:
         raise InputError("there is no mesh sequence; name a manifest, a pattern in quotes or a folder", path=given)

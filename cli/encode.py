@@ -216,7 +216,7 @@ def _encode(
             count = max(SAMPLES[-1], SAMPLED_POSITIONS // sequence.most_vertices)
             say_plan(job, sequence, write, files=len(files), size=source_bytes, samples=(count // 2, count))
             return
-        with progress_bar() as progress, naming_file(source), naming_options(settings):
+        with progress_bar() as progress, naming_file(source), naming_options((*settings, "rms", "size")):
             if size is not None:
                 report = encode_to_size(sequence, size, output, checked, overwrite=overwrite, progress=progress)
             elif rms is not None:

@@ -106,6 +106,7 @@ def report(
     What was measured is kept in DIR (measurements.json): a run that was cut off goes on where it was.
     """
     from pdecodec.formats import list_formats
+    from pdecodec.formats.companions import check_there
     from pdecodec.report.baselines import available_baselines
     from pdecodec.report.clips.comparison import read_measurements, too_large
     from pdecodec.report.clips.making import find_clips, make_report
@@ -123,6 +124,8 @@ def report(
         [extension for entry in readable for extension in entry.extensions],
         [extension for entry in readable if entry.frame_per_file for extension in entry.extensions],
     )
+    for path in clips.values():
+        check_there(str(path))
     able, skipped = available_baselines() if baselines else ((), ())
     plan = ReportPlan(
         tolerances=tuple(sorted(set(tolerances or TOLERANCES), reverse=True)),

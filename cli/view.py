@@ -38,6 +38,7 @@ def view(
     All that the page needs is in it: it works offline, and from a disk. It plays at any speed, between frames too; with
     a second file, or the original, it shows both, and how far apart they are, at every vertex and over time.
     """
+    from pdecodec.decoder import open_animation
     from pdecodec.report.view import view_page
     from pdecodec.whole_output import check_writable, whole_file
 
@@ -47,9 +48,11 @@ def view(
     place = Path(output) if output else paths[0].with_suffix(".html")
     if place.suffix.lower() not in {".html", ".htm"}:
         raise SettingsError(f"{place}: a page is written; give it the extension .html")
+    for path in paths:
+        open_animation(path).close()
     check_writable(place, overwrite=overwrite)
     check_apart([first, second, original], [str(place)])
-    up_axis, found = _prepared(paths, original, fps)
+    up_axis, found = _prepared(paths[0], original, fps)
     title = " and ".join(path.name for path in paths)
     page = view_page(title, [(path.name, path.read_bytes()) for path in paths], original=found, up_axis=up_axis)
     with whole_file(place, overwrite=overwrite) as partial:
@@ -57,15 +60,13 @@ def view(
     say(f"{title} -> {place} ({byte_size(place.stat().st_size)})")
 
 
-def _prepared(paths: list[Path], original: str | None, fps: float | None) -> tuple[str | None, Original | None]:
-    """The up axis, and what the original differs by. What cannot be opened is refused here, not on the page."""
+def _prepared(path: Path, original: str | None, fps: float | None) -> tuple[str | None, Original | None]:
+    """The up axis, and what the original differs by."""
     from pdecodec.decoder import open_animation
     from pdecodec.formats import open_sequence
     from pdecodec.report.view import difference
 
-    for path in paths[1:]:
-        open_animation(path).close()
-    with open_animation(paths[0]) as animation:
+    with open_animation(path) as animation:
         up_axis = animation.metadata.get("up_axis")
         if original is None:
             return up_axis, None

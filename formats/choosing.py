@@ -49,7 +49,7 @@ def select_frames(sequence: MeshSequence, text: str | None) -> MeshSequence:
     Raises
     ------
     SettingsError
-        If the text is neither notation, a frame number does not exist, or nothing is left.
+        If the text is neither notation, goes backwards, a frame number does not exist, or nothing is left.
     """
     if text is None:
         return sequence
@@ -70,9 +70,15 @@ def _positions_of_numbers(sequence: MeshSequence, text: str) -> list[int]:
     from fileseq.frameset import FrameSet
 
     try:
-        wanted = sorted(set(FrameSet(text)))
+        ranges = [FrameSet(part) for part in text.split(",") if part.strip()]
     except FileSeqException as error:
         raise SettingsError(f"--frames {text}: write positions as A:B:STEP or frame numbers as 1-100x2") from error
+    for numbers in ranges:
+        if numbers[0] > numbers[-1]:
+            raise SettingsError(
+                f"--frames {text}: {numbers} goes backwards, and frames are taken as time goes; the lower number first"
+            )
+    wanted = sorted(set().union(*ranges))
     if not wanted:
         raise SettingsError(
             f"--frames {text!r} names no frame; write positions as A:B:STEP or frame numbers as 1-100x2"

@@ -8,6 +8,7 @@ from pathlib import Path
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
+from pdecodec.errors import InputError
 from pdecodec.formats.frame_files import find_frames, frames_there, is_frame_pattern
 from pdecodec.formats.registry import list_formats
 from pdecodec.storage import is_address
@@ -39,6 +40,14 @@ def input_files(source: str) -> tuple[Path, ...]:
         return tuple(dict.fromkeys((path, *_named_by(path))))
     found = {file.suffix.lower() for file in path.iterdir()} if path.is_dir() else {path.suffix.lower()}
     return tuple(file for extension in found & frame_extensions() for file in find_frames(path, extension).paths)
+
+
+def check_there(source: str) -> None:
+    """Raise InputError where a path is no file, no folder and no pattern of frames that are there."""
+    path = Path(source)
+    if is_address(source) or path.exists() or (is_frame_pattern(path) and frames_there(path)):
+        return
+    raise InputError("there is no such file; check the name", path=path)
 
 
 def output_files(output: str) -> list[Path]:

@@ -140,7 +140,8 @@ def mended(file: BinaryIO, name: str, most_missing: int) -> tuple[BinaryIO, list
     file.seek(0)
     header = file.read(HEADER.size)
     if header[: len(IDENTIFIER)] != IDENTIFIER[: len(header)] or not header:
-        raise UnreadableError("identifier", "not a .pdeanim file (its first bytes are others)", 0)
+        reason = "not a .pdeanim file (its first bytes are others); pdecodec encode makes one"
+        raise UnreadableError("identifier", reason, 0)
     if len(header) < HEADER.size:
         raise UnreadableError("truncated", "ends inside its header", len(header))
     _, major, minor, count, table_checksum, checksum = HEADER.unpack(header)

@@ -249,6 +249,14 @@ def test_a_wrong_line_of_a_manifest_is_named_before_anything_is_done(clips: Path
         clips_of("clips/m.json")
 
 
+@pytest.mark.parametrize("name", ["none", "none.npz", "clips/none.####.obj", "none*.npz"])
+def test_a_batch_of_what_is_not_there_is_refused_and_writes_nothing(clips: Path, name: str, capsys: Capture) -> None:
+    assert run(["batch", name, "-o", "out"]) == 3
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"error: {name}: there is no ")
+    assert not Path("out").exists()
+
+
 @pytest.mark.parametrize("text", ["{", "3", '{"clips": 1}', "\xff"])
 def test_what_is_no_manifest_is_refused(clips: Path, text: str) -> None:
     Path("clips/m.json").write_text(text, encoding="latin-1")

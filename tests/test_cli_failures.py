@@ -289,8 +289,9 @@ def test_messages_name_the_file_and_the_option_that_they_are_about(
         path, out = (animation, "x.npz") if command == "decode" else (source, "x.pdeanim")
         line = error_of(capsys, 3, command, path, "-o", tmp_path / out, "--object", "Nope")
         assert line.startswith(f"error: {path}: there is no object 'Nope'")
-    for option, words in (("--tolerance", "--tolerance must be"), ("--max-error", "--max-error must be")):
-        assert words in error_of(capsys, 2, "encode", source, "-o", tmp_path / "x.pdeanim", option, "-1")
+    for option, value in (("--tolerance", "-1"), ("--max-error", "-1"), ("--rms", "-1"), ("--size", "0")):
+        line = error_of(capsys, 2, "encode", source, "-o", tmp_path / "x.pdeanim", option, value)
+        assert f"{option} must be a positive" in line
 
 
 def test_what_files_say_never_reaches_the_terminal_as_control_characters(tmp_path: Path, capsys: Capture) -> None:

@@ -39,6 +39,7 @@ def test_frames_are_taken_by_position_as_python_does_or_by_number_with_both_ends
         ("5:5", "none of the 10 frames"),
         ("::0", "step must be at least 1"),
         ("1001-1020", "no frame number 1011"),
+        ("1001,1005-1003", "1005-1003 goes backwards"),
         ("walk", "A:B:STEP"),
         ("", "A:B:STEP"),
     ],

@@ -458,6 +458,16 @@ def test_what_cannot_be_reported_is_said_in_a_line(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_clip_that_is_not_there_is_all_that_a_report_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("pdecodec.report.baselines.available_baselines", lambda: ((), ("another method is missing",)))
+    write_sequence(wave_sequence(2), tmp_path / "wave.npz")
+    none = tmp_path / "none.npz"
+    assert run(["report", str(tmp_path / "wave.npz"), str(none), "-o", str(tmp_path / "out")]) == 3
+    assert capsys.readouterr().err == f"error: {none}: there is no such file; check the name\n"
+
+
 def sheets(*heights: int) -> list[ArraySequence]:
     """Frames of one second each, of sheets of so many rows."""
     points = wave_sequence().points

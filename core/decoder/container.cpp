@@ -53,7 +53,7 @@ void Container::read_table() {
     const std::size_t shown = std::min(header.size(), identifier.size());
     if (header.empty() ||
         !std::equal(header.begin(), header.begin() + static_cast<std::ptrdiff_t>(shown), identifier.begin())) {
-        throw CorruptError("not a .pdeanim file (its first bytes are others)", 0);
+        throw CorruptError("not a .pdeanim file (its first bytes are others); pdecodec encode makes one", 0);
     }
     if (header.size() < header_size) {
         throw CorruptError("ends inside its header; get it again", static_cast<i64>(header.size()));
