@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from pdecodec.displacements import ORIGINS, TIME_FUNCTIONS, TimeFunctions
+from pdecodec.displacements import ORIGINS, TIME_FUNCTIONS, Origin, TimeFunctions
 from pdecodec.estimate import BitCounter, bit_counter
 from pdecodec.groupfit import COARSEST, FINEST, GroupChoice, GroupFitter, grid_index, grid_step
 from pdecodec.shares import side_by_side
@@ -176,7 +176,7 @@ def divided(search: GroupSearch, choices: Sequence[GroupChoice], basis: SpaceBas
     for length in lengths:
         part = GroupSearch(fitter.part(slice(begin, begin + length)), basis)
         like = parts[-1].choice if parts else part.fitter.first_choice
-        parts.append(part.choose(candidates(part, like)))
+        parts.append(part.choose(candidates(part, like, (usual.origin,))))
         begin += length
     if divided < SURELY_LESS * whole.bits:
         return parts
@@ -221,7 +221,7 @@ def _untuned(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, kinds: 
     return _Untuned(least + BITS_OF_A_GROUP, tuple(time for time in kinds if bits[time] <= WORTH_IN_PARTS * least))
 
 
-def candidates(search: GroupSearch, usual: GroupChoice) -> list[GroupChoice]:
+def candidates(search: GroupSearch, usual: GroupChoice, origins: Sequence[Origin] = ORIGINS) -> list[GroupChoice]:
     """Functions of time and origins that are worth a closer look, best first as far as is known.
 
     Parameters
@@ -230,6 +230,8 @@ def candidates(search: GroupSearch, usual: GroupChoice) -> list[GroupChoice]:
         In any space basis.
     usual : GroupChoice
         Whose steps, and on a large mesh functions of time, are tried first.
+    origins : sequence of Origin
+        Of displacements, to choose from.
     """
     fitter = search.fitter
     if not fitter.moves:
@@ -237,7 +239,7 @@ def candidates(search: GroupSearch, usual: GroupChoice) -> list[GroupChoice]:
     is_small = not fitter.is_large
     ways = [
         replace(usual, time=time, origin=origin)
-        for origin in ORIGINS
+        for origin in origins
         for time in (TIME_FUNCTIONS if is_small else TIME_FUNCTIONS[:1])
         if time != "poses" or fitter.displacements(origin).has_poses
     ]
@@ -254,7 +256,7 @@ def candidates(search: GroupSearch, usual: GroupChoice) -> list[GroupChoice]:
     if moved.has_poses:
         times.append("poses")
     found = [replace(usual, time=time, origin=best.origin) for time in dict.fromkeys((usual.time, *times))]
-    if search.bits(ordered[1]) <= WORTH_ANOTHER_ORIGIN * search.bits(best):
+    if len(ordered) > 1 and search.bits(ordered[1]) <= WORTH_ANOTHER_ORIGIN * search.bits(best):
         found.append(replace(usual, origin=ordered[1].origin))
     return found
 
