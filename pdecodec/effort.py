@@ -37,8 +37,8 @@ class Effort:
         How often coefficients are rounded again in these fits.
     second_passes : int
         How often in those of the one that costs least and of the next coarser one, before one of them is taken.
-    dead_zone : DeadZone
-        In fits whose coefficients are rounded again.
+    dead_zones : tuple of DeadZone
+        In fits whose coefficients are rounded again; the first is the usual one.
     also : str or None
         An effort whose model, as it is or refined, is taken where it costs less.
     tighter_bounds : tuple of float
@@ -57,7 +57,7 @@ class Effort:
     last_steps: tuple[int, ...] = (0,)
     first_passes: int = 0
     second_passes: int = 0
-    dead_zone: DeadZone = DEAD_ZONE
+    dead_zones: tuple[DeadZone, ...] = (DEAD_ZONE,)
     also: EffortName | None = None
     tighter_bounds: tuple[float, ...] = ()
     searched_clip: float = math.inf
@@ -70,7 +70,7 @@ class Effort:
             last_steps=other.last_steps,
             first_passes=other.first_passes,
             second_passes=other.second_passes,
-            dead_zone=other.dead_zone,
+            dead_zones=other.dead_zones,
         )
 
 
@@ -100,7 +100,7 @@ EFFORTS: dict[EffortName, Effort] = {
         last_steps=(-1, 0, 1),
         first_passes=4,
         second_passes=24,
-        dead_zone=(0.7, 1.0),
+        dead_zones=((0.7, 1.0), (0.65, 0.85)),
         also="default",
         tighter_bounds=(1.1, 1.21),
     ),

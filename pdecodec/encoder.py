@@ -197,6 +197,11 @@ class Encoder(ABC):
     def _space(self) -> SpaceBasis:
         """The space basis."""
 
+    @property
+    def _recorded_settings(self) -> EncodeSettings:
+        """What the file says that it was made with."""
+        return self._settings
+
     @abstractmethod
     def _summary(self) -> str:
         """In a sentence, what model was taken and why."""
@@ -226,7 +231,7 @@ class Encoder(ABC):
         sequence = self._sequence
         remarks: dict[str, Any] = {
             "generator": generator(),
-            "settings": self._settings.changed(),
+            "settings": self._recorded_settings.changed(),
             "summary": self._summary(),
         }
         if self._questions:
@@ -305,6 +310,12 @@ class AutoEncoder(Encoder):
     @property
     def _space(self) -> SpaceBasis:
         return self._model.basis
+
+    @property
+    def _recorded_settings(self) -> EncodeSettings:
+        effort = self._model.effort
+        is_whole = len(self._group_ranges()) == 1
+        return replace(self._settings, effort=effort) if effort and is_whole else self._settings
 
     def _read(self, begin: int, end: int) -> Float32Array:
         points = super()._read(begin, end)

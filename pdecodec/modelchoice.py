@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.effort import EFFORTS, SMALL_CLIP, Effort, SpaceBases
-from pdecodec.groupchoice import ChosenGroup, GroupSearch, candidates, divided
-from pdecodec.groupfit import SMALL_MESH, FittedGroup, GroupChoice, GroupFitter
+from pdecodec.groupchoice import BITS_OF_A_GROUP, ChosenGroup, GroupSearch, candidates, divided
+from pdecodec.groupfit import SMALL_MESH, DeadZone, FittedGroup, GroupChoice, GroupFitter
 from pdecodec.reference import ReferenceFrame, encode_reference, quantise_reference
 from pdecodec.refinement import Refinement
 from pdecodec.sequence import MeshObject
+from pdecodec.settings import EffortName
 from pdecodec.shares import side_by_side
 from pdecodec.spacebasis import SpaceBasis, SpaceKind, clear_space_basis, trial_space_basis
 
@@ -45,6 +46,9 @@ LOOKS: tuple[SpaceKind, int] = ("patch", 32)
 WORTH_GOING_ON = 0.997
 """Where the next reference frame costs less than this many times the best one, the one after it is tried."""
 
+BITS_OF_AN_EFFORT = 8.0 * 16
+"""What it takes at most to say in a file that it was made with more effort."""
+
 WORTH_A_NEW_LOOK = 0.9
 """Where another reference frame costs less than this many times the usual one, all else is chosen anew."""
 
@@ -67,15 +71,18 @@ def finished(group: tuple[GroupFitter, GroupChoice], basis: SpaceBasis, effort: 
     if not effort.rounding_passes:
         return FinishedGroup(fitter, choice, fitter.fit(basis, choice))
 
-    def refined(other: GroupChoice, passes: int) -> Refinement:
-        return Refinement(fitter, basis, other, effort.dead_zone).refined(passes)
+    def refined(other: GroupChoice, zone: DeadZone, passes: int) -> Refinement:
+        return Refinement(fitter, basis, other, zone).refined(passes)
 
     if len(effort.last_steps) == 1 or not fitter.moves:
-        return FinishedGroup(fitter, choice, refined(choice, effort.rounding_passes).best)
+        return FinishedGroup(fitter, choice, refined(choice, effort.dead_zones[0], effort.rounding_passes).best)
     tried = [replace(choice, step=choice.step + more) for more in effort.last_steps]
-    choice = min(tried, key=lambda other: refined(other, effort.first_passes).best.bits)
+    choice = min(tried, key=lambda other: refined(other, effort.dead_zones[0], effort.first_passes).best.bits)
     coarser = replace(choice, step=choice.step + 1)
-    best = min((refined(other, effort.second_passes) for other in (choice, coarser)), key=lambda one: one.best.bits)
+    best = min(
+        (refined(other, zone, effort.second_passes) for other in (choice, coarser) for zone in effort.dead_zones),
+        key=lambda one: one.best.bits,
+    )
     best.refined(effort.rounding_passes - effort.second_passes)
     return FinishedGroup(fitter, best.choice, best.best)
 
@@ -97,12 +104,15 @@ class FinishedModel:
         The section of the reference frame.
     basis : SpaceBasis
     groups : list of FinishedGroup
+    effort : str or None
+        Another effort that finds the very same.
     """
 
     reference: ReferenceFrame
     reference_data: bytes
     basis: SpaceBasis
     groups: list[FinishedGroup]
+    effort: EffortName | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +223,8 @@ class ModelSearch:
                 found.append(self._at_this_bound(replace(self, **steps)._for_this_bound()))
         if self.effort.also:
             other = EFFORTS[self.effort.also]
-            found.extend(replace(self, effort=one).run() for one in (other, other.refined_like(self.effort)))
+            found.append(replace(replace(self, effort=other).run(), effort=self.effort.also))
+            found.append(replace(self, effort=other.refined_like(self.effort)).run())
         return min(found, key=self._finished_cost)
 
     def _by_rule(self) -> FinishedModel:
@@ -305,7 +316,8 @@ class ModelSearch:
         return self._share_of(self.references.data(model.reference), model.basis.masks) + bits
 
     def _finished_cost(self, model: FinishedModel) -> float:
-        bits = sum(group.fitted.bits for group in model.groups)
+        bits = sum(group.fitted.bits + BITS_OF_A_GROUP for group in model.groups)
+        bits += 0.0 if model.effort else BITS_OF_AN_EFFORT
         return self._share_of(model.reference_data, model.basis.masks) + bits
 
     def _share_of(self, *once: bytes) -> float:

@@ -22,6 +22,9 @@ PUSH = 1.5
 """How many times what a vertex is off too much is added to what coefficients are to describe; half where it is too
 much."""
 
+LEAST_PUSH = PUSH * 2.0**-16
+"""Pushes below it change hardly a coefficient."""
+
 
 class Refinement:
     """A fit of a group that can be refined: what it misses is added to what its coefficients are to describe.
@@ -60,6 +63,8 @@ class Refinement:
         entry = self._entry
         values = np.empty_like(self._values)  # memory that is new to a process takes longer than what is done with it
         for _ in range(passes if entry.functions else 0):
+            if self._push < LEAST_PUSH:
+                break
             excess = Excess()
             np.copyto(values, self._values)
             self._excess.add_to(values, self._dual, entry.axes, self._push)
