@@ -24,6 +24,12 @@ FLAT = 1e-6
 FIRST_GUESS = 4.0
 """How many bounds from the first frame, moved, what moves rigidly may be: both are off, and so is how it is moved."""
 
+REWEIGHTINGS = 12
+"""Times that vertices are weighted by how far off they are: of 60 parts coded at a bound 6 times leave one outside."""
+
+LEAST_WEIGHT = 1e-3
+"""What is added to a distance over the largest one: the vertex that is hit exactly counts again later."""
+
 
 def rigid_matrices(points: Float32Array, rest: Float32Array) -> Float64Array | None:
     """The transforms of a shape to where it is, if they are all translations and rotations.
@@ -50,19 +56,58 @@ def rigid_matrices(points: Float32Array, rest: Float32Array) -> Float64Array | N
     return found if found is not None and _error(points, shape, found) <= bound else None
 
 
-def _least_squares(points: Float32Array, shape: Float64Array) -> Float64Array | None:
-    """The rotations and translations (frames, 4, 4) that bring a shape nearest to points; None of a line."""
-    centre, centres = shape.mean(axis=0), points.mean(axis=1, dtype=np.float64)
-    spread = shape - centre
-    lengths = np.linalg.svd(spread, compute_uv=False)
+def _least_squares(
+    points: Float32Array, shape: Float64Array, weights: Float64Array | None = None
+) -> Float64Array | None:
+    """The rotations and translations (frames, 4, 4) that bring a shape nearest to points; None of a line.
+
+    Squares are weighted by `weights` (frames, vertices), or count alike.
+    """
+    lengths = np.linalg.svd(shape - shape.mean(axis=0), compute_uv=False)
     if lengths.size < 2 or not lengths[1] > FLAT * lengths[0]:
         return None
-    left, _, right = np.linalg.svd(spread.T @ (points - centres[:, None]))
+    if weights is None:
+        weights = np.ones((1, len(shape)))
+    shares = (weights / weights.sum(axis=1, keepdims=True))[:, None]
+    centre, centres = shares @ shape, shares @ points
+    spread = shares.transpose(0, 2, 1) * (shape - centre)
+    left, _, right = np.linalg.svd(spread.transpose(0, 2, 1) @ (points - centres))
     left[..., 2] *= np.sign(np.linalg.det(left) * np.linalg.det(right))[:, None]
     found = np.broadcast_to(np.eye(4), (len(points), 4, 4)).copy()
     found[:, :3, :3] = left @ right
-    found[:, 3, :3] = centres - centre @ found[:, :3, :3]
+    found[:, 3:, :3] = centres - centre @ found[:, :3, :3]
     return found
+
+
+def _within(points: Float32Array, shape: Float64Array, bound: float) -> tuple[Float64Array, float] | None:
+    """The rotations and translations that bring a shape within a bound of points, and the largest distance; or None.
+
+    Least squares leave some vertices outside though all can be within: where they do, each vertex is weighted by how
+    far off it was, again and again, which makes the largest distance small (Lawson 1961).
+    """
+    best = _least_squares(points, shape)
+    if best is None:
+        return None
+    distances = _distances(points, shape, best)
+    if (np.square(distances).mean(axis=1) > bound**2).any():
+        return None  # The largest distance is never below the least root of mean squares.
+    most = distances.max(axis=1)
+    weights = np.ones_like(distances)
+    for _ in range(REWEIGHTINGS):
+        (left,) = np.nonzero(most > bound)
+        if not left.size:
+            break
+        off = distances[left]
+        weights[left] *= off / off.max(axis=1, keepdims=True) + LEAST_WEIGHT
+        weights[left] /= weights[left].max(axis=1, keepdims=True)
+        found = _least_squares(points[left], shape, weights[left])
+        assert found is not None
+        distances[left] = _distances(points[left], shape, found)
+        now = distances[left].max(axis=1)
+        better = now < most[left]
+        best[left[better]], most[left[better]] = found[better], now[better]
+    largest = float(most.max())
+    return (best, largest) if largest <= bound else None
 
 
 def _error(points: Float32Array, shape: Float64Array, matrices: Float64Array) -> float:
@@ -77,10 +122,10 @@ def _middle(points: Float32Array) -> Float32Array:
     return found
 
 
-def _distance(points: Float32Array, shape: Float64Array, matrices: Float64Array) -> float:
-    """The largest, between a moved shape and points."""
-    moved = shape @ matrices[:, :3, :3] + matrices[:, 3:, :3]
-    return float(np.linalg.norm(moved - points, axis=2).max(initial=0))
+def _distances(points: Float32Array, shape: Float64Array, matrices: Float64Array) -> Float64Array:
+    """Between a moved shape and points: (frames, vertices)."""
+    found: Float64Array = np.linalg.norm(shape @ matrices[:, :3, :3] + matrices[:, 3:, :3] - points, axis=2)
+    return found
 
 
 @dataclass(frozen=True)
@@ -109,36 +154,39 @@ def rigid_within(
     Returns
     -------
     dict of RigidFit
-        Shapes are means of all frames, moved back.
+        Shapes are, moved back, in the middle between the lowest and highest coordinates of all frames: nearer to the
+        furthest of them than their mean.
     """
     first: dict[int, Float64Array] = {}
-    sums: dict[int, Float64Array] = {}
+    lows: dict[int, Float64Array] = {}
+    highs: dict[int, Float64Array] = {}
     frames = 0
     for points in blocks():
-        for index in places if not frames else tuple(sums):
+        for index in places if not frames else tuple(lows):
             own = points[:, places[index]]
             shape = first.setdefault(index, own[0].astype(np.float64))
             found = _least_squares(own, shape) if np.isfinite(own).all() else None
-            if found is None or _distance(own, shape, found) > FIRST_GUESS * bound:
-                sums.pop(index, None)
+            if found is None or _distances(own, shape, found).max() > FIRST_GUESS * bound:
+                lows.pop(index, None)
                 continue
             back = (own - found[:, 3:, :3]) @ found[:, :3, :3].transpose(0, 2, 1)
-            sums[index] = back.sum(axis=0) + (sums[index] if frames else 0)
+            low, high = back.min(axis=0), back.max(axis=0)
+            lows[index] = np.minimum(lows.get(index, low), low)
+            highs[index] = np.maximum(highs.get(index, high), high)
         frames += len(points)
-    shapes = {index: (total / frames).astype(np.float32) for index, total in sums.items()}
+    shapes = {index: ((low + highs[index]) / 2).astype(np.float32) for index, low in lows.items()}
     parts: dict[int, list[tuple[Float64Array, float]]] = {index: [] for index in shapes}
     for points in blocks() if parts else ():
         for index in tuple(parts):
             shape = shapes[index].astype(np.float64)
-            found = _least_squares(points[:, places[index]], shape)
-            off = np.inf if found is None else _distance(points[:, places[index]], shape, found)
-            if found is None or off > bound:
+            fit = _within(points[:, places[index]], shape, bound)
+            if fit is None:
                 del parts[index]
                 continue
-            parts[index].append((found, off))
+            parts[index].append(fit)
     return {
-        index: RigidFit(shapes[index], np.concatenate([one for one, _ in found]), max(off for _, off in found))
-        for index, found in parts.items()
+        index: RigidFit(shapes[index], np.concatenate([one for one, _ in fits]), max(off for _, off in fits))
+        for index, fits in parts.items()
     }
 
 
@@ -212,7 +260,7 @@ def rigid_keys(frames: Float32Array, between: Float32Array | None, bound: float 
         if _error(between, shape.astype(np.float64), found) > RIGID * float(np.abs(between).max()):
             if bound is None:
                 return None
-            off_between = _distance(between, shape.astype(np.float64), found)
+            off_between = float(_distances(between, shape.astype(np.float64), found).max())
     keys = {"translation": centres.astype(np.float32)}
     if (matrices[:, :3, :3] != np.eye(3)).any():
         quaternions = turns.as_quat()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pdecodec.appending import bound_of
 from pdecodec.cli.main import run
@@ -16,8 +17,8 @@ from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.gltf_file import read_gltf
 from pdecodec.formats.gltf_mesh_writer import EXACT
 from pdecodec.formats.rigid_motion import rigid_matrices, rigid_parts
-from pdecodec.formats.scene_space import velocities_of
-from pdecodec.sequence import ArraySequence, MeshObject
+from pdecodec.formats.scene_space import bake_transforms, transform_of, velocities_of
+from pdecodec.sequence import ArraySequence, Connectivity, MeshObject
 from tests.blender_tools import seen_by_blender
 from tests.mesh_cases import grid
 from tests.scene_cases import SPACE, assert_lawful, machine, needed, turning
@@ -140,6 +141,31 @@ def test_parts_rigid_within_the_bound_of_a_file_are_nodes_that_move_where_that_i
         distances = np.linalg.norm(read.read_frames(0, 30).astype(np.float64) - decoded, axis=2)
         assert 0.95 * most <= distances.max() <= 1.05 * most
     assert_lawful(tmp_path / f"x.{extension}")
+
+
+def test_every_part_that_moved_rigidly_before_it_was_coded_is_found_within_the_bound(tmp_path: Path) -> None:
+    random, seconds = np.random.default_rng(3), np.arange(40) / 30
+    parts, objects = [], []
+    for number in range(24):
+        count = int(random.integers(24, 200))
+        shape = random.normal(size=(count, 3)) * random.uniform(0.02, 0.2, 3)
+        swings = np.sin(np.outer(seconds, random.uniform(0.2, 1.5, 3))) * random.uniform(-1, 1, 3)
+        paths = random.uniform(-1, 1, 3) + 0.3 * np.cos(np.outer(seconds, random.uniform(0.2, 1.5, 3)))
+        parts.append(shape @ Rotation.from_rotvec(swings).as_matrix() + paths[:, None])
+        faces = np.arange(count // 3 * 3, dtype=np.int32)
+        mesh = Connectivity(count, face_counts=np.full(count // 3, 3, np.int32), face_indices=faces)
+        objects.append(MeshObject(f"part{number}", mesh))
+    clip = ArraySequence(np.concatenate(parts, axis=1).astype(np.float32), objects=objects, fps=30)
+    for tolerance in (1e-3, 1e-4):
+        path = tmp_path / f"{tolerance}.pdeanim"
+        encode(clip, path, tolerance=tolerance)
+        with open_animation(path) as animation:
+            bound = bound_of(animation, animation.residual_step)
+            moved, (line,) = rigid_parts(animation, bound)
+            assert line.startswith("24 objects moved as rigid")
+            assert all(transform_of(item) is not None for item in moved.objects)
+            distances = np.linalg.norm(bake_transforms(moved).read_frames(0, 40) - animation.read_frames(0, 40), axis=2)
+        assert 0.5 * bound < distances.max() <= 1.001 * bound
 
 
 def test_rigid_is_for_what_knows_its_bound_and_moves_no_nodes_of_another(
