@@ -49,15 +49,17 @@ public:
 
     Patches halve(i64 points) {
         // A half is halved on before the other one is: it is in the processor's caches.
-        std::vector<Set> sets = {{0, static_cast<i64>(order_.size())}};
+        std::vector<Set> sets = {{.begin = 0, .end = static_cast<i64>(order_.size())}};
         std::vector<i64> waiting = {0};
         while (!waiting.empty()) {
             const i64 own = waiting.back(), begin = sets[own].begin, end = sets[own].end;
             waiting.pop_back();
             if (end - begin <= points) continue;
-            const i64 middle = begin + cut(begin, end - begin), first = static_cast<i64>(sets.size());
+            i32 farthest = sets[own].farthest;
+            const i64 middle = begin + cut(begin, end - begin, farthest), first = static_cast<i64>(sets.size());
             sets[own].halves = first;
-            sets.insert(sets.end(), {{begin, middle}, {middle, end}});
+            sets.push_back({.begin = begin, .end = middle, .farthest = farthest});
+            sets.push_back({.begin = middle, .end = end});
             waiting.insert(waiting.end(), {first + 1, first});
         }
         // Nodes are numbered breadth first.
@@ -82,9 +84,10 @@ public:
     }
 
 private:
-    // Vertices order_[begin] to order_[end - 1], and the first of its halves, which the second follows; -1: a patch.
     struct Set {
-        i64 begin, end, halves = -1;
+        i64 begin, end;     // vertices order_[begin] to order_[end - 1]
+        i64 halves = -1;    // the first of its halves, which the second follows; -1: a patch
+        i32 farthest = -1;  // the vertex that is farthest from the first one, where that is known
     };
 
     // Visit all members of one set breadth first, component after component, from `first`; each other component begins
@@ -117,20 +120,25 @@ private:
         }
     }
 
-    // Order the vertices of one set anew, and say how many belong to its first half.
-    i64 cut(i64 begin, i64 size) {
+    // Order the vertices of one set anew, and say how many belong to its first half. `farthest`: the vertex that is farthest
+    // from its first vertex, or -1; then that of its first half.
+    i64 cut(i64 begin, i64 size, i32 &farthest) {
         const std::span<i32> members(members_.data(), static_cast<std::size_t>(size));
         const auto own = order_.begin() + begin;
         std::copy_n(own, size, members.begin());
-        visit(members[0], members, near_);
-        if (components_.size() > 1) {
-            const auto off_middle = [&](i64 at) { return size_of(2 * at - size); };
-            const i64 best = *std::min_element(components_.begin() + 1, components_.end(),
-                                               [&](i64 a, i64 b) { return off_middle(a) < off_middle(b); });
-            std::copy_n(visited_.begin(), size, own);
-            return best;
+        i32 end_a = farthest;
+        farthest = -1;
+        if (end_a < 0) {
+            visit(members[0], members, near_);
+            if (components_.size() > 1) {
+                const auto off_middle = [&](i64 at) { return size_of(2 * at - size); };
+                const i64 best = *std::min_element(components_.begin() + 1, components_.end(),
+                                                   [&](i64 a, i64 b) { return off_middle(a) < off_middle(b); });
+                std::copy_n(visited_.begin(), size, own);
+                return best;
+            }
+            end_a = visited_[size - 1];
         }
-        const i32 end_a = visited_[size - 1];
         visit(end_a, members, near_);
         const i32 end_b = visited_[size - 1], span = near_[end_b];
         std::copy_n(visited_.begin(), size, members.begin());
@@ -139,8 +147,16 @@ private:
         places_.assign(2 * static_cast<std::size_t>(span) + 2, 0);
         for (const i32 member : members) ++places_[near_[member] - far_[member] + span + 1];
         std::partial_sum(places_.begin(), places_.end(), places_.begin());
-        for (const i32 member : members) own[places_[near_[member] - far_[member] + span]++] = member;
-        return size / 2;
+        // The first half begins with a. It holds the shortest ways from a to its vertices: on the way to a vertex none is
+        // less near to a than to b, nor visited later. So a visit of the half from a takes it in the order of this one, as
+        // one component, and ends with its last vertex.
+        const i64 half = size / 2;
+        for (const i32 member : members) {
+            const i64 place = places_[near_[member] - far_[member] + span]++;
+            own[place] = member;
+            if (place < half) farthest = member;
+        }
+        return half;
     }
 
     const Graph &graph_;
