@@ -16,7 +16,7 @@ from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import list_formats
 from pdecodec.formats.companions import check_there, frame_extensions, input_files
 from pdecodec.formats.frame_files import is_frame_pattern, parse_pattern, sequences_in
-from pdecodec.settings import EncodeSettings, PaperSettings
+from pdecodec.settings import EncodeSettings, PaperSettings, parse_byte_count
 from pdecodec.storage import RemoteFile, is_address
 
 MANIFESTS = (".csv", ".json", ".jsonl")
@@ -103,11 +103,14 @@ OPTION_NAMES = (*_CODING, *_PAPER, *(item.name for item in fields(ClipOptions) i
 
 _KINDS: dict[str, type] = {
     **dict.fromkeys(("tolerance", "max_error", "rms", "uv_tolerance", "alpha", "r", "fps", "scale"), float),
-    **dict.fromkeys(("size", "group_frames", "segment_frames", "piece_points"), int),
-    **dict.fromkeys(("skip_unsupported", "isolate"), bool),
+    **dict.fromkeys(("size", "max_memory", "group_frames", "segment_frames", "piece_points"), int),
+    **dict.fromkeys(("skip_unsupported", "isolate", "why"), bool),
     "objects": tuple,
 }
 """What options hold that is no text."""
+
+_BYTES = ("size", "max_memory")
+"""Options that may be given as 200kB."""
 
 
 def _value(name: str, value: Any) -> Any:
@@ -123,10 +126,13 @@ def _value(name: str, value: Any) -> Any:
             return _WORDS[str(value).strip().lower()]
         if kind is str and not isinstance(value, str):
             raise ValueError
+        if name in _BYTES and isinstance(value, str):
+            return parse_byte_count(value)
         return kind(value)
     except (KeyError, ValueError, TypeError) as error:
         what = {float: "a number", int: "a whole number", bool: "true or false", tuple: "a list of names"}
-        raise SettingsError(f"{name} must be {what.get(kind, 'text')}, not {value!r}") from error
+        wanted = "a number of bytes such as 200kB" if name in _BYTES else what.get(kind, "text")
+        raise SettingsError(f"{name} must be {wanted}, not {value!r}") from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,6 +182,8 @@ def clips_of(given: str | os.PathLike[str], options: ClipOptions | None = None) 
     path = Path(given)
     if path.suffix.lower() in MANIFESTS:
         clips = list(_of_manifest(path, options))
+        if not clips:
+            raise InputError("this manifest lists no clip; see pdecodec batch --help", path=given)
     elif is_address(given):
         clips = _named([(given, _below(given, ""))], options)
     elif path.is_dir():
@@ -204,7 +212,8 @@ def _of_manifest(path: Path, options: ClipOptions) -> Iterator[Clip]:
             values = {str(name): value for name, value in row.items() if value not in (None, "")}
             source, output = values.pop("source", None), values.pop("output", "")
             if not isinstance(source, str) or not isinstance(output, str):
-                raise SettingsError("has no source; name the file, pattern or folder of the clip")
+                there = f" among {', '.join(values)}" if values else ""
+                raise SettingsError(f"has no source{there}; name the file, pattern or folder of the clip")
             own = options.with_values(values)
         except SettingsError as error:
             raise SettingsError(f"clip {number}: {error.message}", path=path) from error

@@ -11,6 +11,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from pdecodec.batch.clips import Clip, ClipOptions
 from pdecodec.batch.memory import MemoryBudget, encoding_bytes_of_file
 from pdecodec.batch.records import (
@@ -32,6 +34,7 @@ from pdecodec.formats.choosing import select_frames, select_objects
 from pdecodec.formats.companions import input_files
 from pdecodec.formats.scene_space import place
 from pdecodec.metrics import measure_distortion
+from pdecodec.runs import changed
 from pdecodec.selection import CodedOrderSequence
 from pdecodec.sequence import MeshSequence
 from pdecodec.storage import RemoteFile, is_address
@@ -109,7 +112,7 @@ class Look:
 def failure(clip: Clip, error: BaseException) -> Result:
     """The one line of a clip that ended in an error."""
     if isinstance(error, PdecodecError):
-        message, code = str(error), error.exit_code
+        message, code = str(error) if error.path is not None else f"{clip.source}: {error}", error.exit_code
     elif isinstance(error, OSError):
         message = f"{error.filename or clip.source}: {error.strerror or error}"
         code = InputError.exit_code
@@ -131,7 +134,7 @@ def look_at(clip: Clip, work: Work) -> Result | Look:
         if is_address(clip.source):
             return Look(encoding_bytes_of_file(RemoteFile(clip.source).size()))
         with _opened(clip) as sequence:
-            return Look(encoding_bytes(sequence.frame_count, sequence.vertex_count))
+            return Look(encoding_bytes(sequence.frame_count, sequence.most_vertices))
     except Exception as error:  # whatever one clip meets, the others go on
         return failure(clip, error)
 
@@ -279,7 +282,13 @@ def _made(clip: Clip, work: Work) -> Result:
     stamp = stamp_of(files)
     with _here(clip) as here, _opened(here) as sequence, _room(path, work.folder) as room:
         written = room / "clip.pdeanim"
-        report = _encoded(sequence, written, clip.options)
+        try:
+            report = _encoded(sequence, written, clip.options)
+        except InputError as error:
+            if error.path is None or Path(error.path) not in (room, written):
+                raise
+            # Where it is written before it is whole is nobody's business.
+            raise InputError(error.message, path=path) from error
         figures: dict[str, Any] = {
             **_extent(sequence, _bytes_of(files)),
             "bytes": report.file_bytes,
@@ -335,12 +344,11 @@ def _room(path: Place, folder: str) -> Iterator[Path]:
 
 
 def _extent(sequence: MeshSequence, source_bytes: int) -> dict[str, Any]:
-    frames, vertices = sequence.frame_count, sequence.vertex_count
     return {
-        "frames": frames,
-        "vertices": vertices,
+        "frames": sequence.frame_count,
+        "vertices": sequence.most_vertices,
         "source_bytes": source_bytes,
-        "raw_bytes": 12 * frames * vertices,
+        "raw_bytes": 12 * sequence.position_count,
     }
 
 
@@ -365,10 +373,10 @@ def _verified(path: Place, sequence: MeshSequence, options: ClipOptions, figures
     """
     from pdecodec.decoder import open_animation
 
-    reference = CodedOrderSequence(sequence) if options.settings.order == "free" else sequence
+    reference = changed(sequence, CodedOrderSequence) if options.settings.order == "free" else sequence
     with open_animation(os.fspath(path)) as decoded:
         decoded.verify()
-        if not decoded.connectivity.same_as(reference.connectivity):
+        if not _same_faces(decoded, reference):
             raise CorruptFileError("decodes to other faces than its source has; encode it again", path=path)
         if decoded.times.tolist() != reference.times.tolist():
             raise CorruptFileError("decodes to other times than its source has; encode it again", path=path)
@@ -377,3 +385,10 @@ def _verified(path: Place, sequence: MeshSequence, options: ClipOptions, figures
     if bound is not None and found > bound:
         raise CorruptFileError(f"decodes {found:g} off its source, above its bound of {bound:g}", path=path)
     return found
+
+
+def _same_faces(first: MeshSequence, second: MeshSequence) -> bool:
+    """Whether runs of two sequences begin at the same frames, and have the same connectivity."""
+    return np.array_equal(first.run_starts, second.run_starts) and all(
+        one.connectivity.same_as(other.connectivity) for one, other in zip(first.runs, second.runs, strict=True)
+    )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, counted, print_json, progress_bar, ratio, say, visible
+from pdecodec.cli.console import PartlyDoneError, byte_size, counted, print_json, progress_bar, ratio, say, visible
 from pdecodec.cli.encode import encode
 from pdecodec.cli.options import json_option, loudness_options, naming_options, parse_bytes
 from pdecodec.cli.report import parse_share
@@ -141,7 +141,7 @@ def batch(
     failures = [result.message for result in results if result.state == "failed"]
     failures += [] if fail_if_larger is None or compare is None else grown(results, Path(compare), fail_if_larger)
     for failure in failures:
-        say(f"failed: {failure}")
+        say(f"failed: {failure}", level=-1)
     totals = totals_of(results)
     states = ", ".join(f"{count:,} {state}" for state, count in sorted(totals.states.items()))
     sizes = f"in {byte_size(totals.source_bytes)} ({byte_size(totals.raw_bytes)} of positions) -> "
@@ -194,9 +194,15 @@ def _done(
             coming = run_local(clips, work, jobs=jobs, max_memory=max_memory)
         else:
             coming = run_on_cluster(clips, work, scheduler, max_memory=max_memory)
-        for result in coming:
-            found[result.output] = result
-            note(result)
+        try:
+            for result in coming:
+                found[result.output] = result
+                note(result)
+        except KeyboardInterrupt as error:
+            through = f"{len(found):,} of {counted(len(clips), 'clip')}"
+            raise PartlyDoneError(
+                f"interrupted after {through}; their files stay, and the same command goes on"
+            ) from error
     return [found[clip.output] for clip in clips]
 
 

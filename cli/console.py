@@ -21,6 +21,10 @@ PIPE_WIDTH = 200
 """Columns of a table that goes to a file or a pipe, where nobody counts them."""
 
 
+class PartlyDoneError(Exception):
+    """A person ended a command, of which something is done: what it says takes the place of the usual words."""
+
+
 _loudness = 0
 
 

@@ -17,7 +17,7 @@ from types import TracebackType
 import click
 
 from pdecodec import __version__
-from pdecodec.cli.console import set_loudness, visible
+from pdecodec.cli.console import PartlyDoneError, set_loudness, visible
 from pdecodec.errors import InputError, LimitError, PdecodecError, SettingsError
 
 EXIT_INTERRUPTED = 130
@@ -151,6 +151,8 @@ def run(arguments: Sequence[str]) -> int:
         return _fail(f"{place}{error.strerror or error}", InputError.exit_code)
     except MemoryError:
         return _fail("not enough memory; take fewer frames at a time with --frames", InputError.exit_code)
+    except PartlyDoneError as error:
+        return _fail(str(error), EXIT_INTERRUPTED)
     except (KeyboardInterrupt, click.Abort):
         return _fail("interrupted; no output was written", EXIT_INTERRUPTED)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import os
-import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,26 +19,17 @@ if TYPE_CHECKING:
     from pdecodec.decoder import DecodeLimits
     from pdecodec.sequence import MeshSequence
 
-BYTE_POWERS = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
-
 
 def parse_bytes(context: click.Context, parameter: click.Parameter, value: str | None) -> int | None:
-    """Click callback: a number of bytes, ``800000000``, ``200kB``, ``1.5GiB``.
-
-    Units as in coreutils: kB, MB, GB, TB are decimal; K, M, G, T and KiB, MiB, GiB, TiB binary.
-
-    Raises
-    ------
-    click.BadParameter
-        If it is none.
-    """
+    """Click callback: a number of bytes, as :func:`pdecodec.settings.parse_byte_count` reads it; else BadParameter."""
     if value is None:
         return None
-    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)(|B|iB)", value.strip(), re.IGNORECASE)
-    if found is None:
-        raise click.BadParameter(f"{value!r} is not a number of bytes such as 800M or 1.5G", context, parameter)
-    base = 1000 if found[3].upper() == "B" else 1024
-    return int(float(found[1]) * base ** BYTE_POWERS[found[2].upper()])
+    from pdecodec.settings import parse_byte_count
+
+    try:
+        return parse_byte_count(value)
+    except ValueError as error:
+        raise click.BadParameter(str(error), context, parameter) from error
 
 
 output_option = click.option(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from numbers import Integral, Real
@@ -29,6 +30,21 @@ MAX_SEGMENT_FRAMES = 64
 
 PAPER_SEGMENT_FRAMES = 11
 """Frames 0 to 10, the window of the paper's section 5."""
+
+
+BYTE_POWERS = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
+
+
+def parse_byte_count(text: str) -> int:
+    """A number of bytes: ``800000000``, ``200kB``, ``1.5GiB``; ValueError if it is none.
+
+    Units as in coreutils: kB, MB, GB, TB are decimal; K, M, G, T and KiB, MiB, GiB, TiB binary.
+    """
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)(|B|iB)", text.strip(), re.IGNORECASE)
+    if found is None:
+        raise ValueError(f"{text!r} is not a number of bytes such as 800M or 1.5G")
+    base = 1000 if found[3].upper() == "B" else 1024
+    return int(float(found[1]) * base ** BYTE_POWERS[found[2].upper()])
 
 
 @dataclass(frozen=True, kw_only=True)

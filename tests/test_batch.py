@@ -10,20 +10,24 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import pdecodec
 from pdecodec.batch import Clip, ClipOptions, Result, Work, clips_of, do_clip, local
+from pdecodec.batch.clips import OPTION_NAMES
 from pdecodec.batch.local import run_local
 from pdecodec.batch.memory import MemoryBudget, available_memory
-from pdecodec.batch.work import make_clip
+from pdecodec.batch.work import _verified, failure, make_clip
 from pdecodec.cli.main import run
 from pdecodec.encodememory import encoding_bytes
-from pdecodec.errors import InputError, SettingsError
+from pdecodec.errors import CorruptFileError, InputError, SettingsError
 from pdecodec.formats import write_sequence
+from pdecodec.runs import ChangingSequence
 from pdecodec.sequence import ArraySequence, MeshObject
 from tests.mesh_cases import grid
 from tests.remote_server import serving
@@ -239,7 +243,9 @@ def test_a_manifest_gives_options_to_clips_and_names_to_outputs(clips: Path, cap
         ({"source": "a.npz", "size": 9, "rms": 1}, "clip 2: give one of tolerance, max_error, rms and size"),
         ({"source": "a.npz", "output": "../a.pdeanim"}, "is no .pdeanim file in the folder of the batch"),
         ({"source": "a.npz", "output": "B.pdeanim"}, "would both go to B.pdeanim"),
-        ({"output": "a.pdeanim"}, "clip 2: has no source"),
+        ({"output": "a.pdeanim"}, "clip 2: has no source; name"),
+        ({"sorce": "a.npz", "tolerance": 1}, "clip 2: has no source among sorce, tolerance; name"),
+        ({"source": "a.npz", "size": "2 kilo"}, "clip 2: size must be a number of bytes such as 200kB, not '2 kilo'"),
         ([], "clip 2: is not an object"),
     ],
 )
@@ -255,6 +261,96 @@ def test_a_batch_of_what_is_not_there_is_refused_and_writes_nothing(clips: Path,
     [line] = capsys.readouterr().err.splitlines()
     assert line.startswith(f"error: {name}: there is no ")
     assert not Path("out").exists()
+
+
+def test_every_option_of_a_clip_may_stand_in_a_manifest_as_text_and_as_json(clips: Path) -> None:
+    values = {
+        "tolerance": 0.01, "max_error": 0.1, "rms": 0.1, "size": 2000, "profile": "auto", "effort": "fast",
+        "group_frames": 4, "max_memory": 10**9, "uv_tolerance": 0.1, "order": "free", "why": True, "segment_frames": 4,
+        "piece_points": 4, "alpha": 1.5, "r": 2.0, "frames": "0:3", "objects": ["a", "b"], "fps": 25.0, "mesh": "m.obj",
+        "clip": "walk", "transforms": "keep", "skip_unsupported": True, "isolate": True, "up_axis": "Z", "scale": 2.0,
+        "unit": "cm",
+    }  # fmt: skip
+    assert sorted(values) == sorted(OPTION_NAMES)
+    for name, value in values.items():
+        own = {
+            name: value,
+            **({"profile": "paper"} if name in ("segment_frames", "piece_points", "alpha", "r") else {}),
+        }
+        Path("clips/m.json").write_text(json.dumps([{"source": "a.npz", **own}]))
+        texts = [";".join(one) if isinstance(one, list) else str(one) for one in own.values()]
+        Path("clips/m.csv").write_text(f"source,{','.join(own)}\na.npz,{','.join(texts)}\n")
+        [of_json], [of_csv] = clips_of("clips/m.json"), clips_of("clips/m.csv")
+        assert of_json == of_csv
+        options = of_json.options
+        held = {**vars(options.settings.paper), **vars(options.settings), **vars(options)}
+        assert held[name] == {"objects": ("a", "b"), "mesh": os.path.join("clips", "m.obj")}.get(name, value)
+    Path("clips/m.csv").write_text("source,size,max_memory\na.npz,2kB,1.5GiB\n")
+    [clip] = clips_of("clips/m.csv")
+    assert (clip.options.size, clip.options.settings.max_memory) == (2000, 3 * 2**29)
+    Path("clips/m.csv").write_text("source\n")
+    with pytest.raises(InputError, match="lists no clip"):
+        clips_of("clips/m.csv")
+
+
+def test_clips_whose_faces_change_are_coded_and_verified(clips: Path, capsys: Capture) -> None:
+    parts = [sheet(0, frames=3), sheet(1, frames=2, side=5)]
+    times = [np.arange(3) / 24, np.arange(3, 5) / 24]
+    runs = [
+        ArraySequence(part.points, times=own, objects=part.objects, fps=24)
+        for part, own in zip(parts, times, strict=True)
+    ]
+    write_sequence(ChangingSequence(runs), "clips/fluid.pvd")
+    for order in ("keep", "free"):
+        assert run(["batch", "clips/fluid.pvd", "-o", order, "--order", order, "--verify", "--json"]) == 0
+        [row] = json.loads(capsys.readouterr().out)["clips"]
+        assert (row["frames"], row["vertices"], row["raw_bytes"]) == (5, 64, 12 * (3 * 64 + 2 * 25))
+        assert row["verified_error"] <= row["bound"]
+    assert run(["batch", "clips/fluid.pvd", "-o", "dry", "--dry-run"]) == 0
+    # Another file in its place, whose runs are others, is found out.
+    pdecodec.encode(ChangingSequence([runs[0]]), "keep/other.pdeanim")
+    clip = Clip(source="clips/fluid.pvd", output="fluid.pdeanim")
+    with pdecodec.open_sequence(clip.source) as source, pytest.raises(CorruptFileError, match="other faces"):
+        _verified(Path("keep/other.pdeanim"), source, clip.options, {})
+
+
+def test_what_fails_is_named_by_its_clip_however_little_is_said(
+    clips: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    [clip] = clips_of("clips/a.npz")
+    assert failure(clip, InputError("is odd", frame=3)).message == "clips/a.npz: frame 3: is odd"
+    assert run(["batch", "clips/bad.npz", "-o", "out", "-q"]) == 1
+    assert capsys.readouterr().err.startswith("failed: clips/bad.npz: ")
+
+    def full(sequence: object, path: Path, settings: object) -> None:
+        raise InputError("cannot be written (No space left on device)", path=path)
+
+    monkeypatch.setattr("pdecodec.encoder.encode", full)
+    result = do_clip(clip, Work(folder="out"))
+    assert result.message == f"{Path('out/a.pdeanim')}: cannot be written (No space left on device)"
+    assert not list(Path("out").rglob("*.pdeanim"))
+
+
+def test_a_batch_that_is_interrupted_says_how_far_it_is_and_goes_on(
+    clips: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(3):
+        write_sequence(sheet(number), clips / f"c{number}.npz")
+
+    def interrupted(*given: Any, **more: Any) -> Iterator[Result]:
+        yield next(run_local(*given, **more))
+        raise KeyboardInterrupt
+
+    command = ["batch", "clips/c*.npz", "-o", "out", "--jobs", "1"]
+    with monkeypatch.context() as patch:
+        patch.setattr("pdecodec.batch.local.run_local", interrupted)
+        assert run(command) == 130
+    said = capsys.readouterr().err
+    assert said == "error: interrupted after 1 of 3 clips; their files stay, and the same command goes on\n"
+    there = places("out")
+    assert len(there) >= 1
+    assert run(command) == 0
+    assert there.items() <= places("out").items()
 
 
 @pytest.mark.parametrize("text", ["{", "3", '{"clips": 1}', "\xff"])
