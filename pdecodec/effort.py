@@ -25,6 +25,8 @@ class Effort:
     larger_must_save : float
         Share of the coefficients' bits that larger patches than the first must save on large meshes: making their
         functions takes every reader the square of their number.
+    references_of_small : bool
+        Whether the step of the reference frame is searched on small meshes, too, where each takes a fit.
     fine_steps : bool
         Whether steps are searched closely, and functions of time have steps of their own.
     division : bool
@@ -51,6 +53,7 @@ class Effort:
     space_bases: SpaceBases
     more_of_small: SpaceBases = ()
     larger_must_save: float = 0.0
+    references_of_small: bool = True
     fine_steps: bool = True
     division: bool = True
     rounding_passes: int = 0
@@ -82,6 +85,7 @@ EFFORTS: dict[EffortName, Effort] = {
         space_bases=(("patch", 64), ("patch", 128)),
         more_of_small=(("patch", 256), ("patch", 8)),
         larger_must_save=0.02,
+        references_of_small=False,
         fine_steps=False,
         division=False,
         searched_clip=2**19,

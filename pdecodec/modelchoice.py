@@ -251,7 +251,7 @@ class ModelSearch:
     def _for_this_bound(self) -> FinishedModel:
         steps, usual = self._reference_steps()
         model = self._with_reference(steps[usual])
-        if model.moves:
+        if model.moves and (self._is_large or self.effort.references_of_small):
             model = self._with_better_reference(model, steps, usual)
         made = self.beside.submit(clear_space_basis, model.basis, model.reference.grid)
         if self.effort.fine_steps:

@@ -93,7 +93,7 @@ def principal_axes(squares: Float64Array, least: float) -> tuple[Float64Array, F
 
 def principal_energies(squares: Float64Array, least: float) -> Float64Array:
     """The energies of :func:`principal_axes` alone: a quarter of the time where they are many."""
-    energies = np.maximum(np.linalg.eigvalsh(squares)[::-1], 0.0)
+    energies: Float64Array = np.maximum(np.linalg.eigvalsh(squares)[::-1], 0.0)
     return energies[: _count_of_leading(energies, float(np.trace(squares)), least)]
 
 
