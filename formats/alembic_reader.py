@@ -41,7 +41,7 @@ from pdecodec.formats.attribute_roles import (
     reversed_corners,
 )
 from pdecodec.formats.registry import Transforms, read_errors
-from pdecodec.formats.scene_reading import Extras, Refusals, SceneSequence, Shape, runs_of_scene
+from pdecodec.formats.scene_reading import Extras, Refusals, SceneSequence, SceneWalk, Shape, runs_of_scene
 from pdecodec.formats.times import (
     SAME_TIME,
     Timing,
@@ -256,28 +256,12 @@ def _open_archive(path: Path) -> Any:
     return Abc.IArchive(str(path))
 
 
-class _Scan:
-    """A walk through the tree: the shapes that can be read, at a time or as they are first.
-
-    Parameters
-    ----------
-    refusals : Refusals
-    at : float, optional [s]
-        When connectivity that changes is looked at. Default: at first.
-    changes : dict of str to sequence of float [s], optional
-        When that of each shape changes, as an earlier walk found it.
-    """
-
-    def __init__(
-        self, refusals: Refusals, at: float | None = None, changes: dict[str, Sequence[float]] | None = None
-    ) -> None:
-        self.refusals, self._at = refusals, at
-        self.changes: dict[str, Sequence[float]] = {} if changes is None else changes
-        self.is_first = changes is None
-        self.found: list[_Shape] = []
+class _Scan(SceneWalk):
+    """A walk through an archive; its times are seconds."""
 
     def shapes(self, archive: Any) -> list[_Shape]:
         """The shapes of an archive."""
+        self.found: list[_Shape] = []
         _walk(archive.getTop(), "", (), False, self)
         return self.found
 
@@ -289,14 +273,14 @@ class _Scan:
             self.changes[path] = changed
         if path not in self.changes:
             return None, times
-        if self._at is None:
+        if self.at is None:
             return _select(float(times[0])), times
         edges = np.array([-np.inf, *self.changes[path], np.inf])
-        number = int(np.searchsorted(edges, self._at + SAME_TIME, side="right")) - 1
+        number = int(np.searchsorted(edges, self.at + SAME_TIME, side="right")) - 1
         inside = (times >= edges[number] - SAME_TIME) & (times < edges[number + 1] - SAME_TIME)
         own = times[inside] if inside.any() else times[:1]
         # Attributes may be others than those of the first of these samples, where what else there is has changed.
-        before = own[own <= self._at + SAME_TIME]
+        before = own[own <= self.at + SAME_TIME]
         return _select(float(before[-1] if before.size else own[0])), own
 
 

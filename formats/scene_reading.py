@@ -91,6 +91,26 @@ class Refusals:
         return (*notices, *hidden_notices(shapes))
 
 
+class SceneWalk:
+    """A walk through a scene: the shapes that can be read, at a time or as they are first.
+
+    Parameters
+    ----------
+    refusals : Refusals
+    at : float, optional
+        When connectivity that changes is looked at, in the time that the format counts. Default: at first.
+    changes : dict of str to sequence of float, optional
+        When that of each shape changes, by its path, as an earlier walk found it.
+    """
+
+    def __init__(
+        self, refusals: Refusals, at: float | None = None, changes: dict[str, Sequence[float]] | None = None
+    ) -> None:
+        self.refusals, self.at = refusals, at
+        self.changes: dict[str, Sequence[float]] = {} if changes is None else changes
+        self.is_first = changes is None
+
+
 def hidden_notices(shapes: Sequence[Shape]) -> tuple[str, ...]:
     """A line that names shapes that the file hides: there is no place for it here."""
     names = [shape.name for shape in shapes if shape.hidden]

@@ -76,6 +76,9 @@ _TYPES = {
 _FAMILIES = {GROUP: "pdecodecGroup", MATERIAL: str(UsdShade.Tokens.materialBind)}
 """Families of subsets of faces, by what they stand for."""
 
+MATERIALS = "pdecodecMaterials"
+"""What holds the materials of subsets, below the default prim: they come along where that is referenced."""
+
 _ROLE_TYPES = {
     (COLOR, 3): (Sdf.ValueTypeNames.Color3fArray, Vt.Vec3fArray),
     (COLOR, 4): (Sdf.ValueTypeNames.Color4fArray, Vt.Vec4fArray),
@@ -308,6 +311,8 @@ class ExtrasWriter:
         subset = UsdGeom.Subset.CreateGeomSubset(mesh, name, UsdGeom.Tokens.face, none, _FAMILIES[role])
         if name != label:
             subset.GetPrim().SetCustomDataByKey(NAME, label)
+        if role == MATERIAL:
+            UsdShade.MaterialBindingAPI.Apply(subset.GetPrim()).Bind(_material(self._prim.GetStage(), label))
         return subset
 
     def _write_own(self, connectivity: Connectivity, drawn: Drawn, at: Any) -> None:
@@ -325,6 +330,21 @@ class ExtrasWriter:
                 if self._first != at:
                     self._own[name].Set(Vt.IntArray(), self._first)
             self._own[name].Set(int_array(array), at)
+
+
+def _material(stage: Any, label: str) -> Any:
+    """The material of a name, without a surface: programs know sets of faces by the materials bound to them."""
+    above = UsdGeom.Scope.Define(stage, stage.GetDefaultPrim().GetPath().AppendChild(MATERIALS))
+    others = {}
+    for prim in above.GetPrim().GetChildren():
+        others[prim.GetName()] = str(prim.GetCustomDataByKey(NAME) or prim.GetName())
+        if others[prim.GetName()] == label:
+            return UsdShade.Material(prim)
+    name = unlike(valid_name(label), set(others))
+    found = UsdShade.Material.Define(stage, above.GetPath().AppendChild(name))
+    if name != label:
+        found.GetPrim().SetCustomDataByKey(NAME, label)
+    return found
 
 
 class _PrimvarWriter:

@@ -33,6 +33,9 @@ from pdecodec.formats.usd_attributes import METADATA, SAMPLED
 from pdecodec.formats.usd_shapes import ShapeScan, UsdShape
 from pdecodec.sequence import Float32Array, Float64Array, MeshSequence, Unsupported
 
+PARSE_ERROR = re.compile(r":(?P<line>\d+):\d+: parse error matching \S+ (?P<place>at .*)")
+"""What USD says of text that does not parse; behind "matching" stands a name of its sources."""
+
 WHERE_IN_USD = re.compile(r"^Error in '[^']*' at line \d+ in file \S+ : ")
 """What USD's messages begin with: a place in its own sources."""
 
@@ -175,6 +178,8 @@ def _stage_errors(path: Path) -> Iterator[None]:
     except (Tf.ErrorException, UnicodeDecodeError) as error:
         try:
             lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+            if found := PARSE_ERROR.search(str(error)):
+                lines = [f"line {found['line']} does not parse {found['place']}"]
         except UnicodeDecodeError:
             # USD's message quotes the file.
             lines = ["its text is not UTF-8"]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from pdecodec.formats.attribute_roles import CURVE_BASIS, CURVE_WRAP, ID, SUBDIVISION, label_attribute, reversed_corners
-from pdecodec.formats.scene_reading import MOST_INSTANCED, Extras, Refusals, Shape
+from pdecodec.formats.scene_reading import MOST_INSTANCED, Extras, SceneWalk, Shape
 from pdecodec.formats.scene_space import mirrors
 from pdecodec.formats.usd_attributes import OWN, object_name, read_extras, value_at
 from pdecodec.formats.usd_implicit import Implicit, read_implicit
@@ -100,24 +100,8 @@ def _up(prim: Any, last: Any = None) -> list[Any]:
     return found
 
 
-class ShapeScan:
-    """A walk through a stage: the shapes that can be read, at a time code or as they are first.
-
-    Parameters
-    ----------
-    refusals : Refusals
-    at : float, optional
-        Code at which connectivity that changes is looked at. Default: at first.
-    changes : dict of str to sequence of float, optional
-        Codes at which that of each prim changes, by its path, as an earlier walk found them.
-    """
-
-    def __init__(
-        self, refusals: Refusals, at: float | None = None, changes: dict[str, Sequence[float]] | None = None
-    ) -> None:
-        self.refusals, self._at = refusals, at
-        self.changes: dict[str, Sequence[float]] = {} if changes is None else changes
-        self.is_first = changes is None
+class ShapeScan(SceneWalk):
+    """A walk through a stage; its times are time codes."""
 
     def shapes(self, stage: Any) -> list[UsdShape]:
         """The shapes of a stage."""
@@ -139,7 +123,7 @@ class ShapeScan:
                 self.changes[path] = sorted(set(found))
         if path not in self.changes:
             return None
-        return float(Usd.TimeCode.EarliestTime().GetValue()) if self._at is None else self._at
+        return float(Usd.TimeCode.EarliestTime().GetValue()) if self.at is None else self.at
 
     def described_at(self, prim: Any) -> Sequence[float]:
         """Codes at which the connectivity of a prim changes."""

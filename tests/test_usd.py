@@ -13,12 +13,14 @@ from pdecodec.encoder import encode
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.scene_space import place
-from pdecodec.sequence import ArraySequence, Connectivity
+from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from tests.scene_cases import OUTWARD, TETRAHEDRON, array_of, assert_same_scene, body, broken_rules, scene, volume
 
 pytest.importorskip("pxr", reason="USD is not installed here (pip install 'pdecodec[usd]')")
 
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdSkel, Vt
+
+from pdecodec.formats.usd_attributes import NAME
 
 
 def test_names_come_back_that_usd_cannot_hold_and_space_does_not_that_nobody_recorded(tmp_path: Path) -> None:
@@ -468,6 +470,13 @@ def test_a_file_that_is_no_usd_is_refused_without_a_place_in_usds_own_sources(tm
     assert ".cpp" not in str(caught.value)
 
 
+def test_text_that_does_not_parse_is_named_by_its_line(tmp_path: Path) -> None:
+    (tmp_path / "x.usda").write_text('#usda 1.0\n\ndef Mesh "m"\n{\n    int[] faceVertexCounts = [3\n}\n')
+    with pytest.raises(InputError, match=r"damaged one \(line 6 does not parse at '}'") as caught:
+        open_sequence(tmp_path / "x.usda")
+    assert "Sdf_" not in str(caught.value)
+
+
 def test_text_that_is_not_utf_8_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "x.usda").write_bytes('#usda 1.0\ndef Mesh "\xe9" {}\n'.encode("latin-1"))
     with pytest.raises(InputError, match=r"is no USD file, or a damaged one \(its text is not UTF-8\)"):
@@ -513,6 +522,30 @@ def test_faces_that_no_subset_binds_have_the_material_of_the_mesh(tmp_path: Path
         (material,) = (one for one in read.objects[0].attributes if one.name == "material")
         assert [material.labels[value] for value in material.values] == ["skin", "nail", "skin"]
         assert read.notices == ("not kept: material",)
+
+
+def test_a_material_stands_behind_each_set_of_faces_that_has_one(tmp_path: Path) -> None:
+    labels = ["skin", "a nail", "a_nail"]
+    objects = []
+    for name, values in (("a", [0, 1, 0, 2]), ("b", [1, 1])):
+        mesh = Connectivity(3, face_counts=np.full(len(values), 3), face_indices=[0, 1, 2] * len(values))
+        material = Attribute("material", "face", np.array(values, np.int32), labels=labels)
+        objects.append(MeshObject(name, mesh, (material,)))
+    points = np.tile(np.eye(3, dtype=np.float32), (2, 2, 1))
+    write_sequence(ArraySequence(points, objects=objects), tmp_path / "x.usdc")
+    stage = Usd.Stage.Open(str(tmp_path / "x.usdc"))
+    bound = set()
+    for prim in stage.Traverse():
+        if prim.IsA(UsdGeom.Subset):
+            material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+            assert material.GetPath().HasPrefix(stage.GetDefaultPrim().GetPath())
+            bound.add(tuple(one.GetCustomDataByKey(NAME) or one.GetName() for one in (prim, material.GetPrim())))
+    assert bound == {(label, label) for label in labels}
+    assert broken_rules(tmp_path / "x.usdc") == []
+    with open_sequence(tmp_path / "x.usdc") as read:
+        for item, values in zip(read.objects, ([0, 1, 0, 2], [1, 1]), strict=True):
+            (found,) = (one for one in item.attributes if one.name == "material")
+            assert [found.labels[value] for value in found.values] == [labels[value] for value in values]
 
 
 def test_left_handed_faces_are_turned_around_and_primvars_that_change_are_told(tmp_path: Path) -> None:
