@@ -55,6 +55,7 @@ th { border-bottom: 2px solid var(--ink); } td.number, th.number { text-align: r
 .bad { color: var(--bad); font-weight: 600; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: 0 1rem; font-size: .88rem; } dd { margin: 0; }
 @media screen and (max-width: 48rem) { figure img, .chart svg { min-width: 44rem; }
+  table:not(.words) td:not(.number) { min-width: 8rem; }
   .words thead { display: none; } .words tr { display: block; border-bottom: 1px solid var(--rule); padding: .5rem 0; }
   .words td { display: block; border: 0; padding: .15rem 0; } .words td.number { text-align: left; }
   .words td::before { content: attr(data-name) ": "; color: var(--quiet); } }

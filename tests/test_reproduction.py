@@ -6,6 +6,7 @@ import json
 import math
 import re
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from pdecodec.cli.main import pdecodec
+from pdecodec.encoder import encode
 from pdecodec.errors import SettingsError
 from pdecodec.report.reproduction import bspline, printed
 from pdecodec.report.reproduction.findings import Findings
@@ -40,10 +42,20 @@ from pdecodec.report.reproduction.method import (
     reconstruct,
 )
 from pdecodec.report.reproduction.physics import CLAMPED_FREE, PERIODS, PLAIN, TIED, TWO, beam_errors, mode
-from pdecodec.report.reproduction.rates import COARSENING, PDE, POLYNOMIALS, SPLINES, measure_model
+from pdecodec.report.reproduction.rates import (
+    AUTO,
+    COARSENING,
+    PAPER,
+    PDE,
+    POLYNOMIALS,
+    SPLINES,
+    measure_file,
+    measure_model,
+)
 from pdecodec.report.reproduction.rope import Rope, RopeSettings, own_substeps, simulate_rope
 from pdecodec.report.reproduction.sweep import times_table_1
 from pdecodec.sequence import ArraySequence, MeshObject
+from pdecodec.settings import EncodeSettings
 from tests.mesh_cases import grid
 
 KEPT = Path(__file__).resolve().parent.parent / "docs" / "paper"
@@ -334,9 +346,14 @@ def test_the_bytes_of_the_papers_parameter_are_those_of_the_clip(small_report: t
     assert rows["B-splines, u by index"][column["total [bytes]"]] == 4 * 300 * 12
 
 
-def test_the_kept_table_of_choices_is_what_a_run_finds_today() -> None:
-    findings = Findings(simulate_rope(RopeSettings()))
-    table = choices_figure(findings).table
+@pytest.fixture(scope="module")
+def rope() -> Rope:
+    """Of the paper's size."""
+    return simulate_rope(RopeSettings())
+
+
+def test_the_kept_table_of_choices_is_what_a_run_finds_today(rope: Rope) -> None:
+    table = choices_figure(Findings(rope)).table
     kept = (KEPT / "one-choice-at-a-time.md").read_text(encoding="utf-8").splitlines()[2:]
     assert len(kept) == len(table.rows) == 15
     for line, row in zip(kept, table.rows, strict=True):
@@ -345,6 +362,26 @@ def test_the_kept_table_of_choices_is_what_a_run_finds_today() -> None:
         # Eq. 23 undone divides by singular values near zero: the last digits of the simulation show.
         close = 0.05 if "undone" in cells[1] else 0.005
         assert [float(cell) for cell in cells[2:]] == pytest.approx(list(row[2:]), rel=close), line
+
+
+def test_the_kept_bytes_of_files_are_what_is_written_today(rope: Rope) -> None:
+    figure = json.loads((KEPT / "report.json").read_text(encoding="utf-8"))["figures"]["what-the-gap-is"]
+    kept = {row[0]: dict(zip(figure["columns"], row, strict=True)) for row in figure["rows"]}
+    for name, settings in (
+        (PAPER, EncodeSettings(profile="paper")),
+        (AUTO, EncodeSettings(tolerance=kept[AUTO]["bound over the diagonal"])),
+    ):
+        found = measure_file(rope, name, settings)
+        assert kept[name]["mean E_A"] == pytest.approx(found.point.errors.mean, rel=0.1)
+        assert kept[name]["total [bytes]"] == pytest.approx(sum(found.parts.values()), rel=0.05), (
+            f"{name} takes other bytes than docs/paper says: make paper"
+        )
+
+
+def test_a_looser_bound_takes_no_more_bytes_of_the_rope(rope: Rope) -> None:
+    sizes = [encode(rope.clip, tolerance=bound).file_bytes for bound in (0.1, 0.0527, 0.04, 0.03, 0.01)]
+    for looser, tighter in pairwise(sizes):
+        assert looser <= 1.02 * tighter
 
 
 def test_the_committed_verdicts_are_of_the_papers_size() -> None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from pdecodec.report.charts import BLUE, GREEN, GREY, ORANGE, PURPLE, name_rows, write
+from pdecodec.report.charts import BLUE, GREEN, GREY, ORANGE, name_rows, write
 from pdecodec.report.figure import Canvas, Figure, Table
 from pdecodec.report.reproduction import bspline, printed
 from pdecodec.report.reproduction.functions import space_functions, time_functions
@@ -29,6 +29,7 @@ from pdecodec.report.reproduction.method import (
     frame_errors,
     product_fit,
 )
+from pdecodec.report.reproduction.rates import PDE, SPLINES
 from pdecodec.report.reproduction.rope import FRAMES, KEYFRAMES, Rope, as_curves, own_substeps, simulate
 from pdecodec.sequence import Float64Array
 
@@ -49,14 +50,6 @@ CONSTANTS = 32
 
 RUNS = 2
 """Of which the least time counts: what others do on the machine only adds. All is compiled before."""
-
-PART_COLOURS = {
-    "positions": GREY,
-    "u of Eq. 24": ORANGE,
-    "transformations": PURPLE,
-    "constants": BLUE,
-    "control points": GREEN,
-}
 
 
 @dataclass(frozen=True)
@@ -207,24 +200,34 @@ def _timed(work: Callable[[], T]) -> tuple[T, float]:
 
 
 def bytes_figure(findings: Findings) -> Figure:
-    """Design variables and bytes of every representation."""
+    """Design variables and bytes of every representation, against their errors."""
     kept = findings.stores
     parts = tuple(dict.fromkeys(part for store in kept for part in store.parts))
-
-    def label(store: Store) -> str:
-        error = f", largest error {store.largest_error:.3f}" if store.largest_error else ", exact"
-        return f"{store.name}\n{store.variables:,} variables{error}"
+    raw, literal, honest, splines = kept
+    sizes = {name: [point for point in findings.models if point.model == name] for name in (PDE, SPLINES)}
 
     def draw(canvas: Canvas) -> None:
         panel = canvas.subplots()
-        for height, store in zip(name_rows(panel, [label(store) for store in kept]), kept, strict=True):
-            # On a logarithmic axis shares cannot be stacked to scale: the bar is the total, named by its largest part.
+        panel.set(
+            xscale="log", yscale="log", xlim=(4, 4e4), ylim=(1e-3, 0.2), ylabel="largest error over D, all curves"
+        )
+        panel.set_xlabel("kB that a decoder needs as float32, connectivity not counted")
+        for name, colour in ((PDE, BLUE), (SPLINES, GREEN)):
+            found = [((point.plain_bytes or 0) / 1e3, point.unrounded.largest) for point in sizes[name]]
+            panel.plot(*zip(*found, strict=True), "o-", color=colour, markersize=3.5)
+            label = f"{name.split(',')[0]}, u by index,\nfitted to all frames, more and more constants"
+            # The two lines run beside each other: one is named above, one below.
+            at, offset, side = (found[2], (6, 6), "left") if name == PDE else (found[3], (-6, -14), "right")
+            write(panel, label, at, offset, color=colour, size=8.5, ha=side)
+        for store, colour, side in ((honest, BLUE, 1), (literal, ORANGE, -1), (splines, GREEN, 1)):
+            place = (store.total / 1e3, store.largest_error or 0.0)
+            panel.plot(*place, "D", color=colour, markersize=8)
             largest = max(store.parts, key=lambda part: store.parts[part])
-            panel.barh(height, store.total / 1e3, color=PART_COLOURS[largest], height=0.62)
-            write(panel, f"{store.total / 1e3:,.1f} kB, mostly {largest}", (store.total / 1e3, height), (5, 0))
-        panel.set(xscale="log", xlabel="kB that a decoder needs as float32, connectivity not counted", xlim=(1, 3e5))
+            label = f"{store.name}: {store.variables:,} variables,\n{store.total / 1e3:,.1f} kB, mostly {largest}"
+            write(panel, label, place, (8 * side, 14), color=colour, ha="left" if side > 0 else "right")
+        panel.axvline(raw.total / 1e3, color="black", linewidth=0.9, linestyle=":")
+        write(panel, "raw positions, exact", (raw.total / 1e3, 1.2e-3), (5, 0), size=8.5)
 
-    raw, literal, honest, splines = kept
     return Figure(
         name="bytes",
         title="768 design variables, and what the decoder needs beside them",
@@ -233,8 +236,8 @@ def bytes_figure(findings: Findings) -> Figure:
             "positions, as the paper counts: with u by index that is all a decoder needs, at errors up to "
             f"{honest.largest_error:.3f} D over all curves. As printed u of Eq. 24 comes on top, "
             f"{literal.parts['u of Eq. 24'] / 1e6:.2f} MB and exactly as much as the raw positions. B-splines by index "
-            f"need {splines.total / 1e3:.1f} kB for errors up to {splines.largest_error:.3f}. What bytes buy at equal "
-            "error is in the next chart."
+            f"need {splines.total / 1e3:.1f} kB for errors up to {splines.largest_error:.3f}. Diamonds are fitted to "
+            "the keyframes, as in the paper; lines to all frames, which is what bytes can buy at most."
         ),
         table=Table.from_columns(
             {
@@ -246,7 +249,8 @@ def bytes_figure(findings: Findings) -> Figure:
             }
         ),
         draw=draw,
-        size=(10.0, 3.4),
+        size=(10.0, 4.6),
+        shows_table=True,
     )
 
 

@@ -321,6 +321,11 @@ def meshes_figure(findings: Findings) -> Figure:
             draw_near(near, points, quads, colours, part.min(axis=0) - 0.5, part.max(axis=0) + 0.5)
             whole.set_title(title, loc="left", fontsize=10)
         panels[0, 1].set_title("close up", loc="left", fontsize=10)
+        for panel in panels[0]:
+            # A metre in each picture says how much closer the one is.
+            right, low = panel.get_xlim()[1], panel.get_ylim()[0]
+            panel.plot([right - 1.0, right], [low, low], color="black", linewidth=2.5, clip_on=False)
+            write(panel, "1 m", (right - 0.5, low), (0, -4), size=9, ha="center", va="top", annotation_clip=False)
         bar = canvas.colorbar(heat, ax=panels[:, 1], shrink=0.4, extend="max")
         bar.set_label("error over D")
 

@@ -117,6 +117,7 @@ def stress_figure(side: int, frames: int) -> Figure:
             "auto takes whatever is cheapest at the bound, and corrects single vertices where no model holds; profile "
             "paper is for comparison and says in its report what error it leaves."
         ),
+        shows_table=True,
     )
 
 
