@@ -217,8 +217,8 @@ def bytes_figure(findings: Findings) -> Figure:
             panel.plot(*zip(*found, strict=True), "o-", color=colour, markersize=3.5)
             label = f"{name.split(',')[0]}, u by index,\nfitted to all frames, more and more constants"
             # The two lines run beside each other: one is named above, one below.
-            at, offset, side = (found[2], (6, 6), "left") if name == PDE else (found[3], (-6, -14), "right")
-            write(panel, label, at, offset, color=colour, size=8.5, ha=side)
+            at, offset, anchor = (found[2], (6, 6), "left") if name == PDE else (found[3], (-6, -14), "right")
+            write(panel, label, at, offset, color=colour, size=8.5, ha=anchor)
         for store, colour, side in ((honest, BLUE, 1), (literal, ORANGE, -1), (splines, GREEN, 1)):
             place = (store.total / 1e3, store.largest_error or 0.0)
             panel.plot(*place, "D", color=colour, markersize=8)
