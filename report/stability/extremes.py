@@ -171,8 +171,8 @@ def extremes_figure(*, quick: bool) -> Figure:
         lesson=(
             f"One budget of {SWEEPS} sweeps a frame. A chain that should not stretch stretches by "
             f"{mass[ITERATED][-1]:.1g} of its length under a weight of a million times its particles' mass with "
-            f"iterations, by {mass[SMALL][-1]:.1g} with small steps, and by {abs(mass[WHOLE][-1]):.1g} solved as a whole. "
-            f"With {links[-1]} links it is {chain[ITERATED][-1]:.1g}, {chain[SMALL][-1]:.1g} and "
+            f"iterations, by {mass[SMALL][-1]:.1g} with small steps, and by {abs(mass[WHOLE][-1]):.1g} solved as a "
+            f"whole. With {links[-1]} links it is {chain[ITERATED][-1]:.1g}, {chain[SMALL][-1]:.1g} and "
             f"{chain[WHOLE][-1]:.1g}: Gauss-Seidel carries a pull one link a sweep. Of the stretch that a material of "
             f"{stiffness[-1]:.0e} N/m asks for, {material_stretch(12, float(stiffness[-1])):.0e}, small steps are off "
             f"by {stiff[SMALL][-1]:.1g} times and the whole chain by {stiff[WHOLE][-1]:.1g}: XPBD with few sweeps is "
