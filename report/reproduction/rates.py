@@ -331,8 +331,19 @@ def surface_figure(findings: Findings) -> Figure:
     def leaves_less(point: Point, other: Point) -> bool:
         return all(value(point) <= value(other) for value in read.values())
 
-    clear = next(point for point in auto if leaves_less(point, one))
-    least = next((point for point in lines[PDE] if leaves_less(point, clear)), None)
+    clear = next((point for point in auto if leaves_less(point, one)), None)
+    least = next((point for point in lines[PDE] if clear and leaves_less(point, clear)), None)
+    ahead = ""
+    if clear:
+        ahead = (
+            f" Auto leaves less in all of these from a bound of {clear.errors.largest:.1g} D on, with "
+            f"{clear.coded_bytes / 1e3:.1f} kB; "
+        )
+        ahead += (
+            f"of the PDE's sizes the first that leaves as little takes {least.coded_bytes / 1e3:.1f} kB."
+            if least
+            else "none of the PDE's sizes leaves as little."
+        )
 
     def told(point: Point) -> str:
         surface = point.surface
@@ -348,13 +359,7 @@ def surface_figure(findings: Findings) -> Figure:
             f"At a mean E_A of {one.errors.mean:.4f} the paper's 32 constants leave {told(one)}; profile auto, at "
             f"{near.errors.mean:.4f} the nearest of its bounds, {told(near)}. A bound on distances says nothing about "
             "light: a rope that is off by a hundredth of its length is thinner than that, and smooth functions along "
-            f"whole curves keep more of its surface. Auto leaves less in all of these from a bound of "
-            f"{clear.errors.largest:.1g} D on, with {clear.coded_bytes / 1e3:.1f} kB"
-            + (
-                f"; of the PDE's sizes the first that leaves as little takes {least.coded_bytes / 1e3:.1f} kB."
-                if least
-                else "; none of the PDE's sizes leaves as little."
-            )
+            f"whole curves keep more of its surface.{ahead}"
         ),
         table=_table([*findings.models, *(file.point for file in findings.files)]),
         draw=draw,
