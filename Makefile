@@ -120,6 +120,7 @@ docs: $(INSTALLED)
 # The decoder as WebAssembly, for the player; the test of its sources says when.
 wasm: $(INSTALLED)
 	$(PIP) 'ziglang==0.17.1'
+	npm install --silent --no-audit --no-fund --no-package-lock --prefix build/binaryen binaryen@132.0.0
 	$(BIN)/python core/wasm/build.py player/pdeanim.wasm
 
 # What other programs see of real files: the shared data's folder is named by PDECODEC_DATA.

@@ -1,8 +1,10 @@
-"""Build the decoder as WebAssembly: ``python core/wasm/build.py OUT.wasm``, with the package ziglang.
+"""Build the decoder as WebAssembly: ``python core/wasm/build.py OUT.wasm``, with ziglang and Binaryen (``make wasm``).
 
 The package has clang, a linker, and a C and a C++ library for wasm32-wasi, the latter without exceptions. The core
 reports errors by exceptions inside, so what of the C++ library they need is compiled here from the sources in the
 package, with exceptions of WebAssembly in their first form, which every browser since 2022 has.
+
+Binaryen's wasm-opt, run by Node, then makes the linked module smaller: of 198 kB compressed it leaves 185.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ import hashlib
 import importlib.util
 import json
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -65,6 +68,17 @@ QUICK = {"basis/add_multiples.cpp", "evaluate/evaluate.cpp"}
 
 STACK_BYTES = 1 << 20
 
+BINARYEN = CORE.parent / "build" / "binaryen" / "node_modules" / "binaryen"
+"""Where ``make wasm`` installs Binaryen."""
+
+OPTIMISER_FLAGS = [
+    "-Oz",
+    *("--enable-bulk-memory", "--enable-exception-handling", "--enable-extended-const", "--enable-multivalue"),
+    *("--enable-mutable-globals", "--enable-nontrapping-float-to-int", "--enable-reference-types"),
+    *("--enable-sign-ext", "--enable-simd"),
+]
+"""What ``TARGET`` allows, and no more."""
+
 
 def sources() -> list[Path]:
     """What the module is built from, headers too."""
@@ -107,9 +121,18 @@ def custom_section(content: bytes) -> bytes:
 
 
 def built_from(module: bytes) -> dict[str, str]:
-    """What a module's custom section says: ``sources``, their digest, and ``ziglang``, the package's version."""
+    """What a module's custom section says: ``sources``, their digest, ``ziglang`` and ``binaryen``, their versions."""
     at = module.rindex(SECTION) + len(SECTION)
     found: dict[str, str] = json.loads(module[at:])
+    return found
+
+
+def binaryen_version() -> str | None:
+    """The version of Binaryen that is installed, ``None`` where it is not."""
+    package = BINARYEN / "package.json"
+    if not package.exists():
+        return None
+    found: str = json.loads(package.read_text("utf-8"))["version"]
     return found
 
 
@@ -145,6 +168,10 @@ def build(out: Path, jobs: int = 2) -> None:
     spec = importlib.util.find_spec("ziglang")
     if spec is None or spec.origin is None:
         sys.exit("the package ziglang is not here: pip install ziglang")
+    node = shutil.which("node")
+    binaryen = binaryen_version()
+    if node is None or binaryen is None:
+        sys.exit("Node or Binaryen is not here: install Node with npm, then make wasm")
     library = Path(spec.origin).parent / "lib"
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -156,8 +183,10 @@ def build(out: Path, jobs: int = 2) -> None:
         objects = sorted(folder.glob("*.o"))
         link = ["-mexec-model=reactor", "-O2", "-s", "-Wl,--gc-sections", f"-Wl,-z,stack-size={STACK_BYTES}", *exports]
         run([sys.executable, "-m", "ziglang", "cc", *TARGET, *link, *objects, "-o", linked])
-        made = {"sources": digest(), "ziglang": version("ziglang")}
-        out.write_bytes(linked.read_bytes() + custom_section(json.dumps(made).encode()))
+        smaller = folder / "smaller.wasm"
+        run([node, BINARYEN / "bin" / "wasm-opt", *OPTIMISER_FLAGS, linked, "-o", smaller])
+        made = {"sources": digest(), "ziglang": version("ziglang"), "binaryen": binaryen}
+        out.write_bytes(smaller.read_bytes() + custom_section(json.dumps(made).encode()))
 
 
 if __name__ == "__main__":
