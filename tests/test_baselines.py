@@ -457,6 +457,17 @@ def test_fitted_weights_learn_what_parallelograms_miss() -> None:
     assert np.array_equal(predictor.restored(fitted), column)
 
 
+def test_weights_are_found_where_neighbours_are_large_and_alike() -> None:
+    traversal = traverse(SHEET)
+    columns = np.full((traversal.order.size, 2), 10**9)
+    columns[-1] += 1
+    predictor = FittedPredictor(traversal)
+    predictor.learn(columns[:, 0])
+    assert np.isfinite(predictor.weights()).all()
+    written = encode_fitted(columns, traversal)
+    assert np.array_equal(decode_fitted(written, columns.shape[1], traversal), columns)
+
+
 def test_each_column_takes_the_difference_that_suits_it() -> None:
     frames = np.arange(400)
     noisy = np.random.default_rng(0).integers(-9, 9, 400)

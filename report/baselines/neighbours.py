@@ -31,6 +31,10 @@ LARGEST_WEIGHT = 64.0
 """Neighbours in one place leave the weights free; beyond this they help nobody."""
 
 
+SMALLEST_SHARE = 2.0**-40
+"""Of the matrix's trace, what its diagonal gains: beside neighbours that are large and alike the prior is lost."""
+
+
 class FittedPredictor:
     """Weights of the neighbours of every place of a traversal, better with every column it is shown.
 
@@ -68,7 +72,9 @@ class FittedPredictor:
 
     def weights(self) -> Int64Array:
         """(places, neighbours) int64 in fixed point."""
-        change = np.linalg.solve(self._gram, self._product[..., None])[..., 0]
+        ridge = SMALLEST_SHARE * np.trace(self._gram, axis1=1, axis2=2)
+        gram = self._gram + ridge[:, None, None] * np.eye(MOST_NEIGHBOURS)
+        change = np.linalg.solve(gram, self._product[..., None])[..., 0]
         bounded = np.clip(self._prior + change, -LARGEST_WEIGHT, LARGEST_WEIGHT)
         found: Int64Array = np.rint(np.where(self._used, bounded, 0.0) * 2.0**FRACTION_BITS).astype(np.int64)
         return found
