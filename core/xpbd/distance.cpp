@@ -130,7 +130,7 @@ struct Looked {
     Slot mass;
 };
 
-// Chains of a slot.
+// Chains of a slot, or what one half has of them: links, and a point more.
 struct ChainSlot {
     const i32 *points;
     const double *lengths;
@@ -174,12 +174,12 @@ PDEANIM_INLINE Slot coupling_of(const Link &link, const Link &next, const Scalin
     return -(1.0 + scaling.damping) * next.mass * dot(link.direction, next.direction);
 }
 
-// Links 0 to `last`, whose own pivot waits for the other end.
-PDEANIM_INLINE void eliminate_forwards(const Places &places, const ChainSlot &chain, std::size_t last,
-                                       const Scaling &scaling, Link *row, Meeting &meeting) {
+// From the first link to the last, whose own pivot waits for the other end.
+PDEANIM_INLINE void eliminate_forwards(const Places &places, const ChainSlot &chain, const Scaling &scaling, Link *row,
+                                       Meeting &meeting) {
     Slot pivot{};
     Looked from = look(places, chain.points);
-    for (std::size_t i = 0; i <= last; ++i) {
+    for (std::size_t i = 0; i < chain.links; ++i) {
         const Looked to = look(places, chain.points + (i + 1) * slot_size);
         const Slot full = measure(row[i], from, to, chain, i, scaling);
         Slot diagonal = full;
@@ -189,7 +189,7 @@ PDEANIM_INLINE void eliminate_forwards(const Places &places, const ChainSlot &ch
             diagonal -= coupling * row[i - 1].coupling;
             row[i].right -= coupling * row[i - 1].right;
         }
-        if (i < last) {
+        if (i + 1 < chain.links) {
             pivot = inverse_pivot(diagonal, full);
             row[i].right = row[i].right * pivot;
         } else {
@@ -200,12 +200,12 @@ PDEANIM_INLINE void eliminate_forwards(const Places &places, const ChainSlot &ch
     }
 }
 
-// Links from the end to the one behind `last`.
-PDEANIM_INLINE void eliminate_backwards(const Places &places, const ChainSlot &chain, std::size_t last,
-                                        const Scaling &scaling, Link *row, Meeting &meeting) {
+// From the last link to the first.
+PDEANIM_INLINE void eliminate_backwards(const Places &places, const ChainSlot &chain, const Scaling &scaling, Link *row,
+                                        Meeting &meeting) {
     Slot pivot{};
     Looked to = look(places, chain.points + chain.links * slot_size);
-    for (std::size_t i = chain.links; i-- > last + 1;) {
+    for (std::size_t i = chain.links; i-- > 0;) {
         const Looked from = look(places, chain.points + i * slot_size);
         const Slot full = measure(row[i], from, to, chain, i, scaling);
         Slot diagonal = full;
@@ -226,29 +226,27 @@ struct Met {
     Slot change, coupling;  // of the last link, and what that has of the link beyond it
 };
 
-PDEANIM_INLINE Met meet(const Link *row, std::size_t last, std::size_t links, const Scaling &scaling,
-                        const Meeting &meeting) {
-    Slot diagonal = meeting.diagonal, right = row[last].right, share{};
-    if (last + 1 < links) {
-        const Slot coupling = coupling_of(row[last], row[last + 1], scaling);
+// `beyond`: the link after `link`, to which the other end has come; null where there is none.
+PDEANIM_INLINE Met meet(const Link &link, const Link *beyond, const Scaling &scaling, const Meeting &meeting) {
+    Slot diagonal = meeting.diagonal, right = link.right, share{};
+    if (beyond) {
+        const Slot coupling = coupling_of(link, *beyond, scaling);
         share = coupling * meeting.beyond;
         diagonal -= coupling * share;
-        right -= coupling * row[last + 1].right;
+        right -= coupling * beyond->right;
     }
     return {right * inverse_pivot(diagonal, meeting.full), share};
 }
 
-// Eq. 7 for points `first` to `end` - 1, for each the link before it first; Eq. 6 for the links that begin at them. `step`:
-// of the link before the first of them.
-PDEANIM_INLINE void move_points(const Places &places, const ChainSlot &chain, std::size_t first, std::size_t end,
-                                const Link *row, Vectors step) {
-    for (std::size_t i = first; i < end; ++i) {
+// Eq. 7 for the points before `end`, for each the link before it first; Eq. 6 for the links that begin at them. `step`: of
+// the link before the first of them.
+PDEANIM_INLINE void move_points(const Places &places, const ChainSlot &chain, std::size_t end, const Link *row,
+                                Vectors step) {
+    for (std::size_t i = 0; i < end; ++i) {
         const i32 *particles = chain.points + i * slot_size;
         Vectors at = vectors(places.positions, particles);
         const Slot inverse_mass = i < chain.links ? row[i].mass : masses(places, particles);
-        if (i > 0) {
-            for (int axis = 0; axis < 3; ++axis) at.axes[axis] += inverse_mass * step.axes[axis];
-        }
+        for (int axis = 0; axis < 3; ++axis) at.axes[axis] += inverse_mass * step.axes[axis];
         if (i < chain.links) {
             lanes_at<slot_size>(chain.multipliers + i * slot_size) += row[i].coupling;  // Eq. 6
             for (int axis = 0; axis < 3; ++axis) {
@@ -263,69 +261,105 @@ PDEANIM_INLINE void move_points(const Places &places, const ChainSlot &chain, st
     }
 }
 
-// Changes of links `last` to 0, and what moves by them up to the point before `end`.
-PDEANIM_INLINE void substitute_backwards(const Places &places, const ChainSlot &chain, std::size_t last,
-                                         std::size_t end, Link *row, const Met &met) {
-    row[last].coupling = met.change;
-    for (std::size_t i = last; i-- > 0;) row[i].coupling = row[i].right - row[i].coupling * row[i + 1].coupling;
-    move_points(places, chain, 0, end, row, Vectors{});
+// Changes of links from the last to the first, and what moves by them of the points before `end`.
+PDEANIM_INLINE void substitute_backwards(const Places &places, const ChainSlot &chain, std::size_t end, Link *row,
+                                         const Met &met) {
+    row[chain.links - 1].coupling = met.change;
+    for (std::size_t i = chain.links - 1; i-- > 0;) {
+        row[i].coupling = row[i].right - row[i].coupling * row[i + 1].coupling;
+    }
+    move_points(places, chain, end, row, Vectors{});
 }
 
-// Changes of links behind `last`, and what moves by them and by it. What the other half reads stays as it is.
-PDEANIM_INLINE void substitute_forwards(const Places &places, const ChainSlot &chain, std::size_t last, Link *row,
+// Changes of links behind `link`, and what moves by them and by it. What the other half reads stays as it is.
+PDEANIM_INLINE void substitute_forwards(const Places &places, const ChainSlot &chain, const Link &link, Link *row,
                                         const Met &met) {
     Slot change = met.change;
-    for (std::size_t i = last + 1; i < chain.links; ++i) {
-        change = row[i].right - (i == last + 1 ? met.coupling : row[i].coupling) * change;
+    for (std::size_t i = 0; i < chain.links; ++i) {
+        change = row[i].right - (i == 0 ? met.coupling : row[i].coupling) * change;
         row[i].coupling = change;
     }
     Vectors step{};
-    for (int axis = 0; axis < 3; ++axis) step.axes[axis] = row[last].direction.axes[axis] * met.change;
-    move_points(places, chain, last + 1, chain.links + 1, row, step);
-}
-
-PDEANIM_INLINE ChainSlot chain_of(const DistanceSlots &slots, std::size_t links, std::size_t slot) {
-    return {slots.members + slot * (links + 1) * slot_size, slots.lengths + slot * links * slot_size,
-            slots.multipliers + slot * links * slot_size, links};
+    for (int axis = 0; axis < 3; ++axis) step.axes[axis] = link.direction.axes[axis] * met.change;
+    move_points(places, chain, chain.links + 1, row, step);
 }
 
 // Eqs. 6 and 7 for chain after chain, by elimination without pivoting: the matrix is positive definite.
 PDEANIM_MULTIVERSION void solve_chains(const Places &places, const DistanceSlots &slots, std::size_t links,
                                        std::size_t count, const Scaling &scaling, Link *row) {
     for (std::size_t slot = 0; slot < count; ++slot) {
-        const ChainSlot chain = chain_of(slots, links, slot);
+        const ChainSlot chain{slots.members + slot * (links + 1) * slot_size, slots.lengths + slot * links * slot_size,
+                              slots.multipliers + slot * links * slot_size, links};
         Meeting meeting{};
-        eliminate_forwards(places, chain, links - 1, scaling, row, meeting);
-        substitute_backwards(places, chain, links - 1, links + 1, row, meet(row, links - 1, links, scaling, meeting));
+        eliminate_forwards(places, chain, scaling, row, meeting);
+        substitute_backwards(places, chain, links + 1, row, meet(row[links - 1], nullptr, scaling, meeting));
     }
 }
 
-// What chains of both halves, whose links up to `last` begin in the first, have of one half: first this, ...
-PDEANIM_MULTIVERSION void eliminate_half(const Places &places, const DistanceSlots &slots, std::size_t links,
-                                         std::size_t count, const Scaling &scaling, Link *rows, Meeting *meetings,
-                                         std::size_t last, int half) {
-    for (std::size_t slot = 0; slot < count; ++slot) {
-        const ChainSlot chain = chain_of(slots, links, slot);
-        if (half == 0) {
-            eliminate_forwards(places, chain, last, scaling, rows + slot * links, meetings[slot]);
-        } else {
-            eliminate_backwards(places, chain, last, scaling, rows + slot * links, meetings[slot]);
+// Chains of both halves: `last` is the link across the middle, which is the first half's. What is written stands by halves,
+// as processors fetch what comes next in memory, and would take it from each other.
+struct Divided {
+    struct Half {
+        std::size_t links;
+        std::vector<double> multipliers;
+        std::vector<Link> rows;
+    };
+
+    Divided(std::size_t links, std::size_t last, std::size_t slots) : links(links), last(last), meetings(slots) {
+        const std::array<std::size_t, 2> own{last + 1, links - last - 1};
+        for (int half = 0; half < 2; ++half) {
+            halves[half] = {own[half], std::vector<double>(slots * own[half] * slot_size),
+                            std::vector<Link>(slots * own[half])};
         }
+    }
+
+    // Where the number of a link of a slot's first chain is.
+    double &multiplier(std::size_t slot, std::size_t link) {
+        Half &half = halves[link > last ? 1 : 0];
+        return half.multipliers[(slot * half.links + (link > last ? link - last - 1 : link)) * slot_size];
+    }
+
+    std::size_t links, last;
+    std::array<Half, 2> halves;
+    std::vector<Meeting> meetings;
+};
+
+PDEANIM_INLINE ChainSlot chain_of(Divided &divided, const DistanceSlots &slots, std::size_t slot, int half) {
+    Divided::Half &own = divided.halves[half];
+    const std::size_t first = half == 0 ? 0 : divided.last + 1;
+    return {slots.members + (slot * (divided.links + 1) + first) * slot_size,
+            slots.lengths + (slot * divided.links + first) * slot_size,
+            own.multipliers.data() + slot * own.links * slot_size, own.links};
+}
+
+// What chains of both halves have of one half: first this, ...
+PDEANIM_MULTIVERSION void eliminate_half(const Places &places, const DistanceSlots &slots, Divided &divided,
+                                         const Scaling &scaling, int half) {
+    Link *row = divided.halves[half].rows.data();
+    for (std::size_t slot = 0; slot < divided.meetings.size(); ++slot) {
+        const ChainSlot chain = chain_of(divided, slots, slot, half);
+        if (half == 0) {
+            eliminate_forwards(places, chain, scaling, row, divided.meetings[slot]);
+        } else {
+            eliminate_backwards(places, chain, scaling, row, divided.meetings[slot]);
+        }
+        row += chain.links;
     }
 }
 
 // ... and when both halves have done that, this.
-PDEANIM_MULTIVERSION void substitute_half(const Places &places, const DistanceSlots &slots, std::size_t links,
-                                          std::size_t count, const Scaling &scaling, Link *rows,
-                                          const Meeting *meetings, std::size_t last, int half) {
-    for (std::size_t slot = 0; slot < count; ++slot) {
-        const ChainSlot chain = chain_of(slots, links, slot);
-        Link *row = rows + slot * links;
-        const Met met = meet(row, last, links, scaling, meetings[slot]);
+PDEANIM_MULTIVERSION void substitute_half(const Places &places, const DistanceSlots &slots, Divided &divided,
+                                          const Scaling &scaling, int half) {
+    auto &[first, second] = divided.halves;
+    for (std::size_t slot = 0; slot < divided.meetings.size(); ++slot) {
+        const ChainSlot chain = chain_of(divided, slots, slot, half);
+        Link *before = first.rows.data() + slot * first.links, *behind = second.rows.data() + slot * second.links;
+        const Link &link = before[divided.last];
+        const Met met = meet(link, second.links > 0 ? behind : nullptr, scaling, divided.meetings[slot]);
         if (half == 0) {
-            substitute_backwards(places, chain, last, last + 1, row, met);
+            substitute_backwards(places, chain, chain.links, before, met);
         } else {
-            substitute_forwards(places, chain, last, row, met);
+            substitute_forwards(places, chain, link, behind, met);
         }
     }
 }
@@ -352,14 +386,14 @@ public:
     Chains(std::size_t links, std::span<const i32> chains, const Halves &halves, std::span<const double> lengths,
            std::span<double> multipliers, const Scaling &scaling)
         : SlottedBatch(chains, links + 1, halves, multipliers, links, scaling), links_(links),
-          lengths_(slotted(lengths, links, 0.0)), last_(crossing(chains, links + 1, halves)),
-          divided_(count(between) * links), meetings_(count(between)) {
+          lengths_(slotted(lengths, links, 0.0)), divided_(links, crossing(chains, links + 1, halves), count(between)) {
         for (auto &row : rows_) row.resize(links);
         for (std::size_t slot = 0; slot < count(between); ++slot) {
             i32 *points = members_.data() + first_of(between, links + 1) + slot * (links + 1) * slot_size;
-            std::replace(points + (last_ + 1) * slot_size, points + (links + 1) * slot_size, halves.filler(0),
+            std::replace(points + (divided_.last + 1) * slot_size, points + (links + 1) * slot_size, halves.filler(0),
                          halves.filler(1));
         }
+        exchange([](double &own, double &common) { own = common; });
     }
 
     int stages() const override { return whole_stages() + (count(between) > 0 ? 2 : 0); }
@@ -367,20 +401,18 @@ public:
         if (stage < whole_stages()) {
             solve_group(places, within(half));
         } else if (stage == whole_stages()) {
-            eliminate_half(places, slots_of(between), links_, count(between), scaling_, divided_.data(),
-                           meetings_.data(), last_, half);
+            eliminate_half(places, slots_of(between), divided_, scaling_, half);
         } else {
-            substitute_half(places, slots_of(between), links_, count(between), scaling_, divided_.data(),
-                            meetings_.data(), last_, half);
+            substitute_half(places, slots_of(between), divided_, scaling_, half);
         }
     }
     void clear(int half) override {
         clear_group(within(half));
-        double *multipliers = slots_of(between).multipliers;
-        const std::size_t begin = half == 0 ? 0 : last_ + 1, end = half == 0 ? last_ + 1 : links_;
-        for (std::size_t slot = 0; slot < count(between); ++slot, multipliers += links_ * slot_size) {
-            std::fill(multipliers + begin * slot_size, multipliers + end * slot_size, 0.0);
-        }
+        std::ranges::fill(divided_.halves[half].multipliers, 0.0);
+    }
+    void store() override {
+        exchange([](double &own, double &common) { common = own; });
+        SlottedBatch::store();
     }
 
 protected:
@@ -395,12 +427,21 @@ private:
         return {members_.data() + first_of(group, links_ + 1), lengths_.data() + first_of(group, links_),
                 multipliers_.data() + first_of(group, links_)};
     }
+    // For each multiplier of chains of both halves: it, and its place among those of all chains.
+    void exchange(const auto &give) {
+        double *common = slots_of(between).multipliers;
+        for (std::size_t slot = 0; slot < count(between); ++slot) {
+            for (std::size_t link = 0; link < links_; ++link) {
+                double *own = &divided_.multiplier(slot, link);
+                for (int lane = 0; lane < slot_size; ++lane) give(*own++, *common++);
+            }
+        }
+    }
+
     std::size_t links_;
     std::vector<double> lengths_;
-    std::size_t last_;  // the link across the middle
+    Divided divided_;
     std::array<std::vector<Link>, 2> rows_;
-    std::vector<Link> divided_;
-    std::vector<Meeting> meetings_;
 };
 
 }  // namespace

@@ -30,8 +30,8 @@ PDEANIM_MULTIVERSION void predict_again(Place *positions, Place *previous, const
 class Rendezvous {
 public:
     void wait() {
-        constexpr int looks =
-            20'000;  // some tens of microseconds: longer than most stages of one differ from the other's
+        // Some hundred microseconds: longer than stages of one differ from the other's, and than it takes to wake up.
+        constexpr int looks = 300'000;
         const int round = round_.load(std::memory_order_relaxed);
         if (arrived_.fetch_add(1, std::memory_order_acq_rel) == 1) {
             arrived_.store(0, std::memory_order_relaxed);
@@ -118,7 +118,7 @@ void Sheets::advance(std::span<Point> positions, std::span<Point> previous, std:
     }
 }
 
-void Sheets::store() const {
+void Sheets::store() {
     for (const auto &batch : batches_) batch->store();
 }
 

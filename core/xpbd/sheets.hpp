@@ -52,7 +52,7 @@ public:
     virtual void solve(const Places &places, int stage, int half) = 0;
     // Multipliers are what stands in the caller's array at first; they are set to 0, or written there.
     virtual void clear(int half) = 0;
-    virtual void store() const = 0;
+    virtual void store() = 0;
 };
 
 std::unique_ptr<Batch> make_distances(std::span<const i32> pairs, const Halves &halves, std::span<const double> lengths,
@@ -87,7 +87,7 @@ public:
                  std::span<const Point> accelerations, double substep, double keep, i64 substeps, i64 iterations,
                  int threads);
     // Multipliers are written to the arrays that they came from.
-    void store() const;
+    void store();
 
 private:
     void take(std::span<const Point> positions, std::span<const Point> previous);

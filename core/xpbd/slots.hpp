@@ -58,7 +58,7 @@ public:
         clear_group(within(half));
         if (half == 0) clear_group(between);
     }
-    void store() const override {
+    void store() override {
         for (std::size_t place = 0; place < slots_.items.size(); ++place) {
             for (std::size_t k = 0; k < rows_ && slots_.items[place] >= 0; ++k) {
                 given_[slots_.items[place] * rows_ + k] = multipliers_[position(place, k, rows_)];
