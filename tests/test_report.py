@@ -333,7 +333,7 @@ def test_a_report_has_its_page_charts_figures_and_summary(tmp_path: Path, capsys
     assert said.out == (tmp_path / "out" / "summary.md").read_text()
     assert "- Hero (no vertex off by more than a pixel" in said.out
     assert "note: zfp needs the package zfpy" in said.err
-    assert "10 points measured, 0 kept" in said.err
+    assert "12 points measured, 0 kept" in said.err  # ten, and two other efforts
     out = tmp_path / "out"
     page = (out / "index.html").read_text()
     record = json.loads((out / "report.json").read_text())
@@ -354,6 +354,12 @@ def test_a_report_has_its_page_charts_figures_and_summary(tmp_path: Path, capsys
     with (out / "points.csv").open() as lines:
         assert len(list(csv.DictReader(lines))) == len(record["points"]) == 10
     assert not re.search(r'(?:src|href)="(?:https?:)?//', page)
+    with (out / "speed-size.csv").open() as lines:
+        rows = list(csv.DictReader(lines))
+    assert {row["doing"] for row in rows} == {"encoding", "opening and decoding"}
+    assert [row["coder"] for row in rows if row["doing"] == "encoding" and row["coder"].startswith("pdecodec")] == [
+        *("pdecodec auto", "pdecodec paper", "pdecodec auto, default", "pdecodec auto, best")
+    ]
 
 
 @pytest.mark.usefixtures("three_baselines")
@@ -370,7 +376,7 @@ def test_a_second_report_tells_what_changed_and_fails_where_files_grew(
     assert report(tmp_path / "wave.npz", tmp_path / "out", *again, "--json") == 0
     said = capsys.readouterr()
     found = json.loads(said.out)
-    assert (found["measured"], found["kept"]) == (0, 8)
+    assert (found["measured"], found["kept"]) == (0, 10)
     assert [item["verdict"] for item in found["changes"]][:2] == ["larger", "no change"]
     assert report(tmp_path / "wave.npz", tmp_path / "out", *again, "--fail-if-larger", "1%") == 1
     said = capsys.readouterr()

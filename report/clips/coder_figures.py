@@ -10,7 +10,14 @@ from pdecodec.report.clips.measurement import Measurement, best_baseline
 from pdecodec.report.figure import Figure, Table, Value
 from pdecodec.report.vegalite import WIDTH, channel, log_axis, tooltip
 
-PROFILE_COLOURS = {"auto": "#0072B2", "paper": "#8F7AE5"}
+OWN_COLOURS = {
+    "auto": "#0072B2",
+    "auto, fast": "#56B4E9",
+    "auto, default": "#2A8FC7",
+    "auto, best": "#3F51B5",
+    "paper": "#8F7AE5",
+}
+"""Of profiles, and of profile auto with another effort than the report's."""
 
 BASELINE_COLOURS = ("#D55E00", "#E69F00", "#009E73", "#CC79A7", "#A07A50", "#7FB03A", "#C0504D", "#889099")
 """That stand out on white and on black; baselines of one colour have different shapes."""
@@ -52,7 +59,7 @@ BAR_HEIGHT = 34
 
 def label(coder: str) -> str:
     """A coder's name in charts and tables."""
-    return f"pdecodec {coder}" if coder in PROFILE_COLOURS else coder
+    return f"pdecodec {coder}" if coder in OWN_COLOURS else coder
 
 
 def distinct(values: Iterable[Any]) -> list[Any]:
@@ -68,7 +75,7 @@ def series(points: Sequence[Measurement]) -> dict[str, Any]:
     colours, shapes = [], []
     for coder in coders:
         place = places.get(coder)
-        colours.append(PROFILE_COLOURS[coder] if place is None else BASELINE_COLOURS[place % len(BASELINE_COLOURS)])
+        colours.append(OWN_COLOURS[coder] if place is None else BASELINE_COLOURS[place % len(BASELINE_COLOURS)])
         shapes.append("circle" if place is None else BASELINE_SHAPES[place % len(BASELINE_SHAPES)])
     dashes = [PLAIN if first[coder].published else DASHED for coder in coders]
     looks = {"color": colours, "shape": shapes, "strokeDash": dashes}
@@ -178,11 +185,14 @@ def _table_at_equal_error(points: Sequence[Measurement]) -> Figure:
     )
 
 
-def speed_figures(points: Sequence[Measurement], reference: float) -> list[Figure]:
-    """Speed against error over all tolerances, and against size at the one of reference, each with its Pareto front."""
+def speed_figures(points: Sequence[Measurement], reference: float, efforts: Sequence[Measurement] = ()) -> list[Figure]:
+    """Speed against error over all tolerances, and against size at the one of reference, each with its Pareto front.
+
+    `efforts` are of profile auto with other efforts, at that tolerance.
+    """
     able = [point for point in points if point.reached and point.encode_rate and point.decode_rate]
     exact = BELOW_ALL * min((point.max_error for point in able if point.max_error), default=reference)
-    at_reference = [point for point in able if point.tolerance == reference]
+    at_reference = [*(point for point in able if point.tolerance == reference), *efforts]
     return [
         _speed_figure(
             able,

@@ -16,7 +16,7 @@ from pdecodec.report.clips.coder_figures import distinct, label
 from pdecodec.report.clips.comparison import Change, compare_measurements, comparison_figure, comparison_text
 from pdecodec.report.clips.errors import measure_field
 from pdecodec.report.clips.measurement import KeptMeasurements, Measurement
-from pdecodec.report.clips.measuring import ReportPlan, measure_clip
+from pdecodec.report.clips.measuring import ReportPlan, measure_clip, measure_efforts
 from pdecodec.report.clips.pages import ClipFindings, clip_report, corpus_report, merit_table, reference_tolerance
 from pdecodec.report.clips.recommendation import recommend
 from pdecodec.report.clips.why import measure_alternatives
@@ -170,14 +170,16 @@ def _measure(
 
     with naming_file(name):
         points = measure_clip(name, sequence, plan, kept, progress=progress)
+        reference = reference_tolerance(plan.tolerances)
+        announce("other efforts")
+        efforts = tuple(measure_efforts(name, sequence, plan, kept, tolerance=reference))
         announce("between frames")
         between = tuple(measure_between(name, sequence, effort=plan.effort))
         announce("over the mesh")
-        field = measure_field(sequence, tolerance=reference_tolerance(plan.tolerances), effort=plan.effort)
+        field = measure_field(sequence, tolerance=reference, effort=plan.effort)
         announce("other models")
-        reference = reference_tolerance(plan.tolerances)
         alternatives = measure_alternatives(sequence, tolerance=reference, effort=plan.effort)
-    return ClipFindings(name, sequence, tuple(points), between, field, alternatives)
+    return ClipFindings(name, sequence, tuple(points), efforts, between, field, alternatives)
 
 
 def _with_points(report: Report, points: Sequence[Measurement], changes: Sequence[Change] | None) -> Report:

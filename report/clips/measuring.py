@@ -15,7 +15,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -98,7 +98,7 @@ def measure_clip(
         return [tolerance for tolerance, point in there.items() if point is None]
 
     for profile in plan.profiles:
-        version = f"{codec_version()} {profile} {plan.effort}"
+        version = _profile_version(profile, plan.effort)
         absent = missing(version)
         if absent:
             warm_up(sequence, profile=profile, tolerances=absent, effort=plan.effort)
@@ -112,6 +112,30 @@ def measure_clip(
     coders = [*plan.profiles, *(baseline.name for baseline in plan.baselines)]
     every = [found[coder, tolerance] for coder in coders for tolerance in plan.tolerances]
     return [point if point.kind == "profile" else replace(point, constant_size=constant_size) for point in every]
+
+
+def measure_efforts(
+    clip: str, sequence: ArraySequence, plan: ReportPlan, kept: KeptMeasurements, *, tolerance: float
+) -> Iterator[Measurement]:
+    """Profile auto with the efforts that are not the plan's, each a coder of its own; none where auto is not measured.
+
+    What is kept is not measured again; what is new is kept as soon as it is there.
+    """
+    digest = clip_digest(sequence)
+    for effort in get_args(EffortName) if "auto" in plan.profiles else ():
+        if effort == plan.effort:
+            continue
+        key = measurement_key(digest, _profile_version("auto", effort), tolerance)
+        point = kept.find(key, clip)
+        if point is None:
+            warm_up(sequence, profile="auto", tolerances=(tolerance,), effort=effort)
+            point = measure_profile(clip, sequence, profile="auto", tolerance=tolerance, effort=effort)
+            kept.keep(key, point)
+        yield replace(point, coder=f"auto, {effort}")
+
+
+def _profile_version(profile: Profile, effort: EffortName) -> str:
+    return f"{codec_version()} {profile} {effort}"
 
 
 def measure_profile(

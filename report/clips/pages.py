@@ -66,11 +66,12 @@ Between frames, the clip is encoded at {BETWEEN_TOLERANCE:g} without the frames 
 
 @dataclass(frozen=True, eq=False)
 class ClipFindings:
-    """Everything that was measured of one clip."""
+    """Everything that was measured of one clip; `efforts` are profile auto with other efforts than the plan's."""
 
     name: str
     sequence: ArraySequence
     points: tuple[Measurement, ...]
+    efforts: tuple[Measurement, ...]
     between: tuple[BetweenRow, ...]
     field: ErrorField
     alternatives: tuple[Question, ...]
@@ -96,7 +97,9 @@ def clip_report(findings: ClipFindings, plan: ReportPlan, skipped: Sequence[str]
         sections=(
             Section("What to use for this shot", "", (recommendation_figure(recommend(points)),)),
             Section("Bytes against error", HOW_TO_PICK, tuple(rate_figures(points))),
-            Section("Speed against error, and against size", "", tuple(speed_figures(points, reference))),
+            Section(
+                "Speed against error, and against size", "", tuple(speed_figures(points, reference, findings.efforts))
+            ),
             Section(
                 "What the bytes are",
                 "",
