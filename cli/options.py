@@ -133,7 +133,11 @@ _PLACE_OPTIONS = (
 
 _WRITE_OPTIONS = (
     velocities_option,
-    click.option("--quantize", is_flag=True, help="glTF: 16-bit positions and weights; how far off they are is told."),
+    click.option(
+        "--quantize",
+        is_flag=True,
+        help="glTF: 16-bit positions and weights, 8-bit normals; how far off they are is told.",
+    ),
     click.option("--meshopt", is_flag=True, help="glTF: compressed without loss, for viewers that know meshoptimizer."),
     click.option(
         "--rigid",

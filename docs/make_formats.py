@@ -29,8 +29,14 @@ CONVENTIONS = """\
   number a face with names, or `group:NAME`, one or zero a face, where sets share faces; **materials** are `material`.
 - **Hard edges** are `normal_group`, a number a corner: corners of a vertex with equal numbers share a normal. Normals
   themselves are computed anew from the positions of each frame, and written where a source had normals or smoothing
-  groups; glTF, which shows faces without normals flat, gets smooth ones otherwise. glTF cuts vertices at hard edges and
-  UV seams: there they stay apart, each smooth. Formats with a normal a vertex get those of meshes without hard edges.
+  groups; glTF, which shows faces without normals flat, gets smooth ones otherwise, and none where all faces are flat
+  triangles. glTF cuts vertices at hard edges and UV seams: there they stay apart, each smooth. Formats with a normal a
+  vertex get those of meshes without hard edges.
+- **Size of glTF.** Where motion is not few functions of time, each frame is a morph target. Positions and normals of
+  targets are float32 there, and viewers do not compute smooth normals: 24 bytes a row and frame, twice the positions.
+  `--quantize` (KHR_mesh_quantization, which viewers must know) makes it 12: positions of 16 bits, normals of 8, at most
+  0.4 degrees off, each in rows of a multiple of four bytes; with `--meshopt`, 2 to 8. Where targets are functions of
+  time, rounding adds up, to 1.7 degrees in the shared sequences; the command says how much.
 - **Faces** run counterclockwise seen from outside; Alembic's, and those of left-handed USD meshes, are turned around,
   and so are those of objects to whose positions a transform is applied that mirrors.
 - **Time** is in seconds. The frame rate is the file's, else `--fps`, else 24, and then a line says so. Irregular times

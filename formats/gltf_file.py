@@ -367,15 +367,21 @@ class GltfBuilder:
         view = self.view(np.ascontiguousarray(numbers, dtype), target, triangles=triangles)
         return self._accessor(dtype, numbers.size, "SCALAR", bufferView=view)
 
-    def unit_rows(self, frames: int) -> int:
-        """An accessor of ``frames x (frames - 1)`` numbers: row k has a one at k - 1; its index."""
-        places = (np.arange(1, frames) * (frames - 1) + np.arange(frames - 1)).astype("<u4")
+    def unit_rows(self, frames: int, *, ones_at_end: bool = False) -> int:
+        """An accessor of ``frames x (frames - 1)`` numbers: row k has a one at k - 1; its index.
+
+        With a one at the end of every row but the first, rows are longer by one.
+        """
+        width = frames - 1 + ones_at_end
+        places = np.arange(1, frames) * width + np.arange(frames - 1)
+        if ones_at_end:
+            places = np.stack([places, np.arange(2, frames + 1) * width - 1], axis=1).reshape(-1)
         sparse = {
-            "count": frames - 1,
-            "indices": {"bufferView": self.view(places), "componentType": _component("<u4")},
-            "values": {"bufferView": self.view(np.ones(frames - 1, "<f4"))},
+            "count": places.size,
+            "indices": {"bufferView": self.view(places.astype("<u4")), "componentType": _component("<u4")},
+            "values": {"bufferView": self.view(np.ones(places.size, "<f4"))},
         }
-        return self._accessor("<f4", frames * (frames - 1), "SCALAR", sparse=sparse)
+        return self._accessor("<f4", frames * width, "SCALAR", sparse=sparse)
 
     def _accessor(self, dtype: str, count: int, kind: str, **entry: Any) -> int:
         found = {"componentType": _component(dtype), "count": count, "type": kind}

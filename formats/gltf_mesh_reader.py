@@ -280,7 +280,8 @@ class _Reader:
             members = read_integers(group["faces"], corners + MOST_UNUSED) - np.int32(1)
             values = members if group["labels"] else members.astype(np.uint8)
             attributes.append(Attribute(name, "face", values, labels=tuple(map(str, group["labels"]))))
-        if "NORMAL" in there and connectivity.face_count and own.get("normals") != "added":
+        has_normals = "NORMAL" in there or "normalGroups" in own
+        if has_normals and connectivity.face_count and own.get("normals") != "added":
             attributes.append(normal_group(connectivity, array("normalGroups") if "normalGroups" in own else None))
         gather = None if vertices == self._rows else np.arange(vertices, dtype=np.int64)
         left_out = tuple(self._left_out)

@@ -1,17 +1,9 @@
-"""One object as a glTF mesh: triangles, vertices cut at seams and hard edges, notes of what it was, and its motion.
-
-A motion is few shapes times functions of time, where that is exact, or a shape a frame. Displacements from the first
-frame are rows of a matrix, a frame each. Where its rank is small in float32, as that of a motion made of few functions
-of time is, the leading singular vectors give the whole of it, brought between 0 and 1: programs clamp weights to that.
-Normals are moved by the same functions, and by further ones where those do not turn them far enough. Where the sum of
-functions begins at a shape whose normals it does not begin with, the shape at rest is a frame instead.
-"""
+"""One object as a glTF mesh: triangles, vertices cut at seams and hard edges, morph targets, notes of what it was."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,136 +22,16 @@ from pdecodec.formats.gltf_file import (
     flipped,
     noted_integers,
 )
-from pdecodec.formats.gltf_functions import find_functions, fit
+from pdecodec.formats.gltf_motion import Motion
+from pdecodec.formats.gltf_quantization import Lattice
 from pdecodec.formats.normals import NormalRows, group_attribute
-from pdecodec.sequence import Attribute, Connectivity, Float32Array, Float64Array, MeshObject
+from pdecodec.sequence import Attribute, Connectivity, Float32Array, MeshObject
 
 GROUPS = "groups"
 """What the extras of a primitive call the sets that its faces are in; and of a mesh, which faces each set has."""
 
 MOST_TARGETS_OF_PARTS = 2048
 """Morph targets of all primitives of a mesh that sets of faces may part: each is named in each of them."""
-
-EXACT = 2.0**-21
-"""Largest error over the largest coordinate that counts as exact: four units in the last place of float32."""
-
-NORMAL_ERRORS = (5e-4, 5e-3, 5e-2)
-"""Largest errors of the coordinates of normals: the least that so many functions reach is taken."""
-
-MOST_NORMAL_FUNCTIONS = 8
-"""Functions of time beside those of the positions that normals may take, or as many as the positions have."""
-
-MOST_TURNED_AT_REST = 1.0
-"""Largest angle between a normal that the sum of functions begins with and that of the shape there [degrees]."""
-
-SHORTEST_NORMAL = 1e-4
-"""Length below which the normal that targets add to is not made longer, so that they stay far from overflow."""
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Positions of an object as a shape, targets that are added to it, and their weights.
-
-    Attributes
-    ----------
-    rest : (vertices, 3) float32
-    targets : (count, vertices, 3) float32
-    functions : (samples, count) float64 or None
-        Weights, between 0 and 1: programs clamp others. Samples stand at the frames, or with two between each where
-        the motion is cubic. None: the first frame is at rest, and each later one is a target.
-    normals : (rows, 3) float32 or None
-        Of the shape at rest, a row each as :class:`NormalRows` has them.
-    normal_targets : (count, rows, 3) float32 or None
-        What targets add to them, before they are made unit vectors again.
-    normal_error : float
-        Largest angle at a sample between a normal and what comes out [degrees].
-    """
-
-    rest: Float32Array
-    targets: Float32Array
-    functions: Float64Array | None
-    normals: Float32Array | None = None
-    normal_targets: Float32Array | None = None
-    normal_error: float = 0.0
-
-    @property
-    def first_weights(self) -> list[float]:
-        """Weights at the first frame."""
-        return [0.0] * len(self.targets) if self.functions is None else [float(one) for one in self.functions[0]]
-
-
-def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRows | None) -> Motion:
-    """The fewest targets that give an object's motion.
-
-    Parameters
-    ----------
-    frames : (frames, vertices, 3) float32
-    between : (2 (frames - 1), vertices, 3) float32 or None
-        At the thirds between frames, where they are known.
-    rows : NormalRows or None
-    """
-    count, bound = len(frames), EXACT * float(np.abs(frames).max())
-    tries = [(frames, False)]
-    if between is not None:
-        thirds = between.reshape(count - 1, 2, *between.shape[1:])
-        in_order = np.concatenate([thirds, frames[1:, None]], axis=1).reshape(-1, *frames.shape[1:])
-        tries.insert(0, (np.concatenate([frames[:1], in_order]), True))
-    for points, cubic in tries:
-        found = find_functions(points, bound, most=count - 2, cubic=cubic)
-        if found is None:
-            continue
-        functions, rest, shapes = found
-        if rows is None:
-            return Motion(rest, shapes, functions)
-        if not len(shapes):
-            return Motion(rest, shapes, functions, rows.of(points[:1])[0], np.zeros((0, rows.count, 3), np.float32))
-        functions, start, turned = _turning(functions, every := rows.of(points), cubic=cubic)
-        shapes = np.pad(shapes, ((0, functions.shape[1] - len(shapes)), (0, 0), (0, 0)))
-        lengths = np.linalg.norm(start, axis=1, keepdims=True)
-        unit = np.where(lengths > 0, start / np.where(lengths > 0, lengths, 1), every[0])
-        if np.linalg.norm(unit - rows.of(rest[None])[0], axis=1).max() > np.radians(MOST_TURNED_AT_REST):
-            # Blender does not morph normals: it turns those at rest as the surface under them turns from there, which
-            # may be a shape that no frame is like. A function that is always 1 adds the rest to what is one.
-            at = rows.least_flattened(frames)
-            (unit,), lengths = rows.of(frames[at : at + 1]).astype(np.float64), np.ones((rows.count, 1))
-            functions = np.column_stack([functions, np.ones(len(functions))])
-            shapes = np.concatenate([shapes, (rest.astype(np.float64) - frames[at])[None].astype(np.float32)])
-            turned, rest = np.concatenate([turned, (start - unit)[None]]), frames[at]
-        # Programs make the sum a unit vector: rows may have any length, but that at rest must have length 1.
-        normals = unit.astype(np.float32)
-        targets = (turned / np.maximum(lengths, SHORTEST_NORMAL)).astype(np.float32)
-        return Motion(rest, shapes, functions, normals, targets, _turned_off(functions, normals, targets, every))
-    rest, shapes = frames[0], frames[1:] - frames[0]
-    if rows is None:
-        return Motion(rest, shapes, None)
-    every = rows.of(frames)
-    return Motion(rest, shapes, None, every[0], every[1:] - every[0])
-
-
-def _turning(
-    functions: Float64Array, every: Float32Array, *, cubic: bool
-) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Functions of time that turn normals (samples, rows, 3) too; what they add to (rows, 3), and what each adds."""
-    flat = every.reshape(len(every), -1).astype(np.float64)
-    rest, shapes = fit(functions, flat)
-    left = flat - rest - functions @ shapes
-    if np.abs(left).max(initial=0) > NORMAL_ERRORS[0]:
-        most = max(MOST_NORMAL_FUNCTIONS, functions.shape[1])
-        turned = left.reshape(every.shape)
-        more = find_functions(turned, *NORMAL_ERRORS, most=most, cubic=cubic)
-        if more is not None:
-            functions = np.column_stack([functions, more[0]])
-            rest, shapes = fit(functions, flat)
-    return functions, rest.reshape(-1, 3), shapes.reshape(-1, *every.shape[1:])
-
-
-def _turned_off(functions: Float64Array, normals: Float32Array, targets: Float32Array, every: Float32Array) -> float:
-    """Largest angle between normals (samples, rows, 3) and what comes out for them [degrees]."""
-    sums = normals + np.tensordot(functions, targets, 1)
-    sums /= np.maximum(np.linalg.norm(sums, axis=2, keepdims=True), np.finfo(np.float64).tiny)
-    # By the chord, which is exact where angles are small.
-    chord = float(np.linalg.norm(sums - every, axis=2).max(initial=0))
-    return float(np.degrees(2 * np.arcsin(min(1.0, chord / 2))))
 
 
 def held_by_mesh(item: MeshObject, attribute: Attribute) -> bool:
@@ -195,47 +67,6 @@ def _groups_of(item: MeshObject) -> list[Attribute]:
     return [one for one in found if one.values.dtype.kind in "iu"]
 
 
-@dataclass(frozen=True)
-class Lattice:
-    """Where 16-bit positions stand: ``offset + scale * fraction``, fractions between -1 and 1.
-
-    Attributes
-    ----------
-    scale : float [scene units]
-    offset : (3,) float64 [scene units]
-    error : float [scene units]
-        Largest distance along an axis that a vertex is moved by, at a sample.
-    """
-
-    scale: float
-    offset: Float64Array
-    error: float
-
-    def fractions(self, points: Float32Array) -> Float64Array:
-        """Of positions (vertices, 3)."""
-        return np.clip((points.astype(np.float64) - self.offset) / self.scale, -1, 1)
-
-
-def lattice_of(motion: Motion, *, centred: bool) -> Lattice:
-    """The finest lattice for a motion's shapes, which are multiples of its scale; `centred` about the origin."""
-    low, high = motion.rest.min(axis=0).astype(np.float64), motion.rest.max(axis=0).astype(np.float64)
-    offset = np.zeros(3) if centred else ((low + high) / 2).astype(np.float32).astype(np.float64)
-    reach = max(float(np.abs(one).max(initial=0)) for one in (low - offset, high - offset, motion.targets))
-    scale = float(np.nextafter(np.float32(reach), np.float32(np.inf))) or 1.0
-    step = scale / np.iinfo(np.int16).max
-
-    def rounding(shapes: NDArray[np.floating]) -> Float64Array:
-        return np.asarray(np.rint(shapes / step) * step - shapes)
-
-    rest, targets = rounding(motion.rest - offset), rounding(motion.targets.astype(np.float64))
-    if motion.functions is None:
-        moved = rest + np.concatenate([np.zeros((1, *rest.shape)), targets])
-    else:
-        functions = motion.functions if len(targets) else np.zeros((1, 0))
-        moved = rest + np.tensordot(functions, targets, 1)
-    return Lattice(scale, offset, float(np.abs(moved).max(initial=0)))
-
-
 def write_mesh(
     builder: GltfBuilder,
     item: MeshObject,
@@ -246,12 +77,13 @@ def write_mesh(
 ) -> int:
     """Write a mesh; its index. `material` gives the index of the material of a name.
 
-    On a lattice, positions are 16-bit fractions and normals 8-bit ones where they are small enough.
+    On a lattice, positions are 16-bit fractions and normals 8-bit ones where they are small enough. Where a motion has
+    no normals, those of `rows` are noted alone.
     """
     connectivity = item.connectivity
     sets = uv_sets(item)
     columns = [uv.values if uv.indices is None else uv.indices for uv in sets]
-    if rows is not None:
+    if rows is not None and motion.normals is not None:
         columns.append(rows.corner_rows)
     held = _held_colors(item)
     columns += [values for color, values in held if color.domain != "vertex"]
@@ -293,9 +125,10 @@ def write_mesh(
         attributes["NORMAL"] = directions(motion.normals[normals])
         for morph, shape in zip(morphs, motion.normal_targets, strict=True):
             morph["NORMAL"] = directions(shape[normals])
+    if rows is not None:
         if group_attribute(item) is None:
             notes["normals"] = "added"
-        elif not rows.is_smooth:
+        elif not rows.is_smooth or motion.normals is None:
             notes["normalGroups"] = noted_integers(rows.groups)
     primitives: list[dict[str, Any]] = []
     drawn: list[tuple[int, NDArray[Any]]] = []

@@ -22,7 +22,7 @@ from pdecodec.formats.gltf_animation import Nodes, Pose
 from pdecodec.formats.gltf_compression import DRACO
 from pdecodec.formats.gltf_file import INDEX_DATA, TRIANGLES, VERTEX_DATA, GltfBuilder
 from pdecodec.formats.gltf_mesh_reader import GltfMesh, PrimitiveRows
-from pdecodec.formats.gltf_mesh_writer import Motion, motion_of
+from pdecodec.formats.gltf_motion import Motion, motion_of
 from pdecodec.formats.gltf_reader import GltfSequence
 from pdecodec.formats.gltf_types import INSTANCING, POINTER, VISIBILITY
 from pdecodec.formats.gltf_writer import GltfScene, check_size

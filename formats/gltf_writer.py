@@ -22,13 +22,9 @@ from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import left_out
 from pdecodec.formats.gltf_file import GltfBuilder
 from pdecodec.formats.gltf_functions import cubic_keys
-from pdecodec.formats.gltf_mesh_writer import (
-    Motion,
-    held_by_mesh,
-    lattice_of,
-    motion_of,
-    write_mesh,
-)
+from pdecodec.formats.gltf_mesh_writer import held_by_mesh, write_mesh
+from pdecodec.formats.gltf_motion import Motion, motion_of
+from pdecodec.formats.gltf_quantization import lattice_of, with_rounded_normals
 from pdecodec.formats.normals import normal_rows, smooth_rows
 from pdecodec.formats.registry import Output
 from pdecodec.formats.rigid_motion import RigidKeys, rigid_keys, rigid_notices
@@ -97,7 +93,7 @@ class GltfScene:
         self._samplers: list[dict[str, Any]] = []
         self._channels: list[dict[str, Any]] = []
         self._notices: list[str] = []
-        self._motions: list[tuple[int, bool, float]] = []
+        self._motions: list[tuple[int, int, float]] = []
         self._key_times: int | None = None
 
     def _read(self) -> Float32Array:
@@ -127,7 +123,7 @@ class GltfScene:
 
     def _animate(self, node: int, motion: Motion, turns: RigidKeys | None) -> None:
         """Let a node's mesh move by its targets, and the node by its keys."""
-        self._motions.append((len(motion.targets), motion.functions is None, motion.normal_error))
+        self._motions.append((len(motion.targets), motion.frame_targets, motion.normal_error))
         if self._key_times is None and (len(motion.targets) or turns):
             self._key_times = self._builder.floats(self._sequence.times, bounds=True)
         frames = self._sequence.frame_count
@@ -136,7 +132,8 @@ class GltfScene:
         if not len(motion.targets):
             return
         if motion.functions is None:
-            output, interpolation = self._builder.unit_rows(frames), "LINEAR"
+            output = self._builder.unit_rows(frames, ones_at_end=motion.is_away_from_rest)
+            interpolation = "LINEAR"
         elif len(motion.functions) == frames:
             weights = motion.functions.reshape(-1)
             quantize, interpolation = self._output.quantize, "LINEAR"
@@ -148,7 +145,7 @@ class GltfScene:
 
     def _motion_notices(self) -> list[str]:
         """Lines about what motion became."""
-        baked = max((targets for targets, each_frame, _ in self._motions if each_frame), default=0)
+        baked = max((frames for _, frames, _ in self._motions), default=0)
         targets = max((targets for targets, _, _ in self._motions), default=0)
         angle = max((angle for _, _, angle in self._motions), default=0.0)
         notices = []
@@ -204,7 +201,7 @@ class _Scene(GltfScene):
         frames = self._read()
         between = self._between()
         first = smoothed = 0
-        coarsest = 0.0
+        coarsest = steepest = 0.0
         approximate: list[RigidKeys] = []
         for item in sequence.objects:
             own = slice(first, first + item.vertex_count)
@@ -217,7 +214,7 @@ class _Scene(GltfScene):
             rows = normal_rows(item)
             if rows is None and item.connectivity.face_count:
                 rows = smooth_rows(item)
-                smoothed += 1
+                smoothed += rows is not None and not rows.are_of_flat_triangles
             part, thirds = frames[:, own], None if between is None else between[:, own]
             turns = rigid_keys(part, thirds, self._output.rigid) if item.connectivity.face_count else None
             place: dict[str, Any] = {}
@@ -226,9 +223,12 @@ class _Scene(GltfScene):
                 if turns.deviation:
                     approximate.append(turns)
                 place = {"translation": turns.centre.tolist()}
-            motion = motion_of(part, thirds, rows)
+            # Viewers show triangles without normals flat.
+            motion = motion_of(part, thirds, None if rows is not None and rows.are_of_flat_triangles else rows)
             lattice = lattice_of(motion, centred=turns is not None) if self._output.quantize else None
             if lattice is not None:
+                motion, angle = with_rounded_normals(motion)
+                steepest = max(steepest, angle)
                 place = {"translation": lattice.offset.tolist(), **place, "scale": [lattice.scale] * 3}
                 coarsest = max(coarsest, lattice.error)
             mesh = write_mesh(builder, item, motion, rows, self._material, lattice)
@@ -251,6 +251,8 @@ class _Scene(GltfScene):
         self._notices += rigid_notices((one.deviation for one in approximate), between_frames)
         if self._output.quantize:
             self._notices.append(f"positions are rounded to 16 bits: up to {coarsest:.2g} off along an axis")
+            if steepest:
+                self._notices.append(f"normals are rounded to 8 bits: up to {steepest:.2g} degrees off")
         if smoothed:
             objects = f"{smoothed} object{'s' * (smoothed > 1)}"
             self._notices.append(f"normals of {objects} are not recorded: written as of smooth surfaces")

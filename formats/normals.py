@@ -107,6 +107,8 @@ class NormalRows:
     count : int
     is_smooth : bool
         Whether rows are vertices.
+    are_of_flat_triangles : bool
+        Whether every face is a triangle that shares no normal with another.
     """
 
     def __init__(self, connectivity: Connectivity, groups: NDArray[np.integer]) -> None:
@@ -120,6 +122,7 @@ class NormalRows:
         self.corner_rows: Int32Array = rows.astype(np.int32)
         self.count = connectivity.vertex_count + pairs.size
         self.is_smooth = not split.any()
+        self.are_of_flat_triangles = bool((counts == 3).all()) and np.unique(rows).size == corners.size
         self._corners, self._counts = corners, counts
         self._starts = np.cumsum(counts, dtype=np.int64) - counts
         places = np.arange(corners.size)

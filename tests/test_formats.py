@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_sequence
-from pdecodec.formats.gltf_mesh_writer import EXACT
+from pdecodec.formats.gltf_motion import EXACT
 from pdecodec.sequence import Attribute, Connectivity, MeshObject, MeshSequence
 from tests.mesh_cases import connectivity_of
 from tests.scene_cases import (

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from pdecodec.decoder import open_animation
 from pdecodec.encoder import encode
@@ -21,11 +22,12 @@ from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.attribute_roles import face_sets
 from pdecodec.formats.gltf_file import GltfBuilder, read_gltf
-from pdecodec.formats.gltf_mesh_writer import EXACT
+from pdecodec.formats.gltf_motion import EXACT, largest_angle
+from pdecodec.formats.normals import NORMAL_GROUP, normal_group, smooth_rows
 from pdecodec.formats.scene_space import bake_transforms
 from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from tests.browser_tools import assert_valid, play_in_browser
-from tests.mesh_cases import connectivity_of, grid
+from tests.mesh_cases import connectivity_of, grid, grid_faces
 from tests.scene_cases import (
     OUTWARD,
     SPACE,
@@ -204,6 +206,56 @@ def test_quantised_positions_are_as_far_off_as_is_told(tmp_path: Path) -> None:
         bounded = [one for one in root["accessors"] if one["type"] == "VEC3" and "min" in one and "bufferView" in one]
         assert {one["componentType"] for one in bounded} == {5122}
         assert_valid(tmp_path / "x.glb")
+
+
+def sums_of_normals(path: Path, weights: NDArray[Any]) -> NDArray[Any]:
+    """(samples, rows, 3): what a viewer makes of the normals of the first primitive, before it makes them unit."""
+    file = read_gltf(path)
+    primitive = file.root["meshes"][0]["primitives"][0]
+    rest = file.accessor(primitive["attributes"]["NORMAL"]).astype(np.float64)
+    targets = np.stack([file.accessor(target["NORMAL"]) for target in primitive["targets"]])
+    return np.asarray(rest + np.tensordot(weights, targets.astype(np.float64), 1))
+
+
+def test_quantised_normals_have_8_bits_however_far_they_turn_and_are_as_far_off_as_is_told(tmp_path: Path) -> None:
+    points = np.random.default_rng(4).normal(size=(12, 36, 3))
+    clip = ArraySequence(points, objects=[MeshObject("sheet", grid(6, 6))], fps=24)
+    rows = smooth_rows(clip.objects[0])
+    assert rows is not None
+    every = rows.of(clip.points)
+    assert (every[0] * every[1:]).sum(axis=2).min() < -0.9
+    told = write_sequence(clip, tmp_path / "x.glb", quantize=True)
+    (line,) = (one for one in told if one.startswith("normals are rounded to 8 bits: up to "))
+    file = read_gltf(tmp_path / "x.glb")
+    normals = [target["NORMAL"] for target in targets_of(tmp_path / "x.glb")]
+    assert {file.root["accessors"][index]["componentType"] for index in normals} == {5120}
+    weights = np.eye(12, 12, -1)
+    weights[1:, -1] = 1
+    shown = sums_of_normals(tmp_path / "x.glb", weights)
+    error = float(line.split("up to ")[1].split()[0])
+    assert error < 0.5
+    assert largest_angle(shown, every) == pytest.approx(error, rel=0.05)
+    sampler = file.root["animations"][0]["samplers"][0]
+    np.testing.assert_array_equal(file.accessor(sampler["output"]).reshape(12, 12), weights)
+    assert_valid(tmp_path / "x.glb")
+
+
+def test_flat_triangles_are_written_without_normals_and_stay_flat(tmp_path: Path) -> None:
+    triangles = grid_faces(6, 6)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+    faces = connectivity_of(36, triangles.tolist())
+    points = np.random.default_rng(2).normal(size=(9, 36, 3))
+    edges = normal_group(faces, np.repeat(np.arange(len(triangles)), 3))
+    clip = ArraySequence(points, objects=[MeshObject("flat", faces, (edges,))], fps=24, metadata=SPACE)
+    assert write_sequence(clip, tmp_path / "x.glb") == (
+        "motion of too many functions of time to be exact between frames: 8 targets, a frame each",
+    )
+    (primitive,) = read_gltf(tmp_path / "x.glb").root["meshes"][0]["primitives"]
+    assert set(primitive["attributes"]) == set(primitive["targets"][0]) == {"POSITION"}
+    with open_sequence(tmp_path / "x.glb") as read:
+        assert_same_connectivity(read.connectivity, faces)
+        (found,) = (one for one in read.objects[0].attributes if one.name == NORMAL_GROUP)
+        np.testing.assert_array_equal(found.values, edges.values)
+    assert_valid(tmp_path / "x.glb")
 
 
 def test_quantised_files_are_smaller_and_other_formats_refuse_the_option(tmp_path: Path) -> None:

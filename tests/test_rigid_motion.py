@@ -15,7 +15,7 @@ from pdecodec.encoder import encode
 from pdecodec.errors import SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.gltf_file import read_gltf
-from pdecodec.formats.gltf_mesh_writer import EXACT
+from pdecodec.formats.gltf_motion import EXACT
 from pdecodec.formats.rigid_motion import rigid_matrices, rigid_parts
 from pdecodec.formats.scene_space import bake_transforms, transform_of, velocities_of
 from pdecodec.sequence import ArraySequence, Connectivity, MeshObject

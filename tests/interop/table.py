@@ -43,7 +43,12 @@ over those that we read.
 
 READABLE = (".abc", ".usd", ".usda", ".usdc", ".usdz", ".glb", ".gltf")
 
-GLB_VARIANTS = {"plain": {}, "--quantize": {"quantize": True}, "--meshopt": {"meshopt": True}}
+GLB_VARIANTS = {
+    "plain": {},
+    "--quantize": {"quantize": True},
+    "--meshopt": {"meshopt": True},
+    "both": {"quantize": True, "meshopt": True},
+}
 
 MEGABYTE = 1e6
 
@@ -158,9 +163,10 @@ def sizes(data: Path, folder: Path) -> Iterator[str]:
     """The table of glb files of sequences."""
     clips = {}
     yield (
-        "Sizes in MB, of the positions as float32 and of the glb as it is written, with `--quantize` and with "
-        "`--meshopt`. Issues are errors and warnings of Khronos' validator, of the three in order. Then distances at "
-        "frames / between frames, and Blender's normals, of the plain file.\n"
+        "Sizes in MB, of the positions as float32 and of the glb as it is written, with `--quantize`, with "
+        "`--meshopt` and with both. A plain one holds float32 normals beside the positions of each target: glTF has no "
+        "smaller ones without KHR_mesh_quantization. Issues are errors and warnings of Khronos' validator, of the four "
+        "in order. Then distances at frames / between frames, and Blender's normals, of the plain file.\n"
     )
     rows = {}
     for path in sorted((data / "sequences").glob("*.npz")):
@@ -180,7 +186,7 @@ def sizes(data: Path, folder: Path) -> Iterator[str]:
         rows[name] = [*cells, ", ".join(issues)]
     shown = {program: _shown(program, "glb", clips, folder) for program in ("Blender", "three.js")}
     yield _row(["sequence", "float32", *GLB_VARIANTS, "issues", *shown])
-    yield _row(["---"] * 8)
+    yield _row(["---"] * (5 + len(GLB_VARIANTS)))
     for number, (name, cells) in enumerate(rows.items()):
         ends = [
             "–" if isinstance(found, str) else str(difference(found[number], clips[name])) for found in shown.values()
