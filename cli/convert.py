@@ -58,7 +58,7 @@ def convert(
     """
     if output == STREAM and as_json:
         raise SettingsError("-o - and --json both want standard output; leave out one")
-    for job in jobs(paths, output, extension=extension):
+    for job in jobs(paths, output, extension=extension, dry_run=dry_run):
         with streamed(job, extension=extension or "", dry_run=dry_run) as one:
             _convert(one, dry_run=dry_run, overwrite=overwrite, as_json=as_json, **options)
 

@@ -96,7 +96,7 @@ def decode(
     if output == STREAM and as_json:
         raise SettingsError("-o - and --json both want standard output; leave out one")
     whole = True
-    for job in jobs(paths, output, extension=extension):
+    for job in jobs(paths, output, extension=extension, dry_run=options["dry_run"]):
         with streamed(job, extension=extension or "", dry_run=options["dry_run"]) as one:
             whole &= _decode(one, as_json=as_json, **options)
     if not whole:

@@ -142,8 +142,9 @@ def encode(
     from pdecodec.decoder import usual_limits
 
     limits = decode_limits(options["max_memory"], options.pop("max_output"))
-    for job in jobs(paths, output, extension=extension, default="pdeanim"):
-        with usual_limits(limits), streamed(job, extension="pdeanim", dry_run=options["dry_run"]) as one:
+    dry_run = options["dry_run"]
+    for job in jobs(paths, output, extension=extension, default="pdeanim", dry_run=dry_run):
+        with usual_limits(limits), streamed(job, extension="pdeanim", dry_run=dry_run) as one:
             _encode(one, as_json=as_json, **options)
 
 

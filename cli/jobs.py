@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 STREAM = "-"
 """Standard input, or output."""
 
+HERE = "./"
+"""The folder that a dry run takes where no output is named."""
+
 SAMPLES = (4, 12)
 """Frames that are written to tell how large a file becomes: its growth is taken to be even."""
 
@@ -52,7 +55,10 @@ def job_options(command: Callable[..., None]) -> Callable[..., None]:
     """``IN... OUT``, ``-o``, ``--to`` and ``--dry-run``."""
     for option in (
         click.option(
-            "--dry-run", is_flag=True, help="Say what would be read and written, and how large about; write nothing."
+            "--dry-run",
+            is_flag=True,
+            help="Say what would be read and written, and how large about; write nothing. Without OUT where the format "
+            "is known.",
         ),
         click.option(
             "--to", "extension", metavar="EXT", help="Format of OUT where it is a folder or -: glb, abc, npz."
@@ -66,8 +72,12 @@ def job_options(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-def jobs(paths: Sequence[str], output: str | None, *, extension: str | None, default: str = "") -> list[Job]:
+def jobs(
+    paths: Sequence[str], output: str | None, *, extension: str | None, default: str = "", dry_run: bool = False
+) -> list[Job]:
     """What is to be done, in order; frames of one sequence, as a shell lists them, are one input.
+
+    A dry run needs no output: where it names none, and the format is known, it is as if outputs went to this folder.
 
     Parameters
     ----------
@@ -78,6 +88,7 @@ def jobs(paths: Sequence[str], output: str | None, *, extension: str | None, def
         Of outputs in a folder, or on standard output.
     default : str
         The extension where there is none.
+    dry_run : bool
 
     Raises
     ------
@@ -86,11 +97,14 @@ def jobs(paths: Sequence[str], output: str | None, *, extension: str | None, def
     SettingsError
         If two inputs would go to one output.
     """
+    ending = (extension or default).lstrip(".")
+    if output is None and dry_run and ending and paths and (len(paths) == 1 or _is_input(paths[-1], ending)):
+        output = HERE
     if output is None:
         *paths, output = paths if len(paths) > 1 else (*paths, "")
     if not output or not paths:
         raise _usage_error("name an input and an output: IN OUT, or IN -o OUT")
-    sources, ending = _gathered(paths), (extension or default).lstrip(".")
+    sources = _gathered(paths)
     to_folder = output.endswith("/") or Path(output).is_dir()
     if len(sources) > 1 and not to_folder:
         raise _usage_error(f"{len(sources)} inputs do not go to one file, {output}; name a folder: -o folder/")
@@ -106,6 +120,11 @@ def jobs(paths: Sequence[str], output: str | None, *, extension: str | None, def
             raise SettingsError(f"{found[name].source} and {source} would both go to {name}; convert them one by one")
         found[name] = Job(source, name, source, name, in_folder=True)
     return list(found.values())
+
+
+def _is_input(path: str, ending: str) -> bool:
+    """Whether a path that may be an output's is a file of another format."""
+    return Path(path).is_file() and not path.lower().endswith(f".{ending.lower()}")
 
 
 def _usage_error(message: str) -> click.UsageError:

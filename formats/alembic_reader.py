@@ -41,7 +41,15 @@ from pdecodec.formats.attribute_roles import (
     reversed_corners,
 )
 from pdecodec.formats.registry import Transforms, read_errors
-from pdecodec.formats.scene_reading import Extras, Refusals, SceneSequence, SceneWalk, Shape, runs_of_scene
+from pdecodec.formats.scene_reading import (
+    Extras,
+    Refusals,
+    SceneSequence,
+    SceneWalk,
+    Shape,
+    fault_of_faces,
+    runs_of_scene,
+)
 from pdecodec.formats.times import (
     SAME_TIME,
     Timing,
@@ -369,9 +377,8 @@ def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[_Tran
             extras.add(ID, "vertex", ids if ids.size and np.abs(ids).max() > MAX_INDEX else ids.astype(np.int32), None)
     else:
         counts, indices = (to_numpy(value_at(prop.getValue, at)).astype(np.int32) for prop in props)
-        if int(counts.sum(dtype=np.int64)) != indices.size or (counts < 3).any():
-            smallest = int(counts.min(initial=3))
-            refusals.refuse(path, f"faces of {smallest} corners, or counts that do not fit the indices")
+        if (fault := fault_of_faces(counts, indices)) is not None:
+            refusals.refuse(path, fault)
             return
         order = reversed_corners(counts)
         whole = Connectivity(points.vertex_count, face_counts=counts, face_indices=indices[order])

@@ -76,7 +76,8 @@ class LaidOutSequence(MeshSequence):
 def check_has_points(names: Sequence[str], what: str) -> None:
     """Raise InputError unless one of the names is ``points``."""
     if "points" not in names:
-        raise InputError(f"there is no {what} named points (it holds {', '.join(names) or 'nothing'}); add it")
+        there = f"it has {', '.join(names)}: give that of the positions this name" if names else "it is empty"
+        raise InputError(f"needs positions as a {what} named points, of shape (frames, vertices, 3); {there}")
 
 
 def arrays_of(sequence: MeshSequence, fps: float) -> dict[str, NDArray[Any]]:

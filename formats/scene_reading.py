@@ -35,6 +35,8 @@ from pdecodec.sequence import (
 MOST_NAMES = 8
 """Objects that a notice names; it counts the others."""
 
+FEWEST_CORNERS = 3
+"""Of a face."""
 
 MOST_INSTANCED = 2**25
 """Vertices that instances may become: 400 MB a frame."""
@@ -73,8 +75,11 @@ class Refusals:
         """
         there = ", ".join(f"{count} {kind}{'s' * (count != 1)}" for kind, count in self.others.items())
         if not shapes and self.found:
-            first = self.found[0]
-            raise InputError(f"nothing is left of it: object {first.name!r} has {first.feature}", frame=first.frame)
+            first, more = self.found[0], len(self.found) - 1
+            others = f", and {more} more object{'s' * (more > 1)} cannot be read either" if more else ""
+            raise InputError(
+                f"holds nothing that can be read: object {first.name!r} has {first.feature}{others}", frame=first.frame
+            )
         if not shapes:
             verb = "are" if next(iter(self.others.values()), 0) > 1 else "is"
             raise InputError(f"holds no mesh, curve or point animation: there {verb} {there or 'nothing at all'}")
@@ -89,6 +94,27 @@ class Refusals:
             notices.append(f"shapes without vertices became polygons: {kinds}")
         notices += [f"not kept: {', '.join(names)}"] if names else []
         return (*notices, *hidden_notices(shapes))
+
+
+def fault_of_faces(counts: NDArray[np.integer], indices: NDArray[np.integer]) -> str | None:
+    """What is wrong with faces, for :meth:`Refusals.refuse`; None where nothing is.
+
+    Parameters
+    ----------
+    counts : (faces,) integers
+        Corners of each.
+    indices : (corners,) integers
+        Their vertices, face after face.
+    """
+    if (counts < FEWEST_CORNERS).any():
+        face = int(np.argmax(counts < FEWEST_CORNERS))
+        corners = int(counts[face])
+        of = f"{corners} corner{'s' * (corners != 1)}"
+        return f"a face of {of} (number {face}, from 0), and {FEWEST_CORNERS} are the fewest"
+    total = int(counts.sum(dtype=np.int64))
+    if total != indices.size:
+        return f"faces of {total} corners together, and vertices for {indices.size} corners"
+    return None
 
 
 class SceneWalk:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from pdecodec.formats.attribute_roles import CURVE_BASIS, CURVE_WRAP, ID, SUBDIVISION, label_attribute, reversed_corners
-from pdecodec.formats.scene_reading import MOST_INSTANCED, Extras, SceneWalk, Shape
+from pdecodec.formats.scene_reading import MOST_INSTANCED, Extras, SceneWalk, Shape, fault_of_faces
 from pdecodec.formats.scene_space import mirrors
 from pdecodec.formats.usd_attributes import OWN, object_name, read_extras, value_at
 from pdecodec.formats.usd_implicit import Implicit, read_implicit
@@ -266,10 +266,8 @@ def _open_mesh(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None)
     faces = [mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr()]
     at = scan.look(prim, faces)
     counts, indices = (_integers(attribute, at) for attribute in faces)
-    if int(counts.sum(dtype=np.int64)) != indices.size or (counts < 3).any():
-        scan.refusals.refuse(
-            name, f"faces of {int(counts.min(initial=3))} corners, or counts that do not fit the indices"
-        )
+    if (fault := fault_of_faces(counts, indices)) is not None:
+        scan.refusals.refuse(name, fault)
         return None
     turned = mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
     if skinning is not None and skinning.has_joints:

@@ -167,6 +167,32 @@ def test_info_lists_what_it_had_to_leave_out(capsys: pytest.CaptureFixture[str])
     assert "'root/ball' is left out" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("counts", "said"),
+    [
+        ([3, 2], "a face of 2 corners (number 1, from 0), and 3 are the fewest"),
+        ([3, 3], "faces of 6 corners together, and vertices for 5 corners"),
+    ],
+)
+def test_what_is_wrong_with_faces_is_said(counts: list[int], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    needed("usda")
+    from pxr import Usd, UsdGeom
+
+    name = "x.usda"
+    stage = Usd.Stage.CreateNew(name)
+    for path in ("/sheet", "/other"):
+        mesh = UsdGeom.Mesh.Define(stage, path)
+        mesh.CreatePointsAttr([(0, 0, 0), (1, 0, 0), (0, 1, 0)])
+        mesh.CreateFaceVertexCountsAttr(counts)
+        mesh.CreateFaceVertexIndicesAttr([0, 1, 2, 0, 1])
+    stage.Save()
+    assert run(["convert", name, "y.npz"]) == 3
+    assert f"object 'sheet' has {said}; --skip-unsupported goes on without it" in capsys.readouterr().err
+    assert run(["convert", name, "y.npz", "--skip-unsupported"]) == 3
+    rest = ", and 1 more object cannot be read either"
+    assert f"holds nothing that can be read: object 'sheet' has {said}{rest}" in capsys.readouterr().err
+
+
 def test_info_measures_every_frame_when_asked(capsys: pytest.CaptureFixture[str]) -> None:
     clip = scene()
     write_sequence(clip, "x.npz")

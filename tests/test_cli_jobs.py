@@ -160,6 +160,24 @@ def test_an_encoding_that_is_dry_says_how_large_about(clip: ArraySequence, capsy
     assert not Path("b.npz").exists()
 
 
+def test_a_dry_run_needs_no_output_where_the_format_is_known(clip: ArraySequence, capsys: Capture) -> None:
+    before = sorted(os.listdir())
+    for paths, names in ((["a.npz"], ["a"]), (["a.npz", "b.npz"], ["a", "b"])):
+        if len(paths) > 1:
+            write_sequence(clip, "b.npz")
+            before = sorted(os.listdir())
+        assert run(["encode", *paths, "--dry-run"]) == 0
+        said = capsys.readouterr().out.splitlines()
+        assert [line.partition(":")[0] for line in said[1::2]] == [f"write {name}.pdeanim" for name in names]
+        assert run(["convert", *paths, "--dry-run", "--to", "glb"]) == 0
+        said = capsys.readouterr().out.splitlines()
+        assert [line.partition(":")[0] for line in said[1::2]] == [f"write {name}.glb" for name in names]
+    assert sorted(os.listdir()) == before
+    for command in (["encode", "a.npz"], ["convert", "a.npz", "--dry-run"]):
+        assert run(command) == 2
+        assert "name an input and an output" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("kind", ["waves", "bursts", "still"])
 def test_a_longer_clip_is_estimated_by_its_beginning(
     kind: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Capture

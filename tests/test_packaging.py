@@ -70,6 +70,68 @@ def test_importing_the_package_is_light() -> None:
     assert loaded_after("import pdecodec") == set()
 
 
+def as_installed(folder: Path) -> Path:
+    """The package in a folder, as a wheel lays it out: Python's files without bytecode, and the native library."""
+    import pdecodec._core
+
+    skipped = shutil.ignore_patterns("__pycache__", "node_modules")
+    for target, top in sorted(PROJECT["tool"]["scikit-build"]["wheel"]["packages"].items()):
+        shutil.copytree(ROOT / top, folder / target, ignore=skipped, dirs_exist_ok=True)
+    shutil.copy2(pdecodec._core.__file__, folder / "pdecodec")
+    return folder
+
+
+def stamps(folder: Path) -> dict[str, int]:
+    """When each file and folder below was written [ns]."""
+    return {str(path.relative_to(folder)): path.stat().st_mtime_ns for path in sorted(folder.rglob("*"))}
+
+
+def test_an_installation_that_is_read_only_and_without_bytecode_loads_and_writes_no_more(tmp_path: Path) -> None:
+    installed, home, work = as_installed(tmp_path / "installed"), tmp_path / "home", tmp_path / "work"
+    home.mkdir()
+    work.mkdir()
+    lines = ("--version", "simulate jelly -o a.npz --frames 3", "encode a.npz a.pdeanim", "info a.pdeanim")
+    commands = [line.split() for line in lines]
+    script = (
+        "import json, sys\nfrom pdecodec.cli.main import run\n"
+        "assert run(json.loads(sys.argv[1])) == 0\n"
+        "print(json.dumps(sorted(name for name in sys.modules)))"
+    )
+    # Without the site's start-up files: they lead to this checkout.
+    paths = os.pathsep.join([str(installed), sysconfig.get_path("purelib")])
+    environment = {**os.environ, "PYTHONPATH": paths, "HOME": str(home), "XDG_CACHE_HOME": str(home / "cache")}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+
+    def loaded(command: list[str], **more: str) -> list[str]:
+        done = subprocess.run(
+            [sys.executable, "-S", "-c", script, json.dumps(command)],
+            cwd=work, env={**environment, **more}, capture_output=True, text=True, timeout=300, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        names: list[str] = json.loads(done.stdout.splitlines()[-1])
+        return names
+
+    folders = [installed, *(path for path in installed.rglob("*") if path.is_dir())]
+    before = stamps(installed)
+    for folder in folders:
+        folder.chmod(0o555)
+    try:
+        bare = [loaded(command, PYTHONDONTWRITEBYTECODE="1") for command in commands]
+        # Whom modes do not keep from writing has not written either.
+        assert stamps(installed) == before
+        assert list(home.iterdir()) == []
+        assert {path.name for path in work.iterdir()} == {"a.npz", "a.pdeanim"}
+    finally:
+        for folder in folders:
+            folder.chmod(0o755)
+    for _ in range(2):
+        shutil.rmtree(work)
+        work.mkdir()
+        usual = [loaded(command) for command in commands]
+    assert any(path.suffix == ".pyc" for path in installed.rglob("*"))
+    assert bare == usual
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["encode", "--help"], ["decode", "--help"]])
 def test_help_pages_are_light(arguments: list[str]) -> None:
     assert loaded_after(f"from pdecodec.cli.main import run\nassert run({arguments!r}) == 0") == set()
