@@ -77,8 +77,8 @@ def write_mesh(
 ) -> int:
     """Write a mesh; its index. `material` gives the index of the material of a name.
 
-    On a lattice, positions are 16-bit fractions and normals 8-bit ones where they are small enough. Where a motion has
-    no normals, those of `rows` are noted alone.
+    On a lattice, positions are 16-bit fractions, and so are normals at rest; those that targets add have 8 bits where
+    they are small enough. Where a motion has no normals, those of `rows` are noted alone.
     """
     connectivity = item.connectivity
     sets = uv_sets(item)
@@ -96,10 +96,10 @@ def write_mesh(
             return builder.floats(points[sources], target=VERTEX_DATA, bounds=True)
         return builder.fractions(steps.fractions(points[sources]), "<i2", target=VERTEX_DATA, bounds=True)
 
-    def directions(vectors: Float32Array) -> int:
+    def directions(vectors: Float32Array, dtype: str) -> int:
         if lattice is None or np.abs(vectors).max(initial=0) > 1:
             return builder.floats(vectors, target=VERTEX_DATA)
-        return builder.fractions(vectors, "<i1", target=VERTEX_DATA)
+        return builder.fractions(vectors, dtype, target=VERTEX_DATA)
 
     attributes = {"POSITION": positions(motion.rest, lattice)}
     notes: dict[str, Any] = {"vertices": item.vertex_count}
@@ -122,9 +122,12 @@ def write_mesh(
         # A vertex that is in no face has the row of its number.
         normals = sources.copy()
         normals[corner_rows] = rows.corner_rows
-        attributes["NORMAL"] = directions(motion.normals[normals])
-        for morph, shape in zip(morphs, motion.normal_targets, strict=True):
-            morph["NORMAL"] = directions(shape[normals])
+        attributes["NORMAL"] = directions(motion.normals[normals], "<i2")
+        kinds = ["<i1"] * len(morphs)
+        if motion.is_away_from_rest:
+            kinds[-1] = "<i2"
+        for morph, shape, kind in zip(morphs, motion.normal_targets, kinds, strict=True):
+            morph["NORMAL"] = directions(shape[normals], kind)
     if rows is not None:
         if group_attribute(item) is None:
             notes["normals"] = "added"

@@ -34,6 +34,9 @@ MOST_TURNED_AT_REST = 1.0
 SHORTEST_NORMAL = 1e-4
 """Length below which the normal that targets add to is not made longer, so that they stay far from overflow."""
 
+TILT = 1e-3
+"""What Blender tells from none, twice over, and nobody sees [radians]."""
+
 _TINY = float(np.finfo(np.float64).tiny)
 """Shortest length by which is divided."""
 
@@ -128,7 +131,7 @@ def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRo
             shapes = np.concatenate([shapes, (rest.astype(np.float64) - frames[at])[None].astype(np.float32)])
             turned, rest = np.concatenate([turned, (start - unit)[None]]), frames[at]
         # Programs make the sum a unit vector: rows may have any length, but that at rest must have length 1.
-        normals = unit.astype(np.float32)
+        normals = _tilted(unit.astype(np.float32), rest, rows)
         targets = (turned / np.maximum(lengths, SHORTEST_NORMAL)).astype(np.float32)
         motion = Motion(rest, shapes, functions, normals, targets)
         return dataclasses.replace(motion, normal_error=largest_angle(motion.turned_normals(), every))
@@ -136,7 +139,21 @@ def motion_of(frames: Float32Array, between: Float32Array | None, rows: NormalRo
     if rows is None:
         return Motion(rest, shapes, None)
     every = rows.of(frames)
-    return Motion(rest, shapes, None, every[0], every[1:] - every[0])
+    normals = _tilted(every[0], rest, rows)
+    return Motion(rest, shapes, None, normals, every[1:] - normals)
+
+
+def _tilted(normals: Float32Array, rest: Float32Array, rows: NormalRows) -> Float32Array:
+    """Normals (rows, 3) at rest, turned a little where the surface is even there.
+
+    Blender takes a triangle whose corners have its normal for a flat one, which it stays however the surface bends.
+    """
+    turned, even = normals.copy(), rows.even_rows(rest, normals)
+    here = normals[even].astype(np.float64)
+    aside = np.cross(here, np.eye(3)[np.abs(here).argmin(axis=1)])
+    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
+    turned[even] = np.cos(TILT) * here + np.sin(TILT) * aside
+    return turned
 
 
 def _turning(

@@ -1,9 +1,10 @@
-"""What KHR_mesh_quantization keeps of a mesh: positions in 16 bits, normals in 8."""
+"""What KHR_mesh_quantization keeps of a mesh: positions in 16 bits, normals that targets add in 8."""
 
 from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,30 +55,34 @@ def lattice_of(motion: Motion, *, centred: bool) -> Lattice:
 
 
 def with_rounded_normals(motion: Motion) -> tuple[Motion, float]:
-    """A motion whose normals 8-bit fractions hold, and the largest angle at a sample by which they turn [degrees].
+    """A motion whose normals fractions hold, and the largest angle at a sample by which they turn [degrees].
 
-    What a target adds must be between -1 and 1. Where each frame is a target, normals turn farther than that: a further
-    target takes those at rest away, and each frame's has its own normals whole, which are rounded once. Of functions
-    of time few targets add more than 1: these stay as they are.
+    Those at rest have 16 bits, and those that targets add 8. What a target adds must be between -1 and 1. Where each
+    frame is a target, normals turn farther than that: a further target, of 16 bits too, takes those at rest away, and
+    each frame's has its own normals whole, which are rounded once. Of functions of time few targets add more than 1:
+    these stay as they are.
     """
     if motion.normals is None or motion.normal_targets is None:
         return motion, 0.0
-    rest, before = _rounded(motion.normals), motion.turned_normals()
+    # Toward 0: Blender takes for flat what is longer than 1 along the normal of its triangle.
+    rest, before = _fractions(motion.normals, np.int16, np.trunc), motion.turned_normals()
     if motion.functions is None and len(motion.targets):
         rounded = dataclasses.replace(
             motion,
             targets=np.concatenate([motion.targets, np.zeros_like(motion.targets[:1])]),
             normals=rest,
-            normal_targets=np.concatenate([_rounded(before[1:]), -rest[None]]),
+            normal_targets=np.concatenate([_fractions(before[1:], np.int8, np.rint), -rest[None]]),
             is_away_from_rest=True,
         )
     else:
         fits = np.abs(motion.normal_targets).max(axis=(1, 2), initial=0) <= 1
-        targets = np.where(fits[:, None, None], _rounded(motion.normal_targets), motion.normal_targets)
+        targets = np.where(
+            fits[:, None, None], _fractions(motion.normal_targets, np.int8, np.rint), motion.normal_targets
+        )
         rounded = dataclasses.replace(motion, normals=rest, normal_targets=targets)
     return rounded, largest_angle(rounded.turned_normals(), before)
 
 
-def _rounded(fractions: NDArray[np.floating]) -> Float32Array:
-    largest = np.iinfo(np.int8).max
-    return (np.rint(fractions.astype(np.float64) * largest) / largest).astype(np.float32)
+def _fractions(values: NDArray[np.floating], dtype: type[np.signedinteger[Any]], rounding: np.ufunc) -> Float32Array:
+    largest = np.iinfo(dtype).max
+    return np.asarray(rounding(values.astype(np.float64) * largest) / largest, np.float32)

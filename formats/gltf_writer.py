@@ -224,7 +224,8 @@ class _Scene(GltfScene):
                     approximate.append(turns)
                 place = {"translation": turns.centre.tolist()}
             # Viewers show triangles without normals flat.
-            motion = motion_of(part, thirds, None if rows is not None and rows.are_of_flat_triangles else rows)
+            shown = None if rows is not None and rows.are_of_flat_triangles else rows
+            motion = motion_of(part, thirds, shown)
             lattice = lattice_of(motion, centred=turns is not None) if self._output.quantize else None
             if lattice is not None:
                 motion, angle = with_rounded_normals(motion)

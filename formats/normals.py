@@ -30,6 +30,9 @@ NORMAL_GROUP, SMOOTHING = "normal_group", "smoothing"
 SAME_NORMAL = 1e-3
 """Largest difference of the coordinates of two unit normals that are one: a twentieth of a degree shows no edge."""
 
+SAME_DIRECTION = 2e-7
+"""One less the cosine of two directions that are one: what rounding to float32 leaves."""
+
 CORNERS_AT_ONCE = 2**18
 """Corners whose normals are computed together, which bounds the memory that takes."""
 
@@ -142,6 +145,21 @@ class NormalRows:
         for start in range(0, len(points), step):
             with np.errstate(invalid="ignore", over="ignore"):
                 yield from self._of_block(points[start : start + step].astype(np.float64))
+
+    def even_rows(self, points: Float32Array, normals: Float32Array) -> NDArray[np.bool_]:
+        """(rows,) bool: those of several faces of which one is flat in light, its corners' normals being its own.
+
+        Parameters
+        ----------
+        points : (vertices, 3) float32
+        normals : (rows, 3) float32
+        """
+        faces = _unit(self._areas(self._at_corners(points[None].astype(np.float64))))[:, 0]
+        off = 1 - (np.repeat(faces, self._counts, axis=-1) * normals.T[:, self.corner_rows]).sum(axis=0)
+        is_even = np.maximum.reduceat(off, self._starts) < SAME_DIRECTION
+        found = np.zeros(self.count, bool)
+        found[self.corner_rows[np.repeat(is_even, self._counts)]] = True
+        return found & (np.bincount(self.corner_rows, minlength=self.count) > 1)
 
     def least_flattened(self, points: Float32Array) -> int:
         """The frame of (frames, vertices, 3) in which no face is flattened most, beside the largest that it is."""

@@ -12,7 +12,7 @@ from pdecodec.encoder import encode
 from pdecodec.formats import write_sequence
 from tests.blender_tools import seen_by_blender
 from tests.scene_cases import SPACE, needed
-from tests.test_gltf import few_functions
+from tests.test_gltf import even_at_first, few_functions
 from tests.test_normals import meshes, moving, plain_normals
 
 NORMAL_ERRORS = {"abc": 2e-3, "usdc": 2e-3, "glb": 0.3}
@@ -41,6 +41,17 @@ def test_blender_shows_positions_and_normals_of_every_frame(tmp_path: Path, name
         assert (
             np.where(here, np.linalg.norm(normals - directions, axis=2), 9).min(axis=1).max() < NORMAL_ERRORS[extension]
         )
+
+
+@pytest.mark.parametrize("quantize", [False, True])
+def test_blender_shows_a_sheet_smooth_that_is_even_at_first(tmp_path: Path, quantize: bool) -> None:
+    write_sequence(even_at_first(), tmp_path / "x.glb", quantize=quantize)
+    for found in seen_by_blender(tmp_path / "x.glb", [0, 8]):
+        (mesh,) = found.values()
+        # Corners of a vertex have one normal, not those of their triangles.
+        corners, normals = np.array(mesh["corners"]), np.array(mesh["normals"])
+        first = normals[np.unique(corners, return_index=True)[1]]
+        assert np.linalg.norm(normals - first[corners], axis=1).max() < 0.02
 
 
 def test_blender_plays_a_decoded_animation_between_its_frames(tmp_path: Path) -> None:
