@@ -26,7 +26,7 @@ from pdecodec.formats.gltf_motion import EXACT, largest_angle
 from pdecodec.formats.normals import NORMAL_GROUP, normal_group, smooth_rows
 from pdecodec.formats.scene_space import bake_transforms
 from pdecodec.sequence import ArraySequence, Attribute, Connectivity, MeshObject
-from tests.browser_tools import assert_valid, play_in_browser
+from tests.browser_tools import assert_valid
 from tests.mesh_cases import connectivity_of, grid, grid_faces
 from tests.scene_cases import (
     OUTWARD,
@@ -41,6 +41,7 @@ from tests.scene_cases import (
     uv_with_seam,
     volume,
 )
+from tests.three_player import PlayedMesh, play
 
 
 def few_functions() -> ArraySequence:
@@ -50,6 +51,13 @@ def few_functions() -> ArraySequence:
     curves = np.stack([np.sin((1 + k) * time) for k in range(3)], axis=1)
     points = 3 * rng.normal(size=(36, 3)) + np.tensordot(curves, rng.normal(size=(3, 36, 3)), 1)
     return ArraySequence(points, objects=[MeshObject("sheet", grid(6, 6))], times=time, fps=24)
+
+
+def played(path: Path, times: NDArray[np.float64]) -> list[PlayedMesh]:
+    """What three.js draws of a file at times [s]."""
+    (found,) = play([(path, times.tolist())], path.parent / "profile", draw=True, patience=120)
+    assert not isinstance(found, str), found
+    return found
 
 
 def targets_of(path: Path) -> list[Any]:
@@ -101,11 +109,11 @@ def test_a_decoded_animation_moves_between_its_frames_as_the_decoder_says_in_a_b
             assert np.abs(read.read_frames(0, read.frame_count) - expected).max() < error * moved
         assert_valid(tmp_path / "x.glb")
         times = np.array([0, 7.3, 20.5, 33.8, 39] if error < 1e-4 else [0, 7, 20, 33, 39]) / 24
-        for time, (mesh,) in zip(times, play_in_browser(tmp_path / "x.glb", times.tolist(), tmp_path), strict=True):
+        (mesh,) = played(tmp_path / "x.glb", times)
+        assert mesh.name == "sheet"
+        for time, points in zip(times, mesh.points, strict=True):
             expected = animation.positions(time)
-            points = np.array(mesh["points"]).reshape(-1, 3)[: len(expected)]
-            assert mesh["name"] == "sheet"
-            assert np.abs(points - expected).max() < 5e-6 * np.abs(expected).max()
+            assert np.abs(points[: len(expected)] - expected).max() < 5e-6 * np.abs(expected).max()
 
 
 def weights_between_keys(path: Path) -> Any:
@@ -312,15 +320,13 @@ def test_a_tree_of_objects_with_seams_plays_in_a_browser(tmp_path: Path) -> None
     clip = scene([body("root/arm/hand"), body("root/nail", [uv_with_seam("uv:second")])], up_axis="Z", unit="m")
     notices = write_sequence(clip, tmp_path / "x.glb")
     assert notices[0] == "the scene is turned from Z-up to Y-up, as glTF has it"
-    played = play_in_browser(tmp_path / "x.glb", clip.times.tolist(), tmp_path / "profile")
+    hand, *_ = played(tmp_path / "x.glb", clip.times)
     with open_sequence(tmp_path / "x.glb") as read:
         expected = read.read_frames(0, 5)
     turned = clip.points[..., [0, 2, 1]] * np.float32([1, 1, -1])
     assert np.abs(expected - turned).max() < 1e-6
-    for frame, meshes in enumerate(played):
-        # A mesh of several materials is several to three.js, each with all the vertices.
-        hand = np.array(meshes[0]["points"]).reshape(-1, 3)
-        assert np.abs(hand[:5] - turned[frame, :5]).max() < 1e-5
+    # A mesh of several materials is several to three.js, each with all the vertices.
+    assert np.abs(hand.points[:, :5] - turned[:, :5]).max() < 1e-5
 
 
 def rewritten(source: Path, out: Path, change: Callable[[GltfBuilder], None]) -> Path:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import http.server
 import json
 import os
 import subprocess
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.browser_tools import chromium, node_modules
+from tests.three_player import play
 
 HERE = Path(__file__).resolve().parent
 
@@ -105,85 +103,21 @@ def blender_shows(jobs: Sequence[Job], folder: Path) -> list[Seen] | str:
     return found
 
 
-class _Server(http.server.ThreadingHTTPServer):
-    """Serves the page, the modules and the files; takes what comes back."""
-
-    def __init__(self, jobs: Sequence[Job], modules: Path) -> None:
-        self.jobs, self.modules = jobs, modules
-        self.found: dict[int, Seen] = {}
-        self.finished = threading.Event()
-        super().__init__(("127.0.0.1", 0), _Handler)
-
-
-class _Handler(http.server.BaseHTTPRequestHandler):
-    server: _Server
-
-    def do_GET(self) -> None:
-        path = self.path.partition("?")[0]
-        kind = {".js": "text/javascript", ".json": "application/json"}.get(Path(path).suffix, "text/html")
-        if path == "/jobs.json":
-            content = json.dumps([job.times for job in self.server.jobs]).encode()
-        elif path.startswith("/file/"):
-            content, kind = self.server.jobs[int(path.rpartition("/")[2])].path.read_bytes(), "model/gltf-binary"
-        elif path.startswith("/node_modules/") and ".." not in path:
-            content = (self.server.modules / path.removeprefix("/node_modules/")).read_bytes()
-        else:
-            content = (HERE / "play.html").read_bytes()
-        self._answer(content, kind)
-
-    def do_POST(self) -> None:
-        content = self.rfile.read(int(self.headers["Content-Length"] or 0))
-        _, what, *rest = self.path.split("/")
-        if what == "finished":
-            self.server.finished.set()
-        elif what == "failed":
-            self.server.found[int(rest[0])] = failure(content.decode())
-        else:
-            number = int(rest[0])
-            times = len(self.server.jobs[number].times)
-            points = np.frombuffer(content, np.float32).reshape(times, -1, 3)
-            self.server.found[number] = Seen(points.astype(np.float64))
-        self._answer(b"", "text/plain")
-
-    def _answer(self, content: bytes, kind: str) -> None:
-        self.send_response(200)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(content)))
-        self.end_headers()
-        self.wfile.write(content)
-
-    def log_message(self, *arguments: Any) -> None:
-        """Nothing."""
-
-
 def three_shows(jobs: Sequence[Job], folder: Path) -> list[Seen] | str:
     """What three.js shows of glTF files; why there is none where it is not here."""
     try:
-        modules, browser = node_modules(), chromium()
+        played = play([(job.path, job.times) for job in jobs], folder / "profile", draw=False)
     except pytest.skip.Exception as reason:
         return str(reason)
-    if not (modules / "three").is_dir():
-        return "three.js is not here; npm install --prefix tests/browser"
-    server = _Server(jobs, modules)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
-    options += [
-        "--disable-background-networking",
-        "--disable-component-update",
-        f"--user-data-dir={folder / 'profile'}",
-    ]
-    command = [browser, *options, "--remote-debugging-port=0", f"http://127.0.0.1:{server.server_address[1]}/"]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        # A browser that ends says nothing any more.
-        while not server.finished.wait(1) and process.poll() is None:
-            pass
-    finally:
-        process.terminate()
-        process.wait()
-        server.shutdown()
-        server.server_close()
-    return [server.found.get(number, failure("three.js did not end")) for number in range(len(jobs))]
+    found = []
+    for job, meshes in zip(jobs, played, strict=True):
+        if isinstance(meshes, str):
+            found.append(failure(meshes))
+            continue
+        shown = [mesh.points for mesh in meshes if mesh.kind.endswith("Mesh")]
+        points = np.concatenate([np.zeros((len(job.times), 0, 3)), *shown], axis=1)
+        found.append(Seen(points))
+    return found
 
 
 def openusd_shows(jobs: Sequence[Job]) -> list[Seen] | str:
