@@ -2,8 +2,13 @@ import type { PdeAnimation } from "./pdeanim.js";
 
 /** Positions and normals of one animation (one run of frames), in WebGL buffers: vertex attributes of three floats. */
 export class GpuMotion {
-  constructor(gl: WebGL2RenderingContext, animation: PdeAnimation);
+  /** Whether positions and faces of an animation fit into textures. */
+  static holds(gl: WebGL2RenderingContext, animation: PdeAnimation): boolean;
+  /** `drawn`: of each pair of buffers the vertices that it holds, in order; all in one where nothing is said. */
+  constructor(gl: WebGL2RenderingContext, animation: PdeAnimation, drawn?: Uint32Array[]);
   readonly vertexCount: number;
+  readonly drawn: { count: number; sources: WebGLBuffer; positions: WebGLBuffer; normals: WebGLBuffer }[];
+  /** The first pair of buffers. */
   readonly positions: WebGLBuffer;
   readonly normals: WebGLBuffer;
   /** Whether the last positions were made by the graphics processor, not by the decoder. */
@@ -14,6 +19,8 @@ export class GpuMotion {
   groupsNear(time: number): number[];
   /** Upload a group ahead of its time. */
   prefetch(group: number): void;
+  /** Upload the group that comes after a time [s], if there is one. */
+  prefetchAfter(time: number): void;
   /** Make positions and normals at a time [s]. */
   evaluate(time: number): void;
   /** Take positions from elsewhere, and make normals of them. */

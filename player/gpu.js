@@ -2,9 +2,10 @@
  * Positions and normals on the graphics processor (WebGL 2).
  *
  * The fields of a group of frames are uploaded once, as layers of a texture; a frame is a few weights, as uniforms. A vertex
- * shader adds up their products and what corrections the vertex has at the two frames around the time, and writes positions
- * into a buffer (transform feedback); a second one makes normals of them. Both buffers are vertex attributes of whatever is
- * drawn. What does not fit is evaluated by the decoder and uploaded.
+ * shader adds up their products and what corrections the vertex has at the two frames around the time, and writes sums into a
+ * buffer (transform feedback); a second one makes normals of them, and writes positions and normals in the order in which they
+ * are drawn. Both buffers are vertex attributes of whatever is drawn. What does not fit is evaluated by the decoder and
+ * uploaded.
  */
 import { cornersAround, trianglesOf } from "./mesh.js";
 
@@ -74,7 +75,7 @@ void main() {
   position = before + moved;
 }`;
 
-const NORMAL_SHADER = `#version 300 es
+const DRAWN_SHADER = `#version 300 es
 precision highp float;
 precision highp int;
 precision highp sampler2D;
@@ -82,19 +83,21 @@ precision highp usampler2D;
 uniform sampler2D positions;
 uniform usampler2D starts;
 uniform usampler2D others;
+in uint source;
+out vec3 position;
 out vec3 normal;
 
 ivec2 place(int index) { return ivec2(index % ${ROW}, index / ${ROW}); }
 vec3 at(uint vertex) { return texelFetch(positions, place(int(vertex)), 0).xyz; }
 
 void main() {
-  vec3 own = at(uint(gl_VertexID));
-  int begin = int(texelFetch(starts, place(gl_VertexID), 0).x);
-  int end = int(texelFetch(starts, place(gl_VertexID + 1), 0).x);
+  position = at(source);
+  int begin = int(texelFetch(starts, place(int(source)), 0).x);
+  int end = int(texelFetch(starts, place(int(source) + 1), 0).x);
   vec3 sum = vec3(0.0);
   for (int k = begin; k < end; k++) {
     uvec2 pair = texelFetch(others, place(k), 0).xy;
-    sum += cross(at(pair.x) - own, at(pair.y) - own);
+    sum += cross(at(pair.x) - position, at(pair.y) - position);
   }
   float size = length(sum);
   normal = size > 0.0 ? sum / size : vec3(0.0);
@@ -127,28 +130,45 @@ const rowsOf = (count) => Math.max(Math.ceil(count / ROW), 1);
 
 /** Positions and normals of one animation (one run of frames), in buffers. */
 export class GpuMotion {
+  /** Whether positions and faces of an animation fit into textures. */
+  static holds(gl, animation) {
+    const corners = animation.objects.reduce((sum, { faceIndices }) => sum + faceIndices.length, 0);
+    // A fan of n - 2 triangles has less than 3 n corners.
+    return rowsOf(Math.max(animation.vertexCount + 1, 3 * corners)) <= gl.getParameter(gl.MAX_TEXTURE_SIZE);
+  }
+
   /**
    * @param {WebGL2RenderingContext} gl
    * @param {import("./pdeanim.js").PdeAnimation} animation
+   * @param {Uint32Array[]} drawn of each pair of buffers the vertices that it holds, in order; all in one where nothing is said
    */
-  constructor(gl, animation) {
+  constructor(gl, animation, drawn = [Uint32Array.from({ length: animation.vertexCount }, (_, vertex) => vertex)]) {
     this.gl = gl;
     this.animation = animation;
     this.vertexCount = animation.vertexCount;
     this.isOnGpu = false;
     this.#sum = makeProgram(gl, SUM_SHADER, NO_FRAGMENTS, ["position"]);
-    this.#normal = makeProgram(gl, NORMAL_SHADER, NO_FRAGMENTS, ["normal"]);
+    this.#draw = makeProgram(gl, DRAWN_SHADER, NO_FRAGMENTS, ["position", "normal"]);
     this.#feedback = gl.createTransformFeedback();
-    this.#reference = this.#buffer(animation.reference());
-    this.#sums = [this.#buffer(), this.#buffer()];
-    this.normals = this.#buffer();
-    this.positions = this.#sums[0];
+    // Whole rows of the texture that sums are copied to.
+    const size = 12 * ROW * rowsOf(this.vertexCount);
+    this.#reference = this.#buffer(size, animation.reference());
+    this.#sums = [this.#buffer(size), this.#buffer(size)];
+    this.#latest = this.#sums[0];
+    this.drawn = drawn.map((sources) => ({
+      count: sources.length,
+      sources: this.#buffer(sources.byteLength, sources),
+      positions: this.#buffer(12 * sources.length),
+      normals: this.#buffer(12 * sources.length),
+    }));
+    // A binding point that others hardly take: the context may be shared.
+    this.#block = gl.getParameter(gl.MAX_UNIFORM_BUFFER_BINDINGS) - 1;
     this.#weights = gl.createBuffer();
     gl.bindBuffer(gl.UNIFORM_BUFFER, this.#weights);
     gl.bufferData(gl.UNIFORM_BUFFER, 16 * MOST_FUNCTIONS, gl.DYNAMIC_DRAW);
-    gl.uniformBlockBinding(this.#sum, gl.getUniformBlockIndex(this.#sum, "Weights"), 0);
-    this.#before = gl.createVertexArray();
-    this.#none = gl.createVertexArray();
+    gl.uniformBlockBinding(this.#sum, gl.getUniformBlockIndex(this.#sum, "Weights"), this.#block);
+    this.#array = gl.createVertexArray();
+    this.#takePixelStore();
     const { starts, others } = cornersAround(trianglesOf(animation.objects).triangles, this.vertexCount);
     this.#starts = this.#texture(gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT, starts, 1);
     this.#others = this.#texture(gl.RG32UI, gl.RG_INTEGER, gl.UNSIGNED_INT, others, 2);
@@ -156,17 +176,27 @@ export class GpuMotion {
   }
 
   #sum;
-  #normal;
+  #draw;
   #feedback;
   #reference;
   #sums;
+  #latest;
+  #block;
   #weights;
-  #before;
-  #none;
+  #array;
   #starts;
   #others;
   #positionTexture;
   #groups = new Map();
+
+  /** The first pair of buffers: of all vertices where the constructor was told nothing else. */
+  get positions() {
+    return this.drawn[0].positions;
+  }
+
+  get normals() {
+    return this.drawn[0].normals;
+  }
 
   /** Whether a group's fields fit. */
   fits(index) {
@@ -197,11 +227,20 @@ export class GpuMotion {
 
   /** Upload a group ahead of its time. */
   prefetch(index) {
+    this.#takePixelStore();
     if (this.fits(index)) this.#group(index);
   }
 
-  /** Make positions and normals at a time [s]: the buffers `positions` and `normals` hold them. */
+  /** Upload the group that comes after a time [s], if there is one. */
+  prefetchAfter(time) {
+    const { animation } = this;
+    const next = animation.groupOf(frameAt(animation.times, time)) + 1;
+    if (next < animation.groupCount) this.prefetch(next);
+  }
+
+  /** Make positions and normals at a time [s]: the buffers of `drawn` hold them. */
   evaluate(time) {
+    this.#takePixelStore();
     const near = this.groupsNear(time);
     this.isOnGpu = near.every((index) => this.fits(index));
     if (this.isOnGpu) {
@@ -209,27 +248,28 @@ export class GpuMotion {
     } else {
       this.#upload(this.animation.positions(time));
     }
-    this.#makeNormals();
+    this.#writeDrawn();
   }
 
   /** Take positions from elsewhere, and make normals of them. */
   show(positions) {
+    this.#takePixelStore();
     this.#upload(positions);
-    this.#makeNormals();
+    this.#writeDrawn();
   }
 
   #upload(positions) {
     const { gl } = this;
-    this.positions = this.#sums[0];
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.positions);
+    this.#latest = this.#sums[0];
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.#latest);
     gl.bufferSubData(gl.ARRAY_BUFFER, 0, positions);
     gl.bindBuffer(gl.ARRAY_BUFFER, null);
   }
 
-  /** What the buffer of positions holds. */
+  /** What the first buffer of positions holds. */
   readPositions() {
     const { gl } = this;
-    const found = new Float32Array(3 * this.vertexCount);
+    const found = new Float32Array(3 * this.drawn[0].count);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.positions);
     gl.getBufferSubData(gl.ARRAY_BUFFER, 0, found);
     gl.bindBuffer(gl.ARRAY_BUFFER, null);
@@ -239,12 +279,13 @@ export class GpuMotion {
   close() {
     const { gl } = this;
     for (const index of [...this.#groups.keys()]) this.#drop(index);
-    for (const buffer of [this.#reference, ...this.#sums, this.normals, this.#weights]) gl.deleteBuffer(buffer);
+    const drawn = this.drawn.flatMap(({ sources, positions, normals }) => [sources, positions, normals]);
+    for (const buffer of [this.#reference, ...this.#sums, ...drawn, this.#weights]) gl.deleteBuffer(buffer);
     for (const texture of [this.#starts, this.#others, this.#positionTexture]) gl.deleteTexture(texture);
-    for (const array of [this.#before, this.#none]) gl.deleteVertexArray(array);
+    gl.deleteVertexArray(this.#array);
     gl.deleteTransformFeedback(this.#feedback);
     gl.deleteProgram(this.#sum);
-    gl.deleteProgram(this.#normal);
+    gl.deleteProgram(this.#draw);
   }
 
   #addGroups(time, near) {
@@ -259,13 +300,9 @@ export class GpuMotion {
     near.forEach((index, pass) => {
       const group = this.#group(index);
       gl.useProgram(program);
-      gl.bindVertexArray(this.#before);
-      const attribute = gl.getAttribLocation(program, "before");
-      gl.bindBuffer(gl.ARRAY_BUFFER, before);
-      gl.enableVertexAttribArray(attribute);
-      gl.vertexAttribPointer(attribute, 3, gl.FLOAT, false, 0, 0);
-      gl.bindBuffer(gl.ARRAY_BUFFER, null);
-      gl.bindBufferBase(gl.UNIFORM_BUFFER, 0, this.#weights);
+      const place = this.#attribute(program, "before", before);
+      gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 0, 0);
+      gl.bindBufferBase(gl.UNIFORM_BUFFER, this.#block, this.#weights);
       gl.bufferSubData(gl.UNIFORM_BUFFER, 0, this.#weightRows(time, index));
       this.#bind(program, "fields", 0, gl.TEXTURE_2D_ARRAY, group.fields);
       this.#bind(program, "corrections", 1, gl.TEXTURE_2D, group.corrections);
@@ -275,41 +312,66 @@ export class GpuMotion {
       gl.uniform1i(uniform("hasCorrections"), group.hasCorrections ? 1 : 0);
       gl.uniform2f(uniform("frames"), left, right);
       gl.uniform2f(uniform("shares"), 1 - share, share);
-      this.positions = this.#sums[pass % 2];
-      this.#run(this.positions);
-      before = this.positions;
+      this.#latest = this.#sums[pass % 2];
+      this.#run(this.vertexCount, this.#latest);
+      before = this.#latest;
     });
+    gl.bindBufferBase(gl.UNIFORM_BUFFER, this.#block, null);
   }
 
-  #makeNormals() {
+  #writeDrawn() {
     const { gl } = this;
-    gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, this.positions);
+    const program = this.#draw;
+    gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, this.#latest);
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.#positionTexture);
-    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, ROW, rowsOf(this.vertexCount), gl.RGB, gl.FLOAT, 0);
     gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, null);
-    gl.useProgram(this.#normal);
-    gl.bindVertexArray(this.#none);
-    this.#bind(this.#normal, "positions", 0, gl.TEXTURE_2D, this.#positionTexture);
-    this.#bind(this.#normal, "starts", 1, gl.TEXTURE_2D, this.#starts);
-    this.#bind(this.#normal, "others", 2, gl.TEXTURE_2D, this.#others);
-    this.#run(this.normals);
+    gl.useProgram(program);
+    this.#bind(program, "positions", 0, gl.TEXTURE_2D, this.#positionTexture);
+    this.#bind(program, "starts", 1, gl.TEXTURE_2D, this.#starts);
+    this.#bind(program, "others", 2, gl.TEXTURE_2D, this.#others);
+    for (const { count, sources, positions, normals } of this.drawn) {
+      const place = this.#attribute(program, "source", sources);
+      gl.vertexAttribIPointer(place, 1, gl.UNSIGNED_INT, 0, 0);
+      this.#run(count, positions, normals);
+    }
   }
 
-  /** Run the program in use once for each vertex. */
-  #run(into) {
+  /** Bind a buffer to the one attribute of a program, for a pointer to be set into it; returns the attribute's place. */
+  #attribute(program, name, buffer) {
     const { gl } = this;
-    gl.enable(gl.RASTERIZER_DISCARD);
-    gl.bindTransformFeedback(gl.TRANSFORM_FEEDBACK, this.#feedback);
-    gl.bindBufferBase(gl.TRANSFORM_FEEDBACK_BUFFER, 0, into);
-    gl.beginTransformFeedback(gl.POINTS);
-    gl.drawArrays(gl.POINTS, 0, this.vertexCount);
-    gl.endTransformFeedback();
-    gl.bindBufferBase(gl.TRANSFORM_FEEDBACK_BUFFER, 0, null);
-    gl.bindTransformFeedback(gl.TRANSFORM_FEEDBACK, null);
-    gl.disable(gl.RASTERIZER_DISCARD);
+    const place = gl.getAttribLocation(program, name);
+    gl.bindVertexArray(this.#array);
+    gl.enableVertexAttribArray(place);
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    return place;
+  }
+
+  /** Run the program in use once for each vertex, into a buffer for each of its outputs. */
+  #run(count, ...into) {
+    const { gl } = this;
+    gl.bindBuffer(gl.ARRAY_BUFFER, null);
+    if (count > 0) {
+      gl.enable(gl.RASTERIZER_DISCARD);
+      gl.bindTransformFeedback(gl.TRANSFORM_FEEDBACK, this.#feedback);
+      into.forEach((buffer, output) => gl.bindBufferBase(gl.TRANSFORM_FEEDBACK_BUFFER, output, buffer));
+      gl.beginTransformFeedback(gl.POINTS);
+      gl.drawArrays(gl.POINTS, 0, count);
+      gl.endTransformFeedback();
+      into.forEach((_, output) => gl.bindBufferBase(gl.TRANSFORM_FEEDBACK_BUFFER, output, null));
+      gl.bindTransformFeedback(gl.TRANSFORM_FEEDBACK, null);
+      gl.disable(gl.RASTERIZER_DISCARD);
+    }
     gl.bindVertexArray(null);
+  }
+
+  /** Values are uploaded as they stand, whatever others that share the context have set. */
+  #takePixelStore() {
+    const { gl } = this;
+    gl.pixelStorei(gl.UNPACK_FLIP_Y_WEBGL, false);
+    gl.pixelStorei(gl.UNPACK_PREMULTIPLY_ALPHA_WEBGL, false);
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
   }
 
   #bind(program, name, unit, target, texture) {
@@ -398,12 +460,11 @@ export class GpuMotion {
     };
   }
 
-  #buffer(values) {
+  #buffer(size, values) {
     const { gl } = this;
     const buffer = gl.createBuffer();
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    // Whole rows of the texture that positions are copied to.
-    gl.bufferData(gl.ARRAY_BUFFER, 12 * ROW * rowsOf(this.vertexCount), gl.DYNAMIC_COPY);
+    gl.bufferData(gl.ARRAY_BUFFER, size, gl.DYNAMIC_COPY);
     if (values) gl.bufferSubData(gl.ARRAY_BUFFER, 0, values);
     gl.bindBuffer(gl.ARRAY_BUFFER, null);
     return buffer;

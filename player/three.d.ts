@@ -1,20 +1,27 @@
-import type { Group, Loader } from "three";
+import type { Group, Loader, WebGLRenderer } from "three";
 
 import type { PdeAnimation } from "./pdeanim.js";
 
 /** A mesh for each object of a file, in its children; materials may be replaced. */
 export class DeformingGroup extends Group {
-  constructor(animation: PdeAnimation);
+  /** With a renderer, its graphics processor evaluates; the decoder does where there is none, and what does not fit. */
+  constructor(animation: PdeAnimation, options?: { renderer?: WebGLRenderer | null });
   readonly animation: PdeAnimation;
   /** Seconds from the first frame to the last one. */
   readonly duration: number;
   /** Show the shape at a time [s] from the clip's start. */
   setTime(seconds: number): void;
+  /** Whether the graphics processor made the shape that is shown. */
+  readonly isOnGpu: boolean;
+  /** Upload the frames that come after those of now, when there is time for it. */
+  prefetch(): void;
   dispose(): void;
 }
 
 /** Loads `.pdeanim` files, as three's own loaders load theirs. */
 export class PDEAnimLoader extends Loader<DeformingGroup> {
+  /** Evaluate on the graphics processor of a renderer, the one that will draw; null for the decoder. */
+  setRenderer(renderer: WebGLRenderer | null): this;
   load(
     url: string,
     onLoad: (group: DeformingGroup) => void,

@@ -1,17 +1,42 @@
 /**
  * Deforming meshes in three.js.
  *
- *     const animation = await new PDEAnimLoader().loadAsync("cloth.pdeanim");
+ *     const animation = await new PDEAnimLoader().setRenderer(renderer).loadAsync("cloth.pdeanim");
  *     scene.add(animation);
  *     animation.setTime(seconds); // in the loop that draws
+ *
+ * With a renderer, positions and normals are made on the graphics processor, into buffers that are attributes of geometries as
+ * any others: for every material, for shadows. Without one they are made by the decoder.
  */
-import { BufferAttribute, BufferGeometry, DoubleSide, FileLoader, Group, Loader, Mesh, MeshStandardMaterial } from "three";
+import {
+  Box3,
+  BufferAttribute,
+  BufferGeometry,
+  DoubleSide,
+  FileLoader,
+  GLBufferAttribute,
+  Group,
+  Loader,
+  Mesh,
+  MeshStandardMaterial,
+  Sphere,
+  Vector3,
+} from "three";
 
+import { GpuMotion } from "./gpu.js";
 import { normalsOf, trianglesOf } from "./mesh.js";
 import { PdeAnimation } from "./pdeanim.js";
 
 /** Loads `.pdeanim` files, as three's own loaders load theirs. */
 export class PDEAnimLoader extends Loader {
+  #renderer = null;
+
+  /** Evaluate on the graphics processor of a renderer (a `WebGLRenderer`), the one that will draw; null for the decoder. */
+  setRenderer(renderer) {
+    this.#renderer = renderer;
+    return this;
+  }
+
   /** Fetch a file; `onLoad` is called with a `DeformingGroup`. */
   load(url, onLoad, onProgress, onError) {
     const loader = new FileLoader(this.manager);
@@ -34,23 +59,37 @@ export class PDEAnimLoader extends Loader {
 
   /** @returns {Promise<DeformingGroup>} */
   async parseAsync(data) {
-    return new DeformingGroup(await PdeAnimation.open(data));
+    return new DeformingGroup(await PdeAnimation.open(data), { renderer: this.#renderer });
   }
 }
 
 /** A mesh for each object of a file. */
 export class DeformingGroup extends Group {
-  /** @param {PdeAnimation} animation */
-  constructor(animation) {
+  /**
+   * @param {PdeAnimation} animation
+   * @param {{ renderer?: import("three").WebGLRenderer | null }} options the renderer that evaluates; the decoder does where
+   *     there is none
+   */
+  constructor(animation, { renderer = null } = {}) {
     super();
     this.animation = animation;
     this.duration = animation.end - animation.start;
     this.time = null;
-    this.#run = null;
+    if (renderer?.isWebGLRenderer && renderer.capabilities.isWebGL2) {
+      this.#renderer = renderer;
+      renderer.domElement.addEventListener("webglcontextrestored", this.#restore);
+    }
     this.setTime(0);
   }
 
-  #run;
+  #renderer = null;
+  #run = null;
+  #motion = null;
+
+  /** Whether the graphics processor made the shape that is shown. */
+  get isOnGpu() {
+    return this.#motion !== null && this.#motion.isOnGpu;
+  }
 
   /** Show the shape at a time [s] from the clip's start. */
   setTime(seconds) {
@@ -59,22 +98,51 @@ export class DeformingGroup extends Group {
     this.time = time;
     const run = this.animation.at(time);
     if (run !== this.#run) this.#build(run);
+    if (this.#motion) this.#withContext(() => this.#motion.evaluate(time));
     for (const mesh of this.children) {
-      const { position, normal } = mesh.geometry.attributes;
-      const { object, sources, triangles, points, normals } = mesh.userData.pdeanim;
-      run.positions(time, { object, out: points });
-      normalsOf(points, triangles, normals);
-      take(position, points, sources);
-      take(normal, normals, sources);
+      const { attributes } = mesh.geometry;
+      const { shape, sources } = mesh.userData.pdeanim;
+      shape.time = time;
+      if (!this.#motion) {
+        take(attributes.position, shape.points, sources);
+        take(attributes.normal, shape.normals, sources);
+      }
       mesh.geometry.boundingSphere = null;
       mesh.geometry.boundingBox = null;
     }
   }
 
+  /** Upload the frames that come after those of now, when there is time for it. */
+  prefetch() {
+    if (this.#motion) this.#withContext(() => this.#motion.prefetchAfter(this.time));
+  }
+
   /** Give back geometries, materials and what is decoded. */
   dispose() {
+    this.#renderer?.domElement.removeEventListener("webglcontextrestored", this.#restore);
     this.#clear();
     this.animation.close();
+  }
+
+  /** What the graphics processor had is gone: upload it again. */
+  #restore = () => {
+    const { time } = this;
+    this.#run = null;
+    this.time = null;
+    this.setTime(time - this.animation.start);
+  };
+
+  /** Work with the renderer's context, and let the renderer know that its state is another one. */
+  #withContext(work) {
+    const renderer = this.#renderer;
+    const [target, face, level] = [
+      renderer.getRenderTarget(),
+      renderer.getActiveCubeFace(),
+      renderer.getActiveMipmapLevel(),
+    ];
+    work();
+    renderer.resetState();
+    renderer.setRenderTarget(target, face, level);
   }
 
   #clear() {
@@ -83,29 +151,122 @@ export class DeformingGroup extends Group {
       mesh.material.dispose();
       this.remove(mesh);
     }
+    this.#motion?.close();
+    this.#motion = null;
   }
 
   #build(run) {
     const materials = this.children.map((mesh) => mesh.material);
     this.#clear();
     this.#run = run;
-    run.objects.forEach((object, index) => {
+    const parts = run.objects.map((object, index) => {
       const own = { ...object, firstVertex: 0 };
       const { triangles } = trianglesOf([own]);
-      const { sources, index: indices, uvs } = withUvs(run.attributes(index), own, triangles);
-      const geometry = new BufferGeometry();
+      return { shape: new Shape(run, index, triangles), ...withUvs(run.attributes(index), own, triangles) };
+    });
+    const gl = this.#renderer?.getContext();
+    if (gl && GpuMotion.holds(gl, run)) {
+      const drawn = parts.map(({ sources }, index) => sources.map((vertex) => run.object(index).firstVertex + vertex));
+      this.#withContext(() => (this.#motion = new GpuMotion(gl, run, drawn)));
+    }
+    parts.forEach(({ shape, sources, index: indices, uvs }, index) => {
+      const drawn = this.#motion?.drawn[index];
+      const geometry = drawn ? new GpuGeometry() : new BufferGeometry();
       geometry.setIndex(new BufferAttribute(indices, 1));
-      for (const name of ["position", "normal"]) {
-        geometry.setAttribute(name, new BufferAttribute(new Float32Array(3 * sources.length), 3));
+      for (const [name, values] of [
+        ["position", "points"],
+        ["normal", "normals"],
+      ]) {
+        const attribute = drawn
+          ? new GpuAttribute(gl, drawn[`${name}s`], sources, () => shape[values])
+          : new BufferAttribute(new Float32Array(3 * sources.length), 3);
+        geometry.setAttribute(name, attribute);
       }
       if (uvs) geometry.setAttribute("uv", new BufferAttribute(uvs, 2));
       const mesh = new Mesh(geometry, materials[index] ?? new MeshStandardMaterial({ side: DoubleSide }));
-      mesh.name = object.name;
-      const count = 3 * object.vertexCount;
-      const [points, normals] = [new Float32Array(count), new Float32Array(count)];
-      mesh.userData.pdeanim = { object: index, sources, triangles, points, normals };
+      mesh.name = run.object(index).name;
+      // A sphere around the shape of each frame would take the decoder; a mesh out of sight costs its vertices.
+      mesh.frustumCulled = !drawn;
+      mesh.userData.pdeanim = { shape, sources };
       this.add(mesh);
     });
+  }
+}
+
+/** Positions and normals of an object by the decoder, at the time that is set; made when they are asked for. */
+class Shape {
+  constructor(run, object, triangles) {
+    Object.assign(this, { run, object, triangles, time: null });
+  }
+
+  #points = null;
+  #normals = null;
+  #timeOfPoints = null;
+  #timeOfNormals = null;
+
+  get points() {
+    if (this.#timeOfPoints !== this.time) {
+      this.#points ??= new Float32Array(3 * this.run.object(this.object).vertexCount);
+      this.run.positions(this.time, { object: this.object, out: this.#points });
+      this.#timeOfPoints = this.time;
+    }
+    return this.#points;
+  }
+
+  get normals() {
+    const { points } = this;
+    if (this.#timeOfNormals !== this.time) {
+      this.#normals = normalsOf(points, this.triangles, this.#normals ?? new Float32Array(points.length));
+      this.#timeOfNormals = this.time;
+    }
+    return this.#normals;
+  }
+}
+
+/** A buffer that the graphics processor fills; who reads it (a ray, a box) is given what the decoder says. */
+class GpuAttribute extends GLBufferAttribute {
+  constructor(gl, buffer, sources, values) {
+    super(buffer, gl.FLOAT, 3, 4, sources.length);
+    Object.assign(this, { sources, values });
+  }
+
+  getComponent(index, component) {
+    return this.values()[3 * this.sources[index] + component];
+  }
+
+  getX(index) {
+    return this.getComponent(index, 0);
+  }
+
+  getY(index) {
+    return this.getComponent(index, 1);
+  }
+
+  getZ(index) {
+    return this.getComponent(index, 2);
+  }
+
+  /** three asks for four numbers of any attribute where a ray hits, and takes three of a normal. */
+  getW() {
+    return 0;
+  }
+}
+
+/** Box and sphere of a `GpuAttribute`: three's own refuse buffers of WebGL. */
+class GpuGeometry extends BufferGeometry {
+  computeBoundingBox() {
+    this.boundingBox = new Box3().setFromBufferAttribute(this.attributes.position);
+  }
+
+  computeBoundingSphere() {
+    const { position } = this.attributes;
+    const { center } = new Box3().setFromBufferAttribute(position).getBoundingSphere(new Sphere());
+    const point = new Vector3();
+    let radius = 0;
+    for (let index = 0; index < position.count; index++) {
+      radius = Math.max(radius, center.distanceTo(point.fromBufferAttribute(position, index)));
+    }
+    this.boundingSphere = new Sphere(center, radius);
   }
 }
 

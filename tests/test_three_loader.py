@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from browser_tools import node_modules
-from driven_browser import browsing
+from driven_browser import Browser, browsing
 from remote_server import serving
-from test_view import two_sheets
+from test_view import GPU_MARGIN, two_sheets
 
 from pdecodec import encode, open_animation
 from spec.accepted import with_attributes
@@ -144,3 +145,191 @@ def test_a_fresh_page_follows_the_readme_alone(site: Path, tmp_path: Path) -> No
         )
         assert [error for error in browser.errors() if "favicon" not in error] == []
         assert found[0] == 2 * 2 * 121
+
+
+SCENE = """<!doctype html>
+{imports}
+<script type="module">
+import * as THREE from "three";
+import { GpuMotion } from "pdeanim/gpu";
+import { PDEAnimLoader } from "pdeanim/three";
+
+const renderer = new THREE.WebGLRenderer();
+renderer.shadowMap.enabled = true;
+const gl = renderer.getContext();
+const target = new THREE.WebGLRenderTarget(160, 120);
+const camera = new THREE.PerspectiveCamera(50, 4 / 3, 0.1, 100);
+camera.position.set(1, 2.5, 3);
+camera.lookAt(1, 0, 0);
+const light = new THREE.DirectionalLight(0xffffff, 3);
+light.position.set(1, 3, 1);
+light.castShadow = true;
+const floor = new THREE.Mesh(new THREE.PlaneGeometry(8, 8).rotateX(-Math.PI / 2), new THREE.MeshStandardMaterial());
+floor.position.y = -0.6;
+floor.receiveShadow = true;
+// A texture that is flipped when it is uploaded, as pictures are.
+const dots = new THREE.DataTexture(new Uint8Array([90, 160, 220, 255, 220, 160, 90, 255]), 1, 2);
+dots.flipY = true;
+dots.needsUpdate = true;
+floor.material.map = dots;
+
+function show(clip, seconds) {
+  const scene = new THREE.Scene().add(light, floor, clip);
+  for (const mesh of clip.children) mesh.castShadow = true;
+  renderer.setRenderTarget(target);
+  clip.setTime(seconds);
+  const isKept = renderer.getRenderTarget() === target;
+  renderer.render(scene, camera);
+  const pixels = new Uint8Array(4 * 160 * 120);
+  renderer.readRenderTargetPixels(target, 0, 0, 160, 120, pixels);
+  return { pixels: [...pixels], isKept };
+}
+
+function read(attribute) {
+  if (attribute.array) return [...attribute.array];
+  const found = new Float32Array(3 * attribute.count);
+  gl.bindBuffer(gl.ARRAY_BUFFER, attribute.buffer);
+  gl.getBufferSubData(gl.ARRAY_BUFFER, 0, found);
+  gl.bindBuffer(gl.ARRAY_BUFFER, null);
+  return [...found];
+}
+
+function meshes(clip) {
+  return clip.children.map(({ name, geometry, userData }) => ({
+    name,
+    points: read(geometry.attributes.position),
+    normals: read(geometry.attributes.normal),
+    sources: [...userData.pdeanim.sources],
+  }));
+}
+
+function box(clip) {
+  const { min, max } = new THREE.Box3().setFromObject(clip);
+  return [min.toArray(), max.toArray()];
+}
+
+function hits(clip, from, to) {
+  const ray = new THREE.Raycaster(new THREE.Vector3(...from), new THREE.Vector3(...to).normalize());
+  clip.updateMatrixWorld();
+  return ray.intersectObject(clip).map(({ point, normal, object }) => [object.name, ...point, ...normal]);
+}
+
+const loadOn = (own, name) => new PDEAnimLoader().setRenderer(own).loadAsync(name);
+const error = () => gl.getError();
+Object.assign(globalThis, { renderer, gl, GpuMotion, show, meshes, box, hits, loadOn, error, on: {}, off: {} });
+</script>
+"""
+
+
+@pytest.fixture(scope="module")
+def clips(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Files by name: sheets in groups of frames, and objects with UVs."""
+    folder: Path = tmp_path_factory.mktemp("clips")
+    encode(two_sheets(), folder / "sheets.pdeanim", tolerance=1e-4, group_frames=9)
+    encode(with_attributes(), folder / "mapped.pdeanim", tolerance=1e-4)
+    return {path.stem: path for path in folder.iterdir()}
+
+
+@pytest.fixture(scope="module")
+def scene(site: Path, clips: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """A page with a scene of three.js and each clip twice: ``on.NAME`` by the graphics processor, ``off.NAME`` not."""
+    served: Path = tmp_path_factory.mktemp("scene") / "served"
+    shutil.copytree(site, served, symlinks=False)
+    blocks = (PLAYER / "README.md").read_text("utf-8").split("```")
+    (imports,) = [block.removeprefix("html\n") for block in blocks if block.startswith("html")]
+    (served / "index.html").write_text(SCENE.replace("{imports}", imports))
+    for path in clips.values():
+        shutil.copy(path, served)
+    with serving(served) as server, browsing(served.parent / "profile") as browser:
+        browser.open(f"{server.address}/index.html")
+        browser.run(
+            "while (!globalThis.loadOn) await new Promise((next) => setTimeout(next, 20));"
+            "for (const name of arguments_) {"
+            " on[name] = await loadOn(renderer, `${name}.pdeanim`);"
+            " off[name] = await loadOn(null, `${name}.pdeanim`); }",
+            *clips,
+        )
+        yield browser
+        assert [error for error in browser.errors() if "favicon" not in error] == []
+
+
+def assert_where_the_library_has_it(meshes: list[dict[str, Any]], animation: Any, time: float) -> None:
+    points = animation.positions(time)
+    for mesh, item in zip(meshes, animation.objects, strict=True):
+        own = points[first_vertex(animation.objects, item) + np.array(mesh["sources"])]
+        margin = GPU_MARGIN * (np.ptp(points, axis=0).max() + np.abs(points).max())
+        assert np.abs(np.reshape(mesh["points"], (-1, 3)) - own).max() <= margin, time
+
+
+@pytest.mark.parametrize("name", ["sheets", "mapped"])
+def test_the_graphics_processor_has_three_s_vertices_where_the_library_has_them(
+    scene: Browser, clips: dict[str, Path], name: str
+) -> None:
+    with open_animation(clips[name]) as animation:
+        start, end = animation.times[[0, -1]]
+        for time in np.linspace(start, end, 10):
+            ask = "const [name, time] = arguments_; for (const all of [on, off]) all[name].setTime(time);"
+            found = scene.run(
+                ask + "return [on[name].isOnGpu, off[name].isOnGpu, meshes(on[name]), meshes(off[name])]",
+                name,
+                float(time - start),
+            )
+            assert found[:2] == [True, False]
+            assert_where_the_library_has_it(found[2], animation, float(time))
+            for here, there in zip(found[2], found[3], strict=True):
+                assert np.abs(np.subtract(here["normals"], there["normals"])).max() <= 1e-3
+    assert scene.run("return error()") == 0
+
+
+def test_a_lit_scene_with_shadows_looks_the_same_by_either(scene: Browser, clips: dict[str, Path]) -> None:
+    seen = [scene.run("return [show(on.sheets, 0.7), show(off.sheets, 0.7)]"), scene.run("return [show(on.sheets, 0)]")]
+    assert all(item["isKept"] for item in seen[0]), "the render target stays what it was"
+    here, there, other = (np.array(item["pixels"], float) for item in (*seen[0], *seen[1]))
+    assert np.ptp(there) > 100, "something is lit"
+    assert np.mean(np.abs(here - there) > 8) < 2e-3, "but for what lies at an edge"
+    assert np.mean(np.abs(here - other) > 8) > 1e-2, "at another time it is another picture"
+    assert scene.run("return error()") == 0
+
+
+def test_rays_and_boxes_find_the_shape_that_is_shown(scene: Browser, clips: dict[str, Path]) -> None:
+    for time in (0.2, 0.9):
+        here, there = scene.run(
+            "return [on.sheets, off.sheets].map((clip) => (clip.setTime(arguments_[0]),"
+            " [box(clip), hits(clip, [0.4, 2, 0.6], [0.05, -1, 0.02]), hits(clip, [5, 2, 5], [0, -1, 0])]))",
+            time,
+        )
+        assert np.allclose(here[0], there[0], atol=1e-6)
+        assert [hit[0] for hit in here[1]] == [hit[0] for hit in there[1]] == ["left"]
+        assert np.allclose(np.array(here[1][0][1:], float), np.array(there[1][0][1:], float), atol=1e-5)
+        assert here[2] == there[2] == []
+
+
+def test_a_clip_that_does_not_fit_is_evaluated_by_the_decoder(scene: Browser, clips: dict[str, Path]) -> None:
+    for what in ("GpuMotion.holds", "GpuMotion.prototype.fits"):
+        found = scene.run(
+            f"const before = {what}; {what} = () => false;"
+            f"try {{ const clip = await loadOn(renderer, 'sheets.pdeanim'); clip.setTime(0.6);"
+            f" const found = [clip.isOnGpu, meshes(clip)]; clip.dispose(); return found; }}"
+            f" finally {{ {what} = before; }}"
+        )
+        assert found[0] is False
+        with open_animation(clips["sheets"]) as animation:
+            assert_where_the_library_has_it(found[1], animation, 0.6)
+    assert scene.run("return error()") == 0
+
+
+def test_what_a_lost_context_had_is_uploaded_again(scene: Browser, clips: dict[str, Path]) -> None:
+    found = scene.run(
+        "show(on.sheets, 0.3); const lost = gl.getExtension('WEBGL_lose_context');"
+        "const canvas = renderer.domElement;"
+        "const event = (name) => new Promise((next) => canvas.addEventListener(name, next, { once: true }));"
+        "const isLost = event('webglcontextlost'); lost.loseContext(); await isLost;"
+        "await new Promise((next) => setTimeout(next, 20));"
+        "const isBack = event('webglcontextrestored'); lost.restoreContext(); await isBack;"
+        "const own = meshes(on.sheets); error(); return [own, show(on.sheets, 0.3), show(off.sheets, 0.3), error()]"
+    )
+    with open_animation(clips["sheets"]) as animation:
+        assert_where_the_library_has_it(found[0], animation, 0.3)
+    here, there = (np.array(item["pixels"], float) for item in found[1:3])
+    assert np.mean(np.abs(here - there) > 8) < 2e-3
+    assert found[3] == 0

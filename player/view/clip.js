@@ -33,8 +33,7 @@ export class Clip {
   /** Upload the group that comes next, when there is time for it. */
   prefetch(time) {
     const run = this.animation.at(time);
-    const next = run.groupOf(frameAt(run.times, time)) + 1;
-    if (run === this.model?.animation && next < run.groupCount) this.model.motion.prefetch(next);
+    if (run === this.model?.animation) this.model.motion.prefetchAfter(time);
   }
 
   #take(time) {
