@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from pdecodec.autoprofile import AutoEncoder
 from pdecodec.decoder import Animation
-from pdecodec.encoder import AutoEncoder
 from pdecodec.groupfit import EncodedGroup, GroupChoice, grid_index
 from pdecodec.groups import GroupEntry
 from pdecodec.modelchoice import FinishedGroup

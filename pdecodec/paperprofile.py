@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pdecodec.basis import SPACE_FUNCTIONS, TIME_FUNCTIONS
 from pdecodec.closedform import ClosedForm
 from pdecodec.displacements import FARTHEST_STEPS
-from pdecodec.encoder import FINEST_STEP, Encoder
+from pdecodec.groupencoder import FINEST_STEP, Encoder
 from pdecodec.groupfit import FittedGroup, GroupFitter, quantise
 from pdecodec.groups import GroupEntry
 from pdecodec.limits import LARGEST
@@ -128,7 +128,7 @@ class PaperEncoder(Encoder):
     def _project(
         self, points: Float32Array, part: tuple[int, int], basis: SpaceBasis, reference: Float64Array
     ) -> _Projected:
-        """With the alpha that leaves least: for given rates the fit of Eq. 25 is linear."""
+        """The least squares of Eq. 25 for the alpha that leaves least: for given rates they are linear."""
         moved = points.astype(np.float64) - reference
         if self._bound is not None:  # as under "auto", what is so far off is left to residuals
             moved[np.abs(moved) > FARTHEST_STEPS * self._unit] = 0.0
@@ -137,6 +137,7 @@ class PaperEncoder(Encoder):
         for alpha in self._alphas:
             functions = self._closed_form(part, alpha)
             weights = functions.weights(functions.times)
+            # Eq. 25: both factors are orthonormal, so that its normal equations are these two projections.
             along = np.einsum("fvx,fa->vax", moved, weights, optimize=True).reshape(len(reference), -1)
             coefficients = basis.project(along)
             error = max(energy - float(np.vdot(coefficients, coefficients)), 0.0)

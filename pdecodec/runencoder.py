@@ -14,9 +14,10 @@ from pathlib import Path
 from pdecodec.bytestream import FieldWriter
 from pdecodec.container import Section, Spool, container_pieces, section_sizes, write_container
 from pdecodec.description import encode_names, encode_remarks, encode_sequence_description
-from pdecodec.encoder import checked_frames, make_encoder
+from pdecodec.encoder import make_encoder
 from pdecodec.encodereport import EncodeReport, counted, generator
 from pdecodec.errors import InputError
+from pdecodec.groupencoder import checked_frames
 from pdecodec.groups import CHUNK_SECTIONS
 from pdecodec.metrics import frame_scale
 from pdecodec.runs import ChangingSequence

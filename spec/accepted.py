@@ -22,8 +22,8 @@ from pdecodec import (
     EncodeSettings,
     MeshObject,
     PaperSettings,
+    autoprofile,
     encode,
-    encoder,
 )
 from pdecodec._core import Residuals
 from pdecodec.displacements import TimeFunctions
@@ -203,7 +203,7 @@ def encoded(sequence: MeshSequence, choices: Choices) -> bytes:
         first = vars(GroupFitter)["first_choice"].fget
         with_time = property(lambda fitter: replace(first(fitter), time=choices.time))
         held.enter_context(patch.object(GroupFitter, "first_choice", with_time))
-        held.enter_context(patch.object(encoder, "LONGEST_GROUP", choices.longest_group))
+        held.enter_context(patch.object(autoprofile, "LONGEST_GROUP", choices.longest_group))
         # The lowest effort looks at no other time basis.
         fast = replace(EFFORTS["fast"], space_bases=(choices.space,))
         held.enter_context(patch.dict(EFFORTS, {"fast": fast}))

@@ -52,7 +52,7 @@ PROFILE: dict[str, dict[str, Any]] = {
 def _short_groups() -> Iterator[None]:
     """Groups of five frames at most."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pdecodec.encoder.LONGEST_GROUP", 5)
+        patch.setattr("pdecodec.autoprofile.LONGEST_GROUP", 5)
         yield
 
 

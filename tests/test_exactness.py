@@ -21,8 +21,8 @@ from pdecodec import (
     EncodeSettings,
     MeshObject,
     _core,
+    autoprofile,
     encode,
-    encoder,
     spacebasis,
 )
 from pdecodec.groupfit import GroupFitter
@@ -73,9 +73,9 @@ def case(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> tup
     first = vars(GroupFitter)["first_choice"].fget
     with_time = property(lambda fitter: replace(first(fitter), time=held.get("time", "trajectories")))
     monkeypatch.setattr(GroupFitter, "first_choice", with_time)
-    monkeypatch.setattr(encoder, "LONGEST_GROUP", held.get("longest", 512))
-    fast = replace(encoder.EFFORTS["fast"], space_bases=(held.get("space", ("patch", 64)),))
-    monkeypatch.setitem(encoder.EFFORTS, "fast", fast)
+    monkeypatch.setattr(autoprofile, "LONGEST_GROUP", held.get("longest", 512))
+    fast = replace(autoprofile.EFFORTS["fast"], space_bases=(held.get("space", ("patch", 64)),))
+    monkeypatch.setitem(autoprofile.EFFORTS, "fast", fast)
     options = EncodeSettings(profile="auto", effort="fast", tolerance=held.get("tolerance", 3e-3))
     return sequence, encode(sequence, None, options)
 

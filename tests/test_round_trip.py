@@ -29,7 +29,7 @@ from pdecodec import (
     encode,
     open_animation,
 )
-from pdecodec.encoder import FARTHEST
+from pdecodec.groupencoder import FARTHEST
 from pdecodec.settings import Profile
 
 Float32Array = NDArray[np.float32]
@@ -311,7 +311,7 @@ def test_a_heavy_clip_is_read_fewer_frames_at_a_time(profile: Profile, monkeypat
 def test_an_encode_that_breaks_or_is_interrupted_leaves_nothing_behind(
     profile: Profile, is_interrupted: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pdecodec.encoder.LONGEST_GROUP", 20)
+    monkeypatch.setattr("pdecodec.autoprofile.LONGEST_GROUP", 20)
     path, reported = tmp_path / "a.pdeanim", list[int]()
     path.write_bytes(b"old")
 
