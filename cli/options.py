@@ -169,7 +169,7 @@ def write_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def read_options(command: Callable[..., None]) -> Callable[..., None]:
-    """How the input is read: the options of :func:`open_source`."""
+    """How the input is read: the options of :func:`pdecodec.formats.open_sequence`."""
     for option in reversed(_READ_OPTIONS):
         command = option(command)
     return command

@@ -8,7 +8,7 @@ dependent when alpha or r goes to 0. The spaces they span do not: each also has 
     phi_j(x) = sum over k of  rate^(n k) x^(n k + j) / (n k + j)!,     j = 0 .. n - 1,  n = 4 or 8,
 
 which at rate 0 is the monomials of degree below n. The codec uses that form, over a centred argument in
-[-1, 1], orthonormalised; :func:`paper_coefficients` converts to the coefficients of Eq. 17.
+[-1, 1], orthonormalised; :func:`pdecodec.paperform.paper_form` converts to the coefficients of Eq. 17.
 
 What they solve: 16 of the 32 solve Eq. 10, ``m w_tt = K w_uuuu`` (with ``alpha = r^2 sqrt(K/m)``, and
 ``rate^4 = K/m alpha^2`` read accordingly); the other 16 solve ``m w_tt = -K w_uuuu``, the sign of the

@@ -126,6 +126,7 @@ def paper_form(
         matrix[:count] = np.linalg.lstsq(series[rows, :count], own_functions.T, rcond=None)[0]
         matrix = to_paper_space @ matrix
         own = found[coefficient_starts[p] : coefficient_starts[p + 1]]
+        # c_w1 to c_w32 of Eq. 17, for each axis.
         coefficients[p] = np.einsum("pa,bax,qb->xpq", to_paper_time, own, matrix, optimize=True)
         condition[p] = time_condition * np.linalg.cond(matrix)
     return PaperForm(

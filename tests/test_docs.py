@@ -56,6 +56,35 @@ def test_every_link_of_the_documents_leads_to_a_file() -> None:
             assert target.startswith("https://") or (ROOT / target).exists(), f"{document} links to {target}"
 
 
+@pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md"])
+def test_every_place_in_the_code_that_a_document_names_is_there(document: str) -> None:
+    named = re.findall(r"`((?:batch|cli|core|formats|pdecodec|player|report)/[^`\s]*)`", (ROOT / document).read_text())
+    assert len(named) >= 10
+    assert [place for place in named if not (ROOT / place).exists()] == []
+
+
+def test_the_map_of_equations_leads_to_where_they_are_named() -> None:
+    table = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("| Eqs. |")[1].split("\n\n")[0]
+    rows = [line.strip("|").split("|") for line in table.splitlines()[2:]]
+    assert len(rows) >= 5
+    for equations, _, places in rows:
+        files = re.findall(r"`([^`]+)`", places)
+        found = {place: equations_in((ROOT / place).read_text(encoding="utf-8")) for place in files}
+        wanted = set(map(int, equations.split(",")))
+        assert wanted <= set().union(*found.values()), f"Eqs. {equations} are not all named in {files}"
+        assert all(wanted & own for own in found.values()), f"none of Eqs. {equations} is named in one of {files}"
+
+
+def equations_in(text: str) -> set[int]:
+    """Numbers of equations that a file names: 'Eq. 25', 'Eqs. 6 and 7', 'Eqs. 19 to 23'."""
+    numbers: set[int] = set()
+    for named in re.findall(r"\bEqs?\. (\d+(?:(?:, | and | to )\d+)*)", text):
+        numbers |= set(map(int, re.findall(r"\d+", named)))
+        for first, last in re.findall(r"(\d+) to (\d+)", named):
+            numbers |= set(range(int(first), int(last) + 1))
+    return numbers
+
+
 def test_every_figure_that_the_readme_quotes_of_the_paper_is_in_the_run_that_is_kept() -> None:
     section = README.split("## What we found in the paper")[1].split("\n## ")[0]
     quoted = set(re.findall(r"\d+\.\d{2,}|\d+(?:\.\d+)? %", section))
