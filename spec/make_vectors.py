@@ -100,6 +100,8 @@ def main(arguments: list[str]) -> None:
         data = take(FOLDER / "reject" / f"{item.name}.pdeanim", item.data)
         sha256 = hashlib.sha256(data).hexdigest()
         manifest["reject"][item.name] = {"sha256": sha256, "error": item.error, "exit_code": 4, "reason": item.reason}
+        if item.section is not None:
+            manifest["reject"][item.name]["section"] = item.section
     for folder in ("accept", "reject"):
         (FOLDER / folder).mkdir(parents=True, exist_ok=True)
         for path in set((FOLDER / folder).iterdir()) - files.keys():

@@ -39,12 +39,13 @@ from spec.sealing import (
 
 @dataclass(frozen=True)
 class Refused:
-    """A file that every decoder must refuse."""
+    """A file that every decoder must refuse; where ``section`` names one, every decoder that reads that section."""
 
     name: str
     data: bytes
     reason: str
     error: str = "corrupt"
+    section: str | None = None
 
 
 class Base:
@@ -342,7 +343,7 @@ def _scripts(base: Base) -> Iterator[Refused]:
     )
     still = with_first_group(base.parts, "TIME", b"")
     first, second = base.rows
-    rows = replace(first, functions=4, sizes=(0, *first.sizes[1:])).pack() + second.pack()
+    rows = replace(first, functions=4, kind=0, sizes=(0, *first.sizes[1:])).pack() + second.pack()
     still = scripted(
         with_section(still, "GRUP", rows), "COEF", "111 10", group=True, says="more functions of time than there are"
     )
@@ -394,7 +395,7 @@ def _remarks(base: Base) -> Iterator[Refused]:
         ("remarks_not_an_object", compressed(b"[]"), "META is an array (18)"),
         ("remarks_not_json", compressed(b"{"), "META is not JSON (18)"),
     ):
-        yield Refused(name, seal([*base.parts, Part("META", data, 0)]), reason)
+        yield Refused(name, seal([*base.parts, Part("META", data, 0)]), reason, section="META")
 
 
 def _runs(base: Base) -> Iterator[Refused]:
