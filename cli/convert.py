@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pdecodec.cli.console import extent, print_json, progress_bar, say, say_notices
-from pdecodec.cli.jobs import STREAM, Job, job_options, jobs, say_plan, say_start, streamed
+from pdecodec.cli.jobs import STREAM, Job, job_options, jobs, opened_input, say_plan, say_start, streamed
 from pdecodec.cli.options import (
     bytes_of,
     frames_option,
@@ -66,11 +66,6 @@ def convert(
 def _convert(
     job: Job,
     *,
-    frames: str | None,
-    objects: tuple[str, ...],
-    up_axis: str | None,
-    scale: float,
-    unit: str | None,
     velocities: bool,
     quantize: bool,
     meshopt: bool,
@@ -78,24 +73,18 @@ def _convert(
     dry_run: bool,
     overwrite: bool,
     as_json: bool,
-    **reading: Any,
+    **options: Any,
 ) -> None:
-    from pdecodec.formats import open_sequence, write_sequence
-    from pdecodec.formats.choosing import select_frames, select_objects
+    """Do one job; `options` are what :func:`opened_input` takes."""
+    from pdecodec.formats import write_sequence
     from pdecodec.formats.companions import input_files
-    from pdecodec.formats.scene_space import place, velocities_of
+    from pdecodec.formats.scene_space import velocities_of
 
     started = time.perf_counter()
     source, written = job.source, job.output
-    job.check([written], [reading["mesh"]], overwrite=overwrite, dry_run=dry_run)
-    with open_sequence(source, **reading) as whole:
-        sequence = place(
-            select_objects(select_frames(whole, frames), objects, job.source_name),
-            up_axis=up_axis,
-            scale=scale,
-            unit=unit,
-        )
-        bound = rigid_bound(whole, scale) if rigid else None
+    job.check([written], [options["mesh"]], overwrite=overwrite, dry_run=dry_run)
+    with opened_input(job, **options) as (whole, sequence):
+        bound = rigid_bound(whole, options["scale"]) if rigid else None
         say_notices(sequence)
         say_start(job, sequence)
 

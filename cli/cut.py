@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -23,7 +23,6 @@ from pdecodec.errors import SettingsError
 if TYPE_CHECKING:
     from pdecodec.cutting import CutReport
     from pdecodec.decoder import Animation
-    from pdecodec.formats.registry import Transforms
     from pdecodec.sequence import MeshSequence
     from pdecodec.settings import EffortName
 
@@ -105,14 +104,9 @@ def join(
     shift: bool,
     recode: bool,
     effort: EffortName,
-    fps: float | None,
-    mesh: str | None,
-    clip: str | None,
-    transforms: Transforms,
-    skip_unsupported: bool,
-    isolate: bool,
     overwrite: bool,
     as_json: bool,
+    **reading: Any,
 ) -> None:
     """Write A, a .pdeanim file, and what comes after it as one file.
 
@@ -132,17 +126,7 @@ def join(
             if other.lower().endswith(".pdeanim"):
                 coming.append(other)
                 continue
-            sequence = stack.enter_context(
-                open_sequence(
-                    other,
-                    fps=fps,
-                    mesh=mesh,
-                    clip=clip,
-                    transforms=transforms,
-                    skip_unsupported=skip_unsupported,
-                    isolate=isolate,
-                )
-            )
+            sequence = stack.enter_context(open_sequence(other, **reading))
             say_notices(sequence)
             coming.append(sequence)
         with progress_bar() as progress:

@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say, say_alternatives, say_notices
-from pdecodec.cli.jobs import SAMPLES, STREAM, Job, job_options, jobs, say_plan, say_sizes, say_start, streamed
+from pdecodec.cli.jobs import (
+    SAMPLES,
+    STREAM,
+    Job,
+    job_options,
+    jobs,
+    opened_input,
+    say_plan,
+    say_sizes,
+    say_start,
+    streamed,
+)
 from pdecodec.cli.options import (
     bytes_of,
     decode_limits,
@@ -151,55 +163,33 @@ def encode(
 def _encode(
     job: Job,
     *,
-    frames: str | None,
-    objects: tuple[str, ...],
-    fps: float | None,
-    mesh: str | None,
-    clip: str | None,
-    transforms: Any,
-    skip_unsupported: bool,
-    isolate: bool,
-    up_axis: str | None,
-    scale: float,
-    unit: str | None,
     dry_run: bool,
     overwrite: bool,
     as_json: bool,
     rms: float | None,
     size: int | None,
-    segment_frames: int | None,
-    piece_points: int | None,
-    alpha: float | None,
-    r: float | None,
-    **settings: Any,
+    **options: Any,
 ) -> None:
+    """Do one job; `options` are fields of the two classes of settings, and what :func:`opened_input` takes."""
     from pdecodec.encoder import encode as encode_sequence
-    from pdecodec.formats import open_sequence
-    from pdecodec.formats.choosing import select_frames, select_objects
     from pdecodec.formats.companions import input_files
-    from pdecodec.formats.scene_space import place
     from pdecodec.ratecontrol import encode_to_rms, encode_to_size
     from pdecodec.settings import EncodeSettings, PaperSettings
 
     source, output = job.source, job.output
+    settings, paper = (
+        {item.name: options.pop(item.name) for item in fields(kind) if item.name in options}
+        for kind in (EncodeSettings, PaperSettings)
+    )
     if sum(value is not None for value in (settings["tolerance"], settings["max_error"], rms, size)) > 1:
         raise SettingsError("give one of --tolerance, --max-error, --rms and --size, not several")
-    paper = {"segment_frames": segment_frames, "piece_points": piece_points, "alpha": alpha, "r": r}
     given: dict[str, Any] = {name: value for name, value in paper.items() if value is not None}
     with naming_options((*settings, *paper)):
         checked = EncodeSettings(**settings, paper=PaperSettings(**given))
     if not output.lower().endswith(".pdeanim"):
         raise SettingsError(f"{output}: encode writes .pdeanim files; for other formats use pdecodec convert")
-    job.check([output], [mesh], overwrite=overwrite, dry_run=dry_run)
-    with open_sequence(
-        source, fps=fps, mesh=mesh, clip=clip, transforms=transforms, skip_unsupported=skip_unsupported, isolate=isolate
-    ) as whole:
-        sequence = place(
-            select_objects(select_frames(whole, frames), objects, job.source_name),
-            up_axis=up_axis,
-            scale=scale,
-            unit=unit,
-        )
+    job.check([output], [options["mesh"]], overwrite=overwrite, dry_run=dry_run)
+    with opened_input(job, **options) as (_, sequence):
         say_notices(sequence)
         say_start(job, sequence)
         files = input_files(source)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -157,6 +157,31 @@ def _stem(source: str) -> str:
     if is_frame_pattern(path) and not path.exists():
         return str(parse_pattern(path).basename()).rstrip("._- ") or "frames"
     return path.resolve().name if path.is_dir() else path.stem
+
+
+@contextmanager
+def opened_input(
+    job: Job,
+    *,
+    frames: str | None,
+    objects: Sequence[str],
+    up_axis: str | None,
+    scale: float,
+    unit: str | None,
+    **reading: Any,
+) -> Iterator[tuple[MeshSequence, MeshSequence]]:
+    """Open the input of a job, by the `read_options`; beside all of it what is chosen of it, as it is to be placed.
+
+    `frames` and `objects` are those of `frames_option` and `objects_option`, the axis, scale and unit of
+    `place_options`.
+    """
+    from pdecodec.formats import open_sequence
+    from pdecodec.formats.choosing import select_frames, select_objects
+    from pdecodec.formats.scene_space import place
+
+    with open_sequence(job.source, **reading) as whole:
+        chosen = select_objects(select_frames(whole, frames), objects, job.source_name)
+        yield whole, place(chosen, up_axis=up_axis, scale=scale, unit=unit)
 
 
 @contextmanager
