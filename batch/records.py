@@ -26,9 +26,10 @@ STATE_FOLDER = ".batch"
 """In the folder of the outputs."""
 
 RECORD_VERSION = 1
+"""Of what a record has in it: one of another version counts as none, and its clip is done again."""
 
 _ALGORITHM = "blake2b"
-
+"""Of the digests that tell whether a source is as it was."""
 
 Place = Path | RemoteFile
 """Where a file is: here, or at an address."""

@@ -115,11 +115,11 @@ class ArrayEvaluator:
         return self._evaluate(POSITIONS, times, outside)
 
     def velocities(self, times: ArrayLike, *, outside: Outside = "clamp") -> Any:
-        """Velocities at one time or at several [scene units / s], as :meth:`Animation.velocities` has them."""
+        """Velocities at one time or at several [scene units / s], as of :meth:`Animation.velocities`."""
         return self._evaluate(VELOCITIES, times, outside)
 
     def accelerations(self, times: ArrayLike, *, outside: Outside = "clamp") -> Any:
-        """Accelerations at one time or at several [scene units / s^2], as :meth:`Animation.accelerations` has them."""
+        """Accelerations at one time or at several [scene units / s^2], as of :meth:`Animation.accelerations`."""
         return self._evaluate(ACCELERATIONS, times, outside)
 
     def fields(self, group: int) -> Any:
@@ -134,6 +134,13 @@ class ArrayEvaluator:
         -------
         (functions, vertices, axes) array of float32 [scene units]
             Of 3 axes, or of 1 that all axes have in common.
+
+        Raises
+        ------
+        SettingsError
+            If there is no such group.
+        CorruptFileError
+            If it is damaged.
         """
         return self._there(self._fields(group))
 
@@ -150,6 +157,13 @@ class ArrayEvaluator:
         -------
         (functions, 1) or (functions, 3) float64 [1, 1 / s or 1 / s^2]
             Of 3 axes where fields are of 1, of 1 where they are of 3: their product is of 3.
+
+        Raises
+        ------
+        SettingsError
+            If the time is not a number, or there is no such group or quantity.
+        CorruptFileError
+            If the group is damaged.
         """
         if quantity not in QUANTITIES:
             raise SettingsError(f"quantity must be one of {', '.join(QUANTITIES)}, not {quantity!r}")
@@ -158,7 +172,15 @@ class ArrayEvaluator:
         return self._weights(QUANTITIES.index(quantity), time, group)
 
     def corrections(self, group: int) -> Corrections:
-        """What is to be added at frames of a group; in between, what the frames beside have, in their share."""
+        """What is to be added at frames of a group; in between, what the frames beside have, in their share.
+
+        Raises
+        ------
+        SettingsError
+            If there is no such group.
+        CorruptFileError
+            If it is damaged.
+        """
         self._check(group)
 
         def found() -> Corrections:

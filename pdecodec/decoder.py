@@ -354,6 +354,14 @@ class Animation(MeshSequence):
         Returns
         -------
         (n, vertices, 3) float32 [scene units]
+
+        Raises
+        ------
+        SettingsError
+            If `times` is no list of numbers, one lies outside and that is refused, or `out` is of another shape or
+            dtype, or cannot be written to.
+        CorruptFileError
+            If a group that is needed is damaged.
         """
         inside = self._inside(times, outside)
         shape = (inside.size, self.vertex_count, 3)
@@ -385,11 +393,19 @@ class Animation(MeshSequence):
         Returns
         -------
         (vertices, 3) or (n, vertices, 3) float32 [scene units / s]
+
+        Raises
+        ------
+        SettingsError, CorruptFileError
+            As of :meth:`positions`.
         """
         return self._derivatives(VELOCITIES, times, outside)
 
     def accelerations(self, times: ArrayLike, *, outside: Outside = "clamp") -> Float32Array:
-        """As :meth:`velocities`, the second derivative [scene units / s^2]; residuals have none."""
+        """Acceleration of every vertex: the exact second derivative of the positions; residuals have none.
+
+        Parameters, shapes and errors are those of :meth:`velocities`, its unit [scene units / s^2].
+        """
         return self._derivatives(ACCELERATIONS, times, outside)
 
     def _derivatives(self, quantity: int, times: ArrayLike, outside: Outside) -> Float32Array:

@@ -23,6 +23,7 @@ HISTOGRAM_SHIFT = 12
 """Bits of a float32 dropped for the percentile's histogram: 2**19 bins, each 2**-11 (0.05 %) wide."""
 
 HISTOGRAM_BINS = 2 ** (31 - HISTOGRAM_SHIFT)
+"""One for each value of the bits that are left, the sign aside: distances have none."""
 
 
 def frame_scale(points0: ArrayLike) -> float:
