@@ -254,30 +254,6 @@ void Animation::take_motion() {
     has_motion_memory_ = true;
 }
 
-// Make the space basis, if there is none yet, while another thread decodes what some groups have in TIME, which
-// needs no other section.
-std::vector<Animation::Ahead> Animation::make_space(std::span<const std::size_t> groups) {
-    std::vector<Ahead> found(groups.size());
-    if (space_ || threads_ < 2) {
-        space();
-        return found;
-    }
-    take_motion();
-    const std::jthread other([&] {
-        try {
-            for (std::size_t k = 0; k < groups.size(); ++k) {
-                const Group &own = table_->groups()[groups[k]];
-                found[k].chunks = table_->chunks(container_, groups[k]);
-                found[k].values = decode_group_times(own, (*found[k].chunks)[0]);
-            }
-        } catch (...) {
-            // Who decodes the group comes upon it again, and says where it is.
-        }
-    });
-    space();
-    return found;
-}
-
 const std::vector<u8> &Animation::remarks() {
     const std::lock_guard guard(lock_);
     if (!remarks_) remarks_ = file_->container().read_optional("META");
@@ -296,13 +272,24 @@ ClosedForm Animation::closed_form(std::size_t index) const {
     return ClosedForm(own, group.alpha, group.functions);
 }
 
-DecodedGroup Animation::decode(std::size_t index, int threads, Ahead ahead, std::size_t at_once) const {
-    const Group &group = table_->groups()[index];
+// Decode the k-th of some groups that are decoded at once.
+DecodedGroup Animation::decode(std::span<const std::size_t> groups, std::size_t k, GroupsAhead &ahead,
+                               int threads) const {
+    const Group &group = table_->groups()[groups[k]];
     try {
         const std::span<const double> own(times().data() + group.first, static_cast<std::size_t>(group.frames));
-        if (!ahead.chunks) ahead.chunks = table_->chunks(container_, index);
-        return decode_group(group, *ahead.chunks, *space_, own,
-                            static_cast<i64>(least<u64>(left_ / at_once, INT64_MAX)), threads, std::move(ahead.values));
+        Chunks read;
+        const Chunks *chunks = ahead.chunks(k);
+        if (!chunks) {
+            read = table_->chunks(container_, groups[k]);
+            chunks = &read;
+        }
+        const auto values = [&] {
+            std::optional<std::vector<double>> found = ahead.values(k);
+            return found ? std::move(*found) : decode_group_times(group, (*chunks)[0]);
+        };
+        return decode_group(group, *chunks, *space_, own,
+                            static_cast<i64>(least<u64>(left_ / groups.size(), INT64_MAX)), threads, values);
     } catch (const CorruptError &error) {
         if (error.frame >= 0) throw;
         throw CorruptError(error.what(), error.offset, group.first);
@@ -321,6 +308,13 @@ void Animation::keep(std::size_t index, DecodedGroup group) {
     }
 }
 
+// Begin with groups beside the space basis, if it is not there yet and there is a thread for it.
+std::unique_ptr<GroupsAhead> Animation::begin_ahead(std::span<const std::size_t> groups) {
+    if (space_ || threads_ < 2) return std::make_unique<GroupsAhead>();
+    take_motion();
+    return std::make_unique<GroupsAhead>(container_, *table_, groups);
+}
+
 const DecodedGroup &Animation::group(std::size_t index) {
     const auto found = kept_places_.find(index);
     if (found != kept_places_.end()) {
@@ -328,8 +322,10 @@ const DecodedGroup &Animation::group(std::size_t index) {
         return kept_.front().second;
     }
     check_cancelled();
-    std::vector<Ahead> ahead = make_space({&index, 1});
-    keep(index, decode(index, threads_, std::move(ahead[0]), 1));
+    const std::span<const std::size_t> wanted(&index, 1);
+    const std::unique_ptr<GroupsAhead> ahead = begin_ahead(wanted);
+    space();
+    keep(index, decode(wanted, 0, *ahead, threads_));
     return kept_.front().second;
 }
 
@@ -357,10 +353,11 @@ void Animation::decode_ahead(std::span<const double> sorted) {
         wanted.push_back(index);
     }
     if (wanted.size() < 2) return;
-    std::vector<Ahead> ahead = make_space(wanted);
+    const std::unique_ptr<GroupsAhead> ahead = begin_ahead(wanted);
+    space();
     std::vector<std::optional<DecodedGroup>> found(wanted.size());
     in_shares(static_cast<i64>(wanted.size()), threads_, [&](i64 first, i64 end) {
-        for (i64 k = first; k < end; ++k) found[k] = decode(wanted[k], 1, std::move(ahead[k]), wanted.size());
+        for (i64 k = first; k < end; ++k) found[k] = decode(wanted, k, *ahead, 1);
     });
     for (std::size_t k = wanted.size(); k-- > 0;) keep(wanted[k], std::move(*found[k]));
 }

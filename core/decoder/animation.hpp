@@ -20,6 +20,7 @@
 #include "decoder/decoded_group.hpp"
 #include "decoder/file.hpp"
 #include "decoder/group_table.hpp"
+#include "decoder/groups_ahead.hpp"
 #include "decoder/model.hpp"
 #include "evaluate/broken_spline.hpp"
 #include "residuals/added.hpp"
@@ -139,13 +140,8 @@ private:
     void decode_ahead(std::span<const double> sorted);
     bool is_kept(std::size_t index) const;
     const DecodedGroup &group(std::size_t index);
-    // What of a group was read and decoded ahead: its chunks, its functions of time as they have them.
-    struct Ahead {
-        std::optional<std::array<std::vector<u8>, 3>> chunks;
-        std::optional<std::vector<double>> values;
-    };
-    std::vector<Ahead> make_space(std::span<const std::size_t> groups);
-    DecodedGroup decode(std::size_t index, int threads, Ahead ahead, std::size_t at_once) const;
+    std::unique_ptr<GroupsAhead> begin_ahead(std::span<const std::size_t> groups);
+    DecodedGroup decode(std::span<const std::size_t> groups, std::size_t k, GroupsAhead &ahead, int threads) const;
     void keep(std::size_t index, DecodedGroup group);
     ResidualScale residual_scale();
     template <class Real> const AnchoredReference<Real> &anchored();

@@ -137,22 +137,22 @@ private:
     bool is_done_ = false;
 };
 
-template <class Real> DecodedGroup decode_in(const Group &group, const std::array<std::vector<u8>, 3> &chunks,
-                                             const SpaceBasis &space, std::span<const double> times, i64 most_bytes,
-                                             int threads, std::optional<std::vector<double>> values) {
+template <class Real> DecodedGroup decode_in(const Group &group, const Chunks &chunks, const SpaceBasis &space,
+                                             std::span<const double> times, i64 most_bytes, int threads,
+                                             const std::function<std::vector<double>()> &values) {
     CoefficientPipeline<Real> pipeline(group, chunks[1], space);
     std::vector<double> time;
     Residuals residuals;
     const auto decode_rest = [&] {
-        if (!values) values = decode_group_times(group, chunks[0]);
-        time = functions_of_time(group, times, std::move(*values));
+        time = functions_of_time(group, times, values());
         residuals = decode_residuals(chunks[2], group.frames, space.elements().patches->starts, most_bytes);
     };
     std::exception_ptr failure;
     if (threads < 2) {
-        decode_rest();
+        // Those of TIME last: another thread may still be at them.
         pipeline.decode();
         pipeline.take();
+        decode_rest();
     } else {
         std::jthread other([&] {
             try {
@@ -196,11 +196,11 @@ std::vector<double> decode_group_times(const Group &group, std::span<const u8> c
     return decode_time_functions(chunk, {group.functions, group.frames, group.time_axes()}, group.time_step);
 }
 
-DecodedGroup decode_group(const Group &group, const std::array<std::vector<u8>, 3> &chunks, const SpaceBasis &space,
+DecodedGroup decode_group(const Group &group, const Chunks &chunks, const SpaceBasis &space,
                           std::span<const double> times, i64 most_bytes, int threads,
-                          std::optional<std::vector<double>> values) {
+                          const std::function<std::vector<double>()> &values) {
     const auto decode = group.is_single ? &decode_in<float> : &decode_in<double>;
-    return decode(group, chunks, space, times, most_bytes, threads, std::move(values));
+    return decode(group, chunks, space, times, most_bytes, threads, values);
 }
 
 std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space) {

@@ -1,8 +1,7 @@
 // A group of frames as its chunks decode: functions of time, what they move, residuals.
 #pragma once
 
-#include <array>
-#include <optional>
+#include <functional>
 #include <span>
 #include <variant>
 #include <vector>
@@ -30,12 +29,12 @@ std::vector<double> functions_of_time(const Group &group, std::span<const double
 // What functions of time a group's chunk in TIME holds, for sampled bases; CorruptError where it is damaged.
 std::vector<double> decode_group_times(const Group &group, std::span<const u8> chunk);
 
-// Decode the chunks of a group in TIME, COEF and CORR; values: of `decode_group_times` where they are known already.
-// CorruptError where a chunk is damaged, LimitError where residuals take more than `most_bytes`. Coefficients are decoded
-// while another thread is busy with the rest.
-DecodedGroup decode_group(const Group &group, const std::array<std::vector<u8>, 3> &chunks, const SpaceBasis &space,
+// Decode the chunks of a group; values: hands over those of `decode_group_times`, and may wait for them. CorruptError
+// where a chunk is damaged, LimitError where residuals take more than `most_bytes`. Coefficients are decoded while another
+// thread is busy with the rest.
+DecodedGroup decode_group(const Group &group, const Chunks &chunks, const SpaceBasis &space,
                           std::span<const double> times, i64 most_bytes, int threads,
-                          std::optional<std::vector<double>> values);
+                          const std::function<std::vector<double>()> &values);
 
 // The coefficients of a group [scene units]: (functions of space, functions of time, axes).
 std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space);

@@ -100,9 +100,9 @@ std::size_t GroupTable::group_of(i64 frame) const {
     return static_cast<std::size_t>(after - groups_.begin()) - 1;
 }
 
-std::array<std::vector<u8>, 3> GroupTable::chunks(const Container &container, std::size_t index) const {
+Chunks GroupTable::chunks(const Container &container, std::size_t index) const {
     const Group &group = groups_[index];
-    std::array<std::vector<u8>, 3> found;
+    Chunks found;
     u32 checksum = 0;
     for (std::size_t i = 0; i < found.size(); ++i) {
         container.read_range(container.entry(chunk_sections[i]).offset + group.offsets[i], group.sizes[i], found[i]);

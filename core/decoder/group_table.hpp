@@ -37,6 +37,9 @@ struct Group {
     i64 channels() const { return functions * axes(); }
 };
 
+// The bytes of a group in TIME, COEF and CORR.
+using Chunks = std::array<std::vector<u8>, 3>;
+
 class GroupTable {
 public:
     // Read section GRUP of a clip of so many frames; the chunks must fill their sections. LimitError for more groups than
@@ -48,8 +51,8 @@ public:
     // The group that a frame belongs to.
     std::size_t group_of(i64 frame) const;
 
-    // The chunks of one group in TIME, COEF and CORR, checked.
-    std::array<std::vector<u8>, 3> chunks(const Container &container, std::size_t group) const;
+    // The chunks of one group, checked.
+    Chunks chunks(const Container &container, std::size_t group) const;
 
 private:
     std::vector<Group> groups_;

@@ -1,0 +1,51 @@
+#include "decoder/groups_ahead.hpp"
+
+#include <utility>
+
+#include "decoder/decoded_group.hpp"
+
+namespace pdeanim {
+
+GroupsAhead::GroupsAhead(const Container &container, const GroupTable &table, std::span<const std::size_t> groups)
+    : groups_(groups.begin(), groups.end()), found_(groups.size()), is_over_(false),
+      thread_([&container, &table, this] { work(container, table); }) {}
+
+void GroupsAhead::work(const Container &container, const GroupTable &table) {
+    try {
+        for (std::size_t k = 0; k < groups_.size(); ++k) {
+            found_[k].chunks = table.chunks(container, groups_[k]);
+            count(read_);
+        }
+        for (std::size_t k = 0; k < groups_.size(); ++k) {
+            found_[k].values = decode_group_times(table.groups()[groups_[k]], found_[k].chunks[0]);
+            count(decoded_);
+        }
+    } catch (...) {
+        // Who does it again comes upon it.
+    }
+    const std::lock_guard guard(lock_);
+    is_over_ = true;
+    changed_.notify_all();
+}
+
+void GroupsAhead::count(std::size_t &done) {
+    const std::lock_guard guard(lock_);
+    ++done;
+    changed_.notify_all();
+}
+
+// Whether the k-th is there, or, after a wait, has come.
+bool GroupsAhead::wait(const std::size_t &done, std::size_t k) {
+    std::unique_lock guard(lock_);
+    changed_.wait(guard, [&] { return done > k || is_over_; });
+    return done > k;
+}
+
+const Chunks *GroupsAhead::chunks(std::size_t k) { return wait(read_, k) ? &found_[k].chunks : nullptr; }
+
+std::optional<std::vector<double>> GroupsAhead::values(std::size_t k) {
+    if (!wait(decoded_, k)) return {};
+    return std::move(found_[k].values);
+}
+
+}  // namespace pdeanim
