@@ -317,9 +317,7 @@ class Estimate:
     ) -> float:
         fitter, sample = self._fitter, self.sample
         time = functions_of_time(entry, functions, fitter.times)
-        everywhere = np.zeros((self.basis.functions, entry.width), np.int64)
-        everywhere[sample.rows] = quantised
-        moved = group_functions(entry, time[sample.frames], everywhere, self.basis, sample.elements)
+        moved = group_functions(entry, time[sample.frames], quantised, self.basis, sample.elements)
         model = fitter.held(moved, sample.points, sample.order)
         limits = margins(entry, time, largest, fitter.residual_step)[sample.frames]
         residuals = model.missing(limits, None, None, thread_count())

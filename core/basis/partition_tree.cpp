@@ -131,7 +131,7 @@ void PartitionTree::build_matrices(const Elements &elements, const std::vector<A
     }
 }
 
-void PartitionTree::analyse(std::vector<double> &affine, double *coefficients, i64 channels) const {
+void PartitionTree::analyse(std::span<double> affine, double *coefficients, i64 channels) const {
     i64 place = static_cast<i64>(matrices_.size());
     std::array<const double *, most_functions> rows;
     for (i64 node = nodes(); node-- > 0;) {
@@ -153,7 +153,7 @@ void PartitionTree::analyse(std::vector<double> &affine, double *coefficients, i
     std::copy_n(affine.begin(), affine_[0] * channels, coefficients);
 }
 
-void PartitionTree::synthesise(const double *coefficients, std::vector<double> &affine, i64 channels) const {
+void PartitionTree::synthesise(const double *coefficients, std::span<double> affine, i64 channels) const {
     std::copy_n(coefficients, affine_[0] * channels, affine.begin());
     i64 place = 0;
     std::array<const double *, most_functions> rows;

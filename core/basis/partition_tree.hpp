@@ -49,10 +49,10 @@ public:
 
     // From the affine coefficients of elements to those of the whole and of the wavelets, upwards. `affine`: four rows of
     // `channels` a node, those of elements given; `coefficients`: a row a function, written for `functions()` rows.
-    void analyse(std::vector<double> &affine, double *coefficients, i64 channels) const;
+    void analyse(std::span<double> affine, double *coefficients, i64 channels) const;
 
     // Undo `analyse`: affine coefficients of every node, downwards.
-    void synthesise(const double *coefficients, std::vector<double> &affine, i64 channels) const;
+    void synthesise(const double *coefficients, std::span<double> affine, i64 channels) const;
 
     // The least relative distance of a share from its threshold.
     double nearest = std::numeric_limits<double>::infinity();

@@ -88,8 +88,8 @@ std::span<const double> SpaceBasis::functions_of(i64 element) const {
     return {made_.data() + made_starts_[element], made_.data() + made_starts_[element + 1]};
 }
 
-std::vector<double> SpaceBasis::project(std::span<const double> values, i64 channels, int threads) const {
-    std::vector<double> affine(affine_count * tree_.nodes() * channels), coefficients(functions() * channels);
+LargeArray<double> SpaceBasis::project(std::span<const double> values, i64 channels, int threads) const {
+    LargeArray<double> affine(affine_count * tree_.nodes() * channels), coefficients(functions() * channels);
     in_shares(elements_.count(), threads, [&](i64 first, i64 end) {
         std::vector<const double *> made;
         for (i64 e = first; e < end; ++e) {
@@ -110,27 +110,32 @@ i64 SpaceBasis::functions_with(std::span<const i64> chosen) const {
     return count;
 }
 
-std::vector<double> SpaceBasis::project_some(std::span<const double> values, i64 channels, std::span<const i64> chosen,
-                                             int threads) const {
-    std::vector<i64> starts(elements_.count(), -1);  // of the chosen ones, where their functions begin
-    i64 rows = tree_.functions();
+std::vector<i64> SpaceBasis::places_with(std::span<const i64> chosen) const {
+    std::vector<i64> places(elements_.count(), -1);
+    i64 place = tree_.functions();
     for (const i64 e : chosen) {
-        starts[e] = rows;
-        rows += elements_.rank(e) - elements_.affine[e];
+        places[e] = place;
+        place += elements_.rank(e) - elements_.affine[e];
     }
-    std::vector<double> affine(affine_count * tree_.nodes() * channels), coefficients(rows * channels);
+    return places;
+}
+
+LargeArray<double> SpaceBasis::project_some(std::span<const double> values, i64 channels, std::span<const i64> chosen,
+                                            int threads) const {
+    const std::vector<i64> places = places_with(chosen);
+    LargeArray<double> affine(affine_count * tree_.nodes() * channels), coefficients(functions_with(chosen) * channels);
     in_shares(elements_.count(), threads, [&](i64 first, i64 end) {
         ElementFunctions functions(elements_);
         std::vector<const double *> made;
         for (i64 e = first; e < end; ++e) {
             made.clear();
             const i64 points = elements_.patches->size(e);
-            const i64 count = starts[e] < 0 ? elements_.affine[e] : elements_.rank(e);
+            const i64 count = places[e] < 0 ? elements_.affine[e] : elements_.rank(e);
             if (!is_made_) functions.make(e, count);
             for (i64 k = 0; k < count; ++k)
                 made.push_back(is_made_ ? functions_of(e).data() + k * points : functions.function(k));
             project(e, made, values.data(), channels, affine.data(),
-                    starts[e] < 0 ? nullptr : coefficients.data() + starts[e] * channels);
+                    places[e] < 0 ? nullptr : coefficients.data() + places[e] * channels);
         }
     });
     tree_.analyse(affine, coefficients.data(), channels);
@@ -146,6 +151,7 @@ void SpaceBasis::project(i64 element, std::span<const double *const> functions, 
     for (i64 k = 0; k < static_cast<i64>(functions.size()); ++k) {
         double *row = k < elements_.affine[element] ? affine + (affine_count * patches.node_of[element] + k) * channels
                                                     : others + (k - elements_.affine[element]) * channels;
+        std::fill_n(row, channels, 0.0);
         add_multiples(row, channels, rows.data(), functions[k], static_cast<i64>(rows.size()));
     }
 }

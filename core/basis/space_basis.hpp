@@ -15,6 +15,7 @@
 
 #include "basis/elements.hpp"
 #include "basis/partition_tree.hpp"
+#include "large_array.hpp"
 
 namespace pdeanim {
 
@@ -49,13 +50,16 @@ public:
     double nearest() const { return nearest_; }
 
     // Coefficients of values on vertices, both with a row of `channels` each. The functions are made.
-    std::vector<double> project(std::span<const double> values, i64 channels, int threads) const;
+    LargeArray<double> project(std::span<const double> values, i64 channels, int threads) const;
 
     // The same of the whole's affine functions, the nodes' wavelets and the functions of some elements alone, ascending,
     // which follow each other. Functions are made on the way unless they are.
-    std::vector<double> project_some(std::span<const double> values, i64 channels, std::span<const i64> chosen,
-                                     int threads) const;
+    LargeArray<double> project_some(std::span<const double> values, i64 channels, std::span<const i64> chosen,
+                                    int threads) const;
     i64 functions_with(std::span<const i64> chosen) const;
+
+    // Where among these the functions of each element begin that are not affine; -1 of one that is not chosen.
+    std::vector<i64> places_with(std::span<const i64> chosen) const;
 
 private:
     void project(i64 element, std::span<const double *const> functions, const double *values, i64 channels,
@@ -65,7 +69,7 @@ private:
     PartitionTree tree_;
     std::once_flag once_;
     std::atomic<bool> is_made_ = false;
-    std::vector<double> made_;
+    LargeArray<double> made_;
     std::vector<i64> made_starts_;
     double nearest_;
 };

@@ -107,20 +107,17 @@ struct PySpaceBasis {
         const std::size_t channels = values.shape(1);
         const std::size_t functions =
             static_cast<std::size_t>(elements ? basis->functions_with(view(*elements)) : basis->functions());
-        auto found = std::make_unique<std::vector<double>>();
+        LargeArray<double> found;
         {
             nb::gil_scoped_release release;
             if (elements) {
-                *found = basis->project_some(all, static_cast<i64>(channels), view(*elements), threads);
+                found = basis->project_some(all, static_cast<i64>(channels), view(*elements), threads);
             } else {
                 basis->make_functions(threads);
-                *found = basis->project(all, static_cast<i64>(channels), threads);
+                found = basis->project(all, static_cast<i64>(channels), threads);
             }
         }
-        double *first = found->data();
-        nb::capsule owner(found.release(),
-                          [](void *pointer) noexcept { delete static_cast<std::vector<double> *>(pointer); });
-        return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<2>>(first, {functions, channels}, owner));
+        return to_matrix(std::move(found), functions, channels);
     }
 
     Grid grid;
@@ -188,11 +185,12 @@ template <class Real> Motion<Real> take(const SpaceBasis &basis, const Quantised
 void make_motion(PyMotion *made, const PySpaceBasis &of_basis, const Quantised &quantised, int axes, double step,
                  bool single, const std::optional<Flat<i64>> &elements, int threads) {
     const SpaceBasis &basis = *of_basis.basis;
-    require((axes == 1 || axes == 3) && static_cast<i64>(quantised.shape(0)) == basis.functions() &&
+    if (elements) check_chosen(view(*elements), basis);
+    const i64 functions = elements ? basis.functions_with(view(*elements)) : basis.functions();
+    require((axes == 1 || axes == 3) && static_cast<i64>(quantised.shape(0)) == functions &&
                 quantised.shape(1) % axes == 0 &&
                 static_cast<i64>(quantised.shape(1)) / axes <= Motion<float>::most_functions,
             "one row of coefficients a function of space");
-    if (elements) check_chosen(view(*elements), basis);
     if (single) {
         new (made) PyMotion{take<float>(basis, quantised, axes, step, elements, threads)};
     } else {

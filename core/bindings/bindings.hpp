@@ -49,12 +49,19 @@ template <class T> nb::object shared_array(const std::vector<T> &values, const n
     return nb::cast(nb::ndarray<nb::numpy, const T, nb::ndim<1>>(values.data(), {values.size()}, owner));
 }
 
-// Rows of `columns` numbers each, as an array that owns them.
+// Rows of numbers, as an array that owns them.
+template <class Values> nb::object to_matrix(Values &&values, std::size_t rows, std::size_t columns) {
+    using Kept = std::remove_cvref_t<Values>;
+    auto *kept = new Kept(std::move(values));
+    nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<Kept *>(pointer); });
+    using Matrix = nb::ndarray<nb::numpy, typename Kept::value_type, nb::ndim<2>>;
+    return nb::cast(Matrix(kept->data(), {rows, columns}, owner));
+}
+
+// The same of `columns` numbers each.
 template <class T> nb::object to_rows(std::vector<T> &&values, std::size_t columns) {
-    auto *kept = new std::vector<T>(std::move(values));
-    nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<std::vector<T> *>(pointer); });
-    return nb::cast(
-        nb::ndarray<nb::numpy, T, nb::ndim<2>>(kept->data(), {columns ? kept->size() / columns : 0, columns}, owner));
+    const std::size_t rows = columns ? values.size() / columns : 0;
+    return to_matrix(std::move(values), rows, columns);
 }
 
 // Connectivity of objects, each (vertices, face sizes, face indices, line sizes, line indices), whose arrays the caller

@@ -43,10 +43,7 @@ nb::tuple py_quantise_sparsely(const Matrix<const double> &values, int axes, dou
                                   {round_up_at, round_up_alone_at}, threads);
     }
     const std::size_t rows = values.shape(0), channels = values.shape(1);
-    auto *kept = new std::vector<i64>(std::move(found.coefficients));
-    nb::capsule owner(kept, [](void *pointer) noexcept { delete static_cast<std::vector<i64> *>(pointer); });
-    return nb::make_tuple(nb::cast(nb::ndarray<nb::numpy, i64, nb::ndim<2>>(kept->data(), {rows, channels}, owner)),
-                          to_array(std::move(found.largest)));
+    return nb::make_tuple(to_matrix(std::move(found.coefficients), rows, channels), to_array(std::move(found.largest)));
 }
 
 // A motion with the input that it is held against, and the arrays that both look at.

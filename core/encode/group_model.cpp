@@ -3,6 +3,7 @@
 #include <cmath>
 #include <mutex>
 
+#include "large_array.hpp"
 #include "parallel.hpp"
 #include "residuals/added.hpp"
 #include "residuals/missed.hpp"
@@ -17,7 +18,7 @@ i64 tiles_of(i64 frames) { return (frames + frames_at_once - 1) / frames_at_once
 
 // Positions of some frames before residuals, before they are rounded.
 template <class Real>
-void evaluate_frames(const GroupModel<Real> &model, i64 frame, i64 count, std::vector<double> &positions) {
+void evaluate_frames(const GroupModel<Real> &model, i64 frame, i64 count, LargeArray<double> &positions) {
     const i64 row = model.motion.time_axes() * model.motion.functions;
     positions.resize(3 * count * model.motion.vertices());
     evaluate(model.motion, model.time.subspan(frame * row, count * row), &model.reference,
@@ -65,7 +66,7 @@ template <class Real> Residuals missing(const GroupModel<Real> &model, const Wan
     std::vector<Residuals> parts(tiles);
     std::vector<Excess> beyond(tiles);
     in_shares(tiles, threads, [&](i64 first, i64 end) {
-        std::vector<double> positions;
+        LargeArray<double> positions;
         for (i64 tile = first; tile < end; ++tile) {
             const i64 frame = tile * frames_at_once, count = least(frames_at_once, model.frames - frame);
             evaluate_frames(model, frame, count, positions);
@@ -95,7 +96,7 @@ Errors errors(const GroupModel<Real> &model, const Wanted &wanted, const Residua
     const i64 vertices = model.motion.vertices(), tiles = tiles_of(model.frames);
     std::vector<Errors> parts(tiles);
     in_shares(tiles, threads, [&](i64 first, i64 end) {
-        std::vector<double> positions;
+        LargeArray<double> positions;
         std::vector<Position> decoded(vertices);
         for (i64 tile = first; tile < end; ++tile) {
             const i64 frame = tile * frames_at_once, count = least(frames_at_once, model.frames - frame);
@@ -136,7 +137,7 @@ double farthest_apart(const GroupModel<One> &single, const GroupModel<Other> &ex
     double farthest = 0.0;
     std::mutex lock;
     in_shares(tiles_of(exact.frames), threads, [&](i64 first, i64 end) {
-        std::vector<double> one, other;
+        LargeArray<double> one, other;
         double found = 0.0;
         for (i64 tile = first; tile < end; ++tile) {
             const i64 frame = tile * frames_at_once, count = least(frames_at_once, exact.frames - frame);

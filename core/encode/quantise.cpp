@@ -1,5 +1,6 @@
 #include "encode/quantise.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <mutex>
 
@@ -9,7 +10,7 @@ namespace pdeanim {
 
 Quantised quantise_sparsely(std::span<const double> values, i64 channels, int axes, double step, const DeadZone &zone,
                             int threads) {
-    Quantised all{std::vector<i64>(values.size()), std::vector<i64>(channels)};
+    Quantised all{LargeArray<i64>(values.size()), std::vector<i64>(channels)};
     std::mutex lock;
     const i64 rows = channels ? static_cast<i64>(values.size()) / channels : 0;
     const double round_up = 1.0 - zone.round_up_at, alone = zone.round_up_alone_at * step;
@@ -21,6 +22,7 @@ Quantised quantise_sparsely(std::span<const double> values, i64 channels, int ax
     in_shares(rows, threads, [&](i64 first, i64 end) {
         std::vector<i64> largest(channels);
         for (i64 row = first; row < end; ++row) {
+            std::fill_n(all.coefficients.begin() + row * channels, channels, 0);
             for (i64 channel = 0; channel < channels; ++channel) {
                 const i64 at = row * channels + channel;
                 if (std::fabs(values[at]) < surely_zero) continue;

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "arithmetic.hpp"
+#include "large_array.hpp"
 
 namespace pdeanim {
 
@@ -14,7 +15,7 @@ struct DeadZone {
 };
 
 struct Quantised {
-    std::vector<i64> coefficients;
+    LargeArray<i64> coefficients;
     std::vector<i64> largest;  // magnitude in each channel
 };
 

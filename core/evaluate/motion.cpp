@@ -34,11 +34,10 @@ template <class Real> Motion<Real>::Motion(const SpaceBasis &basis, i64 function
 
 template <class Real> void Motion<Real>::choose(std::span<const i64> chosen) {
     const Patches &patches = *basis->elements().patches;
-    is_chosen.assign(patches.count(), 0);
+    chosen_rows = basis->places_with(chosen);
     chosen_places.assign(basis->vertices(), 0);
     chosen_vertices = 0;
     for (const i64 e : chosen) {
-        is_chosen[e] = 1;
         for (i64 at = patches.starts[e]; at < patches.starts[e + 1]; ++at) {
             chosen_places[at] = static_cast<i32>(chosen_vertices++);
         }
@@ -94,7 +93,7 @@ template <class Real> void Motion<Real>::make_fields(i64 element, std::span<cons
         for (std::size_t i = 0; i < used.size(); ++i) {
             const i64 k = used[i];
             multiples[i] = k < affine ? affine_[(affine_count * node + k) * width + channel]
-                                      : static_cast<double>(rows.row(all.first_function(element) + k)[channel]) * step;
+                                      : static_cast<double>(rows.row(first_row(element) + k)[channel]) * step;
         }
         sums.assign(size, 0.0);
         add_multiples(sums.data(), size, values.data(), multiples.data(), static_cast<i64>(used.size()));
@@ -112,10 +111,10 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, const
     for (i64 e = first; e < end; ++e) {
         if (is_left_out(e)) continue;
         Element &own = elements[e];
-        const i64 affine = all.affine[e], size = all.patches->size(e), first_function = all.first_function(e);
+        const i64 affine = all.affine[e], size = all.patches->size(e), own_row = first_row(e);
         used.clear();
         for (i64 k = affine > 0; k < all.rank(e); ++k) {
-            if (k < affine || !rows.is_zero(first_function + k)) used.push_back(k);
+            if (k < affine || !rows.is_zero(own_row + k)) used.push_back(k);
         }
         // Functions are made as far as there are coefficients for them: mostly a fraction.
         const i64 rank = most(affine, used.empty() ? 0 : used.back() + 1);
@@ -133,7 +132,7 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, const
         own.values.resize(own.columns * padded<Real>(size));
         for (i64 i = 0; i < own.columns; ++i) {
             std::copy_n(values[i], size, own.values.begin() + i * padded<Real>(size));
-            if (used[i] >= affine) append_row<Real>(own.rows, rows, first_function + used[i], axes, step);
+            if (used[i] >= affine) append_row<Real>(own.rows, rows, own_row + used[i], axes, step);
         }
     }
 }

@@ -67,7 +67,8 @@ template <class Real> struct Motion {
     // caller's.
     Motion(const SpaceBasis &basis, i64 functions, int axes, double step);
 
-    // Positions shall be those of some elements alone, ascending; their vertices follow each other.
+    // Positions shall be those of some elements alone, ascending: their vertices follow each other, and so do the rows of
+    // their functions that are taken over.
     void choose(std::span<const i64> chosen);
 
     // Take over coefficients: those of the tree first.
@@ -78,13 +79,13 @@ template <class Real> struct Motion {
 
     i64 channels() const { return functions * axes; }
     int time_axes() const { return axes == 1 ? 3 : 1; }
-    i64 vertices() const { return is_chosen.empty() ? basis->vertices() : chosen_vertices; }
-    bool is_left_out(i64 element) const { return !is_chosen.empty() && !is_chosen[element]; }
+    i64 vertices() const { return chosen_rows.empty() ? basis->vertices() : chosen_vertices; }
+    bool is_left_out(i64 element) const { return !chosen_rows.empty() && chosen_rows[element] < 0; }
 
     // Where an element's vertices are among the positions.
     const i32 *places(i64 element) const {
         const Patches &patches = *basis->elements().patches;
-        return is_chosen.empty() ? patches.vertices(element).data() : chosen_places.data() + patches.starts[element];
+        return chosen_rows.empty() ? patches.vertices(element).data() : chosen_places.data() + patches.starts[element];
     }
     i64 bytes() const;
 
@@ -112,11 +113,17 @@ template <class Real> struct Motion {
     double step;
     Rows<double> tree;
     std::vector<Element> elements;
-    std::vector<u8> is_chosen;  // of each element; empty where all are
+    std::vector<i64>
+        chosen_rows;  // of each element, its first one that is not affine, or -1; empty where all are chosen
     std::vector<i32> chosen_places;
     i64 chosen_vertices = 0;
 
 private:
+    // The row that its first function has, or would have.
+    i64 first_row(i64 element) const {
+        const Elements &all = basis->elements();
+        return chosen_rows.empty() ? all.first_function(element) : chosen_rows[element] - all.affine[element];
+    }
     void make_fields(i64 element, std::span<const i64> used, const QuantisedRows &rows,
                      std::span<const double *const> values);
 

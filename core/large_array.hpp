@@ -1,0 +1,50 @@
+// Arrays of many megabytes that are written before they are read: nothing sets their numbers to zero first, and they lie in
+// pages as large as the system has. To have small pages brought in one by one takes longer than most of what is done with
+// what lies in them.
+#pragma once
+
+#include <cstddef>
+#include <new>
+#include <vector>
+
+#if defined(__linux__)
+#include <sys/mman.h>
+#endif
+
+namespace pdeanim {
+
+template <class T> struct LargePages {
+    using value_type = T;
+
+    LargePages() = default;
+    template <class Other> LargePages(const LargePages<Other> &) {}
+
+    T *allocate(std::size_t count) {
+        const std::size_t bytes = count * sizeof(T);
+        if (bytes < worth_large_pages) return static_cast<T *>(::operator new(bytes));
+        void *found = ::operator new(bytes, std::align_val_t{large_page});
+#if defined(__linux__)
+        madvise(found, bytes, MADV_HUGEPAGE);  // a wish: where it is not granted, pages are small
+#endif
+        return static_cast<T *>(found);
+    }
+    void deallocate(T *values, std::size_t count) {
+        if (count * sizeof(T) < worth_large_pages) {
+            ::operator delete(values);
+        } else {
+            ::operator delete(values, std::align_val_t{large_page});
+        }
+    }
+
+    // Without an initial value there is none.
+    template <class Value> void construct(Value *place) { ::new (static_cast<void *>(place)) Value; }
+
+    friend bool operator==(const LargePages &, const LargePages &) { return true; }
+
+private:
+    static constexpr std::size_t large_page = std::size_t{1} << 21, worth_large_pages = 4 * large_page;
+};
+
+template <class T> using LargeArray = std::vector<T, LargePages<T>>;
+
+}  // namespace pdeanim
