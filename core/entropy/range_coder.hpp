@@ -19,7 +19,7 @@ namespace pdeanim {
 enum class Mode { encode, decode, measure };
 
 #if defined(PDEANIM_NOTE_BITS)
-// Sees each bit that is decoded: what tests/exactness.cpp compares builds by.
+// Sees each bit that is decoded: what core/tests/exactness.cpp compares builds by.
 void note_bit(i32 probability, bool bit);
 #endif
 
