@@ -218,7 +218,7 @@ def group_functions(
     time : (frames, 3 or 1, functions) float64
         Of :func:`functions_of_time`.
     quantised : (functions of space, channels) int64
-        Quantised coefficients; with `elements` of the functions that :meth:`SpaceBasis.project` has coefficients of then.
+        Quantised coefficients; with `elements` those alone that :meth:`SpaceBasis.project` gives for them.
     basis : SpaceBasis
     elements : (n,) int64, optional
         Ascending: positions are those of their vertices alone, element after element.
