@@ -93,11 +93,11 @@ bench-rd: $(READY)
 	$(if $(SEQUENCES),,$(BIN)/pdecodec simulate cube-rope -o out/rope.npz --frames 60 --overwrite)
 	$(BIN)/pdecodec report $(or $(SEQUENCES),out/rope.npz) -o out/bench-rd $(OPTIONS)
 
-# make figures DATA=folder: the corpus report, and its tables in docs/results.md.
+# make figures DATA=folder: the corpus report, and its tables and charts in docs/.
 figures: $(READY)
 	$(NEEDS) baselines | $(PIP) --requirement /dev/stdin
 	$(BIN)/pdecodec report $(DATA) -o out/corpus
-	$(BIN)/python docs/make_figures.py out/corpus docs/results.md docs/bytes-against-error.png
+	$(BIN)/python docs/make_figures.py out/corpus docs/results.md
 
 # The paper reproduced and judged, and the atlas of stability; docs/paper keeps what the README quotes.
 reproduce: $(INSTALLED)

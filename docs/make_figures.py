@@ -1,6 +1,6 @@
-"""Put the tables of a corpus report into docs/results.md, between its two marks, and a chart beside it: `make figures`.
+"""Put the tables of a corpus report into docs/results.md, between its two marks, and charts beside it: `make figures`.
 
-``python docs/make_figures.py out/corpus docs/results.md docs/bytes-against-error.png``
+``python docs/make_figures.py out/corpus docs/results.md``
 """
 
 from __future__ import annotations
@@ -20,8 +20,14 @@ BEGIN, END = "<!-- corpus:begin -->", "<!-- corpus:end -->"
 LEFT_OUT = ("tolerance", "within %")
 """Columns that say the same in every row."""
 
+CHARTS = {
+    "bytes-max-error": ("bytes-against-error.png", "Bytes against the maximum error"),
+    "speed-size": ("speed-against-size.png", "Speed against size"),
+}
+"""Charts of a clip's report: name of the file here, and what it shows."""
+
 COLOURS = 128
-"""Of the chart: lines, and what is between them and white."""
+"""Of a chart: lines, and what is between them and white."""
 
 
 def tables(record: Mapping[str, Any], *, made: str, machine: str) -> str:
@@ -67,15 +73,17 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def main(report: Path, page: Path, chart: Path) -> None:
-    """Replace what is between the marks; the chart is that of the clip with most positions."""
+def main(report: Path, page: Path) -> None:
+    """Replace what is between the marks; the charts are those of the clip with most positions."""
     record_file = report / "report.json"
     record = json.loads(record_file.read_text(encoding="utf-8"))
     largest = max(record["points"], key=lambda point: point["frames"] * point["vertices"])["clip"]
-    with Image.open(report / largest / "bytes-max-error.png") as picture:
-        picture.convert("RGB").quantize(COLOURS).save(chart, optimize=True)
     made = time.strftime("%Y-%m-%d", time.gmtime(record_file.stat().st_mtime))
-    text = f"![Bytes against the maximum error, of {largest}]({os.path.relpath(chart, page.parent)})\n\n"
+    text = ""
+    for chart, (name, title) in CHARTS.items():
+        with Image.open(report / largest / f"{chart}.png") as picture:
+            picture.convert("RGB").quantize(COLOURS).save(page.parent / name, optimize=True)
+        text += f"![{title}, of {largest}]({name})\n\n"
     text += tables(record, made=made, machine=f"a machine of {os.cpu_count()} cores")
     before, rest = page.read_text(encoding="utf-8").split(BEGIN)
     after = rest.split(END)[1]
@@ -83,4 +91,4 @@ def main(report: Path, page: Path, chart: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:4]))
+    main(*map(Path, sys.argv[1:3]))
