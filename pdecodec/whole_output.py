@@ -257,4 +257,8 @@ def _is_alive(process: int) -> bool:
         return False
     except OSError:
         return True
+    # One that was killed is there until whoever started it has looked, which in a container may be never.
+    with contextlib.suppress(OSError):
+        known = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace")
+        return not known.rpartition(") ")[2].startswith("Z")
     return True

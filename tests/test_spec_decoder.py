@@ -25,7 +25,6 @@ from pdecodec import (
     MeshSequence,
     _core,
     encode,
-    encoder,
     open_animation,
 )
 from pdecodec.effort import EFFORTS
@@ -77,7 +76,7 @@ def test_many_patches_and_pieces_decode_alike(
 
 
 def test_groups_decode_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(encoder, "LONGEST_GROUP", 4)
+    monkeypatch.setattr("pdecodec.autoprofile.LONGEST_GROUP", 4)
     path = tmp_path / "a.pdeanim"
     assert_decodes_alike(bending_strips(), path)
     with open_animation(path) as animation:

@@ -126,6 +126,17 @@ def test_what_dead_runs_left_is_removed_and_nothing_of_others(tmp_path: Path) ->
     assert {path.name for path in tmp_path.iterdir()} == {*kept, "precious", "in", "y.txt"}
 
 
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="this system does not tell who is dead")
+def test_a_process_that_ended_is_dead_before_anybody_looked(tmp_path: Path) -> None:
+    with subprocess.Popen([sys.executable, "-c", ""]) as ended:
+        os.waitid(os.P_PID, ended.pid, os.WEXITED | os.WNOWAIT)
+        left = tmp_path / partial_path(tmp_path / "x.npz").name.replace(f"-{os.getpid()}-", f"-{ended.pid}-")
+        left.touch()
+        with whole_file(tmp_path / "y.txt", overwrite=False) as partial:
+            partial.touch()
+        assert not left.exists()
+
+
 @pytest.fixture(scope="module")
 def disk() -> Iterator[Path]:
     """A file system whose size `full` sets; skipped where none may be mounted."""
