@@ -99,10 +99,12 @@ class _Worker:
             pipe.send((function, clip, work))
             return pipe.recv()
         except (EOFError, OSError):
-            process.join()
-            code = process.exitcode
+            # Two threads that wait for one process at once: the second never learns how it ended.
             with self._lock:
-                self._process = None
+                process.join()
+                code, self._process = process.exitcode, None
+                if self._is_over:
+                    return failure(clip, InputError("the batch was stopped", path=clip.source))
             reason = f"signal {-code}" if code < 0 else f"exit code {code}"
             if code == -getattr(signal, "SIGKILL", 9):
                 reason += ", as where memory runs out"

@@ -197,6 +197,27 @@ def test_a_process_that_ends_is_the_failure_of_its_clip_alone(clips: Path, monke
     assert results[0].message.startswith("clips/a.npz: the process that coded it ended (exit code 7)")
 
 
+def waits(clip: Clip, work: Work) -> Result:
+    """A clip that would take longer than any test."""
+    time.sleep(600)
+    return make_clip(clip, work)
+
+
+@pytest.mark.parametrize("_attempt", range(4))  # both threads wait for the process, in no set order
+def test_ending_a_worker_amid_its_clip_is_the_failure_of_that_clip(clips: Path, _attempt: int) -> None:
+    [clip] = clips_of("clips/a.npz")
+    worker, said = local._Worker(1), list[Any]()
+    call = threading.Thread(target=lambda: said.append(worker._call(waits, clip, Work(folder="out"))))
+    call.start()
+    while worker._process is None or worker._process.pid is None:
+        time.sleep(0.01)
+    worker.end()
+    call.join()
+    [result] = said
+    assert result.state == "failed"
+    assert result.message == "clips/a.npz: the batch was stopped"
+
+
 def test_verifying_measures_what_the_file_decodes_to_and_finds_what_breaks_its_bound(
     clips: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
