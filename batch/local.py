@@ -72,7 +72,7 @@ class _Worker:
         self._threads = threads
         self._process: Any = None
         self._pipe: Connection | None = None
-        self._lock, self._is_over = Lock(), False
+        self._lock, self._over = Lock(), Event()
 
     def do(self, clip: Clip, work: Work, budget: MemoryBudget) -> Result:
         """What becomes of a clip; a process that ends on it is its failure."""
@@ -85,7 +85,7 @@ class _Worker:
 
     def _call(self, function: Callable[..., Any], clip: Clip, work: Work) -> Any:
         with self._lock:
-            if self._is_over:
+            if self._over.is_set():
                 return failure(clip, InputError("the batch was stopped", path=clip.source))
             if self._process is None:
                 context = multiprocessing.get_context("spawn")
@@ -103,7 +103,7 @@ class _Worker:
             with self._lock:
                 process.join()
                 code, self._process = process.exitcode, None
-                if self._is_over:
+                if self._over.is_set():
                     return failure(clip, InputError("the batch was stopped", path=clip.source))
             reason = f"signal {-code}" if code < 0 else f"exit code {code}"
             if code == -getattr(signal, "SIGKILL", 9):
@@ -114,7 +114,7 @@ class _Worker:
     def end(self) -> None:
         """End the process, whatever it is doing."""
         with self._lock:
-            self._is_over = True
+            self._over.set()
             if self._process is not None:
                 self._process.kill()
                 self._process.join()
