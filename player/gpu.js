@@ -8,6 +8,14 @@
  * uploaded.
  */
 import { cornersAround, trianglesOf } from "./mesh.js";
+import {
+  GroupedMotion,
+  MOST_FIELD_BYTES,
+  allVertices,
+  correctionsByVertex,
+  framesAround,
+  weightRows,
+} from "./motion.js";
 
 /** Vertices in a row of a texture: any width that every graphics processor has will do. */
 const ROW = 1024;
@@ -15,14 +23,8 @@ const ROW = 1024;
 /** Functions of time of a group at most: what a uniform block holds everywhere. */
 const MOST_FUNCTIONS = 1024;
 
-/** Fields of one group [bytes] at most. */
-const MOST_FIELD_BYTES = 2 ** 28;
-
-/** Groups whose fields are kept. Two count at the border between them; a third one is the next. */
-const MOST_GROUPS = 3;
-
-/** From so many frames away a group's share is below what float32 can add: the spline's weights shrink by 0.27 a frame. */
-const FAR_FRAMES = 16;
+/** Weights beyond the last function's: the shader takes four at a time. */
+const PADDING = 3;
 
 const SUM_SHADER = `#version 300 es
 precision highp float;
@@ -129,7 +131,7 @@ export function makeProgram(gl, vertex, fragment, outputs = []) {
 const rowsOf = (count) => Math.max(Math.ceil(count / ROW), 1);
 
 /** Positions and normals of one animation (one run of frames), in buffers. */
-export class GpuMotion {
+export class GpuMotion extends GroupedMotion {
   /** Whether positions and faces of an animation fit into textures. */
   static holds(gl, animation) {
     const corners = animation.objects.reduce((sum, { faceIndices }) => sum + faceIndices.length, 0);
@@ -142,11 +144,9 @@ export class GpuMotion {
    * @param {import("./pdeanim.js").PdeAnimation} animation
    * @param {Uint32Array[]} drawn of each pair of buffers the vertices that it holds, in order; all in one where nothing is said
    */
-  constructor(gl, animation, drawn = [Uint32Array.from({ length: animation.vertexCount }, (_, vertex) => vertex)]) {
+  constructor(gl, animation, drawn = [allVertices(animation)]) {
+    super(animation);
     this.gl = gl;
-    this.animation = animation;
-    this.vertexCount = animation.vertexCount;
-    this.isOnGpu = false;
     this.#sum = makeProgram(gl, SUM_SHADER, NO_FRAGMENTS, ["position"]);
     this.#draw = makeProgram(gl, DRAWN_SHADER, NO_FRAGMENTS, ["position", "normal"]);
     this.#feedback = gl.createTransformFeedback();
@@ -168,7 +168,7 @@ export class GpuMotion {
     gl.bufferData(gl.UNIFORM_BUFFER, 16 * MOST_FUNCTIONS, gl.DYNAMIC_DRAW);
     gl.uniformBlockBinding(this.#sum, gl.getUniformBlockIndex(this.#sum, "Weights"), this.#block);
     this.#array = gl.createVertexArray();
-    this.#takePixelStore();
+    this._begin();
     const { starts, others } = cornersAround(trianglesOf(animation.objects).triangles, this.vertexCount);
     this.#starts = this.#texture(gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT, starts, 1);
     this.#others = this.#texture(gl.RG32UI, gl.RG_INTEGER, gl.UNSIGNED_INT, others, 2);
@@ -187,16 +187,6 @@ export class GpuMotion {
   #starts;
   #others;
   #positionTexture;
-  #groups = new Map();
-
-  /** The first pair of buffers: of all vertices where the constructor was told nothing else. */
-  get positions() {
-    return this.drawn[0].positions;
-  }
-
-  get normals() {
-    return this.drawn[0].normals;
-  }
 
   /** Whether a group's fields fit. */
   fits(index) {
@@ -204,61 +194,14 @@ export class GpuMotion {
     const layers = axisCount === 3 ? functionCount : Math.ceil(functionCount / 4);
     const bytes = layers * rowsOf(this.vertexCount) * ROW * (axisCount === 3 ? 12 : 16);
     return (
-      functionCount <= MOST_FUNCTIONS - 3 &&
+      functionCount <= MOST_FUNCTIONS - PADDING &&
       layers <= this.gl.getParameter(this.gl.MAX_ARRAY_TEXTURE_LAYERS) &&
       rowsOf(this.vertexCount + 1) <= this.gl.getParameter(this.gl.MAX_TEXTURE_SIZE) &&
       bytes <= MOST_FIELD_BYTES
     );
   }
 
-  /** Groups that count at a time as far as float32 goes. */
-  groupsNear(time) {
-    const { animation } = this;
-    const [first, behind] = animation.groupsAt(time);
-    const frame = frameAt(animation.times, time);
-    const near = [];
-    for (let index = first; index < behind; index++) {
-      const { firstFrame, frameCount } = animation.groups[index];
-      const away = Math.max(firstFrame - frame, frame - (firstFrame + frameCount - 1));
-      if (away <= FAR_FRAMES) near.push(index);
-    }
-    return near;
-  }
-
-  /** Upload a group ahead of its time. */
-  prefetch(index) {
-    this.#takePixelStore();
-    if (this.fits(index)) this.#group(index);
-  }
-
-  /** Upload the group that comes after a time [s], if there is one. */
-  prefetchAfter(time) {
-    const { animation } = this;
-    const next = animation.groupOf(frameAt(animation.times, time)) + 1;
-    if (next < animation.groupCount) this.prefetch(next);
-  }
-
-  /** Make positions and normals at a time [s]: the buffers of `drawn` hold them. */
-  evaluate(time) {
-    this.#takePixelStore();
-    const near = this.groupsNear(time);
-    this.isOnGpu = near.every((index) => this.fits(index));
-    if (this.isOnGpu) {
-      this.#addGroups(time, near);
-    } else {
-      this.#upload(this.animation.positions(time));
-    }
-    this.#writeDrawn();
-  }
-
-  /** Take positions from elsewhere, and make normals of them. */
-  show(positions) {
-    this.#takePixelStore();
-    this.#upload(positions);
-    this.#writeDrawn();
-  }
-
-  #upload(positions) {
+  _uploadPositions(positions) {
     const { gl } = this;
     this.#latest = this.#sums[0];
     gl.bindBuffer(gl.ARRAY_BUFFER, this.#latest);
@@ -278,7 +221,7 @@ export class GpuMotion {
 
   close() {
     const { gl } = this;
-    for (const index of [...this.#groups.keys()]) this.#drop(index);
+    this._dropGroups();
     const drawn = this.drawn.flatMap(({ sources, positions, normals }) => [sources, positions, normals]);
     for (const buffer of [this.#reference, ...this.#sums, ...drawn, this.#weights]) gl.deleteBuffer(buffer);
     for (const texture of [this.#starts, this.#others, this.#positionTexture]) gl.deleteTexture(texture);
@@ -288,30 +231,27 @@ export class GpuMotion {
     gl.deleteProgram(this.#draw);
   }
 
-  #addGroups(time, near) {
+  _addGroups(time, near) {
     const { gl, animation } = this;
-    const { times } = animation;
-    const left = frameAt(times, time);
-    const right = Math.min(left + 1, times.length - 1);
-    const share = right > left ? Math.min(Math.max((time - times[left]) / (times[right] - times[left]), 0), 1) : 0;
+    const { frames, shares } = framesAround(animation.times, time);
     const program = this.#sum;
     const uniform = (name) => gl.getUniformLocation(program, name);
     let before = this.#reference;
     near.forEach((index, pass) => {
-      const group = this.#group(index);
+      const group = this._group(index);
       gl.useProgram(program);
       const place = this.#attribute(program, "before", before);
       gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 0, 0);
       gl.bindBufferBase(gl.UNIFORM_BUFFER, this.#block, this.#weights);
-      gl.bufferSubData(gl.UNIFORM_BUFFER, 0, this.#weightRows(time, index));
+      gl.bufferSubData(gl.UNIFORM_BUFFER, 0, weightRows(animation, time, index, PADDING));
       this.#bind(program, "fields", 0, gl.TEXTURE_2D_ARRAY, group.fields);
       this.#bind(program, "corrections", 1, gl.TEXTURE_2D, group.corrections);
       this.#bind(program, "starts", 2, gl.TEXTURE_2D, group.starts);
       gl.uniform1i(uniform("functions"), group.functionCount);
       gl.uniform1i(uniform("hasAxes"), group.axisCount === 3 ? 1 : 0);
       gl.uniform1i(uniform("hasCorrections"), group.hasCorrections ? 1 : 0);
-      gl.uniform2f(uniform("frames"), left, right);
-      gl.uniform2f(uniform("shares"), 1 - share, share);
+      gl.uniform2f(uniform("frames"), ...frames);
+      gl.uniform2f(uniform("shares"), ...shares);
       this.#latest = this.#sums[pass % 2];
       this.#run(this.vertexCount, this.#latest);
       before = this.#latest;
@@ -319,7 +259,7 @@ export class GpuMotion {
     gl.bindBufferBase(gl.UNIFORM_BUFFER, this.#block, null);
   }
 
-  #writeDrawn() {
+  _writeDrawn() {
     const { gl } = this;
     const program = this.#draw;
     gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, this.#latest);
@@ -367,7 +307,7 @@ export class GpuMotion {
   }
 
   /** Values are uploaded as they stand, whatever others that share the context have set. */
-  #takePixelStore() {
+  _begin() {
     const { gl } = this;
     gl.pixelStorei(gl.UNPACK_FLIP_Y_WEBGL, false);
     gl.pixelStorei(gl.UNPACK_PREMULTIPLY_ALPHA_WEBGL, false);
@@ -381,35 +321,11 @@ export class GpuMotion {
     gl.uniform1i(gl.getUniformLocation(program, name), unit);
   }
 
-  #weightRows(time, index) {
-    const { functionCount, axisCount } = this.animation.groups[index];
-    const weights = this.animation.weights(time, index);
-    const rows = new Float32Array(4 * (functionCount + 3));
-    for (let k = 0; k < functionCount; k++) {
-      for (let axis = 0; axis < (axisCount === 3 ? 1 : 3); axis++) rows[4 * k + axis] = weights[axis * functionCount + k];
-    }
-    return rows;
-  }
-
-  #group(index) {
-    let found = this.#groups.get(index);
-    if (found) {
-      this.#groups.delete(index);
-    } else {
-      found = this.#uploadGroup(index);
-      if (this.#groups.size >= MOST_GROUPS) this.#drop(this.#groups.keys().next().value);
-    }
-    this.#groups.set(index, found); // the latest comes last
-    return found;
-  }
-
-  #drop(index) {
-    const { fields, corrections, starts } = this.#groups.get(index);
+  _dropGroup({ fields, corrections, starts }) {
     for (const texture of [fields, corrections, starts]) this.gl.deleteTexture(texture);
-    this.#groups.delete(index);
   }
 
-  #uploadGroup(index) {
+  _uploadGroup(index) {
     const { gl, animation, vertexCount } = this;
     const { functionCount, axisCount } = animation.groups[index];
     const fields = animation.fields(index);
@@ -439,22 +355,11 @@ export class GpuMotion {
     return { functionCount, axisCount, fields: texture, ...this.#uploadCorrections(index) };
   }
 
-  /** Corrections by vertex, of each vertex by frame, and where each vertex's begin. */
   #uploadCorrections(index) {
-    const { gl, vertexCount } = this;
-    const { frames, vertices, offsets } = this.animation.corrections(index);
-    const starts = new Uint32Array(vertexCount + 1);
-    for (const vertex of vertices) starts[vertex + 1]++;
-    for (let v = 0; v < vertexCount; v++) starts[v + 1] += starts[v];
-    const next = starts.slice();
-    const rows = new Float32Array(4 * frames.length);
-    for (let k = 0; k < frames.length; k++) {
-      const place = 4 * next[vertices[k]]++;
-      rows.set(offsets.subarray(3 * k, 3 * k + 3), place);
-      rows[place + 3] = frames[k];
-    }
+    const { gl } = this;
+    const { starts, rows } = correctionsByVertex(this.animation, index);
     return {
-      hasCorrections: frames.length > 0,
+      hasCorrections: rows.length > 0,
       corrections: this.#texture(gl.RGBA32F, gl.RGBA, gl.FLOAT, rows, 4),
       starts: this.#texture(gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT, starts, 1),
     };
@@ -483,16 +388,4 @@ export class GpuMotion {
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
     return texture;
   }
-}
-
-/** The last frame that is not after a time; the first one before all. */
-export function frameAt(times, time) {
-  let low = 0;
-  let high = times.length;
-  while (high - low > 1) {
-    const middle = (low + high) >> 1;
-    if (times[middle] <= time) low = middle;
-    else high = middle;
-  }
-  return low;
 }

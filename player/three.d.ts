@@ -1,11 +1,15 @@
 import type { Group, Loader, WebGLRenderer } from "three";
+import type { WebGPURenderer } from "three/webgpu";
 
 import type { PdeAnimation } from "./pdeanim.js";
 
 /** A mesh for each object of a file, in its children; materials may be replaced. */
 export class DeformingGroup extends Group {
-  /** With a renderer, its graphics processor evaluates; the decoder does where there is none, and what does not fit. */
-  constructor(animation: PdeAnimation, options?: { renderer?: WebGLRenderer | null });
+  /**
+   * With a renderer (a `WebGPURenderer` after its `init()`), its graphics processor evaluates; the decoder does where there is
+   * none, and what does not fit.
+   */
+  constructor(animation: PdeAnimation, options?: { renderer?: WebGLRenderer | WebGPURenderer | null });
   readonly animation: PdeAnimation;
   /** Seconds from the first frame to the last one. */
   readonly duration: number;
@@ -21,7 +25,7 @@ export class DeformingGroup extends Group {
 /** Loads `.pdeanim` files, as three's own loaders load theirs. */
 export class PDEAnimLoader extends Loader<DeformingGroup> {
   /** Evaluate on the graphics processor of a renderer, the one that will draw; null for the decoder. */
-  setRenderer(renderer: WebGLRenderer | null): this;
+  setRenderer(renderer: WebGLRenderer | WebGPURenderer | null): this;
   load(
     url: string,
     onLoad: (group: DeformingGroup) => void,

@@ -26,12 +26,13 @@ import {
 import { GpuMotion } from "./gpu.js";
 import { normalsOf, trianglesOf } from "./mesh.js";
 import { PdeAnimation } from "./pdeanim.js";
+import { WebGpuMotion } from "./webgpu.js";
 
 /** Loads `.pdeanim` files, as three's own loaders load theirs. */
 export class PDEAnimLoader extends Loader {
   #renderer = null;
 
-  /** Evaluate on the graphics processor of a renderer (a `WebGLRenderer`), the one that will draw; null for the decoder. */
+  /** Evaluate on the graphics processor of a renderer, the one that will draw; null for the decoder. */
   setRenderer(renderer) {
     this.#renderer = renderer;
     return this;
@@ -59,6 +60,7 @@ export class PDEAnimLoader extends Loader {
 
   /** @returns {Promise<DeformingGroup>} */
   async parseAsync(data) {
+    if (this.#renderer?.isWebGPURenderer) await this.#renderer.init();
     return new DeformingGroup(await PdeAnimation.open(data), { renderer: this.#renderer });
   }
 }
@@ -67,22 +69,20 @@ export class PDEAnimLoader extends Loader {
 export class DeformingGroup extends Group {
   /**
    * @param {PdeAnimation} animation
-   * @param {{ renderer?: import("three").WebGLRenderer | null }} options the renderer that evaluates; the decoder does where
-   *     there is none
+   * @param {{ renderer?: import("three").WebGLRenderer | import("three/webgpu").WebGPURenderer | null }} options the renderer
+   *     that evaluates (a `WebGPURenderer` once `init()` is done); the decoder does where there is none
    */
   constructor(animation, { renderer = null } = {}) {
     super();
     this.animation = animation;
     this.duration = animation.end - animation.start;
     this.time = null;
-    if (renderer?.isWebGLRenderer && renderer.capabilities.isWebGL2) {
-      this.#renderer = renderer;
-      renderer.domElement.addEventListener("webglcontextrestored", this.#restore);
-    }
+    this.#graphics = graphicsOf(renderer);
+    this.#graphics?.onRestored(this.#restore, true);
     this.setTime(0);
   }
 
-  #renderer = null;
+  #graphics;
   #run = null;
   #motion = null;
 
@@ -98,7 +98,7 @@ export class DeformingGroup extends Group {
     this.time = time;
     const run = this.animation.at(time);
     if (run !== this.#run) this.#build(run);
-    if (this.#motion) this.#withContext(() => this.#motion.evaluate(time));
+    if (this.#motion) this.#graphics.work(() => this.#motion.evaluate(time));
     for (const mesh of this.children) {
       const { attributes } = mesh.geometry;
       const { shape, sources } = mesh.userData.pdeanim;
@@ -114,12 +114,12 @@ export class DeformingGroup extends Group {
 
   /** Upload the frames that come after those of now, when there is time for it. */
   prefetch() {
-    if (this.#motion) this.#withContext(() => this.#motion.prefetchAfter(this.time));
+    if (this.#motion) this.#graphics.work(() => this.#motion.prefetchAfter(this.time));
   }
 
   /** Give back geometries, materials and what is decoded. */
   dispose() {
-    this.#renderer?.domElement.removeEventListener("webglcontextrestored", this.#restore);
+    this.#graphics?.onRestored(this.#restore, false);
     this.#clear();
     this.animation.close();
   }
@@ -131,19 +131,6 @@ export class DeformingGroup extends Group {
     this.time = null;
     this.setTime(time - this.animation.start);
   };
-
-  /** Work with the renderer's context, and let the renderer know that its state is another one. */
-  #withContext(work) {
-    const renderer = this.#renderer;
-    const [target, face, level] = [
-      renderer.getRenderTarget(),
-      renderer.getActiveCubeFace(),
-      renderer.getActiveMipmapLevel(),
-    ];
-    work();
-    renderer.resetState();
-    renderer.setRenderTarget(target, face, level);
-  }
 
   #clear() {
     for (const mesh of [...this.children]) {
@@ -164,10 +151,9 @@ export class DeformingGroup extends Group {
       const { triangles } = trianglesOf([own]);
       return { shape: new Shape(run, index, triangles), ...withUvs(run.attributes(index), own, triangles) };
     });
-    const gl = this.#renderer?.getContext();
-    if (gl && GpuMotion.holds(gl, run)) {
+    if (this.#graphics?.holds(run)) {
       const drawn = parts.map(({ sources }, index) => sources.map((vertex) => run.object(index).firstVertex + vertex));
-      this.#withContext(() => (this.#motion = new GpuMotion(gl, run, drawn)));
+      this.#graphics.work(() => (this.#motion = this.#graphics.motion(run, drawn)));
     }
     parts.forEach(({ shape, sources, index: indices, uvs }, index) => {
       const drawn = this.#motion?.drawn[index];
@@ -178,7 +164,7 @@ export class DeformingGroup extends Group {
         ["normal", "normals"],
       ]) {
         const attribute = drawn
-          ? new GpuAttribute(gl, drawn[`${name}s`], sources, () => shape[values])
+          ? this.#graphics.attribute(drawn[`${name}s`], sources, () => shape[values])
           : new BufferAttribute(new Float32Array(3 * sources.length), 3);
         geometry.setAttribute(name, attribute);
       }
@@ -223,36 +209,97 @@ class Shape {
   }
 }
 
-/** A buffer that the graphics processor fills; who reads it (a ray, a box) is given what the decoder says. */
-class GpuAttribute extends GLBufferAttribute {
-  constructor(gl, buffer, sources, values) {
-    super(buffer, gl.FLOAT, 3, 4, sources.length);
-    Object.assign(this, { sources, values });
+/** What evaluates on the graphics processor of a renderer, or null where nothing does. */
+function graphicsOf(renderer) {
+  if (renderer?.isWebGLRenderer && renderer.capabilities.isWebGL2) return new WebGlGraphics(renderer);
+  if (renderer?.isWebGPURenderer && renderer.backend.isWebGPUBackend && renderer.backend.device) {
+    return new WebGpuGraphics(renderer);
+  }
+  return null;
+}
+
+class WebGlGraphics {
+  constructor(renderer) {
+    this.renderer = renderer;
   }
 
-  getComponent(index, component) {
-    return this.values()[3 * this.sources[index] + component];
+  holds(run) {
+    return GpuMotion.holds(this.renderer.getContext(), run);
   }
 
-  getX(index) {
-    return this.getComponent(index, 0);
+  motion(run, drawn) {
+    return new GpuMotion(this.renderer.getContext(), run, drawn);
   }
 
-  getY(index) {
-    return this.getComponent(index, 1);
+  attribute(buffer, sources, values) {
+    const attribute = new GLBufferAttribute(buffer, this.renderer.getContext().FLOAT, 3, 4, sources.length);
+    return Object.assign(attribute, readBy(sources, values));
   }
 
-  getZ(index) {
-    return this.getComponent(index, 2);
+  /** Do work with the renderer's context, and let the renderer know that its state is another one. */
+  work(work) {
+    const { renderer } = this;
+    const [target, face, level] = [
+      renderer.getRenderTarget(),
+      renderer.getActiveCubeFace(),
+      renderer.getActiveMipmapLevel(),
+    ];
+    work();
+    renderer.resetState();
+    renderer.setRenderTarget(target, face, level);
   }
 
-  /** three asks for four numbers of any attribute where a ray hits, and takes three of a normal. */
-  getW() {
-    return 0;
+  /** Have `restore` called, or no longer, where a context that was lost came back. */
+  onRestored(restore, isWanted) {
+    const { domElement } = this.renderer;
+    if (isWanted) domElement.addEventListener("webglcontextrestored", restore);
+    else domElement.removeEventListener("webglcontextrestored", restore);
   }
 }
 
-/** Box and sphere of a `GpuAttribute`: three's own refuse buffers of WebGL. */
+class WebGpuGraphics {
+  constructor({ backend }) {
+    this.backend = backend;
+  }
+
+  holds(run) {
+    return WebGpuMotion.holds(this.backend.device, run);
+  }
+
+  motion(run, drawn) {
+    return new WebGpuMotion(this.backend.device, run, drawn);
+  }
+
+  /** An attribute that has its buffer before the renderer makes one of it. */
+  attribute(buffer, sources, values) {
+    const attribute = new BufferAttribute(new Float32Array(0), 3);
+    attribute.count = sources.length;
+    this.backend.get(attribute).buffer = buffer;
+    return Object.assign(attribute, readBy(sources, values));
+  }
+
+  work(work) {
+    work();
+  }
+
+  /** A device that was lost does not come back. */
+  onRestored() {}
+}
+
+/** How an attribute that the graphics processor fills is read, by a ray or a box: from what the decoder says. */
+function readBy(sources, values) {
+  const getComponent = (index, component) => values()[3 * sources[index] + component];
+  return {
+    getComponent,
+    getX: (index) => getComponent(index, 0),
+    getY: (index) => getComponent(index, 1),
+    getZ: (index) => getComponent(index, 2),
+    // three asks for four numbers of any attribute where a ray hits, and takes three of a normal.
+    getW: () => 0,
+  };
+}
+
+/** Box and sphere of attributes that the graphics processor fills: three's own read arrays. */
 class GpuGeometry extends BufferGeometry {
   computeBoundingBox() {
     this.boundingBox = new Box3().setFromBufferAttribute(this.attributes.position);

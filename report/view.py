@@ -19,7 +19,7 @@ from pdecodec.errors import InputError
 from pdecodec.player import FOLDER
 from pdecodec.sequence import MeshSequence
 
-SCRIPTS = ("pdeanim.js", "core.js", "errors.js", "source.js", "mesh.js", "gpu.js")
+SCRIPTS = ("pdeanim.js", "core.js", "errors.js", "source.js", "mesh.js", "motion.js", "gpu.js")
 """Of the player, what the page needs."""
 
 LARGEST_STEP_COUNT = 32767

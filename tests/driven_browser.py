@@ -21,6 +21,7 @@ FLAGS = (
     *("--headless", "--no-sandbox", "--no-first-run", "--disable-quic", "--disable-sync"),
     *("--disable-background-networking", "--disable-component-update"),
     *("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars"),
+    *("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"),
 )
 
 

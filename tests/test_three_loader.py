@@ -150,14 +150,12 @@ def test_a_fresh_page_follows_the_readme_alone(site: Path, tmp_path: Path) -> No
 SCENE = """<!doctype html>
 {imports}
 <script type="module">
-import * as THREE from "three";
-import { GpuMotion } from "pdeanim/gpu";
+import * as THREE from "{three}";
 import { PDEAnimLoader } from "pdeanim/three";
+{graphics}
 
-const renderer = new THREE.WebGLRenderer();
 renderer.shadowMap.enabled = true;
-const gl = renderer.getContext();
-const target = new THREE.WebGLRenderTarget(160, 120);
+const target = new (THREE.WebGLRenderTarget ?? THREE.RenderTarget)(160, 120);
 const camera = new THREE.PerspectiveCamera(50, 4 / 3, 0.1, 100);
 camera.position.set(1, 2.5, 3);
 camera.lookAt(1, 0, 0);
@@ -173,35 +171,27 @@ dots.flipY = true;
 dots.needsUpdate = true;
 floor.material.map = dots;
 
-function show(clip, seconds) {
+async function show(clip, seconds) {
   const scene = new THREE.Scene().add(light, floor, clip);
   for (const mesh of clip.children) mesh.castShadow = true;
   renderer.setRenderTarget(target);
   clip.setTime(seconds);
   const isKept = renderer.getRenderTarget() === target;
   renderer.render(scene, camera);
-  const pixels = new Uint8Array(4 * 160 * 120);
-  renderer.readRenderTargetPixels(target, 0, 0, 160, 120, pixels);
-  return { pixels: [...pixels], isKept };
+  return { pixels: [...(await pixelsOf(target, 160, 120))], isKept };
 }
 
-function read(attribute) {
-  if (attribute.array) return [...attribute.array];
-  const found = new Float32Array(3 * attribute.count);
-  gl.bindBuffer(gl.ARRAY_BUFFER, attribute.buffer);
-  gl.getBufferSubData(gl.ARRAY_BUFFER, 0, found);
-  gl.bindBuffer(gl.ARRAY_BUFFER, null);
-  return [...found];
-}
+const read = async (attribute) => [...(attribute.array?.length ? attribute.array : await buffered(attribute))];
 
-function meshes(clip) {
-  return clip.children.map(({ name, geometry, userData }) => ({
-    name,
-    points: read(geometry.attributes.position),
-    normals: read(geometry.attributes.normal),
-    sources: [...userData.pdeanim.sources],
-  }));
-}
+const meshes = (clip) =>
+  Promise.all(
+    clip.children.map(async ({ name, geometry, userData }) => ({
+      name,
+      points: await read(geometry.attributes.position),
+      normals: await read(geometry.attributes.normal),
+      sources: [...userData.pdeanim.sources],
+    })),
+  );
 
 function box(clip) {
   const { min, max } = new THREE.Box3().setFromObject(clip);
@@ -215,10 +205,48 @@ function hits(clip, from, to) {
 }
 
 const loadOn = (own, name) => new PDEAnimLoader().setRenderer(own).loadAsync(name);
-const error = () => gl.getError();
-Object.assign(globalThis, { renderer, gl, GpuMotion, show, meshes, box, hits, loadOn, error, on: {}, off: {} });
+Object.assign(globalThis, { renderer, Motion, show, meshes, box, hits, loadOn, error, on: {}, off: {} });
 </script>
 """
+
+GRAPHICS = {
+    "WebGL": """
+import { GpuMotion as Motion } from "pdeanim/gpu";
+const renderer = new THREE.WebGLRenderer();
+const gl = renderer.getContext();
+globalThis.gl = gl;
+const error = () => gl.getError();
+const pixelsOf = (target, width, height) =>
+  renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height, new Uint8Array(4 * width * height));
+async function buffered({ buffer, count }) {
+  const found = new Float32Array(3 * count);
+  gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+  gl.getBufferSubData(gl.ARRAY_BUFFER, 0, found);
+  gl.bindBuffer(gl.ARRAY_BUFFER, null);
+  return found;
+}
+""",
+    "WebGPU": """
+import { WebGpuMotion as Motion } from "pdeanim/webgpu";
+const renderer = new THREE.WebGPURenderer();
+await renderer.init();
+const { device } = renderer.backend;
+let errors = 0;
+device?.addEventListener("uncapturederror", () => errors++);
+const error = () => errors;
+const pixelsOf = (target, width, height) => renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height);
+async function buffered(attribute) {
+  const size = 12 * attribute.count;
+  const copy = device.createBuffer({ size, usage: GPUBufferUsage.MAP_READ | GPUBufferUsage.COPY_DST });
+  const encoder = device.createCommandEncoder();
+  encoder.copyBufferToBuffer(renderer.backend.get(attribute).buffer, 0, copy, 0, size);
+  device.queue.submit([encoder.finish()]);
+  await copy.mapAsync(GPUMapMode.READ);
+  return new Float32Array(copy.getMappedRange());
+}
+""",
+}
+"""What is one way and another: by the graphics that three.js draws with."""
 
 
 @pytest.fixture(scope="module")
@@ -230,18 +258,24 @@ def clips(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {path.stem: path for path in folder.iterdir()}
 
 
-@pytest.fixture(scope="module")
-def scene(site: Path, clips: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+@pytest.fixture(scope="module", params=GRAPHICS)
+def scene(
+    request: pytest.FixtureRequest, site: Path, clips: dict[str, Path], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Browser]:
     """A page with a scene of three.js and each clip twice: ``on.NAME`` by the graphics processor, ``off.NAME`` not."""
     served: Path = tmp_path_factory.mktemp("scene") / "served"
     shutil.copytree(site, served, symlinks=False)
     blocks = (PLAYER / "README.md").read_text("utf-8").split("```")
     (imports,) = [block.removeprefix("html\n") for block in blocks if block.startswith("html")]
-    (served / "index.html").write_text(SCENE.replace("{imports}", imports))
+    own = "three/webgpu" if request.param == "WebGPU" else "three"
+    page = SCENE.replace("{imports}", imports).replace("{three}", own).replace("{graphics}", GRAPHICS[request.param])
+    (served / "index.html").write_text(page)
     for path in clips.values():
         shutil.copy(path, served)
     with serving(served) as server, browsing(served.parent / "profile") as browser:
         browser.open(f"{server.address}/index.html")
+        if request.param == "WebGPU" and not browser.run("return Boolean(await navigator.gpu?.requestAdapter())"):
+            pytest.skip("this browser has no WebGPU")
         browser.run(
             "while (!globalThis.loadOn) await new Promise((next) => setTimeout(next, 20));"
             "for (const name of arguments_) {"
@@ -270,7 +304,7 @@ def test_the_graphics_processor_has_three_s_vertices_where_the_library_has_them(
         for time in np.linspace(start, end, 10):
             ask = "const [name, time] = arguments_; for (const all of [on, off]) all[name].setTime(time);"
             found = scene.run(
-                ask + "return [on[name].isOnGpu, off[name].isOnGpu, meshes(on[name]), meshes(off[name])]",
+                ask + "return [on[name].isOnGpu, off[name].isOnGpu, await meshes(on[name]), await meshes(off[name])]",
                 name,
                 float(time - start),
             )
@@ -282,9 +316,9 @@ def test_the_graphics_processor_has_three_s_vertices_where_the_library_has_them(
 
 
 def test_a_lit_scene_with_shadows_looks_the_same_by_either(scene: Browser, clips: dict[str, Path]) -> None:
-    seen = [scene.run("return [show(on.sheets, 0.7), show(off.sheets, 0.7)]"), scene.run("return [show(on.sheets, 0)]")]
-    assert all(item["isKept"] for item in seen[0]), "the render target stays what it was"
-    here, there, other = (np.array(item["pixels"], float) for item in (*seen[0], *seen[1]))
+    seen = scene.run("return [await show(on.sheets, 0.7), await show(off.sheets, 0.7), await show(on.sheets, 0)]")
+    assert all(item["isKept"] for item in seen), "the render target stays what it was"
+    here, there, other = (np.array(item["pixels"], float) for item in seen)
     assert np.ptp(there) > 100, "something is lit"
     assert np.mean(np.abs(here - there) > 8) < 2e-3, "but for what lies at an edge"
     assert np.mean(np.abs(here - other) > 8) > 1e-2, "at another time it is another picture"
@@ -305,11 +339,11 @@ def test_rays_and_boxes_find_the_shape_that_is_shown(scene: Browser, clips: dict
 
 
 def test_a_clip_that_does_not_fit_is_evaluated_by_the_decoder(scene: Browser, clips: dict[str, Path]) -> None:
-    for what in ("GpuMotion.holds", "GpuMotion.prototype.fits"):
+    for what in ("Motion.holds", "Motion.prototype.fits"):
         found = scene.run(
             f"const before = {what}; {what} = () => false;"
             f"try {{ const clip = await loadOn(renderer, 'sheets.pdeanim'); clip.setTime(0.6);"
-            f" const found = [clip.isOnGpu, meshes(clip)]; clip.dispose(); return found; }}"
+            f" const found = [clip.isOnGpu, await meshes(clip)]; clip.dispose(); return found; }}"
             f" finally {{ {what} = before; }}"
         )
         assert found[0] is False
@@ -319,14 +353,17 @@ def test_a_clip_that_does_not_fit_is_evaluated_by_the_decoder(scene: Browser, cl
 
 
 def test_what_a_lost_context_had_is_uploaded_again(scene: Browser, clips: dict[str, Path]) -> None:
+    if scene.run("return !globalThis.gl"):
+        pytest.skip("a device of WebGPU that was lost does not come back")
     found = scene.run(
-        "show(on.sheets, 0.3); const lost = gl.getExtension('WEBGL_lose_context');"
+        "await show(on.sheets, 0.3); const lost = gl.getExtension('WEBGL_lose_context');"
         "const canvas = renderer.domElement;"
         "const event = (name) => new Promise((next) => canvas.addEventListener(name, next, { once: true }));"
         "const isLost = event('webglcontextlost'); lost.loseContext(); await isLost;"
         "await new Promise((next) => setTimeout(next, 20));"
         "const isBack = event('webglcontextrestored'); lost.restoreContext(); await isBack;"
-        "const own = meshes(on.sheets); error(); return [own, show(on.sheets, 0.3), show(off.sheets, 0.3), error()]"
+        "const own = await meshes(on.sheets); error();"
+        "return [own, await show(on.sheets, 0.3), await show(off.sheets, 0.3), error()]"
     )
     with open_animation(clips["sheets"]) as animation:
         assert_where_the_library_has_it(found[0], animation, 0.3)

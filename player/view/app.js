@@ -1,6 +1,6 @@
 /** The page: opens what it holds, plays it, and shows what one asks for. */
 import { compile, PdeAnimation } from "pdeanim";
-import { frameAt } from "pdeanim/gpu.js";
+import { frameAt } from "pdeanim/motion.js";
 
 import { OrbitCamera } from "pdeanim/view/camera.js";
 import { bytesOf, Clip, Original, unpacked } from "pdeanim/view/clip.js";

@@ -1,5 +1,5 @@
 /** A clip on the page: a file, and what is drawn of the run that holds at a time. Or the original beside it. */
-import { frameAt } from "pdeanim/gpu.js";
+import { frameAt } from "pdeanim/motion.js";
 
 import { Model } from "pdeanim/view/model.js";
 

@@ -1,5 +1,5 @@
 /** Tables, the chart of errors, and the marks of frames. */
-import { frameAt } from "pdeanim/gpu.js";
+import { frameAt } from "pdeanim/motion.js";
 
 const NAMES = {
   SEQN: "times, names",

@@ -1,0 +1,272 @@
+/**
+ * Positions and normals on the graphics processor (WebGPU).
+ *
+ * The fields of a group of frames are uploaded once, as they stand, into a storage buffer; a frame is a few weights. A compute
+ * shader adds up their products and what corrections the vertex has at the two frames around the time; a second one makes
+ * normals of the sums, and writes positions and normals in the order in which they are drawn. Both buffers are vertex buffers
+ * of whatever is drawn. What does not fit is evaluated by the decoder and uploaded.
+ */
+import { cornersAround, trianglesOf } from "./mesh.js";
+import {
+  GroupedMotion,
+  MOST_FIELD_BYTES,
+  allVertices,
+  correctionsByVertex,
+  framesAround,
+  weightRows,
+} from "./motion.js";
+
+/** Vertices that one workgroup takes: what every graphics processor has. */
+const WORKGROUP = 64;
+
+/** Bits of a buffer's usage and of how it is mapped, as the standard has them: Node has no names for them. */
+const USAGE = { mapRead: 1, copySource: 4, copyTarget: 8, vertex: 32, uniform: 64, storage: 128 };
+const MAP_READ = 1;
+
+const SUM_SHADER = `
+struct Frame {
+  vertices: u32,
+  functions: u32,
+  hasAxes: u32,
+  hasCorrections: u32,
+  frames: vec2f,
+  shares: vec2f,
+}
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> weights: array<vec4f>;
+@group(0) @binding(2) var<storage, read> fields: array<f32>;
+@group(0) @binding(3) var<storage, read> corrections: array<vec4f>;
+@group(0) @binding(4) var<storage, read> starts: array<u32>;
+@group(0) @binding(5) var<storage, read> before: array<f32>;
+@group(0) @binding(6) var<storage, read_write> sums: array<f32>;
+
+fn correctionAt(wanted: f32, first: u32, behind: u32) -> vec3f {
+  var begin = first;
+  var end = behind;
+  while (begin < end) {
+    let middle = (begin + end) / 2u;
+    let found = corrections[middle];
+    if (found.w == wanted) { return found.xyz; }
+    if (found.w < wanted) { begin = middle + 1u; } else { end = middle; }
+  }
+  return vec3f(0.0);
+}
+
+@compute @workgroup_size(${WORKGROUP})
+fn main(@builtin(global_invocation_id) id: vec3u) {
+  let vertex = id.x;
+  if (vertex >= frame.vertices) { return; }
+  var moved = vec3f(0.0);
+  if (frame.hasAxes != 0u) {
+    for (var k = 0u; k < frame.functions; k++) {
+      let at = 3u * (k * frame.vertices + vertex);
+      moved += weights[k].x * vec3f(fields[at], fields[at + 1u], fields[at + 2u]);
+    }
+  } else {
+    for (var k = 0u; k < frame.functions; k++) { moved += fields[k * frame.vertices + vertex] * weights[k].xyz; }
+  }
+  if (frame.hasCorrections != 0u) {
+    let begin = starts[vertex];
+    let end = starts[vertex + 1u];
+    moved += frame.shares.x * correctionAt(frame.frames.x, begin, end);
+    if (frame.shares.y > 0.0) { moved += frame.shares.y * correctionAt(frame.frames.y, begin, end); }
+  }
+  for (var axis = 0u; axis < 3u; axis++) { sums[3u * vertex + axis] = before[3u * vertex + axis] + moved[axis]; }
+}`;
+
+const DRAWN_SHADER = `
+@group(0) @binding(0) var<storage, read> points: array<f32>;
+@group(0) @binding(1) var<storage, read> starts: array<u32>;
+@group(0) @binding(2) var<storage, read> others: array<vec2u>;
+@group(0) @binding(3) var<storage, read> sources: array<u32>;
+@group(0) @binding(4) var<storage, read_write> positions: array<f32>;
+@group(0) @binding(5) var<storage, read_write> normals: array<f32>;
+
+fn pointAt(vertex: u32) -> vec3f {
+  return vec3f(points[3u * vertex], points[3u * vertex + 1u], points[3u * vertex + 2u]);
+}
+
+@compute @workgroup_size(${WORKGROUP})
+fn main(@builtin(global_invocation_id) id: vec3u) {
+  let place = id.x;
+  if (place >= arrayLength(&sources)) { return; }
+  let vertex = sources[place];
+  let here = pointAt(vertex);
+  var sum = vec3f(0.0);
+  for (var k = starts[vertex]; k < starts[vertex + 1u]; k++) {
+    sum += cross(pointAt(others[k].x) - here, pointAt(others[k].y) - here);
+  }
+  let size = length(sum);
+  let normal = select(vec3f(0.0), sum / size, size > 0.0);
+  for (var axis = 0u; axis < 3u; axis++) {
+    positions[3u * place + axis] = here[axis];
+    normals[3u * place + axis] = normal[axis];
+  }
+}`;
+
+/** What is bound of a buffer: all of it. */
+const whole = (buffer) => ({ buffer });
+
+/** Positions and normals of one animation (one run of frames), in buffers of a device. */
+export class WebGpuMotion extends GroupedMotion {
+  /** Whether positions and faces of an animation fit into what a device binds and dispatches. */
+  static holds(device, animation) {
+    const { maxComputeWorkgroupsPerDimension: most, maxStorageBufferBindingSize: bytes } = device.limits;
+    const corners = animation.objects.reduce((sum, { faceIndices }) => sum + faceIndices.length, 0);
+    // A fan of n - 2 triangles has less than 3 n corners, each with the two others: 8 bytes.
+    const largest = Math.max(12 * animation.vertexCount, 8 * 3 * corners);
+    return largest <= bytes && Math.max(animation.vertexCount, 3 * corners) <= WORKGROUP * most;
+  }
+
+  /**
+   * @param {GPUDevice} device
+   * @param {import("./pdeanim.js").PdeAnimation} animation
+   * @param {Uint32Array[]} drawn of each pair of buffers the vertices that it holds, in order; all in one where nothing is said
+   */
+  constructor(device, animation, drawn = [allVertices(animation)]) {
+    super(animation);
+    this.device = device;
+    this.#sum = this.#pipeline(SUM_SHADER);
+    this.#draw = this.#pipeline(DRAWN_SHADER);
+    const { vertexCount } = this;
+    this.#reference = this.#storage(animation.reference());
+    this.#sums = [this.#empty(12 * vertexCount), this.#empty(12 * vertexCount)];
+    this.#latest = this.#sums[0];
+    const { starts, others } = cornersAround(trianglesOf(animation.objects).triangles, vertexCount);
+    this.#starts = this.#storage(starts);
+    this.#others = this.#storage(others);
+    this.drawn = drawn.map((sources) => ({
+      count: sources.length,
+      sources: this.#storage(sources),
+      positions: this.#empty(12 * sources.length, USAGE.vertex),
+      normals: this.#empty(12 * sources.length, USAGE.vertex),
+    }));
+    const most = animation.groups.reduce((count, { functionCount }) => Math.max(count, functionCount), 0);
+    this.#weights = this.#empty(16 * most);
+    this.#frame = device.createBuffer({ size: 32, usage: USAGE.uniform | USAGE.copyTarget });
+  }
+
+  #sum;
+  #draw;
+  #reference;
+  #sums;
+  #latest;
+  #starts;
+  #others;
+  #weights;
+  #frame;
+
+  /** Whether a group's fields fit. */
+  fits(index) {
+    const { functionCount, axisCount } = this.animation.groups[index];
+    const most = Math.min(MOST_FIELD_BYTES, this.device.limits.maxStorageBufferBindingSize);
+    return 4 * functionCount * axisCount * this.vertexCount <= most;
+  }
+
+  _begin() {}
+
+  _uploadPositions(positions) {
+    this.#latest = this.#sums[0];
+    this.device.queue.writeBuffer(this.#latest, 0, positions);
+  }
+
+  /** What the first buffer of positions holds. */
+  async readPositions() {
+    const { device } = this;
+    const size = 12 * this.drawn[0].count;
+    const copy = device.createBuffer({ size, usage: USAGE.mapRead | USAGE.copyTarget });
+    const encoder = device.createCommandEncoder();
+    encoder.copyBufferToBuffer(this.positions, 0, copy, 0, size);
+    device.queue.submit([encoder.finish()]);
+    await copy.mapAsync(MAP_READ);
+    const found = new Float32Array(copy.getMappedRange().slice(0));
+    copy.destroy();
+    return found;
+  }
+
+  close() {
+    this._dropGroups();
+    const drawn = this.drawn.flatMap(({ sources, positions, normals }) => [sources, positions, normals]);
+    const own = [this.#reference, ...this.#sums, this.#starts, this.#others, this.#weights, this.#frame];
+    for (const buffer of [...own, ...drawn]) buffer.destroy();
+  }
+
+  _addGroups(time, near) {
+    const { animation, vertexCount } = this;
+    const { queue } = this.device;
+    const { frames, shares } = framesAround(animation.times, time);
+    let before = this.#reference;
+    near.forEach((index, pass) => {
+      const { functionCount, hasAxes, hasCorrections, fields, corrections, starts } = this._group(index);
+      const frame = new ArrayBuffer(32);
+      new Uint32Array(frame, 0, 4).set([vertexCount, functionCount, hasAxes, hasCorrections]);
+      new Float32Array(frame, 16, 4).set([...frames, ...shares]);
+      // Written and read in the order of submission: the next group's may take their place.
+      queue.writeBuffer(this.#frame, 0, frame);
+      queue.writeBuffer(this.#weights, 0, weightRows(animation, time, index));
+      this.#latest = this.#sums[pass % 2];
+      const bound = [this.#frame, this.#weights, fields, corrections, starts, before, this.#latest];
+      this.#dispatch([[this.#sum, bound.map(whole), vertexCount]]);
+      before = this.#latest;
+    });
+  }
+
+  _writeDrawn() {
+    const common = [this.#latest, this.#starts, this.#others].map(whole);
+    const runs = this.drawn.map(({ count, sources, positions, normals }) => {
+      const own = [{ buffer: sources, size: 4 * count }, whole(positions), whole(normals)];
+      return [this.#draw, [...common, ...own], count];
+    });
+    this.#dispatch(runs);
+  }
+
+  _uploadGroup(index) {
+    const { functionCount, axisCount } = this.animation.groups[index];
+    const { starts, rows } = correctionsByVertex(this.animation, index);
+    return {
+      functionCount,
+      hasAxes: axisCount === 3 ? 1 : 0,
+      hasCorrections: rows.length > 0 ? 1 : 0,
+      fields: this.#storage(this.animation.fields(index)),
+      corrections: this.#storage(rows),
+      starts: this.#storage(starts),
+    };
+  }
+
+  _dropGroup({ fields, corrections, starts }) {
+    for (const buffer of [fields, corrections, starts]) buffer.destroy();
+  }
+
+  #pipeline(code) {
+    const module = this.device.createShaderModule({ code });
+    return this.device.createComputePipeline({ layout: "auto", compute: { module, entryPoint: "main" } });
+  }
+
+  /** Run pipelines, each with what is bound to it, once for each of so many vertices. */
+  #dispatch(runs) {
+    const { device } = this;
+    const encoder = device.createCommandEncoder();
+    const pass = encoder.beginComputePass();
+    for (const [pipeline, bound, count] of runs) {
+      if (count === 0) continue;
+      const entries = bound.map((resource, binding) => ({ binding, resource }));
+      pass.setPipeline(pipeline);
+      pass.setBindGroup(0, device.createBindGroup({ layout: pipeline.getBindGroupLayout(0), entries }));
+      pass.dispatchWorkgroups(Math.ceil(count / WORKGROUP));
+    }
+    pass.end();
+    device.queue.submit([encoder.finish()]);
+  }
+
+  #storage(values) {
+    const buffer = this.#empty(values.byteLength);
+    this.device.queue.writeBuffer(buffer, 0, values);
+    return buffer;
+  }
+
+  /** A buffer that shaders read and write; none is smaller than one element of what a shader may bind it as. */
+  #empty(size, usage = 0) {
+    const always = USAGE.storage | USAGE.copySource | USAGE.copyTarget;
+    return this.device.createBuffer({ size: Math.max(size, 16), usage: always | usage });
+  }
+}
