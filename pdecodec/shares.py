@@ -8,7 +8,8 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
+from functools import lru_cache
 from itertools import pairwise
 from typing import TypeVar
 
@@ -26,13 +27,27 @@ def thread_count() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+@lru_cache
+def _helpers(count: int) -> ThreadPoolExecutor:
+    """Threads that wait for work: starting one takes longer than many a share."""
+    return ThreadPoolExecutor(count)
+
+
+if hasattr(os, "register_at_fork"):
+    # A process that was forked off has none of its parent's threads.
+    os.register_at_fork(after_in_child=_helpers.cache_clear)
+
+
 def side_by_side(*works: Callable[[], Result]) -> list[Result]:
     """What several calls return, made at once as far as there are threads; they must not depend on each other."""
-    threads = min(thread_count(), len(works))
-    if threads < 2:
-        return [work() for work in works]
-    with ThreadPoolExecutor(threads) as pool:
-        return [future.result() for future in [pool.submit(work) for work in works]]
+    found: dict[int, Result] = {}
+
+    def call(first: int, end: int) -> None:
+        for index in range(first, end):
+            found[index] = works[index]()
+
+    in_shares(call, len(works))
+    return [found[index] for index in range(len(works))]
 
 
 def in_shares(work: Callable[[int, int], None], count: int) -> None:
@@ -41,7 +56,7 @@ def in_shares(work: Callable[[int, int], None], count: int) -> None:
     Parameters
     ----------
     work : callable
-        Called from several threads at once.
+        Called from several threads at once, this one among them; it may have shares of its own.
     count : int
         No call where it is 0.
     """
@@ -61,8 +76,13 @@ def in_shares(work: Callable[[int, int], None], count: int) -> None:
     if threads < 2:
         take()
         return
-    with ThreadPoolExecutor(threads - 1) as pool:
-        others = [pool.submit(take) for _ in range(threads - 1)]
+    others = [_helpers(threads - 1).submit(take) for _ in range(threads - 1)]
+    try:
         take()
-        for other in others:
-            other.result()
+    finally:
+        left.clear()
+        # Helpers that are busy elsewhere have not begun; there is nothing left for them here.
+        begun = [other for other in others if not other.cancel()]
+        wait(begun)
+    for other in begun:
+        other.result()

@@ -80,6 +80,10 @@ class _Handler(BaseHTTPRequestHandler):
             files = [(name, size, quote(name)) for name, size in self.server.files()]
             self._send_page(list_page(self.server.folder.name, files))
             return
+        if path == "/favicon.ico":  # browsers ask for one, and log it as an error where there is none
+            self.send_response(HTTPStatus.NO_CONTENT)
+            self.end_headers()
+            return
         kind, _, name = path.removeprefix("/").partition("/")
         place = self.server.place(name)
         if place is None or kind not in {"view", "file"}:

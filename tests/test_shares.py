@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from functools import partial
 
@@ -48,3 +49,31 @@ def test_calls_side_by_side_run_at_once(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(shares, "thread_count", lambda: 2)
     both = threading.Barrier(2, timeout=60)
     assert sorted(shares.side_by_side(both.wait, both.wait)) == [0, 1]
+
+
+def test_shares_within_shares_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shares, "thread_count", lambda: 2)
+    seen = []
+
+    def inner(first: int, end: int) -> None:
+        seen.extend(range(first, end))
+
+    for _ in range(50):  # the one helper may be at work or not
+        shares.side_by_side(*(partial(shares.in_shares, inner, 10) for _ in range(4)))
+    assert len(seen) == 50 * 4 * 10
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+def test_a_process_that_was_forked_off_has_helpers_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shares, "thread_count", lambda: 2)
+    both = threading.Barrier(2, timeout=20)
+    shares.side_by_side(both.wait, both.wait)
+    child = os.fork()
+    if child == 0:  # nothing of pytest's may run here
+        own = threading.Barrier(2, timeout=20)
+        try:
+            shares.side_by_side(own.wait, own.wait)
+        except threading.BrokenBarrierError:
+            os._exit(1)
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
