@@ -9,8 +9,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Condition
 
-from pdecodec.encodememory import BASIS_BYTES, FIXED_BYTES, GROUP_BYTES, GROUP_COPIES
-from pdecodec.spacebasis import MOST_FUNCTIONS
+from pdecodec.coding.spacebasis import MOST_FUNCTIONS
+from pdecodec.encoding.encodememory import BASIS_BYTES, FIXED_BYTES, GROUP_BYTES, GROUP_COPIES
 
 AVAILABLE_SHARE = 0.8
 """Of the memory that is free when a batch begins: what else runs on the machine grows, too."""

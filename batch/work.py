@@ -26,8 +26,8 @@ from pdecodec.batch.records import (
     stamp_of,
     write_record,
 )
-from pdecodec.encodememory import encoding_bytes
-from pdecodec.encodereport import EncodeReport, generator
+from pdecodec.encoding.encodememory import encoding_bytes
+from pdecodec.encoding.encodereport import EncodeReport, generator
 from pdecodec.errors import CorruptFileError, InputError, PdecodecError
 from pdecodec.formats import open_sequence
 from pdecodec.formats.choosing import select_frames, select_objects
@@ -353,8 +353,8 @@ def _extent(sequence: MeshSequence, source_bytes: int) -> dict[str, Any]:
 
 
 def _encoded(sequence: MeshSequence, path: Path, options: ClipOptions) -> EncodeReport:
-    from pdecodec.encoder import encode
-    from pdecodec.ratecontrol import encode_to_rms, encode_to_size
+    from pdecodec.encoding.encoder import encode
+    from pdecodec.encoding.ratecontrol import encode_to_rms, encode_to_size
 
     if options.size is not None:
         return encode_to_size(sequence, options.size, path, options.settings)

@@ -13,8 +13,8 @@ from pdecodec.cli.options import decode_limits, json_option, limit_options, loud
 from pdecodec.errors import CorruptFileError, InputError
 
 if TYPE_CHECKING:
-    from pdecodec.filecheck import FileCheck
-    from pdecodec.mending import Finding
+    from pdecodec.files.filecheck import FileCheck
+    from pdecodec.files.mending import Finding
 
 
 @click.command()
@@ -38,7 +38,7 @@ def check(
     Findings go to standard output, a line each, or as JSON; each begins with a code that stays what it is
     (docs/damage.md lists them). The exit code is 4 where there is one that is more than a note.
     """
-    from pdecodec.filecheck import check_file
+    from pdecodec.files.filecheck import check_file
 
     for source in sources:
         if Path(source).is_dir():

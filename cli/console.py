@@ -14,7 +14,7 @@ import click
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from pdecodec.encodereport import Question
+    from pdecodec.encoding.encodereport import Question
     from pdecodec.sequence import MeshSequence, Progress
 
 PIPE_WIDTH = 200

@@ -21,8 +21,8 @@ from pdecodec.cli.options import (
 from pdecodec.errors import SettingsError
 
 if TYPE_CHECKING:
-    from pdecodec.cutting import CutReport
     from pdecodec.decoder import Animation
+    from pdecodec.files.cutting import CutReport
     from pdecodec.sequence import MeshSequence
     from pdecodec.settings import EffortName
 
@@ -67,8 +67,8 @@ def cut(
     the bound of the file. All other frames decode to the very same positions. Between frames positions follow a spline
     through all frames of the file: near a cut it is another one.
     """
-    from pdecodec.cutting import cut_animation
     from pdecodec.decoder import open_animation
+    from pdecodec.files.cutting import cut_animation
 
     if (frames is None) == (times is None):
         raise SettingsError("give either --frames or --times")
@@ -116,7 +116,7 @@ def join(
     """
     from contextlib import ExitStack
 
-    from pdecodec.cutting import join_animations
+    from pdecodec.files.cutting import join_animations
     from pdecodec.formats import open_sequence
 
     _check_output(output, [source, *others])

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 
@@ -31,9 +33,9 @@ from pdecodec.errors import InputError, PdecodecError, SettingsError
 
 if TYPE_CHECKING:
     from pdecodec.decoder import Animation, DecodeLimits
-    from pdecodec.resample import Outside
-    from pdecodec.salvaging import Salvage
+    from pdecodec.files.salvaging import Salvage
     from pdecodec.sequence import MeshSequence
+    from pdecodec.times import Outside
 
 MUCH_OUTPUT = 10 * 10**9
 """Bytes of positions from which on a line is worth it: longer than most disks have room for, or a person waits for."""
@@ -106,89 +108,44 @@ def decode(
 def _decode(
     job: Job,
     *,
-    at: tuple[float, ...],
-    times: str | None,
-    fps: float | None,
-    frames: str | None,
-    objects: tuple[str, ...],
-    outside: Outside,
-    velocities: bool,
-    quantize: bool,
-    meshopt: bool,
-    rigid: bool,
-    up_axis: str | None,
-    scale: float,
-    unit: str | None,
     max_memory: int | None,
     max_output: int | None,
-    onto: str | None,
-    clip: str | None,
-    layer: bool,
     salvage: bool,
     dry_run: bool,
     overwrite: bool,
     as_json: bool,
+    **options: Any,
 ) -> bool:
-    """Do one job; returns whether nothing is missing."""
-    from pdecodec.decoder import Animation
-    from pdecodec.formats import write_onto, write_sequence
-    from pdecodec.formats.choosing import select_objects
-    from pdecodec.formats.companions import output_files
-    from pdecodec.formats.scene_space import place
-    from pdecodec.resample import sampled
-
+    """Do one job; returns whether nothing is missing. `options` are fields of the three classes below."""
     started = time.perf_counter()
-    source, output = job.source, job.output
-    given = [name for name, value in (("--at", at), ("--times", times), ("--fps", fps), ("--frames", frames)) if value]
-    if len(given) > 1:
-        raise SettingsError(f"{' and '.join(given)} exclude each other; give one of them")
-    if outside != "refuse" and not (at or times):
-        raise SettingsError(f"--outside {outside} is for times given with --at or --times; give them, or leave it out")
-    refuse_pdeanim(output, "decode writes meshes; name another format")
-    together = velocities and _holds_velocities(output)
-    outputs = [output, _velocity_path(output)] if velocities and not together else [output]
-    if onto is None and (layer or clip):
-        raise SettingsError(f"{'--layer' if layer else '--clip'} is for --onto; leave it out")
-    if onto is not None and quantize:
-        raise SettingsError("--quantize would move the nodes of the original; leave it out, or --onto")
-    if rigid and (onto is not None or velocities):
-        raise SettingsError(f"--rigid moves nodes of its own; leave it out, or {'--onto' if onto else '--velocities'}")
-    job.check(outputs, [times, onto], overwrite=overwrite, dry_run=dry_run)
+    source = job.source
+    times, place, writing = (_Times.taken(options), _Place.taken(options), _Writing.taken(options))
+    times.check()
+    refuse_pdeanim(job.output, "decode writes meshes; name another format")
+    writing.check()
+    outputs = writing.outputs(job.output)
+    job.check(outputs, [times.times, writing.onto], overwrite=overwrite, dry_run=dry_run)
     if Path(source).is_dir():
         raise InputError("is a folder; decode takes a .pdeanim file", path=source)
-    if salvage and (given or velocities):
-        raise SettingsError(f"--salvage gives frames as they are; leave out {given[0] if given else '--velocities'}")
+    if salvage and (times.given or writing.velocities):
+        what = times.given[0] if times.given else "--velocities"
+        raise SettingsError(f"--salvage gives frames as they are; leave out {what}")
     # What is decoded is compared with --max-output, not all of the file.
-    limits = decode_limits(max_memory, None)
-    with _opened(source, limits, is_damaged=salvage) as (animation, saved):
-        chosen = animation
-        if isinstance(animation, Animation):
-            chosen = _chosen(animation, at=at, times=times, fps=fps, frames=frames, outside=outside)
-        positions = place(select_objects(chosen, objects, job.source_name), up_axis=up_axis, scale=scale, unit=unit)
-        bound = rigid_bound(animation, scale) if rigid else None
-        sequences = [positions]
-        speeds: MeshSequence | None = None
-        if velocities:
-            assert isinstance(animation, Animation)
-            speeds = sampled(animation, chosen.times, quantity="velocities", outside=outside)
-            speeds = place(select_objects(speeds, objects, job.source_name), up_axis=up_axis, scale=scale, unit=unit)
-            sequences.append(speeds)
+    with _opened(source, decode_limits(max_memory, None), is_damaged=salvage) as (animation, saved):
+        positions, speeds = _decoded(animation, times, place, job.source_name, with_speeds=writing.velocities)
+        sequences = [positions] if speeds is None else [positions, speeds]
         _check_output(sequences, max_output, source)
         say_notices(positions)
         say_start(job, positions)
-
-        def write(some: MeshSequence, path: str, **options: Any) -> tuple[str, ...]:
-            if onto is not None:
-                return write_onto(some, onto, path, clip=clip, layer=layer, meshopt=meshopt, **options)
-            return write_sequence(some, path, quantize=quantize, meshopt=meshopt, rigid=bound, **options)
-
+        bound = rigid_bound(animation, place.scale) if writing.rigid else None
+        write = partial(writing.write, bound=bound)
         if dry_run:
             say_plan(job, positions, write, files=1, size=bytes_of(source, [Path(source)]))
             return saved is None or saved.is_whole
+        inside = speeds if len(outputs) == 1 else None
         notices: dict[str, None] = {}
         for path, sequence in zip(outputs, sequences, strict=False):
             with progress_bar() as progress:
-                inside = speeds if together else None
                 found = write(sequence, path, overwrite=overwrite, velocities=inside, progress=progress)
             notices.update(dict.fromkeys(found))
         for notice in notices:
@@ -207,22 +164,148 @@ def _decode(
             _say_missing(saved, source)
     if as_json:
         print_json(result)
+    _say_written(job, result, size, with_speeds=writing.velocities)
+    return saved is None or saved.is_whole
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Some of the options, which belong together."""
+
+    @classmethod
+    def taken(cls, options: Mapping[str, Any]) -> Self:
+        return cls(**{item.name: options[item.name] for item in fields(cls)})
+
+
+@dataclass(frozen=True)
+class _Times(_Part):
+    """Which frames, or which times, are decoded."""
+
+    at: tuple[float, ...]
+    times: str | None
+    fps: float | None
+    frames: str | None
+    outside: Outside
+
+    @property
+    def given(self) -> list[str]:
+        """The options that say so."""
+        options = (("--at", self.at), ("--times", self.times), ("--fps", self.fps), ("--frames", self.frames))
+        return [name for name, value in options if value]
+
+    def check(self) -> None:
+        if len(self.given) > 1:
+            raise SettingsError(f"{' and '.join(self.given)} exclude each other; give one of them")
+        if self.outside != "refuse" and not (self.at or self.times):
+            raise SettingsError(
+                f"--outside {self.outside} is for times given with --at or --times; give them, or leave it out"
+            )
+
+    def of(self, animation: Animation) -> MeshSequence:
+        """The animation at these times or frames."""
+        from pdecodec.formats.choosing import select_frames
+        from pdecodec.resample import sampled
+        from pdecodec.times import times_at_rate
+
+        if self.fps is not None:
+            return sampled(animation, times_at_rate(float(animation.times[0]), float(animation.times[-1]), self.fps))
+        for time_asked in self.at:
+            if not math.isfinite(time_asked):
+                raise SettingsError(f"--at {time_asked}: is no time; give seconds")
+        wanted = list(self.at) if self.times is None else _read_times(self.times)
+        if wanted:
+            return sampled(animation, sorted(set(wanted)), outside=self.outside)
+        return select_frames(animation, self.frames)
+
+
+@dataclass(frozen=True)
+class _Place(_Part):
+    """Which objects are decoded, and into which space."""
+
+    objects: tuple[str, ...]
+    up_axis: str | None
+    scale: float
+    unit: str | None
+
+    def of(self, sequence: MeshSequence, name: str) -> MeshSequence:
+        from pdecodec.formats.choosing import select_objects
+        from pdecodec.formats.scene_space import place
+
+        chosen = select_objects(sequence, self.objects, name)
+        return place(chosen, up_axis=self.up_axis, scale=self.scale, unit=self.unit)
+
+
+@dataclass(frozen=True)
+class _Writing(_Part):
+    """How what is decoded is written."""
+
+    velocities: bool
+    quantize: bool
+    meshopt: bool
+    rigid: bool
+    onto: str | None
+    clip: str | None
+    layer: bool
+
+    def check(self) -> None:
+        if self.onto is None and (self.layer or self.clip):
+            raise SettingsError(f"{'--layer' if self.layer else '--clip'} is for --onto; leave it out")
+        if self.onto is not None and self.quantize:
+            raise SettingsError("--quantize would move the nodes of the original; leave it out, or --onto")
+        if self.rigid and (self.onto is not None or self.velocities):
+            other = "--onto" if self.onto else "--velocities"
+            raise SettingsError(f"--rigid moves nodes of its own; leave it out, or {other}")
+
+    def outputs(self, output: str) -> list[str]:
+        """The file of positions, and that of velocities where its format holds none."""
+        return [output, _velocity_path(output)] if self.velocities and not _holds_velocities(output) else [output]
+
+    def write(self, sequence: MeshSequence, path: str, *, bound: float | None, **options: Any) -> tuple[str, ...]:
+        """Write a sequence, its rigid parts within a bound as nodes; returns what was left out."""
+        from pdecodec.formats import write_onto, write_sequence
+
+        if self.onto is not None:
+            return write_onto(
+                sequence, self.onto, path, clip=self.clip, layer=self.layer, meshopt=self.meshopt, **options
+            )
+        return write_sequence(sequence, path, quantize=self.quantize, meshopt=self.meshopt, rigid=bound, **options)
+
+
+def _decoded(
+    animation: MeshSequence, times: _Times, place: _Place, name: str, *, with_speeds: bool
+) -> tuple[MeshSequence, MeshSequence | None]:
+    """What is written: positions, and velocities where they are wanted. What was salvaged has the frames it has."""
+    from pdecodec.decoder import Animation
+    from pdecodec.resample import sampled
+
+    chosen = times.of(animation) if isinstance(animation, Animation) else animation
+    positions = place.of(chosen, name)
+    if not with_speeds:
+        return positions, None
+    assert isinstance(animation, Animation)
+    speeds = sampled(animation, chosen.times, quantity="velocities", outside=times.outside)
+    return positions, place.of(speeds, name)
+
+
+def _say_written(job: Job, result: Mapping[str, Any], size: str, *, with_speeds: bool) -> None:
+    from pdecodec.formats.companions import output_files
+
+    outputs = result["outputs"]
     written = sum(bytes_of(path, output_files(path)) for path in outputs)
-    values = "positions and velocities" if velocities else "positions"
+    raw = byte_size(result["raw_bytes"] * len(outputs))
     say(
         f"{' and '.join([job.output_name, *outputs[1:]])}: "
-        f"in {byte_size(bytes_of(source, [Path(source)]))} -> out {byte_size(written)} "
-        f"({byte_size(result['raw_bytes'] * len(outputs))} of {values}), "
+        f"in {byte_size(bytes_of(job.source, [Path(job.source)]))} -> out {byte_size(written)} "
+        f"({raw} of {'positions and velocities' if with_speeds else 'positions'}), "
         f"{size}, {result['seconds']:.1f} s"
     )
-    return saved is None or saved.is_whole
 
 
 @contextmanager
 def _opened(source: str, limits: DecodeLimits, *, is_damaged: bool) -> Iterator[tuple[MeshSequence, Salvage | None]]:
     """The animation; or what is undamaged of it, and what is missing."""
     if is_damaged:
-        from pdecodec.salvaging import salvage
+        from pdecodec.files.salvaging import salvage
 
         with salvage(source, limits=limits) as saved:
             yield saved.sequence, saved
@@ -277,30 +360,6 @@ def _velocity_path(output: str) -> str:
     if path.suffix.lower() not in holds_all_frames:
         raise SettingsError(f"{output}: --velocities are written as {', '.join(holds_all_frames)}; name such a file")
     return str(path.with_name(f"{path.stem}.velocities{path.suffix}"))
-
-
-def _chosen(
-    animation: Animation,
-    *,
-    at: tuple[float, ...],
-    times: str | None,
-    fps: float | None,
-    frames: str | None,
-    outside: Outside,
-) -> MeshSequence:
-    """The animation at the times or frames asked for."""
-    from pdecodec.formats.choosing import select_frames
-    from pdecodec.resample import sampled, times_at_rate
-
-    if fps is not None:
-        return sampled(animation, times_at_rate(float(animation.times[0]), float(animation.times[-1]), fps))
-    for time_asked in at:
-        if not math.isfinite(time_asked):
-            raise SettingsError(f"--at {time_asked}: is no time; give seconds")
-    wanted = list(at) if times is None else _read_times(times)
-    if wanted:
-        return sampled(animation, sorted(set(wanted)), outside=outside)
-    return select_frames(animation, frames)
 
 
 def _read_times(path: str) -> list[float]:

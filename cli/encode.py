@@ -37,7 +37,7 @@ from pdecodec.cli.options import (
 from pdecodec.errors import SettingsError, naming_file
 
 if TYPE_CHECKING:
-    from pdecodec.encodereport import EncodeReport
+    from pdecodec.encoding.encodereport import EncodeReport
     from pdecodec.sequence import MeshSequence
     from pdecodec.settings import EncodeSettings
 
@@ -171,9 +171,9 @@ def _encode(
     **options: Any,
 ) -> None:
     """Do one job; `options` are fields of the two classes of settings, and what :func:`opened_input` takes."""
-    from pdecodec.encoder import encode as encode_sequence
+    from pdecodec.encoding.encoder import encode as encode_sequence
+    from pdecodec.encoding.ratecontrol import encode_to_rms, encode_to_size
     from pdecodec.formats.companions import input_files
-    from pdecodec.ratecontrol import encode_to_rms, encode_to_size
     from pdecodec.settings import EncodeSettings, PaperSettings
 
     source, output = job.source, job.output
@@ -231,7 +231,7 @@ def _encode(
 
 def _as_json(report: EncodeReport, output: str, input_size: int, settings: EncodeSettings) -> dict[str, Any]:
     """The report with the names and ratios that scripts want."""
-    from pdecodec.encodereport import CONSTANT_SECTIONS, to_json
+    from pdecodec.encoding.encodereport import CONSTANT_SECTIONS, to_json
     from pdecodec.metrics import bits_per_vertex_frame
 
     constant = sum(report.sections.get(name, 0) for name in CONSTANT_SECTIONS)

@@ -19,11 +19,11 @@ from pdecodec.cli.console import (
     say_notices,
 )
 from pdecodec.cli.options import bytes_of, json_option, loudness_options, read_options, within_limits
-from pdecodec.encodereport import to_json
+from pdecodec.encoding.encodereport import to_json
 from pdecodec.errors import InputError, SettingsError
 
 if TYPE_CHECKING:
-    from pdecodec.encodereport import Question
+    from pdecodec.encoding.encodereport import Question
     from pdecodec.sequence import MeshObject, MeshSequence, Progress
 
 
@@ -77,14 +77,14 @@ def info(
 def _alternatives(sequence: MeshSequence, source: str) -> Sequence[Question]:
     """What else could have been taken: as the file says, else as it turns out now."""
     from pdecodec.decoder import Animation
-    from pdecodec.encodereport import from_json
+    from pdecodec.encoding.encodereport import from_json
 
     if not isinstance(sequence, Animation):
         raise SettingsError(f"{source}: --why is about .pdeanim files")
     kept = from_json(sequence.info().get("alternatives"))
     if kept:
         return kept
-    from pdecodec.alternatives import alternatives_of
+    from pdecodec.encoding.alternatives import alternatives_of
 
     say("note: the file does not keep what else was tried; found out from what it decodes to, so about")
     return alternatives_of(sequence)

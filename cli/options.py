@@ -150,8 +150,8 @@ _WRITE_OPTIONS = (
 
 def rigid_bound(source: MeshSequence, scale: float) -> float:
     """What `--rigid` means: the bound of the file that is decoded, scaled as its positions are [scene units]."""
-    from pdecodec.appending import bound_of
     from pdecodec.decoder import Animation
+    from pdecodec.encoding.appending import bound_of
 
     if not isinstance(source, Animation) or len(source.runs) > 1:
         raise SettingsError("--rigid is for a .pdeanim file of one connectivity, which knows its bound; leave it out")

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError, SettingsError
-from pdecodec.resample import MOST_TIMES, times_at_rate
 from pdecodec.sequence import DEFAULT_FPS, Float64Array, check_times
+from pdecodec.times import MOST_TIMES, times_at_rate
 
 SAME_TIME = 1e-6
 """Seconds within which two sample times are one: files round theirs to six decimals, or to float32."""

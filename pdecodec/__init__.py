@@ -13,31 +13,31 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pdecodec.arrays import ArrayEvaluator as ArrayEvaluator
-    from pdecodec.cutting import cut_animation as cut_animation
-    from pdecodec.cutting import join_animations as join_animations
     from pdecodec.decoder import Animation as Animation
     from pdecodec.decoder import DecodeLimits as DecodeLimits
     from pdecodec.decoder import open_animation as open  # noqa: F401 - __all__ is computed, ruff cannot see it there
     from pdecodec.decoder import open_animation as open_animation
-    from pdecodec.encoder import encode as encode
-    from pdecodec.encodereport import EncodeReport as EncodeReport
+    from pdecodec.encoding.encoder import encode as encode
+    from pdecodec.encoding.encodereport import EncodeReport as EncodeReport
+    from pdecodec.encoding.ratecontrol import encode_to_rms as encode_to_rms
+    from pdecodec.encoding.ratecontrol import encode_to_size as encode_to_size
     from pdecodec.errors import CorruptFileError as CorruptFileError
     from pdecodec.errors import InputError as InputError
     from pdecodec.errors import LimitError as LimitError
     from pdecodec.errors import MissingExtraError as MissingExtraError
     from pdecodec.errors import PdecodecError as PdecodecError
     from pdecodec.errors import SettingsError as SettingsError
-    from pdecodec.filecheck import FileCheck as FileCheck
-    from pdecodec.filecheck import check_file as check_file
+    from pdecodec.files.cutting import cut_animation as cut_animation
+    from pdecodec.files.cutting import join_animations as join_animations
+    from pdecodec.files.filecheck import FileCheck as FileCheck
+    from pdecodec.files.filecheck import check_file as check_file
+    from pdecodec.files.mending import Finding as Finding
+    from pdecodec.files.salvaging import Salvage as Salvage
+    from pdecodec.files.salvaging import salvage as salvage
     from pdecodec.formats import open_sequence as open_sequence
     from pdecodec.formats import write_sequence as write_sequence
-    from pdecodec.mending import Finding as Finding
     from pdecodec.paperform import PaperForm as PaperForm
-    from pdecodec.ratecontrol import encode_to_rms as encode_to_rms
-    from pdecodec.ratecontrol import encode_to_size as encode_to_size
     from pdecodec.runs import ChangingSequence as ChangingSequence
-    from pdecodec.salvaging import Salvage as Salvage
-    from pdecodec.salvaging import salvage as salvage
     from pdecodec.selection import FrameSelection as FrameSelection
     from pdecodec.selection import ObjectSelection as ObjectSelection
     from pdecodec.sequence import ArraySequence as ArraySequence
@@ -59,10 +59,10 @@ _HOME = {
     "Connectivity": "sequence",
     "CorruptFileError": "errors",
     "DecodeLimits": "decoder",
-    "EncodeReport": "encodereport",
+    "EncodeReport": "encoding.encodereport",
     "EncodeSettings": "settings",
-    "FileCheck": "filecheck",
-    "Finding": "mending",
+    "FileCheck": "files.filecheck",
+    "Finding": "files.mending",
     "FrameSelection": "selection",
     "InputError": "errors",
     "LimitError": "errors",
@@ -73,18 +73,18 @@ _HOME = {
     "PaperForm": "paperform",
     "PaperSettings": "settings",
     "PdecodecError": "errors",
-    "Salvage": "salvaging",
+    "Salvage": "files.salvaging",
     "SettingsError": "errors",
-    "check_file": "filecheck",
-    "cut_animation": "cutting",
-    "encode": "encoder",
-    "encode_to_rms": "ratecontrol",
-    "encode_to_size": "ratecontrol",
-    "join_animations": "cutting",
+    "check_file": "files.filecheck",
+    "cut_animation": "files.cutting",
+    "encode": "encoding.encoder",
+    "encode_to_rms": "encoding.ratecontrol",
+    "encode_to_size": "encoding.ratecontrol",
+    "join_animations": "files.cutting",
     "open": "decoder",
     "open_animation": "decoder",
     "open_sequence": "formats",
-    "salvage": "salvaging",
+    "salvage": "files.salvaging",
     "write_sequence": "formats",
 }
 

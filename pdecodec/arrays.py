@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.decoder import ACCELERATIONS, POSITIONS, VELOCITIES, Animation
 from pdecodec.errors import SettingsError
-from pdecodec.resample import Outside
 from pdecodec.runanimation import ChangingAnimation
+from pdecodec.times import Outside
 
 Float64Array = NDArray[np.float64]
 Value = TypeVar("Value")

@@ -19,18 +19,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec import _core
-from pdecodec.attributes import DOMAINS
-from pdecodec.connectivity import core_errors
-from pdecodec.container import before_groups
+from pdecodec.coding.attributes import DOMAINS
+from pdecodec.coding.connectivity import core_errors
+from pdecodec.coding.container import before_groups
+from pdecodec.coding.groups import TIME_BASES, GroupEntry
+from pdecodec.coding.reference import ReferenceFrame
+from pdecodec.coding.spacebasis import SPACE_KINDS, SpaceBasis, SpaceForm, decode_space_basis
 from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
-from pdecodec.groups import TIME_BASES, GroupEntry
 from pdecodec.paperform import PaperForm, paper_form
-from pdecodec.reference import ReferenceFrame
-from pdecodec.resample import Outside, times_inside
 from pdecodec.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
 from pdecodec.shares import thread_count
-from pdecodec.spacebasis import SPACE_KINDS, SpaceBasis, SpaceForm, decode_space_basis
 from pdecodec.storage import is_address, open_range_reader
+from pdecodec.times import Outside, times_inside
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -281,7 +281,7 @@ class Animation(MeshSequence):
             data = self._core.remarks()
             if not data:
                 return {}
-            from pdecodec.description import decode_remarks
+            from pdecodec.coding.description import decode_remarks
 
             return decode_remarks(data, self._limits.max_memory)
 

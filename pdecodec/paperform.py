@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.basis import SPACE_FUNCTIONS, TIME_FUNCTIONS, series_functions, series_to_paper
-from pdecodec.closedform import ClosedForm
+from pdecodec.coding.basis import SPACE_FUNCTIONS, TIME_FUNCTIONS, series_functions, series_to_paper
+from pdecodec.coding.closedform import ClosedForm
+from pdecodec.coding.reference import ReferenceFrame
+from pdecodec.coding.spacebasis import SpaceBasis, arc_length_parameter
 from pdecodec.errors import SettingsError
-from pdecodec.reference import ReferenceFrame
-from pdecodec.spacebasis import SpaceBasis, arc_length_parameter
 
 Float64Array = NDArray[np.float64]
 Int64Array = NDArray[np.int64]
@@ -26,8 +26,8 @@ class PaperForm:
 
     The position of the vertex ``order[i]``, in piece p, on axis x, at a time t of the group is
     ``reference[i, x] + sum over a, b of T_a(s) coefficients[p, x, a, b] U_b(u[i])`` with ``s = (t - centre) /
-    half_length``, T of Eq. 12 (:func:`pdecodec.basis.paper_time_functions`) and U of Eqs. 14 and 16
-    (:func:`pdecodec.basis.paper_space_functions`). Residuals of a file with a bound are not part of it.
+    half_length``, T of Eq. 12 (:func:`pdecodec.coding.basis.paper_time_functions`) and U of Eqs. 14 and 16
+    (:func:`pdecodec.coding.basis.paper_space_functions`). Residuals of a file with a bound are not part of it.
 
     Attributes
     ----------

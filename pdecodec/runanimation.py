@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from pdecodec.decoder import Animation
 from pdecodec.errors import SettingsError
 from pdecodec.paperform import PaperForm
-from pdecodec.resample import Outside
 from pdecodec.runs import ChangingSequence, OpenedRuns, one_run_of
 from pdecodec.sequence import Float32Array, Float64Array, MeshObject
+from pdecodec.times import Outside
 
 
 class ChangingAnimation(ChangingSequence, Animation):

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.attributes import reorder_attributes
-from pdecodec.connectivity import CodedOrder, coded_orders
+from pdecodec.coding.attributes import reorder_attributes
+from pdecodec.coding.connectivity import CodedOrder, coded_orders
 from pdecodec.errors import InputError
 from pdecodec.runs import ChangingSequence, OpenedRuns
 from pdecodec.sequence import (

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, fields
 from numbers import Integral, Real
 from typing import Any, Literal, get_args
 
-from pdecodec.basis import MAX_RATE
+from pdecodec.coding.basis import MAX_RATE
 from pdecodec.errors import SettingsError
 
 Profile = Literal["auto", "paper"]
@@ -110,7 +110,7 @@ class EncodeSettings:
         "paper": the functions of Fang et al. 2024 (Eq. 18) in closed form, 32 coefficients for each curve, axis and
         segment of time.
     effort : {"fast", "default", "best"}
-        How many alternatives the encoder of profile "auto" measures (:data:`pdecodec.effort.EFFORTS`).
+        How many alternatives the encoder of profile "auto" measures (:data:`pdecodec.encoding.effort.EFFORTS`).
     group_frames : int or None
         Frames of a group at most, from 2 on, under profile "auto"; None: as many as memory allows. What is cut out of a
         file, or read of one that is far away, is whole groups: short ones cost bytes.

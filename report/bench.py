@@ -56,7 +56,7 @@ def _rope() -> ArraySequence:
 def bench_codec() -> Iterator[Measurement]:
     """Encode throughput, decode against `np.copyto`, one frame at a random time."""
     from pdecodec.decoder import open_animation
-    from pdecodec.encoder import encode
+    from pdecodec.encoding.encoder import encode
     from pdecodec.settings import EncodeSettings
 
     clip = _rope()

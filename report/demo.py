@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from pdecodec.decoder import open_animation
-from pdecodec.encoder import encode
-from pdecodec.encodereport import SECTION_TITLES, EncodeReport
+from pdecodec.encoding.encoder import encode
+from pdecodec.encoding.encodereport import SECTION_TITLES, EncodeReport
 from pdecodec.metrics import Distortion, bits_per_vertex_frame, frame_scale, measure_distortion
 from pdecodec.report.charts import as_seen, draw_mesh, draw_near, heat_map, hide_axes, quads_of, require_drawing, write
 from pdecodec.report.figure import Canvas

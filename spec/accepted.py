@@ -22,16 +22,16 @@ from pdecodec import (
     EncodeSettings,
     MeshObject,
     PaperSettings,
-    autoprofile,
     encode,
 )
 from pdecodec._core import Residuals
-from pdecodec.displacements import TimeFunctions
-from pdecodec.effort import EFFORTS
-from pdecodec.groupfit import GroupFitter
-from pdecodec.residuals import encode_residuals
+from pdecodec.coding.residuals import encode_residuals
+from pdecodec.coding.spacebasis import SpaceKind
+from pdecodec.encoding import autoprofile
+from pdecodec.encoding.displacements import TimeFunctions
+from pdecodec.encoding.effort import EFFORTS
+from pdecodec.encoding.groupfit import GroupFitter
 from pdecodec.sequence import MeshSequence
-from pdecodec.spacebasis import SpaceKind
 from spec.sealing import Part, content, run_of, seal, take_apart, with_first_group
 
 Points = NDArray[np.float64]

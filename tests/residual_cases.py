@@ -8,7 +8,7 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
 from pdecodec._core import Residuals
-from pdecodec.limits import LARGEST
+from pdecodec.coding.limits import LARGEST
 
 Int64Array = NDArray[np.int64]
 

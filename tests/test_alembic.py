@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pdecodec.decoder import open_animation
-from pdecodec.encoder import encode
+from pdecodec.encoding.encoder import encode
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.attribute_roles import reversed_corners

@@ -10,9 +10,9 @@ import pytest
 
 import pdecodec
 from pdecodec import ArraySequence, ChangingSequence, InputError
-from pdecodec.alternatives import alternatives_of
 from pdecodec.cli.main import run
-from pdecodec.encodereport import EncodeReport, Question, from_json, to_json
+from pdecodec.encoding.alternatives import alternatives_of
+from pdecodec.encoding.encodereport import EncodeReport, Question, from_json, to_json
 from pdecodec.formats import write_sequence
 from pdecodec.report.clips.why import alternatives_figure
 from pdecodec.sequence import MeshObject

@@ -17,8 +17,8 @@ from mesh_cases import connectivities, connectivity_of, grid, grid_faces, meshes
 from numpy.typing import NDArray
 from sequence_cases import assert_same_attributes, rich_sequence
 
-from pdecodec.attributes import VALUE_TYPES, decode_attributes, encode_attributes, reorder_attributes
-from pdecodec.entropy import compress
+from pdecodec.coding.attributes import VALUE_TYPES, decode_attributes, encode_attributes, reorder_attributes
+from pdecodec.coding.entropy import compress
 from pdecodec.errors import CorruptFileError, InputError, LimitError
 from pdecodec.sequence import Attribute, Connectivity, MeshObject
 from spec.decoder import contexts

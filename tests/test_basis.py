@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mpmath import mpf
 
-from pdecodec.basis import (
+from pdecodec.coding.basis import (
     MAX_RATE,
     SOLVES_BEAM_EQUATION,
     paper_functions,

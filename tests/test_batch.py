@@ -25,7 +25,7 @@ from pdecodec.batch.local import run_local
 from pdecodec.batch.memory import MemoryBudget, available_memory
 from pdecodec.batch.work import _verified, failure, make_clip
 from pdecodec.cli.main import run
-from pdecodec.encodememory import encoding_bytes
+from pdecodec.encoding.encodememory import encoding_bytes
 from pdecodec.errors import CorruptFileError, InputError, SettingsError
 from pdecodec.formats import write_sequence
 from pdecodec.runs import ChangingSequence
@@ -351,7 +351,7 @@ def test_what_fails_is_named_by_its_clip_however_little_is_said(
     def full(sequence: object, path: Path, settings: object) -> None:
         raise InputError("cannot be written (No space left on device)", path=path)
 
-    monkeypatch.setattr("pdecodec.encoder.encode", full)
+    monkeypatch.setattr("pdecodec.encoding.encoder.encode", full)
     result = do_clip(clip, Work(folder="out"))
     assert result.message == f"{Path('out/a.pdeanim')}: cannot be written (No space left on device)"
     assert not list(Path("out").rglob("*.pdeanim"))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pdecodec.blasthreads import blas_threads, one_blas_thread
-from pdecodec.encoder import encode
+from pdecodec.encoding.encoder import encode
 from pdecodec.sequence import ArraySequence
 
 

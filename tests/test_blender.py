@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pdecodec.decoder import open_animation
-from pdecodec.encoder import encode
+from pdecodec.encoding.encoder import encode
 from pdecodec.formats import write_sequence
 from tests.blender_tools import seen_by_blender
 from tests.scene_cases import SPACE, needed

@@ -11,20 +11,20 @@ import pytest
 from mesh_cases import connectivity_of, grid
 from numpy.typing import NDArray
 
+from pdecodec.coding.groups import cosines
+from pdecodec.coding.reference import quantise_reference
+from pdecodec.coding.residuals import residual_step
+from pdecodec.coding.spacebasis import MOST_FUNCTIONS, SpaceBasis, build_space_basis
 from pdecodec.decoder import open_animation
-from pdecodec.displacements import ORIGINS, TIME_FUNCTIONS, Displacements, Origin, TimeFunctions
-from pdecodec.effort import EFFORTS
-from pdecodec.encoder import encode
-from pdecodec.encodereport import EncodeReport
-from pdecodec.estimate import Estimate, bit_counter
-from pdecodec.groupfit import GroupFitter
-from pdecodec.groups import cosines
-from pdecodec.principal import principal_axes, principal_energies
-from pdecodec.reference import quantise_reference
-from pdecodec.refinement import Refinement
-from pdecodec.residuals import residual_step
+from pdecodec.encoding.displacements import ORIGINS, TIME_FUNCTIONS, Displacements, Origin, TimeFunctions
+from pdecodec.encoding.effort import EFFORTS
+from pdecodec.encoding.encoder import encode
+from pdecodec.encoding.encodereport import EncodeReport
+from pdecodec.encoding.estimate import Estimate, bit_counter
+from pdecodec.encoding.groupfit import GroupFitter
+from pdecodec.encoding.principal import principal_axes, principal_energies
+from pdecodec.encoding.refinement import Refinement
 from pdecodec.sequence import ArraySequence, MeshObject
-from pdecodec.spacebasis import MOST_FUNCTIONS, SpaceBasis, build_space_basis
 from pdecodec.xpbd.scenes import build
 from spec.sealing import take_apart
 

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pdecodec import _core
-from pdecodec.coefficientcoding import (
+from pdecodec.coding.coefficientcoding import (
     decode_coefficients,
     encode_coefficients,
     measure_coefficients,
 )
+from pdecodec.coding.limits import LARGEST
+from pdecodec.coding.spacebasis import SpaceBasis, build_space_basis
 from pdecodec.errors import CorruptFileError
-from pdecodec.limits import LARGEST
-from pdecodec.spacebasis import SpaceBasis, build_space_basis
 from tests.test_spacebasis import grid
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mesh_cases import connectivities, connectivity_of, grid, grid_faces
 from numpy.typing import NDArray
 
-from pdecodec.connectivity import (
+from pdecodec.coding.connectivity import (
     decode_connectivity,
     decode_vertex_counts,
     encode_connectivity,

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from pdecodec._core import Container
-from pdecodec.connectivity import core_errors
-from pdecodec.container import COPY_BYTES, Section, Spool, section_sizes
-from pdecodec.container import container_pieces as pieces
-from pdecodec.container import write_container as write
+from pdecodec.coding.connectivity import core_errors
+from pdecodec.coding.container import COPY_BYTES, Section, Spool, section_sizes
+from pdecodec.coding.container import container_pieces as pieces
+from pdecodec.coding.container import write_container as write
 from pdecodec.errors import CorruptFileError, InputError
 from pdecodec.whole_output import check_writable
 from spec.sealing import Part, seal, table_end, take_apart

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mesh_cases import connectivities, connectivity_of, grid_faces, mesh_objects, meshes_of
 from numpy.typing import NDArray
 
-from pdecodec.curves import CELL_BITS, extract_curves
+from pdecodec.coding.curves import CELL_BITS, extract_curves
 from pdecodec.sequence import Connectivity, MeshObject
 from spec.decoder import curves as independent
 

@@ -11,8 +11,8 @@ import pytest
 import pdecodec
 from pdecodec import ArraySequence, InputError, SettingsError
 from pdecodec.cli.main import run
-from pdecodec.cutting import CodedFile, cut_animation, join_animations
 from pdecodec.errors import CorruptFileError
+from pdecodec.files.cutting import CodedFile, cut_animation, join_animations
 from pdecodec.formats import write_sequence
 from pdecodec.sequence import Attribute, MeshObject
 from spec.decoder import animation as independent

@@ -37,8 +37,8 @@ from pdecodec import (
     encode,
     open_animation,
 )
-from pdecodec.description import encode_sequence_description
-from pdecodec.groups import GroupEntry, TimeBasis, write_group_table
+from pdecodec.coding.description import encode_sequence_description
+from pdecodec.coding.groups import GroupEntry, TimeBasis, write_group_table
 from spec.sealing import Part, count, seal, table_end, take_apart
 
 PROFILE: dict[str, dict[str, Any]] = {
@@ -52,7 +52,7 @@ PROFILE: dict[str, dict[str, Any]] = {
 def _short_groups() -> Iterator[None]:
     """Groups of five frames at most."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pdecodec.autoprofile.LONGEST_GROUP", 5)
+        patch.setattr("pdecodec.encoding.autoprofile.LONGEST_GROUP", 5)
         yield
 
 

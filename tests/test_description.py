@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from sequence_cases import rich_sequence
 
 from pdecodec import _core
-from pdecodec.bytestream import FieldReader, FieldWriter
-from pdecodec.description import (
+from pdecodec.coding.bytestream import FieldReader, FieldWriter
+from pdecodec.coding.description import (
     ALL_FLAGS,
     AT_FRAME_RATE,
     MAX_JSON_BYTES,
@@ -28,7 +28,7 @@ from pdecodec.description import (
     encode_remarks,
     encode_sequence_description,
 )
-from pdecodec.entropy import compress
+from pdecodec.coding.entropy import compress
 from pdecodec.errors import CorruptFileError, InputError
 from pdecodec.runs import ChangingSequence
 from pdecodec.sequence import LARGEST_TIME, SHORTEST_TIME_STEP, ArraySequence, Connectivity, MeshObject

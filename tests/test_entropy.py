@@ -12,7 +12,7 @@ from damage import assert_cuts_are_refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdecodec.entropy import compress, decompress
+from pdecodec.coding.entropy import compress, decompress
 from pdecodec.errors import CorruptFileError
 
 MAGIC = b"\x28\xb5\x2f\xfd"

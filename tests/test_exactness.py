@@ -21,13 +21,13 @@ from pdecodec import (
     EncodeSettings,
     MeshObject,
     _core,
-    autoprofile,
     encode,
-    spacebasis,
 )
-from pdecodec.groupfit import GroupFitter
-from pdecodec.groups import DOUBLE_MARGIN, SINGLE_MARGIN
-from pdecodec.spacebasis import build_space_basis, decode_space_basis
+from pdecodec.coding import spacebasis
+from pdecodec.coding.groups import DOUBLE_MARGIN, SINGLE_MARGIN
+from pdecodec.coding.spacebasis import build_space_basis, decode_space_basis
+from pdecodec.encoding import autoprofile
+from pdecodec.encoding.groupfit import GroupFitter
 from spec.decoder import space as plain
 
 Float32Array = NDArray[np.float32]

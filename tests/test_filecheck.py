@@ -11,7 +11,7 @@ import pytest
 
 from pdecodec import DecodeLimits, InputError, check_file, open_animation
 from pdecodec.cli.main import run
-from pdecodec.filecheck import CODES
+from pdecodec.files.filecheck import CODES
 from spec.sealing import seal, take_apart, take_rows, with_section
 
 ROOT = Path(__file__).resolve().parent.parent

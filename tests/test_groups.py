@@ -21,9 +21,9 @@ from pdecodec import (
     encode,
     open_animation,
 )
-from pdecodec.autoprofile import AutoEncoder
-from pdecodec.groupfit import GroupChoice, GroupFitter
-from pdecodec.modelchoice import FinishedGroup
+from pdecodec.encoding.autoprofile import AutoEncoder
+from pdecodec.encoding.groupfit import GroupChoice, GroupFitter
+from pdecodec.encoding.modelchoice import FinishedGroup
 from spec.sealing import seal, take_apart, with_section
 
 Float32Array = NDArray[np.float32]
@@ -175,7 +175,7 @@ def swinging(frames: int, *, even: bool) -> ArraySequence:
 def test_between_frames_that_nothing_corrects_motion_is_the_cubic_spline_through_them(
     frames: int, even: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pdecodec.autoprofile.LONGEST_GROUP", 23)
+    monkeypatch.setattr("pdecodec.encoding.autoprofile.LONGEST_GROUP", 23)
     sequence = swinging(frames, even=even)
     report, animation = round_trip(sequence, tolerance=1e-3)
     animation.close()
@@ -217,7 +217,7 @@ def test_a_long_clip_is_searched_at_its_beginning_and_where_it_costs_more(monkey
         searched.append(round(float(fitter.times[0])))
         return divided(self, fitter, usual)
 
-    monkeypatch.setattr("pdecodec.autoprofile.LONGEST_GROUP", 16)
+    monkeypatch.setattr("pdecodec.encoding.autoprofile.LONGEST_GROUP", 16)
     monkeypatch.setattr(AutoEncoder, "_divided", count)
     points = np.random.default_rng(2).normal(0, 0.01, (640, 4, 3)).astype(np.float32)
     points[480:] *= 100

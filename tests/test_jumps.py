@@ -11,8 +11,8 @@ from scipy.interpolate import CubicSpline
 
 import pdecodec
 from pdecodec import ArraySequence, ChangingSequence
-from pdecodec.cutting import cut_animation, join_animations
-from pdecodec.jumps import JumpFinder, jumps_of_steps
+from pdecodec.encoding.jumps import JumpFinder, jumps_of_steps
+from pdecodec.files.cutting import cut_animation, join_animations
 
 Points = NDArray[np.float64]
 BOUND = 1e-3

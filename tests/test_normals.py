@@ -14,7 +14,7 @@ from hypothesis import given
 from numpy.typing import NDArray
 
 from pdecodec.decoder import open_animation
-from pdecodec.encoder import encode
+from pdecodec.encoding.encoder import encode
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.attribute_roles import reversed_corners
 from pdecodec.formats.gltf_file import read_gltf

@@ -11,7 +11,7 @@ import pytest
 
 from pdecodec.cli.main import run
 from pdecodec.decoder import open_animation
-from pdecodec.encoder import encode
+from pdecodec.encoding.encoder import encode
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_onto, write_sequence
 from pdecodec.formats.gltf_file import read_gltf

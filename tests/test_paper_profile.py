@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pdecodec import ArraySequence, Connectivity, EncodeSettings, MeshObject, PaperSettings, encode, open_animation
-from pdecodec.basis import paper_space_functions, paper_time_functions
 from pdecodec.cli.main import run
+from pdecodec.coding.basis import paper_space_functions, paper_time_functions
 from pdecodec.errors import SettingsError
 from pdecodec.paperform import PaperForm
 from pdecodec.sequence import Float32Array, Float64Array

@@ -25,8 +25,8 @@ from pdecodec import (
     encode_to_size,
     open_animation,
 )
+from pdecodec.encoding.ratecontrol import CLOSE, COARSEST, FINEST, MOST_ENCODES, search_tolerance
 from pdecodec.metrics import measure_distortion
-from pdecodec.ratecontrol import CLOSE, COARSEST, FINEST, MOST_ENCODES, search_tolerance
 
 DIGITS = 1e-3
 """How far rounding to four digits moves a tolerance, relatively, at most."""
@@ -134,7 +134,7 @@ def test_what_cannot_be_is_refused_before_anything_is_encoded(
 ) -> None:
     path = tmp_path / "sheet.pdeanim"
     path.write_bytes(b"kept")
-    monkeypatch.setattr("pdecodec.ratecontrol.encode", None)
+    monkeypatch.setattr("pdecodec.encoding.ratecontrol.encode", None)
     with pytest.raises(InputError, match="exists already"):
         control(path)
     assert path.read_bytes() == b"kept"

@@ -17,10 +17,9 @@ from hypothesis.extra import numpy as arrays
 from mesh_cases import connectivity_of, grid, grid_faces, mesh_objects, meshes_of
 from numpy.typing import NDArray
 
-from pdecodec.bytestream import FieldWriter
-from pdecodec.errors import CorruptFileError
-from pdecodec.limits import LARGEST_STEP
-from pdecodec.reference import (
+from pdecodec.coding.bytestream import FieldWriter
+from pdecodec.coding.limits import LARGEST_STEP
+from pdecodec.coding.reference import (
     HEADER_BYTES,
     LARGEST_BITS,
     MATCHED,
@@ -31,6 +30,7 @@ from pdecodec.reference import (
     encode_reference,
     quantise_reference,
 )
+from pdecodec.errors import CorruptFileError
 from pdecodec.sequence import Connectivity, MeshObject
 from spec.decoder import reference as independent
 from spec.decoder.fields import CorruptFileError as IndependentError

@@ -10,7 +10,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from pdecodec.container import IDENTIFIER
+from pdecodec.coding.container import IDENTIFIER
 from pdecodec.errors import CorruptFileError, InputError, MissingExtraError, PdecodecError, SettingsError
 from pdecodec.formats import Format, list_formats, open_sequence, register_format, registry, write_sequence
 from pdecodec.sequence import ArraySequence
@@ -111,7 +111,7 @@ def test_a_file_of_another_format_or_of_none_is_refused(
     ("name", "message"),
     [
         ("x.xyz", r"no format is written as '\.xyz'; use \.obj, \.npz, \.h5, \.hdf5"),
-        ("x.pdeanim", r"cannot be written here; use pdecodec\.encoder\.encode"),
+        ("x.pdeanim", r"cannot be written here; use pdecodec\.encode"),
         ("folder.npz", "is a folder; name a file in it"),
         ("folder.h5", "is a folder; name a file in it"),
     ],

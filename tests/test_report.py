@@ -17,9 +17,9 @@ from browser_tools import load_page
 from driven_browser import browsing
 from mesh_cases import connectivity_of, grid
 
-from pdecodec.bytestream import FieldReader
 from pdecodec.cli.main import run
-from pdecodec.encoder import encode
+from pdecodec.coding.bytestream import FieldReader
+from pdecodec.encoding.encoder import encode
 from pdecodec.errors import InputError, MissingExtraError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.report import baselines

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from pdecodec.cli.main import pdecodec
-from pdecodec.encoder import encode
+from pdecodec.encoding.encoder import encode
 from pdecodec.errors import SettingsError
 from pdecodec.report.reproduction import bspline, printed
 from pdecodec.report.reproduction.findings import Findings

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from pdecodec.decoder import Animation, open_animation
-from pdecodec.encoder import encode
+from pdecodec.encoding.encoder import encode
 from pdecodec.errors import SettingsError
-from pdecodec.resample import MOST_TIMES, LinearInterpolation, SampledAnimation, times_at_rate, times_inside
+from pdecodec.resample import LinearInterpolation, SampledAnimation
 from pdecodec.sequence import ArraySequence
 from pdecodec.settings import EncodeSettings
+from pdecodec.times import MOST_TIMES, times_at_rate, times_inside
 
 
 def test_times_at_the_clips_own_rate_are_its_own_times() -> None:

@@ -16,9 +16,8 @@ from residual_cases import FINITE, example, groups, none_of, of_field, of_frames
 
 from pdecodec import _core
 from pdecodec._core import BYTES_PER_RAW_VERTEX, BYTES_PER_RESIDUAL, Residuals
-from pdecodec.errors import CorruptFileError, LimitError
-from pdecodec.limits import LARGEST
-from pdecodec.residuals import (
+from pdecodec.coding.limits import LARGEST
+from pdecodec.coding.residuals import (
     add_residuals,
     decode_residuals,
     encode_residuals,
@@ -27,6 +26,7 @@ from pdecodec.residuals import (
     residual_displacements,
     residual_step,
 )
+from pdecodec.errors import CorruptFileError, LimitError
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]

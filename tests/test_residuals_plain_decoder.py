@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from residual_cases import example, groups, of_field, starts_of, walk
 
 from pdecodec._core import Residuals
-from pdecodec.residuals import encode_residuals
+from pdecodec.coding.residuals import encode_residuals
 from spec.decoder.fields import CorruptFileError
 from spec.decoder.residuals import read_residuals
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pdecodec.appending import bound_of
 from pdecodec.cli.main import run
 from pdecodec.decoder import open_animation
-from pdecodec.encoder import encode
+from pdecodec.encoding.appending import bound_of
+from pdecodec.encoding.encoder import encode
 from pdecodec.errors import SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.gltf_file import read_gltf

@@ -29,7 +29,7 @@ from pdecodec import (
     encode,
     open_animation,
 )
-from pdecodec.groupencoder import FARTHEST
+from pdecodec.encoding.groupencoder import FARTHEST
 from pdecodec.settings import Profile
 
 Float32Array = NDArray[np.float32]
@@ -288,7 +288,7 @@ class Instrumented(MeshSequence):
 
 
 def test_a_group_of_frames_is_read_once_and_is_no_longer_than_memory_allows(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdecodec.encodememory.GROUP_BYTES", 24 * 30 * 50)
+    monkeypatch.setattr("pdecodec.encoding.encodememory.GROUP_BYTES", 24 * 30 * 50)
     sequence = Instrumented(frames=200, vertices=30)
     report, animation = round_trip(sequence, effort="fast")
     # Frame 0 alone gives the reference frame; then every frame is read once, from front to back.
@@ -311,7 +311,7 @@ def test_a_heavy_clip_is_read_fewer_frames_at_a_time(profile: Profile, monkeypat
 def test_an_encode_that_breaks_or_is_interrupted_leaves_nothing_behind(
     profile: Profile, is_interrupted: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pdecodec.autoprofile.LONGEST_GROUP", 20)
+    monkeypatch.setattr("pdecodec.encoding.autoprofile.LONGEST_GROUP", 20)
     path, reported = tmp_path / "a.pdeanim", list[int]()
     path.write_bytes(b"old")
 

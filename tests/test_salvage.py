@@ -10,7 +10,7 @@ import pytest
 
 import pdecodec
 from pdecodec.cli.main import run
-from pdecodec.container import stored_sections
+from pdecodec.coding.container import stored_sections
 from spec.sealing import take_apart
 from tests.test_cutting import clip, paper, waves
 from tests.test_runs import fluid
@@ -50,7 +50,7 @@ def damaged(path: Path, folder: Path, *places: int, end: int | None = None) -> P
 
 def chunk_of_group(path: Path, group: int) -> int:
     """A byte of the coefficients of a group."""
-    with pdecodec.cutting.CodedFile(path) as coded:
+    with pdecodec.files.cutting.CodedFile(path) as coded:
         before = sum(entry.sizes[1] for entry in coded.entries[:group])
     return place_of(path, "COEF")[0] + before
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdecodec import ArraySequence, EncodeSettings, PaperSettings, SettingsError, encode
-from pdecodec.basis import MAX_RATE
+from pdecodec.coding.basis import MAX_RATE
 from pdecodec.settings import DEFAULT_TOLERANCE, MAX_SEGMENT_FRAMES, EffortName
 
 RATES = st.none() | st.floats(1e-300, MAX_RATE)

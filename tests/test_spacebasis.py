@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pdecodec.groups import GroupEntry, TimeBasis, evaluate_group, group_functions
-from pdecodec.patches import build_patches, early_patches
+from pdecodec.coding.groups import GroupEntry, TimeBasis, evaluate_group, group_functions
+from pdecodec.coding.patches import build_patches, early_patches
+from pdecodec.coding.spacebasis import SpaceBasis, SpaceKind, build_space_basis, trial_space_basis
 from pdecodec.sequence import Connectivity, MeshObject
-from pdecodec.spacebasis import SpaceBasis, SpaceKind, build_space_basis, trial_space_basis
 
 RNG_SEED = 20
 

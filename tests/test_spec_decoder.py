@@ -27,7 +27,7 @@ from pdecodec import (
     encode,
     open_animation,
 )
-from pdecodec.effort import EFFORTS
+from pdecodec.encoding.effort import EFFORTS
 from pdecodec.metrics import frame_scale
 from spec.decoder import animation as independent
 from spec.decoder.space import EXPONENTS
@@ -76,7 +76,7 @@ def test_many_patches_and_pieces_decode_alike(
 
 
 def test_groups_decode_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdecodec.autoprofile.LONGEST_GROUP", 4)
+    monkeypatch.setattr("pdecodec.encoding.autoprofile.LONGEST_GROUP", 4)
     path = tmp_path / "a.pdeanim"
     assert_decodes_alike(bending_strips(), path)
     with open_animation(path) as animation:

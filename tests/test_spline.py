@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from pdecodec._core import FrameSpline
-from pdecodec.basis import paper_time_functions
+from pdecodec.coding.basis import paper_time_functions
 from pdecodec.sequence import SHORTEST_TIME_STEP
 
 Float64Array = NDArray[np.float64]

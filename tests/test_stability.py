@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from pdecodec.cli.main import pdecodec
 from pdecodec.cli.stability import SECTIONS as NAMED_SECTIONS
 from pdecodec.decoder import open_animation
-from pdecodec.encoder import encode
+from pdecodec.encoding.encoder import encode
 from pdecodec.errors import SettingsError
 from pdecodec.metrics import measure_distortion
 from pdecodec.report.charts import png_of

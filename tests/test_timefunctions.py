@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from scipy.fft import idct
 
 from pdecodec._core import cosine_wave, time_function_values
-from pdecodec.errors import CorruptFileError, SettingsError
-from pdecodec.timefunctions import (
+from pdecodec.coding.timefunctions import (
     LONGEST_TRANSFORM,
     MOST_STEPS,
     PREDICTED,
@@ -26,6 +25,7 @@ from pdecodec.timefunctions import (
     quantise_time_functions,
     quantised_by_each_method,
 )
+from pdecodec.errors import CorruptFileError, SettingsError
 
 Float64Array = NDArray[np.float64]
 

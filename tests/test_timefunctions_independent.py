@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from test_timefunctions import LARGEST, any_functions, assert_same_bits, swings, wanderings
 
 from pdecodec._core import time_function_values
-from pdecodec.errors import CorruptFileError
-from pdecodec.timefunctions import (
+from pdecodec.coding.timefunctions import (
     PREDICTED,
     STRAIGHT,
     TRANSFORMED,
@@ -18,6 +17,7 @@ from pdecodec.timefunctions import (
     decode_time_functions,
     quantised_by_each_method,
 )
+from pdecodec.errors import CorruptFileError
 from spec.decoder import timefunctions as independent
 from spec.decoder.fields import CorruptFileError as IndependentCorruptFileError
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdecodec.encoder import encode
+from pdecodec.encoding.encoder import encode
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.scene_space import place

@@ -12,7 +12,7 @@ namespace pdeanim {
 //
 // points, base: (frames, vertices), the input, and what the model alone decodes to before it is rounded to float32.
 // order: the vertex at each place, each once. margins: of each frame, how far from `base` another decoder's coordinates
-// may be before it rounds them. bound: largest Euclidean distance. step: see pdecodec/residuals.py.
+// may be before it rounds them. bound: largest Euclidean distance. step: see pdecodec/coding/residuals.py.
 Residuals quantise_residuals(std::span<const Position> points, std::span<const std::array<double, 3>> base,
                              std::span<const i32> order, std::span<const double> margins, double bound, double step);
 

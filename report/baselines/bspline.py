@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.bytestream import FieldReader, FieldWriter
+from pdecodec.coding.bytestream import FieldReader, FieldWriter
 from pdecodec.report.baselines.baseline import Transform, UnreachableError, rounded
 from pdecodec.report.baselines.coding import decode_bands, encode_bands
 from pdecodec.sequence import Connectivity, Float32Array, Float64Array
 
 if TYPE_CHECKING:
-    from pdecodec.curves import Curves
+    from pdecodec.coding.curves import Curves
 
 Int64Array = NDArray[np.int64]
 
@@ -121,7 +121,7 @@ class BSpline(Transform[Controls]):
 
 
 def _curves(connectivity: Connectivity) -> Curves:
-    from pdecodec.curves import extract_curves
+    from pdecodec.coding.curves import extract_curves
     from pdecodec.sequence import MeshObject
 
     return extract_curves([MeshObject("mesh", connectivity)], np.zeros((connectivity.vertex_count, 3), np.int64))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
-from pdecodec.bytestream import FieldReader, FieldWriter
+from pdecodec.coding.bytestream import FieldReader, FieldWriter
 from pdecodec.report.baselines.traversal import Traversal
 
 Int64Array = NDArray[np.int64]

@@ -12,7 +12,7 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from pdecodec.bytestream import FieldReader, FieldWriter
+from pdecodec.coding.bytestream import FieldReader, FieldWriter
 from pdecodec.report.baselines.baseline import Baseline, Encoder, UnreachableError
 from pdecodec.report.baselines.quantised import Grid, GridDifferences, Int64Array, level_for
 from pdecodec.report.baselines.traversal import fans

@@ -11,7 +11,7 @@ import numpy as np
 import zstandard
 from numpy.typing import DTypeLike, NDArray
 
-from pdecodec.bytestream import FieldReader, FieldWriter
+from pdecodec.coding.bytestream import FieldReader, FieldWriter
 from pdecodec.report.baselines.baseline import Baseline, Encoder, UnreachableError
 from pdecodec.report.baselines.coding import decode_over_mesh, encode_over_mesh
 from pdecodec.report.baselines.traversal import traverse

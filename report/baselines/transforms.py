@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.bytestream import FieldReader, FieldWriter
+from pdecodec.coding.bytestream import FieldReader, FieldWriter
 from pdecodec.report.baselines.baseline import Baseline, Encoder, Transform, rounded
 from pdecodec.report.baselines.coding import (
     decode_bands,

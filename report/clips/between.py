@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdecodec.decoder import open_animation
-from pdecodec.encoder import encode
+from pdecodec.encoding.encoder import encode
 from pdecodec.metrics import DistortionMeter, frame_scale
 from pdecodec.report.figure import Figure, Table
 from pdecodec.report.vegalite import channel, log_axis, tooltip

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdecodec.decoder import open_animation
-from pdecodec.encoder import encode
+from pdecodec.encoding.encoder import encode
 from pdecodec.errors import PdecodecError
 from pdecodec.metrics import frame_scale, measure_distortion
 from pdecodec.report.baselines.baseline import Baseline, UnreachableError

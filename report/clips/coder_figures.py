@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from pdecodec.encodereport import SECTION_TITLES
+from pdecodec.encoding.encodereport import SECTION_TITLES
 from pdecodec.report.clips.measurement import Measurement, best_baseline
 from pdecodec.report.figure import Figure, Table, Value
 from pdecodec.report.vegalite import WIDTH, channel, log_axis, tooltip

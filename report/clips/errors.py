@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pdecodec.decoder import open_animation
-from pdecodec.encoder import encode
+from pdecodec.encoding.encoder import encode
 from pdecodec.metrics import Distortion, DistortionMeter, frame_scale
 from pdecodec.report.charts import as_seen, draw_mesh, heat_map, hide_axes, polygons_of
 from pdecodec.report.figure import Canvas, Figure, Table

@@ -20,8 +20,8 @@ from typing import Any, get_args
 import numpy as np
 
 from pdecodec.decoder import Animation, open_animation
-from pdecodec.encoder import encode
-from pdecodec.encodereport import CONSTANT_SECTIONS
+from pdecodec.encoding.encoder import encode
+from pdecodec.encoding.encodereport import CONSTANT_SECTIONS
 from pdecodec.errors import InputError
 from pdecodec.metrics import Distortion, frame_scale, measure_distortion
 from pdecodec.report.baselines.baseline import Baseline, UnreachableError

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pdecodec.encodereport import Question
+from pdecodec.encoding.encodereport import Question
 from pdecodec.report.clips.between import BETWEEN_TOLERANCE, INTERPOLATIONS, PDECODEC, BetweenRow, between_figure
 from pdecodec.report.clips.coder_figures import HOW_TO_PICK, distinct, label, model_figures, rate_figures, speed_figures
 from pdecodec.report.clips.errors import ErrorField, error_figures, moving_errors

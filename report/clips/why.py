@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pdecodec.encoder import encode
-from pdecodec.encodereport import Question
+from pdecodec.encoding.encoder import encode
+from pdecodec.encoding.encodereport import Question
 from pdecodec.report.figure import Figure, Table
 from pdecodec.sequence import MeshSequence
 from pdecodec.settings import EffortName

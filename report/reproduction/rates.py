@@ -21,7 +21,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import block_diag
 
 from pdecodec.decoder import open_animation
-from pdecodec.encoder import encode
+from pdecodec.encoding.encoder import encode
 from pdecodec.metrics import DistortionMeter
 from pdecodec.report.baselines.coding import decode_bands, encode_bands
 from pdecodec.report.charts import BLUE, GREEN, GREY, ORANGE, PURPLE, label_ends, name_rows, write

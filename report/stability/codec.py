@@ -9,8 +9,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from pdecodec.decoder import open_animation
-from pdecodec.encoder import encode
-from pdecodec.encodereport import CONSTANT_SECTIONS
+from pdecodec.encoding.encoder import encode
+from pdecodec.encoding.encodereport import CONSTANT_SECTIONS
 from pdecodec.metrics import bits_per_vertex_frame, frame_scale, measure_distortion
 from pdecodec.report.charts import BLUE, FAILING, FAILURE, GREEN, ORANGE, label_ends, mark_failing, name_rows, write
 from pdecodec.report.figure import Canvas, Figure, Section, Table, Value

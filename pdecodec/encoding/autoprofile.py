@@ -1,0 +1,200 @@
+"""Profile "auto": for each group of frames the bases of time and space, and the steps, that cost least.
+
+The first group is searched for reference frame, space basis and functions of time together
+(:mod:`pdecodec.encoding.modelchoice`), later ones for their functions of time and how to divide them
+(:mod:`pdecodec.encoding.groupchoice`).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.coding.spacebasis import SpaceBasis
+from pdecodec.encoding.effort import EFFORTS
+from pdecodec.encoding.encodememory import LONGEST_GROUP, memory_plan
+from pdecodec.encoding.encodereport import Question, counted
+from pdecodec.encoding.groupchoice import GroupSearch, candidates, divided
+from pdecodec.encoding.groupencoder import Encoder
+from pdecodec.encoding.groupfit import FittedGroup, GroupChoice, GroupFitter
+from pdecodec.encoding.jumps import JumpFinder
+from pdecodec.encoding.modelchoice import FinishedGroup, ModelSearch, References, finished, ruled
+from pdecodec.errors import SettingsError
+from pdecodec.sequence import MeshSequence, Progress
+from pdecodec.settings import EncodeSettings
+
+Float32Array = NDArray[np.float32]
+
+SEARCHED_GROUPS = 8
+"""Groups at the beginning of a clip, then one in twice as many, that are searched for how to divide and encode them.
+Others are taken as the one before was, unless they cost more by `WORTH_SEARCHING`: the search is most of the time."""
+
+WORTH_SEARCHING = 1.1
+"""How many times what a frame of the group before cost is reason to search."""
+
+
+class AutoEncoder(Encoder):
+    """One encode under profile "auto": in the bases and steps that cost least."""
+
+    def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
+        super().__init__(sequence, settings, progress)
+        if self._bound is None:
+            raise SettingsError("without a bound there is nothing to choose the model by; give a tolerance")
+        self._effort = EFFORTS[settings.effort]
+        self._plan = memory_plan(sequence.vertex_count, sequence.frame_count, settings.max_memory)
+        self._explained = 1.0
+        self._jump_finder = JumpFinder()
+
+    @property
+    def _space(self) -> SpaceBasis:
+        return self._model.basis
+
+    @property
+    def _recorded_settings(self) -> EncodeSettings:
+        effort = self._model.effort
+        is_whole = len(self._group_ranges()) == 1
+        return replace(self._settings, effort=effort) if effort and is_whole else self._settings
+
+    def _read(self, begin: int, end: int) -> Float32Array:
+        points = super()._read(begin, end)
+        if begin == self._jump_finder.frames:  # the first time that these are read
+            self._jump_finder.add(points)
+        return points
+
+    def _jumps(self) -> Sequence[int]:
+        assert self._bound is not None  # checked before
+        return self._jump_finder.jumps(self._bound)
+
+    def _groups(self) -> Iterator[tuple[GroupFitter, FittedGroup]]:
+        assert self._bound is not None  # checked before
+        steps = {"bound": self._bound, "unit": self._unit, "residual_step": self._residual_step}
+        choices: list[tuple[int, GroupChoice]] = []  # of the group before: frames and choice of each of its parts
+        is_ruled = self._sequence.frame_count * self._sequence.vertex_count > self._effort.searched_clip
+        usual_bits = 0.0  # of a frame of the last group that was searched
+        for index, (begin, end) in enumerate(self._group_ranges()):
+            is_searched = index < SEARCHED_GROUPS or index % (2 * SEARCHED_GROUPS) == 0
+            if index > 0 and is_ruled:
+                parts = [ruled(self._fitter(begin, end, steps), self._model.basis)]
+            elif index == 0:
+                parts = self._choose_model(self._read(begin, end), steps)
+            else:
+                fitter = self._fitter(begin, end, steps)
+                parts = [] if is_searched else self._like(fitter, choices)
+                if is_searched or _bits(parts) > WORTH_SEARCHING * usual_bits * (end - begin):
+                    parts.clear()  # what they hold, the search takes again
+                    parts = self._divided(fitter, choices[-1][1])
+                    is_searched = True
+                del fitter
+            if is_searched:
+                usual_bits = _bits(parts) / (end - begin)
+            choices = [(part.fitter.frames, part.choice) for part in parts]
+            while parts:  # none is kept: the next ones take as much memory again
+                part = parts.pop(0)
+                yield part.fitter, part.fitted
+                del part
+
+    def _choose_model(self, points: Float32Array, steps: Mapping[str, float]) -> list[FinishedGroup]:
+        """Reference frame and space basis; the groups that the first frames are divided into."""
+        with ThreadPoolExecutor(1) as beside:
+            self._model = ModelSearch(
+                points=points,
+                times=self._sequence.times,
+                objects=self._sequence.objects,
+                bound=steps["bound"],
+                unit=steps["unit"],
+                residual_step=steps["residual_step"],
+                functions=self._plan.functions,
+                effort=self._effort,
+                references=References(self._sequence.objects, beside),
+                beside=beside,
+            ).run()
+        self._reference, self._reference_bytes = self._model.reference, self._model.reference_data
+        first = self._model.groups[0]
+        if first.choice.time != "cosines":
+            moved = first.fitter.displacements(first.choice.origin)
+            self._explained = moved.explained(first.fitted.entry.functions, first.choice.time)
+        if self._settings.why:
+            self._questions = self._alternatives(points, steps)
+        return self._model.groups
+
+    def _alternatives(self, points: Float32Array, steps: Mapping[str, float]) -> list[Question]:
+        from pdecodec.encoding.alternatives import GroupAlternatives, model_question
+
+        group = GroupAlternatives(
+            points,
+            [(group.fitter.frames, group.choice) for group in self._model.groups],
+            self._sequence.times,
+            self._sequence.objects,
+            reference=self._model.reference,
+            basis=self._model.basis,
+            functions=self._plan.functions,
+            **steps,
+        )
+        return [*group.questions(), model_question(self._sequence, self._bound, "auto")]
+
+    def _fitter(self, begin: int, end: int, steps: Mapping[str, float]) -> GroupFitter:
+        """Frames after the first ones."""
+        return GroupFitter(
+            self._read(begin, end),
+            self._reference.points,
+            self._first,
+            times=self._sequence.times[begin:end],
+            **steps,
+        )
+
+    def _divided(self, fitter: GroupFitter, usual: GroupChoice) -> list[FinishedGroup]:
+        """The groups that frames after the first ones are divided into."""
+        effort, basis = self._effort, self._space
+        search = GroupSearch(fitter, basis)
+        choices = candidates(search, usual)
+        groups = divided(search, choices, basis) if effort.division else [search.choose(choices)]
+        if effort.fine_steps:
+            groups = [group.tuned() for group in groups]
+        chosen = [(item.fitter, item.choice) for item in groups]
+        del search, groups  # and with them all that was found out on the way
+        return [finished(item, basis, effort) for item in chosen]
+
+    def _like(self, fitter: GroupFitter, choices: Sequence[tuple[int, GroupChoice]]) -> list[FinishedGroup]:
+        """The groups that frames are divided into as those before were, encoded in the same way."""
+        ends = np.cumsum([frames for frames, _ in choices])
+        edges = [0, *(fitter.frames * int(end) // int(ends[-1]) for end in ends)]
+        parts = [(slice(*edge), choice) for edge, (_, choice) in zip(itertools.pairwise(edges), choices, strict=True)]
+        return [
+            finished((fitter.part(frames), choice), self._space, self._effort)
+            for frames, choice in parts
+            if frames.stop > frames.start
+        ]
+
+    def _group_ranges(self) -> list[tuple[int, int]]:
+        frames = self._sequence.frame_count
+        longest = min(self._plan.group_frames, self._settings.group_frames or LONGEST_GROUP)
+        count = -(-frames // longest)
+        edges = [frames * k // count for k in range(count + 1)]
+        return list(itertools.pairwise(edges))
+
+    def _summary(self) -> str:
+        entries, kind = self._entries, self._space.form.kind
+        is_patch = kind == "patch"
+        where = self._where("patch" if is_patch else "piece", "es" if is_patch else "s")
+        bases = sorted({entry.basis for entry in entries if entry.functions})
+        if not bases:
+            return f"static: the reference frame keeps the bound; {where}"
+        most = max(entry.functions for entry in entries)
+        if bases in (["trajectories"], ["shapes"]):
+            ending, cut = ("ies", 1) if bases == ["trajectories"] else ("s", 0)
+            what = counted(most, "trajectory" if bases == ["trajectories"] else "shape", ending, cut)
+            carry = "carries" if most == 1 else "carry"
+            carried = f"{what} {carry} {100 * self._explained:.4g} % of the motion"
+        else:
+            carried = f"{most} functions of time"
+        groups = "" if len(entries) == 1 else f" in {len(entries)} groups of frames"
+        return f"{' and '.join(bases)} x {kind}: {carried}{groups}, on {where}"
+
+
+def _bits(parts: Sequence[FinishedGroup]) -> float:
+    return sum(part.fitted.bits for part in parts)

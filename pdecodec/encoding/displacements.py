@@ -1,0 +1,402 @@
+"""Displacements of a group of frames, and the functions of time that they are sums of, before quantisation."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec import _core
+from pdecodec.coding.groups import TimeBasis, cosines
+from pdecodec.coding.timefunctions import TimeFunctionCost
+from pdecodec.encoding.principal import (
+    ROWS_AT_ONCE,
+    Rows,
+    Span,
+    leading_span,
+    principal_axes,
+    principal_axes_within,
+    principal_energies,
+    principal_trajectories,
+    products,
+    sums_of_squares,
+    with_more,
+)
+from pdecodec.shares import in_shares, thread_count
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+
+Origin = Literal["reference", "first"]
+ORIGINS: tuple[Origin, ...] = ("reference", "first")
+"""What displacements are measured from: the decoded reference frame, or the first frame as it came. The latter leaves
+the reference frame's own error, which is the same in every frame, alone: what stands still then costs nothing."""
+
+TimeFunctions = Literal["trajectories", "shapes", "poses", "cosines"]
+TIME_FUNCTIONS: tuple[TimeFunctions, ...] = ("trajectories", "shapes", "poses", "cosines")
+"""Principal trajectories; principal functions that are the same on all axes; how much there is of each of a few of the
+group's own frames; cosines. Poses tell blend shapes and keyframes apart where principal functions mix them; a file has
+them as shapes."""
+
+TAIL = 0.06
+"""What functions that are left out may add to the error, as root mean square over the bound."""
+
+MOST_FUNCTIONS = 768
+"""Functions of time at most: decoding costs their number."""
+
+FARTHEST_STEPS = 2.0**26
+"""Displacements beyond so many bounds are no motion to be fitted: they are left to residuals."""
+
+MOST_POSES = 0.25
+"""Share of the frames that may be poses: with more there is nothing to tell apart."""
+
+SINGLE_ROWS = 2.0**-10
+"""Displacements are kept in float32 where the bound is at least this share of the largest."""
+
+FRAMES_LOOKED_AT = 8
+"""Of so many frames, about, the largest tells what precision will do before all are taken."""
+
+SINGLE_SQUARES = 2.0**-8
+"""Their squares are added up in float32, block by block, where it is at least this share: the least of the energies
+that count are then clear of rounding."""
+
+LARGEST_SINGLE = 2.0**40
+"""Squares of what is larger, or smaller than one over it, may leave the range of float32 when they are added up."""
+
+ALIKE = 1e-2
+"""Functions that differ by less than this share (of their squared length) count as one in a fit."""
+
+
+def time_basis_of(functions: TimeFunctions) -> TimeBasis:
+    """The time basis by which a file has functions of time."""
+    return "shapes" if functions == "poses" else functions
+
+
+class Displacements:
+    """What is left of a group's positions when one shape is taken away.
+
+    Parameters
+    ----------
+    points : (frames, vertices, 3) float32 [scene units]
+    shape : (vertices, 3) float64 [scene units]
+    unit : float [scene units]
+        What the bound is, or more where float32 is coarser.
+    alike : Displacements, optional
+        Of the same points from nearly the same shape, whose functions of time will do here too.
+    beside : Displacements, optional
+        Of the same points from another shape, whose sums of squares tell what these are here.
+    """
+
+    def __init__(
+        self,
+        points: Float32Array,
+        shape: Float64Array,
+        unit: float,
+        *,
+        alike: Displacements | None = None,
+        beside: Displacements | None = None,
+    ) -> None:
+        self._points, self._shape, self._unit = points, np.ascontiguousarray(shape), unit
+        self._alike, self._beside = alike, beside
+        self._frames, self._vertices = len(points), len(shape)
+        self._least = (TAIL * unit) ** 2 * self._vertices * self._frames
+        self._coefficients: dict[TimeFunctions, Float64Array] = {}
+        self._settled: dict[TimeFunctions, tuple[Float64Array, Float64Array]] = {}
+        self._time_costs: dict[TimeFunctions, TimeFunctionCost] = {}
+
+    @cached_property
+    def _taken(self) -> tuple[Rows, float]:
+        """Rows (vertices, 3 frames), in float32 where that is fine enough, and their largest magnitude."""
+        farthest, size = FARTHEST_STEPS * self._unit, (self._vertices, 3 * self._frames)
+
+        def take(precision: type[np.floating[Any]]) -> tuple[Rows, float]:
+            rows: Rows = np.empty(size, precision)
+            return rows, _core.take_displacements(self._points, self._shape, farthest, rows, thread_count())
+
+        def is_single_enough(largest: float) -> bool:
+            return self._unit >= SINGLE_ROWS * largest and largest <= LARGEST_SINGLE
+
+        some = self._points[:: max(1, self._frames // FRAMES_LOOKED_AT)] - self._shape
+        if is_single_enough(float(np.abs(some).max(initial=0.0))):
+            rows, largest = take(np.float32)
+            if is_single_enough(largest):
+                return rows, largest
+        return take(np.float64)
+
+    @property
+    def _moved(self) -> Rows:
+        return self._taken[0]
+
+    @property
+    def largest(self) -> float:
+        """The largest magnitude of a coordinate, or of displacements from a shape that is all but the same."""
+        other = self._alike or self._beside
+        return other.largest if other is not None else self._taken[1]
+
+    @property
+    def _precision(self) -> type[np.floating[Any]]:
+        largest = self.largest
+        is_within = 1.0 / LARGEST_SINGLE <= largest <= LARGEST_SINGLE
+        return np.float32 if is_within and self._unit >= SINGLE_SQUARES * largest else np.float64
+
+    @property
+    def _is_wide(self) -> bool:
+        return 3 * self._frames > self._vertices
+
+    @cached_property
+    def _span(self) -> Span | None:
+        """Few trajectories and their coefficients, whose product displacements are but for little; None where it takes
+        many.
+        """
+        if self._beside is None:
+            return leading_span(self._moved, self._least)
+        if self._beside._span is None:
+            return None
+        still = np.tile(np.eye(3), (self._frames, 1))
+        coefficients, axes = with_more(self._beside._span, self._beside._moved, still)
+        return coefficients + self._shifted(self._beside, axes, "trajectories"), axes
+
+    @cached_property
+    def _squares(self) -> Float64Array:
+        """(3 frames, 3 frames) float64: sums over all vertices."""
+        if self._beside is not None:
+            off = self._beside._shape - self._shape
+            crossed = np.tile(self._beside._moved.T @ off.astype(self._beside._moved.dtype), self._frames)
+            squares: Float64Array = self._beside._squares + crossed + crossed.T
+            return squares + np.tile(off.T @ off, (self._frames, self._frames))
+        return sums_of_squares(self._moved, self._precision)
+
+    @cached_property
+    def _squares_by_axis(self) -> Float64Array:
+        """(frames, frames) float64: sums over all vertices and axes."""
+        if self._span is not None:
+            coefficients, axes = self._span
+            by_axis, between = axes.reshape(self._frames, 3, -1), sums_of_squares(coefficients)
+            return sum((by_axis[:, x] @ between @ by_axis[:, x].T for x in range(3)), np.zeros((self._frames,) * 2))
+        if self._is_wide:
+            split = self._moved.reshape(self._vertices, self._frames, 3)
+            return sums_of_squares(
+                np.ascontiguousarray(split.transpose(0, 2, 1)).reshape(-1, self._frames), self._precision
+            )
+        squares: Float64Array = np.einsum("fxgx->fg", self._squares.reshape(self._frames, 3, self._frames, 3))
+        return squares
+
+    @cached_property
+    def _trajectories(self) -> tuple[Float64Array, Float64Array]:
+        """Principal trajectories that are worth looking at: energies (n,), falling, and functions (3 frames, n)."""
+        if self._span is not None:
+            return _first(*principal_axes_within(self._span, self._least))
+        if self._is_wide:
+            return _first(*principal_trajectories(self._moved.astype(np.float64), self._least))
+        return _first(*principal_axes(self._squares, self._least))
+
+    @cached_property
+    def _shapes(self) -> tuple[Float64Array, Float64Array]:
+        """The same of functions of time that all axes share: energies (n,) and functions (frames, n)."""
+        return _first(*principal_axes(self._squares_by_axis, self._least))
+
+    @cached_property
+    def _poses(self) -> tuple[Float64Array, Float64Array]:
+        """As :attr:`_shapes`, of frames each as far as can be from what those before it span; none where principal
+        shapes need fewer functions.
+        """
+        products = self._squares_by_axis
+        found = spanning(products, self._least / self._frames, int(MOST_POSES * self._frames))
+        if found is None or not 0 < found.size <= self._shapes[0].size:
+            return np.zeros(0), np.zeros((self._frames, 0))
+        poses = np.sort(found)
+        weights = np.linalg.solve(products[np.ix_(poses, poses)], products[poses]).T
+        lengths = np.sqrt((weights * weights).sum(axis=0))
+        energies = lengths * lengths * products[poses, poses]
+        order = np.argsort(-energies, kind="stable")
+        return energies[order], (weights / lengths)[:, order]
+
+    def settle(self, kind: TimeFunctions) -> None:
+        """Keep functions of one kind, their coefficients and rows of displacements; forget all else."""
+        if kind != "cosines":
+            self._settled = {one: self.functions(one) for one in {kind, principal(kind)}}
+        kept = {kind: self.coefficients(kind)}
+        _ = self._total
+        item: Displacements | None = self
+        while item is not None:
+            item._coefficients = {}
+            for name in ("_squares", "_squares_by_axis", "_trajectories", "_shapes", "_poses"):
+                item.__dict__.pop(name, None)
+            item = item._alike or item._beside
+        self._coefficients = kept
+
+    @property
+    def has_poses(self) -> bool:
+        """Whether few frames span all others."""
+        return self.functions("poses")[0].size > 0
+
+    def functions(self, kind: TimeFunctions) -> tuple[Float64Array, Float64Array]:
+        """Energies and unit functions of time, by falling energy; not of cosines, which need no looking for.
+
+        Functions have as many numbers as frames, those of trajectories three times as many.
+        """
+        if kind in self._settled:
+            return self._settled[kind]
+        if self._alike is not None:
+            return self._alike.functions(kind)
+        if kind == "trajectories":
+            return self._trajectories
+        return self._poses if kind == "poses" else self._shapes
+
+    def time_cost(self, kind: TimeFunctions, step: float) -> TimeFunctionCost:
+        """What functions of time of a kind that is stored take, measured at a step."""
+        if self._alike is not None:
+            return self._alike.time_cost(kind, step)
+        if kind not in self._time_costs:
+            self._time_costs[kind] = TimeFunctionCost(self.scaled(kind), step)
+        return self._time_costs[kind]
+
+    def scaled(self, kind: TimeFunctions) -> Float64Array:
+        """(frames, 3 or 1, functions) float64: functions of time as they are coded, of the energies' lengths."""
+        energies, functions = self.functions(kind)
+        axes = 3 if kind == "trajectories" else 1
+        return (functions * np.sqrt(energies)).reshape(self._frames, axes, energies.size)
+
+    def coefficients(self, kind: TimeFunctions) -> Float64Array:
+        """(vertices, functions or 3 functions) float64: of all functions of a kind."""
+        if kind not in self._coefficients:
+            self._coefficients[kind] = self._found(kind)
+        return self._coefficients[kind]
+
+    def _found(self, kind: TimeFunctions) -> Float64Array:
+        if self._alike is not None:
+            return self._alike.coefficients(kind) + self._shifted(self._alike, self._dual(kind), kind)
+        return self._along(self._dual(kind), kind)
+
+    @cached_property
+    def _cosine_energies(self) -> Float64Array:
+        waves = cosines(self._frames, min(self._frames, MOST_FUNCTIONS))
+        energies: Float64Array = np.einsum("fa,fg,ga->a", waves, self._squares_by_axis, waves, optimize=True)
+        return energies
+
+    @cached_property
+    def _cosine_count(self) -> int:
+        """Cosines but for the last ones, as far as they carry next to nothing."""
+        if self._alike is not None:
+            return self._alike._cosine_count
+        left = np.cumsum(self._cosine_energies[::-1])[::-1]
+        return int(np.count_nonzero(left > self._least))
+
+    def _dual(self, kind: TimeFunctions) -> Float64Array:
+        """What displacements are multiplied with, to have coefficients of functions of a kind."""
+        if kind == "cosines":
+            return cosines(self._frames, self._cosine_count)
+        functions = self.functions(kind)[1]
+        return dual_functions(functions) if kind == "poses" else functions
+
+    def along(self, functions: Float64Array, kind: TimeFunctions) -> Float64Array:
+        """Coefficients of unit functions of time by least squares: one each, or one for each axis after another.
+
+        Decoded functions are not quite orthogonal, poses not at all, and coarse ones may coincide.
+        """
+        return self._along(dual_functions(functions), kind)
+
+    def _shifted(self, other: Displacements, dual: Float64Array, kind: TimeFunctions) -> Float64Array:
+        """By how much sums of displacements times functions differ from those of another shape, which is constant."""
+        if kind == "trajectories":
+            sums = dual.reshape(self._frames, 3, -1).sum(axis=0)
+        else:
+            sums = np.kron(dual.sum(axis=0), np.eye(3))
+        found: Float64Array = (other._shape - self._shape) @ sums
+        return found
+
+    def _along(self, dual: Float64Array, kind: TimeFunctions) -> Float64Array:
+        """Sums of displacements times functions, rows in blocks that do not depend on the number of threads."""
+        other = self._alike or self._beside
+        if self._alike is None and self._span is not None:
+            coefficients, axes = self._span
+            if kind == "trajectories":
+                return products(coefficients, axes.T @ dual)
+            each = np.einsum("fxn,fk->nkx", axes.reshape(self._frames, 3, -1), dual, optimize=True)
+            return products(coefficients, each.reshape(axes.shape[1], -1))
+        if other is not None:
+            return other._along(dual, kind) + self._shifted(other, dual, kind)
+        rows = self._moved
+        if kind == "trajectories":
+            return products(rows, dual)
+        dual = np.ascontiguousarray(dual, rows.dtype)
+        found = np.empty((self._vertices, 3 * dual.shape[1]))
+
+        def add_up(first: int, end: int) -> None:
+            for block in range(first, end):
+                some = slice(block * ROWS_AT_ONCE, (block + 1) * ROWS_AT_ONCE)
+                split = rows[some].reshape(-1, self._frames, 3)
+                for axis in range(3):
+                    found[some, axis::3] = np.ascontiguousarray(split[:, :, axis]) @ dual
+
+        in_shares(add_up, -(-self._vertices // ROWS_AT_ONCE))
+        return found
+
+    def spread(self, kind: TimeFunctions, step: float) -> float:
+        """What coefficients of orthogonal functions would take at a step if vertices had nothing in common [bits].
+
+        Half the logarithm of each function's variance over what the step leaves, for each coefficient: tells bases
+        apart by how few functions they need, without a fit.
+        """
+        if self._alike is not None:
+            return self._alike.spread(kind, step)
+        each = self._vertices * (1 if kind == "trajectories" else 3)
+        if kind == "cosines":
+            energies = self._cosine_energies
+        elif kind == "shapes":
+            energies = principal_energies(self._squares_by_axis, self._least)
+        else:
+            energies = self.functions(kind)[0]
+        return float(0.5 * each * np.log2(1.0 + energies / (each * step * step)).sum())
+
+    @cached_property
+    def _total(self) -> float:
+        if self._alike is not None:
+            return self._alike._total
+        return float(np.trace(self._squares_by_axis))
+
+    def explained(self, functions: int, kind: TimeFunctions) -> float:
+        """Share of the motion's energy that the leading principal trajectories or shapes carry."""
+        energies, _ = self.functions(principal(kind))
+        return float(energies[:functions].sum()) / self._total if self._total > 0 else 1.0
+
+
+def principal(kind: TimeFunctions) -> TimeFunctions:
+    """The principal functions whose energies tell what those of a kind carry."""
+    return "trajectories" if kind == "trajectories" else "shapes"
+
+
+def spanning(products: Float64Array, least: float, most: int) -> NDArray[np.int64] | None:
+    """Of vectors whose inner products are given, (n, n), those that span all others up to squares of `least`.
+
+    Each is the farthest from what those before it span: a Cholesky decomposition with pivots. None where it takes more
+    than `most`.
+    """
+    left, rows = products.diagonal().copy(), np.zeros((most, len(products)))
+    pivots: list[int] = []
+    while (farthest := int(np.argmax(left))) not in pivots and left[farthest] > least:
+        count = len(pivots)
+        if count == most:
+            return None
+        row = products[farthest] - rows[:count, farthest] @ rows[:count]
+        rows[count] = row / math.sqrt(left[farthest])
+        left -= rows[count] * rows[count]
+        left[farthest] = 0.0
+        pivots.append(farthest)
+    return np.array(pivots, np.int64)
+
+
+def dual_functions(functions: Float64Array) -> Float64Array:
+    """What displacements are multiplied with, so that sums of `functions` come out nearest to them."""
+    if not functions.size:
+        return functions
+    inverse = np.linalg.pinv(functions.T @ functions, rcond=ALIKE, hermitian=True)
+    dual: Float64Array = functions @ inverse
+    return dual
+
+
+def _first(energies: Float64Array, functions: Float64Array) -> tuple[Float64Array, Float64Array]:
+    return energies[:MOST_FUNCTIONS], functions[:, :MOST_FUNCTIONS]

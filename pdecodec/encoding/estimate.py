@@ -1,0 +1,327 @@
+"""What ways to encode a group of frames would take, on large meshes without fitting all of it.
+
+Functions of time are coded once and their bits at other steps follow from that. Coefficients and residuals are those of
+some elements from all over the mesh, and counted as many times as those are part of it. Small meshes, where that is
+quick, are fitted in full.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec import _core
+from pdecodec.coding.groups import GroupEntry, functions_of_time, group_functions, margins
+from pdecodec.coding.residuals import residual_ways
+from pdecodec.coding.spacebasis import SpaceBasis
+from pdecodec.encoding.displacements import Displacements, TimeFunctions, time_basis_of
+from pdecodec.encoding.groupfit import (
+    GroupChoice,
+    GroupFitter,
+    axes_of,
+    cosines_needed,
+    grid_step,
+    needed_functions,
+    quantise_sparsely,
+)
+from pdecodec.shares import in_shares, side_by_side, thread_count
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+Int32Array = NDArray[np.int32]
+Int64Array = NDArray[np.int64]
+
+SAMPLED_SHARE, FEWEST_VERTICES = 1 / 8, 1024
+"""Of a larger mesh, elements are looked at that have this share of the vertices, and so many at least."""
+
+PART = 128
+"""Vertices at most of parts of the partition tree that are looked at as a whole, where space bases are compared: those
+of the largest usual patches."""
+
+
+RUN, RUNS = 8, 2
+"""Residuals are looked at in runs of so many frames, one of so many: they are coded by those of the frame before."""
+
+FEWEST_FRAMES = 128
+"""Frames up to which all are looked at."""
+
+ROWS_AT_ONCE = 256
+"""Rows of coefficients that are weighed at once: as many as caches hold."""
+
+
+class BitCounter(Protocol):
+    """Counts what a group takes in one space basis."""
+
+    def bits(self, choice: GroupChoice) -> float:
+        """What a group takes that way, about or exactly."""
+
+    def prepare(self, choice: GroupChoice) -> None:
+        """Compute what choices of a time basis and origin share: calls in several threads would each do it."""
+
+
+def bit_counter(
+    fitter: GroupFitter, basis: SpaceBasis, like: BitCounter | None = None, *, whole_parts: bool = False
+) -> BitCounter:
+    """Fits of all of a small mesh, estimates of a large one."""
+    if not fitter.is_large:
+        return FitCounter(fitter, basis)
+    return Estimate(fitter, basis, like if isinstance(like, Estimate) else None, whole_parts=whole_parts)
+
+
+class FitCounter:
+    """What full fits take."""
+
+    def __init__(self, fitter: GroupFitter, basis: SpaceBasis) -> None:
+        self._fitter, self._basis = fitter, basis
+
+    def prepare(self, choice: GroupChoice) -> None:
+        self._fitter.prepare(choice)
+
+    def bits(self, choice: GroupChoice) -> float:
+        return self._fitter.fit(self._basis, choice).bits
+
+
+class _Sample:
+    """Some elements of a space basis, and what they are looked at for.
+
+    Parameters
+    ----------
+    points : (frames, vertices, 3) float32 [scene units]
+    basis : SpaceBasis
+    elements : (n,) int64
+        Ascending.
+    weight : float
+        How many times as much all elements' coefficients take as those of these, about.
+    like : _Sample, optional
+        Of the same points.
+
+    Attributes
+    ----------
+    elements : (n,) int64
+    vertices : (m,) int32
+        Theirs, element after element.
+    starts : (n + 1,) int64
+        Of each element among the vertices.
+    order : (m,) int32
+        The vertices' places: as they stand.
+    frames : (l,) int64
+        Whose residuals are looked at.
+    points : (l, m, 3) float32 [scene units]
+    copies, weight : float
+        How many times as many positions there are, and how many times as much all elements' coefficients take, about.
+    rows : (k,) int64
+        Functions of space that are not of other elements.
+    subbands : (starts, kinds, parents)
+        Of these; see :attr:`pdecodec.coding.spacebasis.SpaceBasis.subbands`.
+    """
+
+    def __init__(
+        self,
+        points: Float32Array,
+        basis: SpaceBasis,
+        elements: Int64Array,
+        weight: float,
+        like: _Sample | None = None,
+    ) -> None:
+        self.elements, self.weight = elements, weight
+        self.starts = np.concatenate([[0], np.cumsum(np.diff(basis.starts)[elements])])
+        self.vertices = _vertices(basis, elements)
+        self.order = np.arange(self.vertices.size, dtype=np.int32)
+        runs = np.arange(len(points))
+        self.frames = runs[runs // RUN % RUNS == 0] if runs.size > FEWEST_FRAMES else runs
+        self.points: Float32Array
+        if like and np.array_equal(self.vertices, like.vertices):
+            self.points = like.points
+        else:
+            self.points = np.empty((self.frames.size, self.vertices.size, 3), np.float32)
+
+            def take(first: int, end: int) -> None:
+                self.points[first:end] = points[self.frames[first:end]].take(self.vertices, axis=1)
+
+            in_shares(take, self.frames.size)
+        self.copies = basis.order.size / self.vertices.size * (runs.size / self.frames.size)
+        starts, kinds, parents = basis.subbands
+        nodes = kinds.size - basis.element_count
+        subbands = np.concatenate([np.arange(nodes), nodes + elements])
+        sizes = np.diff(starts)[subbands]
+        self.subbands = np.concatenate([[0], np.cumsum(sizes)]), kinds[subbands], parents[subbands]
+        self.rows = np.repeat(starts[subbands] - self.subbands[0][:-1], sizes) + np.arange(sizes.sum())
+
+
+def _vertices(basis: SpaceBasis, elements: Int64Array) -> Int32Array:
+    """Vertices of some elements, element after element."""
+    parts = [basis.order[basis.starts[e] : basis.starts[e + 1]] for e in elements]
+    return np.concatenate(parts) if parts else np.zeros(0, np.int32)
+
+
+def _weights(basis: SpaceBasis, coefficients: Float64Array, step: float) -> Float64Array:
+    """(elements,) float64: about what each takes; some of them take many times as much as others.
+
+    Parameters
+    ----------
+    basis : SpaceBasis
+    coefficients : (functions of space, channels) float64
+        In any functions of time.
+    step : float
+        Their quantisation step.
+    """
+    rough = np.zeros(len(coefficients) + 1)
+
+    def add_up(first: int, end: int) -> None:
+        for begin in range(first, end, ROWS_AT_ONCE):
+            some = slice(begin, min(begin + ROWS_AT_ONCE, end))
+            rough[some] = np.log2(1.0 + np.square(coefficients[some] / step)).sum(axis=1)
+
+    in_shares(add_up, len(coefficients))
+    weights: Float64Array = np.add.reduceat(rough, basis.coefficient_starts[:-1])
+    weights[np.diff(basis.coefficient_starts) == 0] = 0.0
+    return weights
+
+
+def _chosen(basis: SpaceBasis, weights: Float64Array, *, whole_parts: bool) -> Int64Array:
+    """Elements from all over the mesh, of those that take little as of those that take much.
+
+    Parameters
+    ----------
+    basis : SpaceBasis
+    weights : (elements,) float64
+        About what each takes.
+    whole_parts : bool
+        Whether all elements of a part of the partition tree are taken, or none: smaller and larger ones are of the same
+        vertices then.
+    """
+    part_of = np.unique(_parts(basis), return_inverse=True)[1] if whole_parts else np.arange(basis.element_count)
+    part_weights = np.bincount(part_of, weights)
+    share = min(max(SAMPLED_SHARE, FEWEST_VERTICES / basis.order.size), 1.0)
+    sampled = max(1, round(share * part_weights.size))
+    places = ((np.arange(sampled) + 0.5) * part_weights.size / sampled).astype(np.int64)
+    return np.flatnonzero(np.isin(part_of, np.argsort(part_weights, kind="stable")[places]))
+
+
+def _parts(basis: SpaceBasis) -> Int64Array:
+    """(elements,) int64: the highest node of the partition tree above each of at most PART vertices, or its own."""
+    children, node_of = basis.patches.children, basis.patches.node_of
+    sizes = np.zeros(children.size, np.int64)
+    sizes[node_of] = np.diff(basis.starts)
+    for node in range(children.size - 1, -1, -1):
+        if children[node] >= 0:
+            sizes[node] = sizes[children[node]] + sizes[children[node] + 1]
+    parts = np.full(children.size, -1)
+    for node in range(children.size):
+        if parts[node] < 0 and (sizes[node] <= PART or children[node] < 0):
+            parts[node] = node
+        if children[node] >= 0:
+            parts[children[node] : children[node] + 2] = parts[node]
+    found: Int64Array = parts[node_of]
+    return found
+
+
+def _of_vertices(basis: SpaceBasis, vertices: Int32Array) -> Int64Array:
+    """Elements that are of given vertices, for the most part."""
+    given = np.zeros(basis.order.size, np.int64)
+    given[vertices] = 1
+    found: Int64Array = np.flatnonzero(
+        2 * np.add.reduceat(given[basis.order], basis.starts[:-1]) > np.diff(basis.starts)
+    )
+    return found
+
+
+class Estimate:
+    """Estimates from some elements of the mesh.
+
+    Parameters
+    ----------
+    fitter : GroupFitter
+        Of the whole mesh.
+    basis : SpaceBasis
+    like : Estimate, optional
+        Of the same points, in another space basis or from another reference frame: the same vertices are looked at.
+    whole_parts : bool
+        Whether estimates in other space bases will look at the same vertices.
+
+    Attributes
+    ----------
+    basis : SpaceBasis
+    sample : _Sample
+    """
+
+    def __init__(
+        self, fitter: GroupFitter, basis: SpaceBasis, like: Estimate | None = None, *, whole_parts: bool = False
+    ) -> None:
+        self._fitter, self.basis = fitter, basis
+        usual = fitter.first_choice
+        self._usual_step = grid_step(usual.step)
+        self._coefficients: dict[tuple[Displacements, TimeFunctions], Float64Array] = {}
+        elements = _of_vertices(basis, like.sample.vertices) if like else np.zeros(0, np.int64)
+        if like and np.array_equal(np.sort(_vertices(basis, elements)), np.sort(like.sample.vertices)):
+            self.sample: _Sample = _Sample(fitter.points, basis, elements, like.sample.weight, like.sample)
+            return
+        values = fitter.projected(basis, usual)
+        weights = _weights(basis, values, self._usual_step)
+        if not elements.size:
+            elements = _chosen(basis, weights, whole_parts=whole_parts)
+        some = float(weights[elements].sum())
+        self.sample = _Sample(fitter.points, basis, elements, float(weights.sum()) / some if some else 1.0)
+        self._coefficients[fitter.displacements(usual.origin), usual.time] = values[self.sample.rows]
+
+    def prepare(self, choice: GroupChoice) -> None:
+        moved = self._fitter.displacements(choice.origin)
+        self._projected(moved, choice.time)
+        if choice.time != "cosines":
+            moved.time_cost(choice.time, self._usual_step)
+
+    def _projected(self, moved: Displacements, time: TimeFunctions) -> Float64Array:
+        """Coefficients (rows of the sample, channels) of all functions of time of a kind."""
+        if (moved, time) not in self._coefficients:
+            values = self.basis.project(moved.coefficients(time), self.sample.elements)
+            self._coefficients[moved, time] = values
+        return self._coefficients[moved, time]
+
+    def bits(self, choice: GroupChoice) -> float:
+        sample, axes, step = self.sample, axes_of(choice.time), grid_step(choice.step)
+        moved, frames = self._fitter.displacements(choice.origin), self._fitter.frames
+        quantised, largest = quantise_sparsely(self._projected(moved, choice.time), step, axes)
+        time_bits = time_step = 0.0
+        if choice.time == "cosines":
+            count = cosines_needed(largest)
+            quantised, largest = np.ascontiguousarray(quantised[:, : axes * count]), largest[: axes * count]
+            functions = np.zeros((frames, 1, 0))
+        else:
+            used = needed_functions(largest, axes)
+            count = used.size
+            if axes * count < largest.size:
+                channels = (axes * used[:, None] + np.arange(axes)).ravel()
+                quantised, largest = np.take(quantised, channels, axis=1), largest[channels]
+            time_step = grid_step(choice.step + choice.time_step)
+            cost = moved.time_cost(choice.time, self._usual_step)
+            time_bits, functions = cost.bits(used, time_step), cost.rounded(used, time_step)
+        entry = GroupEntry(
+            frames=frames,
+            functions=count,
+            basis=time_basis_of(choice.time),
+            single=self._fitter.is_single and count > 0,
+            step=step,
+            time_step=time_step,
+        )
+        coefficient_bits, residual_bits = side_by_side(
+            partial(_core.measure_coefficients, quantised, *sample.subbands, axes, sample.weight) if count else float,
+            partial(self._residual_bits, entry, functions, quantised, largest),
+        )
+        return time_bits + coefficient_bits + residual_bits
+
+    def _residual_bits(
+        self, entry: GroupEntry, functions: Float64Array, quantised: Int64Array, largest: Int64Array
+    ) -> float:
+        fitter, sample = self._fitter, self.sample
+        time = functions_of_time(entry, functions, fitter.times)
+        moved = group_functions(entry, time[sample.frames], quantised, self.basis, sample.elements)
+        model = fitter.held(moved, sample.points, sample.order)
+        limits = margins(entry, time, largest, fitter.residual_step)[sample.frames]
+        residuals = model.missing(limits, None, None, thread_count())
+        near = np.ones(sample.frames.size, np.int64)
+
+        ways = residual_ways(residuals, sample.order.size)
+        return min(_core.measure_residuals(residuals, sample.starts, way, near, sample.copies) for way in ways)

@@ -1,0 +1,524 @@
+"""Fitting one group of frames: functions of time, coefficients and residuals, at what they cost together."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec import _core
+from pdecodec._core import Excess, GroupModel, Residuals
+from pdecodec.coding.coefficientcoding import encode_coefficients, measure_coefficients
+from pdecodec.coding.groups import (
+    SINGLE_IS_ENOUGH,
+    SINGLE_MARGIN,
+    GroupEntry,
+    GroupFunctions,
+    functions_of_time,
+    group_functions,
+    margins,
+    normalised,
+)
+from pdecodec.coding.residuals import ResidualPlan, encode_residuals, plan_residuals
+from pdecodec.coding.spacebasis import SpaceBasis
+from pdecodec.coding.timefunctions import QuantisedTimeFunctions, quantise_time_functions
+from pdecodec.encoding.displacements import Displacements, Origin, TimeFunctions, time_basis_of
+from pdecodec.shares import thread_count
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+FloatArray = NDArray[np.float32] | NDArray[np.float64]
+Int32Array = NDArray[np.int32]
+Int64Array = NDArray[np.int64]
+
+ROUND_UP_AT = 0.6
+"""A coefficient this far (in steps) beyond a whole number goes to the next: zeros and small numbers are cheaper."""
+
+ROUND_UP_ALONE_AT = 0.75
+"""The same of a coefficient whose neighbours are all zero: a one among zeros costs most."""
+
+DeadZone = tuple[float, float]
+"""How far (in steps) beyond a whole number a coefficient goes to the next, and one among zeros."""
+
+DEAD_ZONE: DeadZone = (ROUND_UP_AT, ROUND_UP_ALONE_AT)
+
+FINEST, COARSEST = 0.7, 64.0
+"""Quantisation steps of coefficients to choose from, in units."""
+
+COARSEST_UNTRIED = 8.0
+"""The coarsest of steps that the mean error chooses: where most vertices stand still, it says little of the others."""
+
+USUAL_STEP = 2.8
+"""Quantisation step of coefficients that fits begin with, in units."""
+
+SMALL_MESH = 2048
+"""Vertices up to which a mesh is small."""
+
+MEAN_ERROR, MORE_OF_DENSE = 0.26, 0.4
+"""Root mean square distance, in bounds, at which coefficients and residuals together cost least, about, and how much
+more it may be times the root of the coefficients that each position has: on eight clips and bounds of 1e-2 to 1e-4
+steps chosen by it took 2 % more than the best ones."""
+
+ROWS_LOOKED_AT = 2**19
+"""Coefficients that tell the mean error of a step."""
+
+CELL = ROUND_UP_AT**3 / 3.0 + (1.0 - ROUND_UP_AT) ** 3 / 3.0
+"""Mean square of what rounding takes from a coefficient that does not become zero, in steps."""
+
+SPARSE_LOOK, CLOSE_LOOK = 8, 2
+"""One in so many frames tells whether positions may be added up in float32, and where it is close."""
+
+WELL_BELOW = 0.8
+"""Share of a limit below which that is not close."""
+
+AIM, AIM_FROM, FARTHEST_PUSH = 0.8, 0.85, 2.0
+"""Vertices that are off by AIM_FROM bounds are brought to AIM, by FARTHEST_PUSH at most."""
+
+
+def grid_step(index: int) -> float:
+    """Quantisation step of an index: powers of the fourth root of two, whatever the bound is.
+
+    A bound that is a little looser then finds the very models that a tighter one found, and only residuals change.
+    """
+    octave, quarter = divmod(index, 4)
+    return math.ldexp(2.0 ** (quarter / 4.0), octave)
+
+
+def grid_index(step: float) -> int:
+    """Index of the step nearest to one."""
+    return round(4.0 * math.log2(step))
+
+
+@dataclass(frozen=True)
+class GroupChoice:
+    """How a group is fitted.
+
+    Attributes
+    ----------
+    time : {"trajectories", "shapes", "poses", "cosines"}
+    origin : {"reference", "first"}
+        What displacements are measured from.
+    step : int
+        Of the coefficients; see :func:`grid_step`.
+    time_step : int
+        Of the functions of time: so many indices more.
+    """
+
+    time: TimeFunctions
+    origin: Origin
+    step: int
+    time_step: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class QuantisedGroup:
+    """What a group is encoded with but for its residuals.
+
+    Attributes
+    ----------
+    entry : GroupEntry
+        Sizes and checksum still zero.
+    time_functions : QuantisedTimeFunctions or None
+        None where there is none to code.
+    quantised : (functions of space, channels) int64
+    values : (vertices, channels) float64 [scene units]
+        The coefficients, vertex by vertex, before the space basis and quantisation.
+    """
+
+    entry: GroupEntry
+    time_functions: QuantisedTimeFunctions | None
+    quantised: Int64Array
+    values: Float64Array
+
+
+@dataclass(frozen=True, eq=False)
+class FittedGroup:
+    """One way to encode a group.
+
+    Attributes
+    ----------
+    entry : GroupEntry
+        Sizes and checksum still zero.
+    time_functions : QuantisedTimeFunctions or None
+        None where there is none to code.
+    quantised : (functions of space, channels) int64
+    functions : GroupFunctions
+        What they decode to.
+    residuals : Residuals
+    plan : ResidualPlan
+    bits : float
+        Of all three chunks, measured; infinite where they were not.
+    """
+
+    entry: GroupEntry
+    time_functions: QuantisedTimeFunctions | None
+    quantised: Int64Array
+    functions: GroupFunctions
+    residuals: Residuals
+    plan: ResidualPlan
+    bits: float
+
+
+@dataclass(frozen=True, eq=False)
+class EncodedGroup:
+    """A group as it is written.
+
+    Attributes
+    ----------
+    entry : GroupEntry
+    chunks : (bytes, bytes, bytes)
+        Of TIME, COEF and CORR.
+    largest_square, sum_of_squares : float [scene units^2]
+        Of the distances of what a decoder makes of them.
+    residuals, coefficients : int
+        How many there are; coefficients with the numbers of the functions of time.
+    """
+
+    entry: GroupEntry
+    chunks: tuple[bytes, bytes, bytes]
+    largest_square: float
+    sum_of_squares: float
+    residuals: int
+    coefficients: int
+
+
+class GroupFitter:
+    """A group of frames, ready to be fitted with different steps and functions of time.
+
+    Parameters
+    ----------
+    points : (frames, vertices, 3) float32 [scene units]
+    reference : (vertices, 3) float64 [scene units]
+        Decoded.
+    first : (vertices, 3) float32 [scene units]
+        Frame 0 of the clip, which the reference frame was made of.
+    times : (frames,) float64 [s]
+    bound : float [scene units]
+        Largest distance of a vertex; infinite where there is none.
+    unit : float [scene units]
+        The bound, or more where float32 is coarser than the bound: a finer model would describe its rounding.
+    residual_step : float [scene units]
+    """
+
+    def __init__(
+        self,
+        points: Float32Array,
+        reference: Float64Array,
+        first: Float32Array,
+        *,
+        times: Float64Array,
+        bound: float,
+        unit: float,
+        residual_step: float,
+    ) -> None:
+        self.points, self.times, self._reference, self._first = points, times, reference, first
+        self.bound, self.unit, self.residual_step = bound, unit, residual_step
+        self._displacements: dict[Origin, Displacements] = {}
+        self._projection: tuple[tuple[SpaceBasis, TimeFunctions, Origin], Float64Array] | None = None
+
+    def displacements(self, origin: Origin) -> Displacements:
+        """What is left when the decoded reference frame or the first frame is taken away."""
+        if origin not in self._displacements:
+            shape, beside = self._reference, None
+            if origin == "first":
+                shape, beside = self._first.astype(np.float64), self.displacements("reference")
+            self._displacements[origin] = Displacements(self.points, shape, self.unit, beside=beside)
+        return self._displacements[origin]
+
+    @property
+    def is_large(self) -> bool:
+        """Whether its mesh is one that is not fitted more often than need be."""
+        return len(self._reference) > SMALL_MESH
+
+    def prepare(self, choice: GroupChoice) -> None:
+        """Compute what all fits of a time basis and origin share: fits in several threads would each do it."""
+        self.displacements(choice.origin).coefficients(choice.time)
+
+    def part(self, frames: slice) -> GroupFitter:
+        """Some of its frames, as a group of their own."""
+        return self._with(self.points[frames], self.times[frames], self._reference, self._first)
+
+    def from_reference(self, reference: Float64Array) -> GroupFitter:
+        """The same with another decoded reference frame, so alike that functions of time will do as they are."""
+        other = self._with(self.points, self.times, reference, self._first)
+        other._displacements = {
+            "reference": Displacements(self.points, reference, self.unit, alike=self.displacements("reference"))
+        }
+        if "first" in self._displacements:
+            other._displacements["first"] = self._displacements["first"]
+        return other
+
+    def at_bound(self, bound: float, residual_step: float) -> GroupFitter:
+        """The same with another bound: steps stay multiples of the unit that they were."""
+        other = GroupFitter(
+            self.points,
+            self._reference,
+            self._first,
+            times=self.times,
+            bound=bound,
+            unit=self.unit,
+            residual_step=residual_step,
+        )
+        other._displacements = self._displacements
+        return other
+
+    def _with(
+        self, points: Float32Array, times: Float64Array, reference: Float64Array, first: Float32Array
+    ) -> GroupFitter:
+        return GroupFitter(
+            points,
+            reference,
+            first,
+            times=times,
+            bound=self.bound,
+            unit=self.unit,
+            residual_step=self.residual_step,
+        )
+
+    def settle(self, choice: GroupChoice) -> None:
+        """Forget what fits of other functions of time, or from another origin, would need."""
+        _ = self.is_single
+        self.displacements(choice.origin).settle(choice.time)
+        self._displacements = {choice.origin: self.displacements(choice.origin)}
+
+    @cached_property
+    def is_single(self) -> bool:
+        """Whether positions are added up in float32."""
+        return self.unit >= SINGLE_IS_ENOUGH * self.displacements("reference").largest
+
+    @property
+    def frames(self) -> int:
+        return len(self.points)
+
+    @property
+    def first_choice(self) -> GroupChoice:
+        """What is fitted before anything is known."""
+        return GroupChoice("trajectories", "reference", grid_index(USUAL_STEP * self.unit))
+
+    def with_usual_step(self, basis: SpaceBasis) -> GroupChoice:
+        """What is fitted where nothing is tried: the first choice with the step that leaves the usual mean error."""
+        choice = self.first_choice
+        values = self.projected(basis, choice)
+        some = values[:: max(1, values.size // ROWS_LOOKED_AT)]
+        positions = self.frames * len(self._reference) * len(some) / max(1, len(values))
+        sizes = np.abs(some).ravel()
+
+        def is_too_coarse(index: int) -> bool:
+            step = grid_step(index)
+            is_lost = sizes < ROUND_UP_AT * step
+            lost, kept = sizes * is_lost, sizes.size - int(np.count_nonzero(is_lost))
+            error = math.sqrt((float(lost @ lost) + CELL * step * step * kept) / positions)
+            return error > (MEAN_ERROR + MORE_OF_DENSE * math.sqrt(kept / positions)) * self.unit
+
+        steps = range(grid_index(FINEST * self.unit), grid_index(COARSEST_UNTRIED * self.unit) + 1)
+        return replace(choice, step=steps[max(0, bisect.bisect_left(steps, True, key=is_too_coarse) - 1)])
+
+    def projected(self, basis: SpaceBasis, choice: GroupChoice) -> Float64Array:
+        """Coefficients of all functions of time of a kind; kept until those of others are wanted."""
+        wanted = basis, choice.time, choice.origin
+        if self._projection is None or self._projection[0] != wanted:
+            values = basis.project(self.displacements(choice.origin).coefficients(choice.time))
+            self._projection = wanted, values
+        return self._projection[1]
+
+    @property
+    def moves(self) -> bool:
+        """Whether there is a trajectory that is worth looking at."""
+        return self.displacements("reference").functions("trajectories")[0].size > 0
+
+    def fit(self, basis: SpaceBasis, choice: GroupChoice, *, is_measured: bool = True) -> FittedGroup:
+        """Fit, and measure what it costs where that is wanted."""
+        unrefined = self.quantised(basis, choice)
+        return self.fitted(
+            basis, unrefined.entry, unrefined.quantised, unrefined.time_functions, is_measured=is_measured
+        )
+
+    def quantised(self, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone = DEAD_ZONE) -> QuantisedGroup:
+        """Functions of time and coefficients, quantised."""
+        step, time_step = grid_step(choice.step), grid_step(choice.step + choice.time_step)
+        moved, axes = self.displacements(choice.origin), axes_of(choice.time)
+        values = moved.coefficients(choice.time)
+        quantised, largest = quantise_sparsely(self.projected(basis, choice), step, axes, zone)
+        time_functions: QuantisedTimeFunctions | None = None
+        if choice.time == "cosines":
+            count = cosines_needed(largest)
+            quantised, values = np.ascontiguousarray(quantised[:, : axes * count]), values[:, : axes * count]
+        else:
+            time_functions, quantised, values = self._fit_time_functions(
+                moved, basis, choice.time, largest, step, time_step, zone
+            )
+            count = quantised.shape[1] // axes
+        entry = GroupEntry(
+            frames=self.frames,
+            functions=count,
+            basis=time_basis_of(choice.time),
+            single=self.is_single and count > 0,
+            step=step,
+            time_step=0.0 if choice.time == "cosines" else time_step,
+        )
+        return QuantisedGroup(entry, time_functions, quantised, values)
+
+    def fitted(
+        self,
+        basis: SpaceBasis,
+        entry: GroupEntry,
+        quantised: Int64Array,
+        time_functions: QuantisedTimeFunctions | None = None,
+        excess: Excess | None = None,
+        *,
+        is_measured: bool = True,
+    ) -> FittedGroup:
+        """What coefficients in given functions decode to and cost, residuals included.
+
+        `excess`, where it is given, is filled with what vertices are off beyond what is aimed at.
+        """
+
+        def fit() -> tuple[GroupFunctions, Residuals, ResidualPlan]:
+            functions = self._functions(basis, entry, quantised, time_functions)
+            limits = margins(entry, functions.time, magnitudes(quantised), self.residual_step)
+            aim = (AIM, AIM_FROM, FARTHEST_PUSH)
+            residuals = self._model(functions, basis).missing(limits, aim, excess, thread_count())
+            return functions, residuals, plan_residuals(residuals, basis.starts)
+
+        with ThreadPoolExecutor(1) as beside:
+            fitted = beside.submit(fit)
+            bits = 0.0 if is_measured else math.inf
+            if is_measured and entry.width:
+                bits = measure_coefficients(quantised, basis, axes=entry.axes)
+            if is_measured and time_functions:
+                bits += time_functions.bits
+            functions, residuals, plan = fitted.result()
+        bits += plan.bits
+        return FittedGroup(entry, time_functions, quantised, functions, residuals, plan, bits)
+
+    def encode(self, fitted: FittedGroup, basis: SpaceBasis) -> EncodedGroup:
+        """A fit as bytes.
+
+        Where adding up in float32 turns out to take more than half of the margin for it, positions are added up in
+        float64: another order of the same sums may take as much again.
+        """
+        entry, quantised, time_functions = fitted.entry, fitted.quantised, fitted.time_functions
+        with ThreadPoolExecutor(1) as beside:
+            encoded = beside.submit(encode_coefficients, quantised, basis, axes=entry.axes) if entry.width else None
+            if entry.single and not self._is_single_enough(fitted, basis):
+                entry = replace(entry, single=False)
+                fitted = self.fitted(basis, entry, quantised, time_functions, is_measured=False)
+            residuals = fitted.residuals
+            time_bytes = time_functions.to_bytes() if time_functions else b""
+            residual_bytes = encode_residuals(residuals, basis.starts, fitted.plan)
+            largest_square, sum_of_squares = self._model(fitted.functions, basis).errors(residuals, thread_count())
+            chunks = time_bytes, encoded.result() if encoded else b"", residual_bytes
+        coefficients = int(np.count_nonzero(quantised)) + (time_functions.decoded.size if time_functions else 0)
+        return EncodedGroup(
+            entry.with_chunks(chunks), chunks, largest_square, sum_of_squares, residuals.count, coefficients
+        )
+
+    def _is_single_enough(self, fitted: FittedGroup, basis: SpaceBasis) -> bool:
+        """Whether adding up in float32 takes at most half of the margin for it."""
+        entry = replace(fitted.entry, single=False)
+        exact = self._functions(basis, entry, fitted.quantised, fitted.time_functions)
+        limit = 0.5 * SINGLE_MARGIN * self.residual_step
+
+        def farthest(frames: slice) -> float:
+            points = np.ascontiguousarray(self.points[frames])
+            one, other = (
+                self.held(replace(functions, time=functions.time[frames]), points, basis.order)
+                for functions in (fitted.functions, exact)
+            )
+            return one.farthest_from(other, thread_count())
+
+        some = farthest(slice(None, None, SPARSE_LOOK))
+        return some <= limit and (some <= WELL_BELOW * limit or farthest(slice(None, None, CLOSE_LOOK)) <= limit)
+
+    def _functions(
+        self, basis: SpaceBasis, entry: GroupEntry, quantised: Int64Array, time_functions: QuantisedTimeFunctions | None
+    ) -> GroupFunctions:
+        decoded = time_functions.decoded if time_functions else np.zeros((self.frames, entry.time_axes, 0))
+        return group_functions(entry, functions_of_time(entry, decoded, self.times), quantised, basis)
+
+    def _model(self, functions: GroupFunctions, basis: SpaceBasis) -> GroupModel:
+        """Functions held against all positions."""
+        return self.held(functions, self.points, basis.order)
+
+    def held(self, functions: GroupFunctions, points: Float32Array, order: Int32Array) -> GroupModel:
+        """Functions held against positions of the vertices that they move, those in places of an order."""
+        reference = np.ascontiguousarray(self._reference)
+        time = np.ascontiguousarray(functions.time)
+        return GroupModel(functions.motion, time, reference, points, order, self.bound, self.residual_step)
+
+    def _fit_time_functions(
+        self,
+        moved: Displacements,
+        basis: SpaceBasis,
+        time: TimeFunctions,
+        largest: Int64Array,
+        step: float,
+        time_step: float,
+        zone: DeadZone,
+    ) -> tuple[QuantisedTimeFunctions | None, Int64Array, Float64Array]:
+        """Quantised functions of time, coefficients of what they decode to, and what these were before the space basis
+        and quantisation.
+        """
+        scaled = moved.scaled(time)
+        axes = axes_of(time)
+        used = needed_functions(largest, axes)
+        while used.size:
+            time_functions = quantise_time_functions(scaled[:, :, used], time_step)
+            values = moved.along(unit_functions(time_functions), time)
+            quantised, largest = quantise_sparsely(basis.project(values), step, axes, zone)
+            needed = needed_functions(largest, axes)
+            if needed.size == used.size:
+                return time_functions, quantised, values
+            used = used[needed]
+        return None, np.zeros((basis.functions, 0), np.int64), np.zeros((len(self._reference), 0))
+
+
+def axes_of(time: TimeFunctions) -> int:
+    """Coefficients that a function of time has for each of space: one, or one an axis."""
+    return 1 if time == "trajectories" else 3
+
+
+def unit_functions(time_functions: QuantisedTimeFunctions) -> Float64Array:
+    """Decoded functions of time at unit length: (frames or 3 frames, functions)."""
+    return normalised(time_functions.decoded).reshape(-1, time_functions.decoded.shape[2])
+
+
+def cosines_needed(largest: Int64Array) -> int:
+    """Cosines up to the last that has a coefficient, by the largest of each channel."""
+    used = np.flatnonzero(largest)
+    return int(used[-1]) // axes_of("cosines") + 1 if used.size else 0
+
+
+def needed_functions(largest: Int64Array, axes: int) -> NDArray[np.intp]:
+    """Functions of time, of `axes` channels one, that have a coefficient, by the largest of each channel."""
+    return np.flatnonzero(largest.reshape(-1, axes).any(axis=1))
+
+
+def quantise(values: Float64Array, step: float) -> Int64Array:
+    """Quantise with a dead zone: ``sign(x) floor(|x| / step + 1 - ROUND_UP_AT)``."""
+    return np.copysign(np.floor(np.abs(values) / step + (1.0 - ROUND_UP_AT)), values).astype(np.int64)
+
+
+def quantise_sparsely(
+    values: Float64Array, step: float, axes: int, zone: DeadZone = DEAD_ZONE
+) -> tuple[Int64Array, Int64Array]:
+    """:func:`quantise` coefficients (functions of space, channels), with a wider dead zone among zeros.
+
+    Returns
+    -------
+    quantised : (functions of space, channels) int64
+    largest : (channels,) int64
+        Magnitude in each channel.
+    """
+    return _core.quantise_sparsely(values, axes, step, *zone, thread_count())
+
+
+def magnitudes(quantised: Int64Array) -> Int64Array:
+    """The largest magnitude in each channel, (channels,) int64."""
+    found: Int64Array = np.maximum(quantised.max(axis=0, initial=0), -quantised.min(axis=0, initial=0))
+    return found

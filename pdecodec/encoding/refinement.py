@@ -1,0 +1,78 @@
+"""Fits whose coefficients are rounded again and again, towards what vertices beyond the bound miss."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pdecodec._core import Excess
+from pdecodec.coding.groups import cosines
+from pdecodec.coding.spacebasis import SpaceBasis
+from pdecodec.encoding.displacements import dual_functions
+from pdecodec.encoding.groupfit import (
+    DEAD_ZONE,
+    DeadZone,
+    FittedGroup,
+    GroupChoice,
+    GroupFitter,
+    quantise_sparsely,
+    unit_functions,
+)
+
+PUSH = 1.5
+"""How many times what a vertex is off too much is added to what coefficients are to describe; half where it is too
+much."""
+
+LEAST_PUSH = PUSH * 2.0**-16
+"""Pushes below it change hardly a coefficient."""
+
+
+class Refinement:
+    """A fit of a group that can be refined: what it misses is added to what its coefficients are to describe.
+
+    Parameters
+    ----------
+    fitter : GroupFitter
+    basis : SpaceBasis
+    choice : GroupChoice
+    zone : DeadZone, optional
+        Where coefficients are rounded towards zero: what that takes from vertices that need it, refining gives back.
+
+    Attributes
+    ----------
+    choice : GroupChoice
+    best : FittedGroup
+        Which cost least so far.
+    """
+
+    def __init__(self, fitter: GroupFitter, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone = DEAD_ZONE) -> None:
+        self.choice = choice
+        self._fitter, self._basis, self._zone = fitter, basis, zone
+        start = fitter.quantised(basis, choice, zone)
+        self._entry, self._time_functions = start.entry, start.time_functions
+        self._values = np.ascontiguousarray(start.values)
+        self._dual = dual_functions(
+            unit_functions(start.time_functions)
+            if start.time_functions
+            else cosines(fitter.frames, start.entry.functions)
+        )
+        self._excess, self._push = Excess(), PUSH
+        self.best: FittedGroup = fitter.fitted(basis, start.entry, start.quantised, start.time_functions, self._excess)
+
+    def refined(self, passes: int) -> Refinement:
+        """Itself, its coefficients rounded again so many times, as far as that pays."""
+        entry = self._entry
+        values = np.empty_like(self._values)  # memory that is new to a process takes longer than what is done with it
+        for _ in range(passes if entry.functions else 0):
+            if self._push < LEAST_PUSH:
+                break
+            excess = Excess()
+            np.copyto(values, self._values)
+            self._excess.add_to(values, self._dual, entry.axes, self._push)
+            quantised, _ = quantise_sparsely(self._basis.project(values), entry.step, entry.axes, self._zone)
+            found = self._fitter.fitted(self._basis, entry, quantised, self._time_functions, excess)
+            if found.bits < self.best.bits:
+                self.best, self._excess = found, excess
+                self._values, values = values, self._values
+            else:
+                self._push *= 0.5
+        return self

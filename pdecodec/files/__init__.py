@@ -1,0 +1,1 @@
+"""Whole files: cut and joined, checked, put together again where they are damaged."""
