@@ -110,6 +110,20 @@ def first_vertex(objects: Any, wanted: Any) -> int:
     return sum(counts[: [item.name for item in objects].index(wanted.name)])
 
 
+def test_a_typescript_program_is_checked_against_the_types(site: Path, three: Path) -> None:
+    compiler = three.parent / ".bin" / "tsc"
+    if not compiler.exists():
+        pytest.skip("TypeScript is not here; npm install --prefix tests/browser")
+    if not (site / "node_modules" / "@types").exists():
+        (site / "node_modules" / "@types").symlink_to(three.parent / "@types")
+    shutil.copy(ROOT / "tests" / "browser" / "typed.ts", site)
+    options = {"strict": True, "noEmit": True, "target": "es2022", "module": "nodenext", "lib": ["es2022", "dom"]}
+    project = {"compilerOptions": {**options, "types": []}, "files": ["typed.ts"]}
+    (site / "tsconfig.json").write_text(json.dumps(project))
+    done = subprocess.run([compiler, "-p", site], capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stdout
+
+
 PAGE = """<!doctype html>
 {imports}
 <script type="module">

@@ -1,0 +1,33 @@
+import { PdeAnimation, PdeanimError, compile } from "pdeanim";
+import { GpuMotion } from "pdeanim/gpu";
+import { WebGpuMotion } from "pdeanim/webgpu";
+import { trianglesOf, normalsOf } from "pdeanim/mesh";
+import { PDEAnimLoader, DeformingGroup } from "pdeanim/three";
+import { Scene, WebGLRenderer } from "three";
+import { WebGPURenderer } from "three/webgpu";
+
+async function play(gl: WebGL2RenderingContext, device: GPUDevice): Promise<number> {
+  await compile();
+  const animation = await PdeAnimation.open("cloth.pdeanim", { maxMemory: 2 ** 30 });
+  await animation.prepare(1.25);
+  const out: Float32Array = animation.positions(1.25, { object: 0, out: new Float32Array(3) });
+  const { triangles } = trianglesOf(animation.objects);
+  normalsOf(out, triangles);
+  const drawn = new GpuMotion(gl, animation);
+  drawn.evaluate(1.25);
+  const buffer: WebGLBuffer = drawn.positions;
+  const other = new WebGpuMotion(device, animation, [new Uint32Array([0, 1])]);
+  const vertices: GPUBuffer = other.drawn[0]!.positions;
+  const read: Float32Array = await other.readPositions();
+  const clip: DeformingGroup = await new PDEAnimLoader().setRenderer(new WebGPURenderer()).loadAsync("a");
+  new PDEAnimLoader().setRenderer(new WebGLRenderer());
+  new Scene().add(clip);
+  clip.setTime(0.5);
+  // @ts-expect-error times are numbers
+  animation.positions("1.25");
+  return read.length + (clip.isOnGpu ? 1 : 0) + (buffer && vertices ? 1 : 0);
+}
+
+play satisfies (gl: WebGL2RenderingContext, device: GPUDevice) => Promise<number>;
+
+export const codeOf = (error: unknown): string | null => (error instanceof PdeanimError ? error.code : null);
