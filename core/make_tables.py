@@ -11,7 +11,10 @@ from decimal import ROUND_HALF_EVEN, Decimal, getcontext
 from pathlib import Path
 
 LOGISTIC_LIMIT = 2047
+"""Largest magnitude of log odds [1/256]: three thousand to one."""
+
 PER_LINE = 16
+"""Numbers of a table, in a line of the header."""
 
 
 def rounded(value: Decimal) -> int:

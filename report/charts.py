@@ -25,6 +25,7 @@ FAILING, FAILURE = "#F3D9CC", "#8A3300"
 """Behind the side of a chart on which a method has failed, and of the words there."""
 
 DOTS_PER_INCH = 110
+"""Letters of the sizes below are then as large as those of the page: 14 pixels."""
 
 STYLE: dict[str, Any] = {
     "font.size": 9.5,

@@ -22,6 +22,7 @@ VERTEX_BYTES = 8
 """Three 16-bit grid coordinates and padding: the codec takes multiples of four bytes."""
 
 CODEC_LEVEL = 3
+"""Of meshoptimizer's vertex codec: the one that compresses most."""
 
 MOST_BITS = 24
 """Of a coordinate. Draco allows 30 but computes in float32; finer ones only take it long."""

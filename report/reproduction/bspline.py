@@ -19,6 +19,7 @@ from pdecodec.sequence import Float64Array
 DEGREE = 3
 
 CONTROL_POINTS = 50
+"""Of a curve, as the paper has them (section 5)."""
 
 EQUAL_SPACE, EQUAL_TIME = 8, 4
 """Control points along the curve and in time of a spline surface with as many constants as Eq. 17."""

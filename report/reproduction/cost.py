@@ -42,11 +42,13 @@ NUMBER_BYTES = 4
 """Everything is counted as float32, as the positions are."""
 
 KEYFRAME_COUNT = 6
+"""Of the eleven frames: every other one is fitted, as in the paper."""
 
 TRANSFORMATION_NUMBERS = 12
 """A 3 x 3 matrix and a translation, Eqs. 19 to 23."""
 
 CONSTANTS = 32
+"""Of a curve and axis: 4 functions of time times 8 of u, Eq. 17."""
 
 RUNS = 2
 """Of which the least time counts: what others do on the machine only adds. All is compiled before."""

@@ -30,6 +30,7 @@ CLAMPED_FREE = (1.8751040687, 4.6940911330, 7.8547574382, 10.9955407349)
 """Wave numbers of a beam that is clamped at one end and free at the other: roots of ``cos b cosh b = -1``."""
 
 POINTS = 104
+"""Of the curve that vibrates."""
 
 PERIODS = np.linspace(0.1, 2.0, 20)
 """Periods of the vibration that a clip of eleven frames shows: six keyframes tell no more than two apart."""

@@ -31,6 +31,7 @@ GIVEN = replace(PRINTED, removal="none")
 """The printed method without Eq. 23, whose matrices cannot be undone: what can be drawn in the scene."""
 
 MESH_FRAME = 5
+"""The frame that is drawn as a mesh: in the middle, and no keyframe."""
 
 ERROR_SHOWN = 0.05
 """Error over D at which the colours of the meshes end."""

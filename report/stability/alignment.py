@@ -13,6 +13,7 @@ from pdecodec.report.reproduction.method import affine_between, rotation_between
 from pdecodec.sequence import Float64Array
 
 POINTS = 120
+"""Of the curve that is aligned."""
 
 NOISE = 1e-7
 """Over a length of 1: what float32 leaves of a coordinate."""

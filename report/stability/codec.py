@@ -20,6 +20,7 @@ from pdecodec.sequence import ArraySequence, Float64Array
 from pdecodec.settings import EncodeSettings
 
 TOLERANCE = 1e-3
+"""Of profile auto: the usual one."""
 
 PROFILES: dict[str, tuple[EncodeSettings, str]] = {
     "auto": (EncodeSettings(tolerance=TOLERANCE), BLUE),
