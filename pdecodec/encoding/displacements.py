@@ -356,6 +356,9 @@ class Displacements:
     def _total(self) -> float:
         if self._alike is not None:
             return self._alike._total
+        if self._span is not None:
+            coefficients = self._span[0].ravel()  # of orthonormal trajectories
+            return float(coefficients @ coefficients)
         return float(np.trace(self._squares_by_axis))
 
     def explained(self, functions: int, kind: TimeFunctions) -> float:

@@ -403,16 +403,20 @@ class GroupFitter:
         float64: another order of the same sums may take as much again.
         """
         entry, quantised, time_functions = fitted.entry, fitted.quantised, fitted.time_functions
-        with ThreadPoolExecutor(1) as beside:
-            encoded = beside.submit(encode_coefficients, quantised, basis, axes=entry.axes) if entry.width else None
+
+        def beside() -> tuple[bytes, bytes]:
+            coefficients = encode_coefficients(quantised, basis, axes=entry.axes) if entry.width else b""
+            return time_functions.to_bytes() if time_functions else b"", coefficients
+
+        with ThreadPoolExecutor(1) as helper:
+            encoded = helper.submit(beside)
             if entry.single and not self._is_single_enough(fitted, basis):
                 entry = replace(entry, single=False)
                 fitted = self.fitted(basis, entry, quantised, time_functions, is_measured=False)
             residuals = fitted.residuals
-            time_bytes = time_functions.to_bytes() if time_functions else b""
             residual_bytes = encode_residuals(residuals, basis.starts, fitted.plan)
             largest_square, sum_of_squares = self._model(fitted.functions, basis).errors(residuals, thread_count())
-            chunks = time_bytes, encoded.result() if encoded else b"", residual_bytes
+            chunks = *encoded.result(), residual_bytes
         coefficients = int(np.count_nonzero(quantised)) + (time_functions.decoded.size if time_functions else 0)
         return EncodedGroup(
             entry.with_chunks(chunks), chunks, largest_square, sum_of_squares, residuals.count, coefficients

@@ -232,10 +232,14 @@ class ModelSearch:
         steps, usual = self._reference_steps()
         reference = quantise_reference(self.points[0], steps[usual])
         fitter = self._fitter(reference)
-        made = self.beside.submit(self._basis, self.effort.space_bases[-1], reference)
+
+        def clear_basis() -> SpaceBasis:
+            return clear_space_basis(self._basis(self.effort.space_bases[-1], reference), reference.grid)
+
+        made = self.beside.submit(clear_basis)
         self.references.begin(reference)
         fitter.prepare(fitter.first_choice)
-        basis = clear_space_basis(made.result(), reference.grid)
+        basis = made.result()
         group = ruled(fitter, basis)
         return FinishedModel(reference, self.references.data(reference), basis, [group])
 

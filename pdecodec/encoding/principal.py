@@ -51,7 +51,7 @@ SPANNED = 0.1
 WITHIN = 1e-12
 """Squared length of what is left of a unit vector, below which a span holds it."""
 
-ROWS_AT_ONCE = 1024
+ROWS_AT_ONCE = 512
 """Rows that are multiplied at once; products do not depend on the number of threads."""
 
 Span = tuple[Float64Array, Float64Array]
@@ -180,7 +180,9 @@ def leading_span(rows: Rows, least: float) -> Span | None:
         if blocks <= 0 or (block > 1 and energy * (energy / before) ** blocks > SPANNED * least):
             return None
         before = energy
-        more = np.linalg.qr(_outside(np.linalg.qr(left)[0], axes))[0]
+        more = np.linalg.qr(left)[0]
+        if axes.size:  # once more, for what rounding left of them
+            more = np.linalg.qr(_outside(more, axes))[0]
         axes = np.concatenate([axes, more], axis=1)
     return None
 
