@@ -3,7 +3,7 @@ import type { WebGPURenderer } from "three/webgpu";
 
 import type { PdeAnimation } from "./pdeanim.js";
 
-/** A mesh for each object of a file, in its children; materials may be replaced. */
+/** A mesh (or line segments, or points) for each object of a file, in its children; materials may be replaced. */
 export class DeformingGroup extends Group {
   /**
    * With a renderer (a `WebGPURenderer` after its `init()`), its graphics processor evaluates; the decoder does where there is

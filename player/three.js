@@ -16,15 +16,19 @@ import {
   FileLoader,
   GLBufferAttribute,
   Group,
+  LineBasicMaterial,
+  LineSegments,
   Loader,
   Mesh,
   MeshStandardMaterial,
+  Points,
+  PointsMaterial,
   Sphere,
   Vector3,
 } from "three";
 
 import { GpuMotion } from "./gpu.js";
-import { normalsOf, trianglesOf } from "./mesh.js";
+import { edgesOf, normalsOf, trianglesOf } from "./mesh.js";
 import { PdeAnimation } from "./pdeanim.js";
 import { WebGpuMotion } from "./webgpu.js";
 
@@ -65,7 +69,7 @@ export class PDEAnimLoader extends Loader {
   }
 }
 
-/** A mesh for each object of a file. */
+/** A mesh for each object of a file; line segments for one of lines alone, points for one of vertices alone. */
 export class DeformingGroup extends Group {
   /**
    * @param {PdeAnimation} animation
@@ -143,22 +147,23 @@ export class DeformingGroup extends Group {
   }
 
   #build(run) {
-    const materials = this.children.map((mesh) => mesh.material);
+    const before = this.children.map(({ type, material }) => ({ type, material }));
     this.#clear();
     this.#run = run;
     const parts = run.objects.map((object, index) => {
       const own = { ...object, firstVertex: 0 };
       const { triangles } = trianglesOf([own]);
-      return { shape: new Shape(run, index, triangles), ...withUvs(run.attributes(index), own, triangles) };
+      const drawn = triangles.length ? withUvs(run.attributes(index), own, triangles) : withoutFaces(own);
+      return { shape: new Shape(run, index, triangles), ...drawn };
     });
     if (this.#graphics?.holds(run)) {
       const drawn = parts.map(({ sources }, index) => sources.map((vertex) => run.object(index).firstVertex + vertex));
       this.#graphics.work(() => (this.#motion = this.#graphics.motion(run, drawn)));
     }
-    parts.forEach(({ shape, sources, index: indices, uvs }, index) => {
+    parts.forEach(({ shape, kind, sources, index: indices, uvs }, index) => {
       const drawn = this.#motion?.drawn[index];
       const geometry = drawn ? new GpuGeometry() : new BufferGeometry();
-      geometry.setIndex(new BufferAttribute(indices, 1));
+      if (indices) geometry.setIndex(new BufferAttribute(indices, 1));
       for (const [name, values] of [
         ["position", "points"],
         ["normal", "normals"],
@@ -169,7 +174,8 @@ export class DeformingGroup extends Group {
         geometry.setAttribute(name, attribute);
       }
       if (uvs) geometry.setAttribute("uv", new BufferAttribute(uvs, 2));
-      const mesh = new Mesh(geometry, materials[index] ?? new MeshStandardMaterial({ side: DoubleSide }));
+      const material = before[index]?.type === kind ? before[index].material : MATERIALS[kind]();
+      const mesh = new OBJECTS[kind](geometry, material);
       mesh.name = run.object(index).name;
       // A sphere around the shape of each frame would take the decoder; a mesh out of sight costs its vertices.
       mesh.frustumCulled = !drawn;
@@ -178,6 +184,13 @@ export class DeformingGroup extends Group {
     });
   }
 }
+
+const OBJECTS = { Mesh, LineSegments, Points };
+const MATERIALS = {
+  Mesh: () => new MeshStandardMaterial({ side: DoubleSide }),
+  LineSegments: () => new LineBasicMaterial(),
+  Points: () => new PointsMaterial({ sizeAttenuation: false, size: 3 }), // pixels: nothing says how large they are
+};
 
 /** Positions and normals of an object by the decoder, at the time that is set; made when they are asked for. */
 class Shape {
@@ -317,12 +330,21 @@ class GpuGeometry extends BufferGeometry {
   }
 }
 
+/** An object of lines alone, or of vertices alone, as `withUvs` has those of faces. */
+function withoutFaces(object) {
+  const sources = Uint32Array.from({ length: object.vertexCount }, (_, vertex) => vertex);
+  const edges = edgesOf([object]);
+  return edges.length
+    ? { kind: "LineSegments", sources, index: edges, uvs: null }
+    : { kind: "Points", sources, index: null, uvs: null };
+}
+
 /** Vertices as three.js has them, one for each pair of vertex and UV: where each comes from, indices, UVs or null. */
 function withUvs(attributes, object, triangles) {
   const uv = attributes.find((attribute) => attribute.columns === 2 && attribute.name.toLowerCase().startsWith("uv"));
   if (!uv || (uv.domain !== "corners" && uv.domain !== "vertices")) {
     const sources = Uint32Array.from({ length: object.vertexCount }, (_, vertex) => vertex);
-    return { sources, index: triangles, uvs: null };
+    return { kind: "Mesh", sources, index: triangles, uvs: null };
   }
   const rowOf = (element) => (uv.indices ? uv.indices[element] : element);
   const corners = uv.domain === "corners" ? cornersOfTriangles(object) : triangles;
@@ -340,7 +362,7 @@ function withUvs(attributes, object, triangles) {
     }
     index[k] = numbers.get(key);
   }
-  return { sources: Uint32Array.from(sources), index, uvs: Float32Array.from(uvs) };
+  return { kind: "Mesh", sources: Uint32Array.from(sources), index, uvs: Float32Array.from(uvs) };
 }
 
 /** Of each triangle's corners which corners of the faces they are. */

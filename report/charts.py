@@ -221,14 +221,18 @@ def draw_mesh(
         shade = ambient + (1 - ambient) * np.abs(normals @ (LIGHT / np.linalg.norm(LIGHT)))
         shaded.append(np.clip(colour * shade[:, None], 0, 1))
         depths.append(corners[..., 2].mean(axis=1))
-        shapes += list(corners[..., :2])
+        shapes.append(corners[..., :2])
     order = np.argsort(np.concatenate(depths), kind="stable")
     fill = np.concatenate(shaded)[order]
+    # matplotlib takes an array in a third of the time of a list.
+    if len(shapes) == 1:
+        outlines: Any = shapes[0][order]
+    else:
+        every = [face for kind in shapes for face in kind]
+        outlines = [every[face] for face in order]
     # Edges of the faces' own colour close the hairlines between antialiased neighbours.
     panel.add_collection(
-        PolyCollection(
-            [shapes[face] for face in order], facecolors=fill, edgecolors=0.75 * fill if lines else fill, linewidths=0.3
-        )
+        PolyCollection(outlines, facecolors=fill, edgecolors=0.75 * fill if lines else fill, linewidths=0.3)
     )
 
 

@@ -6,11 +6,13 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from pdecodec.sequence import Connectivity, Float32Array, Float64Array, Int32Array, MeshSequence, Progress
+from pdecodec.shares import side_by_side
 
 CHUNK_VALUES = 2**22
 """Numbers of an array that are worked on at once."""
@@ -96,7 +98,9 @@ class SurfaceMeter:
         if not len(self._edges):
             return
         for begin, end in _blocks(len(reference), 6 * len(self._edges)):
-            before, after = (_lengths(points[begin:end], self._edges) for points in (reference, other))
+            before, after = side_by_side(
+                *(partial(_lengths, points[begin:end], self._edges) for points in (reference, other))
+            )
             sums = [self._ends @ (before * _off(before, after) ** power) for power in range(3)]
             self._spatial += float(_deviation(*sums).mean(axis=0).sum())
         self._frames += len(reference)
@@ -109,7 +113,9 @@ class SurfaceMeter:
         self._is_short = len(reference) <= WINDOW
 
     def _add_normals(self, reference: Float32Array, other: Float32Array) -> None:
-        before, after = (_vertex_normals(points, self._connectivity, self._faces) for points in (reference, other))
+        before, after = side_by_side(
+            *(partial(_vertex_normals, points, self._connectivity, self._faces) for points in (reference, other))
+        )
         there = (np.linalg.norm(before, axis=2) > 0) & (np.linalg.norm(after, axis=2) > 0)
         cross = np.linalg.norm(np.cross(before[there], after[there]), axis=1)
         # Of the sine and the cosine: neither alone tells small and large angles.
@@ -196,11 +202,13 @@ def _vertex_normals(points: Float32Array, connectivity: Connectivity, gather: cs
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
     following = np.arange(indices.size) + 1
     following[starts + sizes - 1] = starts
-    corners = points[:, indices].astype(np.float64)
+    corners = points.transpose(2, 1, 0)[:, indices].astype(np.float64)  # (axes, corners, frames)
     corners -= np.repeat(corners[:, starts], sizes, axis=1)  # from the face's first corner, which keeps digits
-    normals = np.add.reduceat(np.cross(corners, corners[:, following]), starts, axis=1)
-    flat = gather @ normals.transpose(1, 0, 2).reshape(connectivity.face_count, -1)
-    return np.asarray(flat.reshape(-1, frames, 3).transpose(1, 0, 2))
+    x, y, z = corners
+    next_x, next_y, next_z = corners[:, following]
+    areas = (y * next_z - z * next_y, z * next_x - x * next_z, x * next_y - y * next_x)
+    normals = np.concatenate([np.add.reduceat(area, starts, axis=0) for area in areas], axis=1)
+    return np.asarray((gather @ normals).reshape(-1, 3, frames).transpose(2, 0, 1))
 
 
 def _steps(points: Float32Array, scale: float) -> Float64Array:

@@ -105,6 +105,21 @@ def test_three_has_a_vertex_for_each_uv(site: Path, tmp_path: Path) -> None:
             assert np.abs(np.reshape(mesh["points"], (-1, 3)) - points).max() <= 1e-6
 
 
+@pytest.mark.parametrize(("name", "kind"), [("lines", "LineSegments"), ("points", "Points")])
+def test_lines_and_points_are_drawn_as_such(site: Path, name: str, kind: str) -> None:
+    path = ROOT / "spec" / "vectors" / "accept" / f"{name}.pdeanim"
+    with open_animation(path) as animation:
+        time = float(animation.times[-1])
+        (meshes,) = loaded(site, path, time - float(animation.times[0]))["found"]
+        assert {mesh["type"] for mesh in meshes} == {kind}
+        found = np.concatenate([np.reshape(mesh["points"], (-1, 3)) for mesh in meshes])
+        assert np.abs(found - animation.positions(time)).max() <= 1e-6 * np.abs(found).max()
+        for mesh, item in zip(meshes, animation.objects, strict=True):
+            counts = item.connectivity.line_counts
+            segments = int((counts - 1)[counts > 1].sum())
+            assert mesh["index"] is None if kind == "Points" else len(mesh["index"]) == 2 * segments
+
+
 def first_vertex(objects: Any, wanted: Any) -> int:
     counts = [item.vertex_count for item in objects]
     return sum(counts[: [item.name for item in objects].index(wanted.name)])

@@ -15,7 +15,7 @@ const found = times.map((time) => {
     points: [...mesh.geometry.attributes.position.array],
     normals: [...mesh.geometry.attributes.normal.array],
     uvs: mesh.geometry.attributes.uv ? [...mesh.geometry.attributes.uv.array] : null,
-    index: [...mesh.geometry.index.array],
+    index: mesh.geometry.index ? [...mesh.geometry.index.array] : null,
     sources: [...mesh.userData.pdeanim.sources],
     material: mesh.material.type,
   }));
