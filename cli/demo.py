@@ -29,7 +29,7 @@ def demo(*, output: str, as_json: bool) -> None:
     (the extra `report`).
     Files of an earlier demonstration in DIR are replaced.
     """
-    say("simulating, encoding and decoding; about a minute")
+    say("simulating, encoding and decoding; about half a minute")
     from pdecodec.errors import MissingExtraError
     from pdecodec.report.demo import demonstrate, draw
 

@@ -80,99 +80,142 @@ def write_mesh(
     On a lattice, positions are 16-bit fractions, and so are normals at rest; those that targets add have 8 bits where
     they are small enough. Where a motion has no normals, those of `rows` are noted alone.
     """
-    connectivity = item.connectivity
-    sets = uv_sets(item)
-    columns = [uv.values if uv.indices is None else uv.indices for uv in sets]
-    if rows is not None and motion.normals is not None:
-        columns.append(rows.corner_rows)
-    held = _held_colors(item)
-    columns += [values for color, values in held if color.domain != "vertex"]
-    sources, corner_rows = _cut(connectivity, columns)
-    if lattice is not None:
-        builder.require(QUANTIZATION)
+    return _MeshWriter(builder, item, motion, rows, lattice).write(material)
 
-    def positions(points: Float32Array, steps: Lattice | None) -> int:
-        if steps is None:
-            return builder.floats(points[sources], target=VERTEX_DATA, bounds=True)
-        return builder.fractions(steps.fractions(points[sources]), "<i2", target=VERTEX_DATA, bounds=True)
 
-    def directions(vectors: Float32Array, dtype: str) -> int:
-        if lattice is None or np.abs(vectors).max(initial=0) > 1:
-            return builder.floats(vectors, target=VERTEX_DATA)
-        return builder.fractions(vectors, dtype, target=VERTEX_DATA)
+class _MeshWriter:
+    """A mesh on its way into a file: its vertices, what they have, and the primitives that are drawn of them.
 
-    attributes = {"POSITION": positions(motion.rest, lattice)}
-    notes: dict[str, Any] = {"vertices": item.vertex_count}
-    for number, uv in enumerate(sets):
-        attributes[f"TEXCOORD_{number}"] = _write_uv(builder, uv, corner_rows, sources.size, notes)
-        notes["uvs"][uv.name]["accessor"] = f"TEXCOORD_{number}"
-    for number, (color, values) in enumerate(held):
-        by_row = values[sources] if color.domain == "vertex" else np.zeros((sources.size, values.shape[1]), np.float32)
-        if color.domain != "vertex":
-            by_row[corner_rows] = values
-        attributes[f"COLOR_{number}"] = builder.floats(by_row, target=VERTEX_DATA)
-        notes.setdefault("colors", {})[color.name] = {"accessor": f"COLOR_{number}", "domain": color.domain}
-    # What targets add has no offset.
-    added = None if lattice is None else dataclasses.replace(lattice, offset=np.zeros(3))
-    morphs = [
-        {"POSITION": positions(shape, added) if shape.any() else builder.zeros(sources.size)}
-        for shape in motion.targets
-    ]
-    if rows is not None and motion.normals is not None and motion.normal_targets is not None:
-        # A vertex that is in no face has the row of its number.
-        normals = sources.copy()
-        normals[corner_rows] = rows.corner_rows
-        attributes["NORMAL"] = directions(motion.normals[normals], "<i2")
-        kinds = ["<i1"] * len(morphs)
-        if motion.is_away_from_rest:
-            kinds[-1] = "<i2"
-        for morph, shape, kind in zip(morphs, motion.normal_targets, kinds, strict=True):
-            morph["NORMAL"] = directions(shape[normals], kind)
-    if rows is not None:
-        if group_attribute(item) is None:
-            notes["normals"] = "added"
-        elif not rows.is_smooth or motion.normals is None:
-            notes["normalGroups"] = noted_integers(rows.groups)
-    primitives: list[dict[str, Any]] = []
-    drawn: list[tuple[int, NDArray[Any]]] = []
+    Attributes
+    ----------
+    sources : (rows,) int
+        The vertex that each row is of.
+    corner_rows : (corners,) int
+        The row of each corner of a face.
+    notes : dict
+        What the mesh was, as its extras keep it.
+    """
 
-    def add(mode: int, indices: NDArray[Any] | None, label: str | None = None, groups: Sequence[str] = ()) -> None:
-        primitive: dict[str, Any] = {"attributes": attributes, "mode": mode}
-        drawn.append((mode, np.arange(sources.size) if indices is None else indices))
-        if indices is not None:
-            primitive["indices"] = builder.integers(indices, target=INDEX_DATA, triangles=mode == TRIANGLES)
-        if label is not None:
-            primitive["material"] = material(label)
-        if groups:
-            primitive["extras"] = {GROUPS: list(groups)}
+    def __init__(
+        self, builder: GltfBuilder, item: MeshObject, motion: Motion, rows: NormalRows | None, lattice: Lattice | None
+    ) -> None:
+        self._builder, self._item, self._motion, self._rows, self._lattice = builder, item, motion, rows, lattice
+        self._uv_sets, self._colors = uv_sets(item), _held_colors(item)
+        columns = [uv.values if uv.indices is None else uv.indices for uv in self._uv_sets]
+        if rows is not None and motion.normals is not None:
+            columns.append(rows.corner_rows)
+        columns += [values for color, values in self._colors if color.domain != "vertex"]
+        self.sources, self.corner_rows = _cut(item.connectivity, columns)
+        self.notes: dict[str, Any] = {"vertices": item.vertex_count}
+
+    def write(self, material: Callable[[str], int]) -> int:
+        """Write it; its index."""
+        if self._lattice is not None:
+            self._builder.require(QUANTIZATION)
+        attributes, morphs = self._attributes(), self._morphs()
+        self._add_normals(attributes, morphs)
+        _note_connectivity(self._item.connectivity, self.corner_rows, self.notes)
+        common = {"targets": morphs} if morphs else {}
+        drawn: list[tuple[int, NDArray[Any]]] = []
+        primitives: list[dict[str, Any]] = []
+        for mode, indices, label, groups in self._parts(len(morphs)):
+            primitive: dict[str, Any] = {"attributes": attributes, "mode": mode}
+            drawn.append((mode, np.arange(self.sources.size) if indices is None else indices))
+            if indices is not None:
+                is_triangles = mode == TRIANGLES
+                primitive["indices"] = self._builder.integers(indices, target=INDEX_DATA, triangles=is_triangles)
+            if label is not None:
+                primitive["material"] = material(label)
+            if groups:
+                primitive["extras"] = {GROUPS: list(groups)}
+            primitives.append(primitive | common)
+        self.notes["of"] = fingerprint(self.sources.size, drawn)
+        mesh: dict[str, Any] = {"primitives": primitives, "extras": {"pdecodec": self.notes}}
         if morphs:
-            primitive["targets"] = morphs
-        primitives.append(primitive)
+            mesh["weights"] = self._motion.first_weights
+        return self._builder.add("meshes", mesh)
 
-    _note_connectivity(connectivity, corner_rows, notes)
-    triangles, faces = _fans(connectivity, corner_rows)
-    labels, of_faces = _materials_of(item)
-    if labels:
-        notes["materials"], notes["faceMaterials"] = list(labels), noted_integers(of_faces + 1)
-    if groups := _groups_of(item):
-        notes[GROUPS] = {
-            one.name: {"labels": list(one.labels), "faces": noted_integers(expanded(one).astype(np.int64) + 1)}
-            for one in groups
-        }
-    for members, number, names in _parts(of_faces, groups, most=max(1, MOST_TARGETS_OF_PARTS // max(1, len(morphs)))):
-        chosen = triangles[members[faces]]
-        if len(chosen):
-            add(TRIANGLES, chosen.reshape(-1), None if number < 0 else labels[number], names)
-    segments = _segments(connectivity)
-    if segments.size:
-        add(LINES, segments)
-    if not primitives:
-        add(POINTS, None)
-    notes["of"] = fingerprint(sources.size, drawn)
-    mesh: dict[str, Any] = {"primitives": primitives, "extras": {"pdecodec": notes}}
-    if morphs:
-        mesh["weights"] = motion.first_weights
-    return builder.add("meshes", mesh)
+    def _attributes(self) -> dict[str, int]:
+        """Accessors of positions, texture coordinates and colours."""
+        found = {"POSITION": self._positions(self._motion.rest, self._lattice)}
+        rows = self.sources.size
+        for number, uv in enumerate(self._uv_sets):
+            found[f"TEXCOORD_{number}"] = _write_uv(self._builder, uv, self.corner_rows, rows, self.notes)
+            self.notes["uvs"][uv.name]["accessor"] = f"TEXCOORD_{number}"
+        for number, (color, values) in enumerate(self._colors):
+            if color.domain == "vertex":
+                by_row = values[self.sources]
+            else:
+                by_row = np.zeros((rows, values.shape[1]), np.float32)
+                by_row[self.corner_rows] = values
+            found[f"COLOR_{number}"] = self._builder.floats(by_row, target=VERTEX_DATA)
+            noted = {"accessor": f"COLOR_{number}", "domain": color.domain}
+            self.notes.setdefault("colors", {})[color.name] = noted
+        return found
+
+    def _morphs(self) -> list[dict[str, int]]:
+        """Morph targets: what each adds to positions."""
+        # What targets add has no offset.
+        added = None if self._lattice is None else dataclasses.replace(self._lattice, offset=np.zeros(3))
+        return [
+            {"POSITION": self._positions(shape, added) if shape.any() else self._builder.zeros(self.sources.size)}
+            for shape in self._motion.targets
+        ]
+
+    def _add_normals(self, attributes: dict[str, int], morphs: Sequence[dict[str, int]]) -> None:
+        """Normals at rest, and what targets add to them; or a note where there are none."""
+        rows, motion = self._rows, self._motion
+        if rows is None:
+            return
+        if motion.normals is not None and motion.normal_targets is not None:
+            # A vertex that is in no face has the row of its number.
+            normals = self.sources.copy()
+            normals[self.corner_rows] = rows.corner_rows
+            attributes["NORMAL"] = self._directions(motion.normals[normals], "<i2")
+            kinds = ["<i1"] * len(morphs)
+            if motion.is_away_from_rest:
+                kinds[-1] = "<i2"
+            for morph, shape, kind in zip(morphs, motion.normal_targets, kinds, strict=True):
+                morph["NORMAL"] = self._directions(shape[normals], kind)
+        if group_attribute(self._item) is None:
+            self.notes["normals"] = "added"
+        elif not rows.is_smooth or motion.normals is None:
+            self.notes["normalGroups"] = noted_integers(rows.groups)
+
+    def _parts(self, morphs: int) -> Iterator[tuple[int, NDArray[Any] | None, str | None, Sequence[str]]]:
+        """Primitives: how and which rows are drawn, name of the material, sets of faces."""
+        item = self._item
+        triangles, faces = _fans(item.connectivity, self.corner_rows)
+        labels, of_faces = _materials_of(item)
+        if labels:
+            self.notes["materials"], self.notes["faceMaterials"] = list(labels), noted_integers(of_faces + 1)
+        if groups := _groups_of(item):
+            self.notes[GROUPS] = {
+                one.name: {"labels": list(one.labels), "faces": noted_integers(expanded(one).astype(np.int64) + 1)}
+                for one in groups
+            }
+        is_empty = True
+        most = max(1, MOST_TARGETS_OF_PARTS // max(1, morphs))
+        for members, number, names in _parts(of_faces, groups, most=most):
+            chosen = triangles[members[faces]]
+            if len(chosen):
+                is_empty = False
+                yield TRIANGLES, chosen.reshape(-1), None if number < 0 else labels[number], names
+        segments = _segments(item.connectivity)
+        if segments.size:
+            yield LINES, segments, None, ()
+        elif is_empty:
+            yield POINTS, None, None, ()
+
+    def _positions(self, points: Float32Array, steps: Lattice | None) -> int:
+        if steps is None:
+            return self._builder.floats(points[self.sources], target=VERTEX_DATA, bounds=True)
+        return self._builder.fractions(steps.fractions(points[self.sources]), "<i2", target=VERTEX_DATA, bounds=True)
+
+    def _directions(self, vectors: Float32Array, dtype: str) -> int:
+        if self._lattice is None or np.abs(vectors).max(initial=0) > 1:
+            return self._builder.floats(vectors, target=VERTEX_DATA)
+        return self._builder.fractions(vectors, dtype, target=VERTEX_DATA)
 
 
 def _cut(connectivity: Connectivity, columns: list[NDArray[Any]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
