@@ -12,8 +12,6 @@ namespace {
 // spline; of each run where its sections are, and what Python has of it.
 constexpr u64 bytes_per_frame = 128, bytes_per_run = 512;
 
-constexpr i64 most_vertices = (i64{1} << 31) - 1;
-
 constexpr std::string_view table = "RUNS", data = "RDAT";
 
 // Sections of a run, in the order in which they are listed and stored. Those of groups have their own checksums.
@@ -70,7 +68,7 @@ void File::read_runs() {
     i64 first = 0;
     for (const i64 frames : sequence_.run_frames) {
         Run run{.first = first, .frames = frames, .vertices = fields.count()};
-        if (run.vertices < 1 || run.vertices > most_vertices) {
+        if (run.vertices < 1 || run.vertices > Run::most_vertices) {
             throw CorruptError("section RUNS declares " + std::to_string(run.vertices) + " vertices of run " +
                                std::to_string(runs_.size()));
         }

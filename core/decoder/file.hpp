@@ -16,6 +16,7 @@ namespace pdeanim {
 // Consecutive frames of one connectivity.
 struct Run {
     static constexpr std::size_t section_count = 10;
+    static constexpr i64 most_vertices = (i64{1} << 31) - 1;  // they are numbered by int32
 
     i64 first = 0, frames = 0;  // its first frame, and how many there are
     i64 vertices = -1;          // as section RUNS says; -1 where there is no such section
