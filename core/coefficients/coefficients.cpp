@@ -100,7 +100,9 @@ private:
                 .other_axes = other_axes,
                 .above = above ? size_of(above[channel]) : 0,
             };
-            const i64 found = model_->code_coefficient(coder, band, row, rank, around, numbers[channel]);
+            // What is decoded is not read before: a page of zeros that is read first is replaced when it is written.
+            const i64 given = mode == Mode::decode ? 0 : numbers[channel];
+            const i64 found = model_->code_coefficient(coder, band, row, rank, around, given);
             if constexpr (mode == Mode::decode) numbers[channel] = found;
             other_axes += size_of(found);
             if (++axis == axes) {
