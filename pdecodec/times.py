@@ -76,6 +76,8 @@ def times_inside(times: Float64Array, first: float, last: float, outside: Outsid
     """
     if outside not in OUTSIDES:
         raise SettingsError(f"outside must be one of {', '.join(OUTSIDES)}, not {outside!r}")
+    if times.size and first <= times.min() and times.max() <= last:
+        return times
     beyond = (times < first - ROUNDING) | (times > last + ROUNDING)
     if not beyond.any():
         return np.clip(times, first, last)

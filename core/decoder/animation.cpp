@@ -29,7 +29,6 @@ constexpr u64 bytes_per_group = 1536, bytes_per_object = 4096;
 // Of a byte of a name: the place that a text grows into, and Python's four bytes of each character.
 constexpr u64 bytes_per_name_byte = 6;
 
-constexpr i64 most_vertices = (i64{1} << 31) - 1;
 constexpr u8 predictors = 4;  // of the reference frame
 // From so many bytes on that a frame is made of it pays to begin a thread for a part of it: what is saved is more than the
 // 30 us that a thread takes to begin. So many parts are made, as a power of two.
@@ -87,11 +86,11 @@ Animation::Animation(std::shared_ptr<const File> file, std::size_t run, const Op
     for (i64 object = 0; object < count; ++object) {
         if (object == most_objects) take(left_ + 1, "more than " + std::to_string(most_objects) + " objects");
         const i64 own = fields.count(), before = first_vertices_.back();
-        first_vertices_.push_back(own > most_vertices - before ? most_vertices + 1 : before + own);
+        first_vertices_.push_back(own > Run::most_vertices - before ? Run::most_vertices + 1 : before + own);
     }
-    if (vertices() < 1 || vertices() > most_vertices) {
-        throw CorruptError("section CONN declares too few vertices or too many, 1 to " + std::to_string(most_vertices) +
-                           " can be");
+    if (vertices() < 1 || vertices() > Run::most_vertices) {
+        throw CorruptError("section CONN declares too few vertices or too many, 1 to " +
+                           std::to_string(Run::most_vertices) + " can be");
     }
     const i64 declared = file_->runs()[run].vertices;
     if (declared >= 0 && vertices() != declared) {
@@ -382,9 +381,9 @@ template <class Work> void Animation::with_motion(const DecodedGroup &own, const
 }
 
 // Positions, or displacements without a reference frame, at one time; `weights`: what functions of time count there.
-template <class Real, class Out>
-void Animation::evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
-                              const AnchoredReference<Real> *reference, Out out) const {
+template <class Real> void Animation::evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
+                                                    const AnchoredReference<Real> *reference,
+                                                    std::span<float> out) const {
     const bool is_worth_it = motion.bytes() + bytes_of_a_position * vertices() >= bytes_worth_a_thread;
     const int levels = is_worth_it && threads_ > 1 ? part_levels : 0;
     in_shares(i64{1} << levels, threads_, [&](i64 first, i64 end) {
@@ -489,33 +488,38 @@ FrameShares Animation::frame_shares(double time, int derivative) {
     return spline_->shares(time, derivative);
 }
 
-// Displacement of all vertices at a time by the model alone, or a derivative of it: (vertices, 3).
-std::vector<double> Animation::displacement(double time, int derivative) {
-    std::vector<double> moved, part(3 * vertices());
+// Positions at a time inside the clip by the model alone, or a derivative of them: each group that counts adds to it what
+// its functions say.
+void Animation::evaluate_groups(double time, int derivative, std::span<float> out) {
+    bool is_begun = false;
+    std::vector<float> more;
     const auto [first, end] = counting_groups(time, derivative);
     for (std::size_t index = first; index < end; ++index) {
         const std::vector<double> weights = weights_of_group(index, time, derivative);
         if (weights.empty()) continue;
-        const auto evaluate_part = [&]<class Real>(const Motion<Real> &motion) {
-            evaluate_once<Real>(motion, weights, nullptr, std::span<double>(part));
-        };
-        std::visit(evaluate_part, group(index).motion);
-        if (moved.empty()) {
-            moved.swap(part);
-            part.resize(moved.size());
-        } else {
-            for (std::size_t i = 0; i < moved.size(); ++i) moved[i] += part[i];
-        }
+        with_motion(group(index), [&]<class Real>(const Motion<Real> &motion, const AnchoredReference<Real> &anchored) {
+            if (!is_begun) {
+                evaluate_once(motion, weights, derivative == 0 ? &anchored : nullptr, out);
+                return;
+            }
+            more.resize(out.size());
+            evaluate_once<Real>(motion, weights, nullptr, more);
+            for (std::size_t i = 0; i < out.size(); ++i) out[i] += more[i];
+        });
+        is_begun = true;
     }
-    moved.resize(3 * vertices());
-    return moved;
+    if (is_begun) return;
+    if (derivative > 0) {
+        std::fill(out.begin(), out.end(), 0.0f);
+    } else {
+        std::transform(reference().points.begin(), reference().points.end(), out.begin(),
+                       [](double point) { return static_cast<float>(point); });
+    }
 }
 
 // Positions between two frames, whose residuals fade by a hat function.
 void Animation::evaluate_between(double time, std::span<float> out) {
-    const std::vector<double> moved = displacement(time, 0);
-    const std::vector<double> &points = reference().points;
-    for (std::size_t i = 0; i < out.size(); ++i) out[i] = static_cast<float>(points[i] + moved[i]);
+    evaluate_groups(time, 0, out);
     const i64 left = frame_at(time);
     const double share = (time - times()[left]) / (times()[left + 1] - times()[left]);
     const ResidualScale scale = residual_scale();
@@ -533,22 +537,23 @@ void Animation::evaluate_derivative(int derivative, double time, std::span<float
         std::fill(out.begin(), out.end(), 0.0f);
         return;
     }
-    std::vector<double> found = displacement(time, derivative);
-    if (derivative == 1) {
-        const i64 after = least(frame_at(time) + 1, frames() - 1);
-        const double step = times()[after] - times()[after - 1];
-        const ResidualScale scale = residual_scale();
-        std::vector<std::array<double, 3>> added[2];
-        for (int k = 0; k < 2; ++k) {
-            const FrameResiduals own = residuals_at(after - 1 + k);
-            added[k].resize(vertices());
-            residual_displacements(own.group, own.inside, scale, own.base, added[k]);
-        }
-        for (i64 v = 0; v < vertices(); ++v) {
-            for (int axis = 0; axis < 3; ++axis) found[3 * v + axis] += (added[1][v][axis] - added[0][v][axis]) / step;
+    evaluate_groups(time, derivative, out);
+    if (derivative != 1) return;
+    const i64 after = least(frame_at(time) + 1, frames() - 1);
+    const double step = times()[after] - times()[after - 1];
+    const ResidualScale scale = residual_scale();
+    std::vector<std::array<double, 3>> added[2];
+    for (int k = 0; k < 2; ++k) {
+        const FrameResiduals own = residuals_at(after - 1 + k);
+        added[k].resize(vertices());
+        residual_displacements(own.group, own.inside, scale, own.base, added[k]);
+    }
+    for (i64 v = 0; v < vertices(); ++v) {
+        for (int axis = 0; axis < 3; ++axis) {
+            float &speed = out[3 * v + axis];
+            speed = static_cast<float>(speed + (added[1][v][axis] - added[0][v][axis]) / step);
         }
     }
-    for (std::size_t i = 0; i < out.size(); ++i) out[i] = static_cast<float>(found[i]);
 }
 
 // The last frame that is not after a time inside the clip.

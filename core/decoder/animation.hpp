@@ -146,8 +146,8 @@ private:
     ResidualScale residual_scale();
     template <class Real> const AnchoredReference<Real> &anchored();
     template <class Work> void with_motion(const DecodedGroup &own, const Work &work);
-    template <class Real, class Out> void evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
-                                                        const AnchoredReference<Real> *reference, Out out) const;
+    template <class Real> void evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
+                                             const AnchoredReference<Real> *reference, std::span<float> out) const;
     void evaluate_model(const DecodedGroup &own, i64 frame, std::span<float> out);
     FrameResiduals residuals_at(i64 frame);
     FrameShares frame_shares(double time, int derivative);
@@ -156,7 +156,7 @@ private:
     std::vector<double> weights_of_group(std::size_t group, double time, int derivative);
     bool is_outside(Quantity quantity, double time) const;
     std::optional<i64> frame_of_positions(Quantity quantity, double time) const;
-    std::vector<double> displacement(double time, int derivative);
+    void evaluate_groups(double time, int derivative, std::span<float> out);
     void evaluate_frames_of_group(i64 first, i64 count, std::span<float> out);
     void evaluate_between(double time, std::span<float> out);
     void evaluate_derivative(int derivative, double time, std::span<float> out);

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cstdint>
 #include <cstring>
 #include <type_traits>
 
@@ -10,14 +11,17 @@ namespace pdeanim {
 
 namespace {
 
-// Whether one loop does for all numbers of vertices: code for a page is fetched, and its registers are few.
+// What is below is written for registers of so many bytes. Whether one loop does for all numbers of vertices: code for a
+// page is fetched, and its registers are few; and where there are variants for wider registers the narrowest ones serve
+// old processors alone, and would only take time to compile.
 #if defined(__wasm__)
-constexpr bool is_small = true;
+template <int bytes> constexpr bool is_small = true;
+#elif defined(PDEANIM_FOR)
+template <int bytes> constexpr bool is_small = bytes == 16;
 #else
-constexpr bool is_small = false;
+template <int bytes> constexpr bool is_small = false;
 #endif
 
-// What is below is written for registers of so many bytes.
 template <int bytes, class Real> constexpr int lanes = bytes / static_cast<int>(sizeof(Real));
 
 // The registers of the widest kind are twice as many as of the others.
@@ -50,7 +54,7 @@ template <int frames, class Real> struct TimeRows {
 };
 
 // So many sums are added up beside each other and put together at the end: one number would wait for the one before it.
-constexpr int partial_sums = 4;
+constexpr int partial_sums = 2;
 
 // `packs` registers of a row of counts, from number `first` on.
 template <int packs, int size, class Real, class Coefficient>
@@ -66,12 +70,9 @@ PDEANIM_INLINE void add_up_part(const Real *time, i64 stride, const Coefficient 
     for (; end - own >= partial_sums; own += partial_sums) {
         for (int part = 0; part < partial_sums; ++part) add(part, own[part]);
     }
-    const i64 left = end - own;
-    for (int part = 0; part < partial_sums - 1; ++part) {
-        if (left > part) add(part, own[part]);
-    }
+    if (own != end) add(0, *own);
     for (int i = 0; i < packs; ++i) {
-        lanes_at<size>(row + i * size) = (sums[0][i] + sums[1][i]) + (sums[2][i] + sums[3][i]);
+        lanes_at<size>(row + i * size) = sums[0][i] + sums[1][i];
     }
 }
 
@@ -96,7 +97,7 @@ PDEANIM_INLINE void add_up(const TimeRows<frames, Real> &time, const Coefficient
         }
         return;
     }
-    constexpr int at_once = least(packs, has_many_registers<bytes> ? 6 : 3);
+    constexpr int at_once = least(packs, 6);
     static_assert(packs % at_once == 0);
     for (int first = 0; first < packs; first += at_once) {
         add_up_part<at_once, size>(time.values.data() + first * size, width<frames>, begin, end, row + first * size);
@@ -193,12 +194,57 @@ PDEANIM_INLINE void add_columns(const Target<Real> &to, i64 first, i64 vertices,
     }
 }
 
+// Bring the line of the cache that an address lies in near, to be written.
+PDEANIM_INLINE void prefetch_to_write([[maybe_unused]] const void *address) {
+#if defined(__GNUC__)
+    __builtin_prefetch(address, 1);
+#endif
+}
+
+// Lines of the cache that hold an element's next vertices, `points` at most, at the first frame.
+template <int points, class Out> class DistinctLines {
+public:
+    template <class Real> PDEANIM_INLINE DistinctLines(const Target<Real> &to, const Out *out) {
+        std::uintptr_t last = 0;
+        for (i64 i = 0; i < least<i64>(points, to.size); ++i) {
+            const Out *end = out + 3 * static_cast<i64>(to.vertices[i]) + 2;
+            const auto line = reinterpret_cast<std::uintptr_t>(end) / bytes_of_a_line;
+            if (line != last) ends_[count_++] = end;
+            last = line;
+        }
+    }
+
+    // Fetch them for frames `first` to `first` + `together` - 1, as far as there are.
+    template <class Real>
+    PDEANIM_INLINE void fetch(const Target<Real> &to, i64 first, i64 together, i64 vertices) const {
+        for (i64 t = first; t < least(first + together, to.frames); ++t) {
+            for (int i = 0; i < count_; ++i) prefetch_to_write(ends_[i] + t * 3 * vertices);
+        }
+    }
+
+private:
+    static constexpr std::uintptr_t bytes_of_a_line = 64;
+
+    const Out *ends_[points];
+    int count_ = 0;
+};
+
 template <int bytes, int frames, bool is_shared, int packs, int together, class Real, class Out>
 PDEANIM_INLINE void write_vertices(Target<Real> &to, i64 vertices, Out *out) {
-    for (i64 t = 0; t < to.frames; t += together) {
-        add_columns<bytes, frames, packs, together, is_shared>(to, t, vertices, out);
-    }
     constexpr i64 points = packs * lanes<bytes, Real>;
+    if constexpr (frames == 1 || is_small<bytes>) {
+        for (i64 t = 0; t < to.frames; t += together) {
+            add_columns<bytes, frames, packs, together, is_shared>(to, t, vertices, out);
+        }
+    } else {
+        // Vertices are scattered over the frames: where they go is fetched while others are added up.
+        const DistinctLines<points, Out> lines(to, out);
+        lines.fetch(to, 0, together, vertices);
+        for (i64 t = 0; t < to.frames; t += together) {
+            lines.fetch(to, t + together, together, vertices);
+            add_columns<bytes, frames, packs, together, is_shared>(to, t, vertices, out);
+        }
+    }
     to.values += points;
     if (to.away) to.away += points;
     to.vertices += points;
@@ -209,7 +255,7 @@ PDEANIM_INLINE void write_vertices(Target<Real> &to, i64 vertices, Out *out) {
 template <int bytes, int frames, bool is_shared, class Real, class Out>
 PDEANIM_INLINE void write_element(Target<Real> to, i64 vertices, Out *out) {
     constexpr int size = lanes<bytes, Real>, more = has_many_registers<bytes> ? 2 : 1;
-    if constexpr (is_small) {
+    if constexpr (is_small<bytes>) {
         while (to.size > 0) write_vertices<bytes, frames, is_shared, 1, 1>(to, vertices, out);
     } else if constexpr (frames == 1) {
         while (to.size > 3 * size) write_vertices<bytes, frames, is_shared, 4, 1>(to, vertices, out);
@@ -401,12 +447,16 @@ PDEANIM_INLINE void evaluate_all(const Motion<Real> &motion, std::span<const dou
     for (i64 frame = 0; frame < frames;) {
         const i64 given = least(frames_at_once, frames - frame);
         const double *own = time.data() + frame * row;
-        if (given == 1) {
-            evaluate_some<bytes, 1>(motion, own, given, reference, share, out.data() + frame * size);
-        } else {
-            evaluate_some<bytes, frames_at_once>(motion, own, given, reference, share, out.data() + frame * size);
-        }
+        Out *to = out.data() + frame * size;
         frame += given;
+        // One frame alone has loops of its own where it may be for show, in float.
+        if constexpr (std::is_same_v<Out, float>) {
+            if (given == 1) {
+                evaluate_some<bytes, 1>(motion, own, given, reference, share, to);
+                continue;
+            }
+        }
+        evaluate_some<bytes, frames_at_once>(motion, own, given, reference, share, to);
     }
 }
 
