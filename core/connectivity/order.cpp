@@ -445,12 +445,12 @@ private:
 
     // The candidates after a face has been named: those across its sides, and those left of the ones before.
     void list_candidates(i32 first) {
-        std::vector<Candidate> found;
+        latest_.clear();
         i32 corner = first;
         for (int step = 0; step < most_sides; ++step) {
             const i32 across = records_.corners[corner].across;
             if (across >= 0 && records_.is_left(across)) {
-                found.push_back({across, least(step, OrderModel::sides_told - 1)});
+                latest_.push_back({across, least(step, OrderModel::sides_told - 1)});
             }
             corner = records_.after(corner);
             if (corner == first) break;
@@ -458,16 +458,16 @@ private:
         for (const Candidate &candidate : candidates_) {
             const int slot = candidate.slot + OrderModel::sides_told;
             if (slot >= OrderModel::by_place) break;
-            if (records_.is_left(candidate.corner)) found.push_back({candidate.corner, slot});
+            if (records_.is_left(candidate.corner)) latest_.push_back({candidate.corner, slot});
         }
-        candidates_.swap(found);
+        candidates_.swap(latest_);
     }
 
     RangeCoder<mode> &coder_;
     OrderModel &model_;
     Records records_;
     const SourceOrder *source_;
-    std::vector<Candidate> candidates_;
+    std::vector<Candidate> candidates_, latest_;
     i32 last_first_ = -1;  // the first corner of the last face
     std::array<i32, 4>
         differences_{};  // of the numbers of its second and third corner to the first's; of the face before
