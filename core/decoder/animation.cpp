@@ -381,9 +381,9 @@ template <class Work> void Animation::with_motion(const DecodedGroup &own, const
 }
 
 // Positions, or displacements without a reference frame, at one time; `weights`: what functions of time count there.
-template <class Real> void Animation::evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
-                                                    const AnchoredReference<Real> *reference,
-                                                    std::span<float> out) const {
+template <class Real, class Out>
+void Animation::evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
+                              const AnchoredReference<Real> *reference, Out out) const {
     const bool is_worth_it = motion.bytes() + bytes_of_a_position * vertices() >= bytes_worth_a_thread;
     const int levels = is_worth_it && threads_ > 1 ? part_levels : 0;
     in_shares(i64{1} << levels, threads_, [&](i64 first, i64 end) {
@@ -488,33 +488,32 @@ FrameShares Animation::frame_shares(double time, int derivative) {
     return spline_->shares(time, derivative);
 }
 
-// Positions at a time inside the clip by the model alone, or a derivative of them: each group that counts adds to it what
-// its functions say.
+// Positions at a time inside the clip by the model alone, or a derivative of them.
 void Animation::evaluate_groups(double time, int derivative, std::span<float> out) {
-    bool is_begun = false;
-    std::vector<float> more;
+    std::vector<std::pair<std::size_t, std::vector<double>>> counting;
     const auto [first, end] = counting_groups(time, derivative);
     for (std::size_t index = first; index < end; ++index) {
-        const std::vector<double> weights = weights_of_group(index, time, derivative);
-        if (weights.empty()) continue;
-        with_motion(group(index), [&]<class Real>(const Motion<Real> &motion, const AnchoredReference<Real> &anchored) {
-            if (!is_begun) {
-                evaluate_once(motion, weights, derivative == 0 ? &anchored : nullptr, out);
-                return;
-            }
-            more.resize(out.size());
-            evaluate_once<Real>(motion, weights, nullptr, more);
-            for (std::size_t i = 0; i < out.size(); ++i) out[i] += more[i];
+        std::vector<double> weights = weights_of_group(index, time, derivative);
+        if (!weights.empty()) counting.emplace_back(index, std::move(weights));
+    }
+    if (counting.size() == 1) {
+        with_motion(group(counting[0].first), [&](const auto &motion, const auto &anchored) {
+            evaluate_once(motion, counting[0].second, derivative == 0 ? &anchored : nullptr, out);
         });
-        is_begun = true;
+        return;
     }
-    if (is_begun) return;
-    if (derivative > 0) {
-        std::fill(out.begin(), out.end(), 0.0f);
-    } else {
-        std::transform(reference().points.begin(), reference().points.end(), out.begin(),
-                       [](double point) { return static_cast<float>(point); });
+    // What several groups say is added up before it is rounded.
+    std::vector<double> all(out.size()), part(out.size());
+    if (derivative == 0) all = reference().points;
+    for (const auto &[index, weights] : counting) {
+        std::visit(
+            [&]<class Real>(const Motion<Real> &motion) {
+                evaluate_once<Real>(motion, weights, nullptr, std::span<double>(part));
+            },
+            group(index).motion);
+        for (std::size_t i = 0; i < all.size(); ++i) all[i] += part[i];
     }
+    std::transform(all.begin(), all.end(), out.begin(), [](double value) { return static_cast<float>(value); });
 }
 
 // Positions between two frames, whose residuals fade by a hat function.

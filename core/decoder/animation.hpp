@@ -146,8 +146,8 @@ private:
     ResidualScale residual_scale();
     template <class Real> const AnchoredReference<Real> &anchored();
     template <class Work> void with_motion(const DecodedGroup &own, const Work &work);
-    template <class Real> void evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
-                                             const AnchoredReference<Real> *reference, std::span<float> out) const;
+    template <class Real, class Out> void evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
+                                                        const AnchoredReference<Real> *reference, Out out) const;
     void evaluate_model(const DecodedGroup &own, i64 frame, std::span<float> out);
     FrameResiduals residuals_at(i64 frame);
     FrameShares frame_shares(double time, int derivative);

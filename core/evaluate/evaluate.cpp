@@ -257,6 +257,9 @@ PDEANIM_INLINE void write_element(Target<Real> to, i64 vertices, Out *out) {
     constexpr int size = lanes<bytes, Real>, more = has_many_registers<bytes> ? 2 : 1;
     if constexpr (is_small<bytes>) {
         while (to.size > 0) write_vertices<bytes, frames, is_shared, 1, 1>(to, vertices, out);
+    } else if constexpr (frames == 1 && std::is_same_v<Out, double>) {
+        // What is added to other groups' is rarer than what is shown: a loop as wide as elements are filled up to.
+        while (to.size > 0) write_vertices<bytes, frames, is_shared, 64 / bytes, 1>(to, vertices, out);
     } else if constexpr (frames == 1) {
         while (to.size > 3 * size) write_vertices<bytes, frames, is_shared, 4, 1>(to, vertices, out);
         if (to.size > 2 * size) write_vertices<bytes, frames, is_shared, 3, 1>(to, vertices, out);
@@ -449,14 +452,11 @@ PDEANIM_INLINE void evaluate_all(const Motion<Real> &motion, std::span<const dou
         const double *own = time.data() + frame * row;
         Out *to = out.data() + frame * size;
         frame += given;
-        // One frame alone has loops of its own where it may be for show, in float.
-        if constexpr (std::is_same_v<Out, float>) {
-            if (given == 1) {
-                evaluate_some<bytes, 1>(motion, own, given, reference, share, to);
-                continue;
-            }
+        if (given == 1) {
+            evaluate_some<bytes, 1>(motion, own, given, reference, share, to);
+        } else {
+            evaluate_some<bytes, frames_at_once>(motion, own, given, reference, share, to);
         }
-        evaluate_some<bytes, frames_at_once>(motion, own, given, reference, share, to);
     }
 }
 
@@ -485,7 +485,10 @@ template <class Real, class Out> struct Evaluate {
 
     static Function *widest() {
 #if defined(PDEANIM_FOR)
-        if (__builtin_cpu_supports("avx512f")) return by_64;
+        // Only what is shown has loops for the widest registers: they take as long to compile as all others.
+        if constexpr (std::is_same_v<Out, float>) {
+            if (__builtin_cpu_supports("avx512f")) return by_64;
+        }
         if (__builtin_cpu_supports("avx2")) return by_32;
 #endif
         return by_16;
