@@ -201,11 +201,12 @@ def _division(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, whole:
     middle = fitter.frames // 2
     if middle < SHORTEST_PART:
         return whole.bits, [fitter.frames]
-    parts = [fitter.part(part) for part in (slice(0, middle), slice(middle, fitter.frames))]
-    costs = [_untuned(part, basis, usual, whole.near) for part in parts]
+    spans = slice(0, middle), slice(middle, fitter.frames)
+    # What is found of a part is several times as large as its positions: it is let go of before the next one's.
+    costs = [_untuned(fitter.part(span), basis, usual, whole.near) for span in spans]
     if sum(cost.bits for cost in costs) > WORTH_DIVIDING_ON * whole.bits:
         return whole.bits, [fitter.frames]
-    halves = [_division(part, basis, usual, cost) for part, cost in zip(parts, costs, strict=True)]
+    halves = [_division(fitter.part(span), basis, usual, cost) for span, cost in zip(spans, costs, strict=True)]
     together = halves[0][0] + halves[1][0]
     if together < WORTH_PARTS * whole.bits:
         return together, halves[0][1] + halves[1][1]
