@@ -5,23 +5,24 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from mesh_cases import connectivity_of, grid
 from numpy.typing import NDArray
 
-from pdecodec.coding.groups import cosines
+from pdecodec.coding.groups import GroupEntry, cosines
 from pdecodec.coding.reference import quantise_reference
 from pdecodec.coding.residuals import residual_step
 from pdecodec.coding.spacebasis import MOST_FUNCTIONS, SpaceBasis, build_space_basis
 from pdecodec.decoder import open_animation
-from pdecodec.encoding.displacements import ORIGINS, TIME_FUNCTIONS, Displacements, Origin, TimeFunctions
+from pdecodec.encoding.displacements import ORIGINS, TIME_FUNCTIONS, Displacements, Origin, Sight, TimeFunctions
 from pdecodec.encoding.effort import EFFORTS
 from pdecodec.encoding.encoder import encode
 from pdecodec.encoding.encodereport import EncodeReport
 from pdecodec.encoding.estimate import Estimate, bit_counter
-from pdecodec.encoding.groupfit import GroupFitter
+from pdecodec.encoding.groupfit import GroupFitter, columns_of, quantise_on, quantise_sparsely
 from pdecodec.encoding.principal import principal_axes, principal_energies
 from pdecodec.encoding.refinement import Refinement
 from pdecodec.sequence import ArraySequence, MeshObject
@@ -229,6 +230,43 @@ def test_displacements_from_another_shape_have_the_principal_functions_of_their_
     for kind in kinds:
         (own, _), (found, _) = Displacements(points, shape, 1e-2).functions(kind), beside.functions(kind)
         assert found == pytest.approx(own, rel=1e-6)
+
+
+@pytest.mark.parametrize("origin", ORIGINS)
+@pytest.mark.parametrize(
+    "frames", [12, 200]
+)  # of few frames all functions are looked for, of many those that they need
+def test_what_some_elements_see_of_displacements_is_what_they_see_of_coefficients(origin: Origin, frames: int) -> None:
+    fitter, basis = fitter_of(waving_sheet(frames=frames), 0.02)
+    moved, elements = fitter.displacements(origin), np.arange(0, basis.element_count, 3)
+    sight = Sight(partial(basis.project_some, elements=elements))
+    kinds: tuple[TimeFunctions, ...] = ("trajectories", "shapes", "cosines")
+    for kind in kinds:
+        some = slice(1, None, 2)
+        wanted = basis.project_some(moved.some_coefficients(kind, some), elements)
+        assert moved.some_coefficients(kind, some, sight) == pytest.approx(wanted, abs=1e-3 * fitter.unit)
+
+
+def test_channels_quantised_in_blocks_are_as_all_at_once() -> None:
+    _, basis = fitter_of(waving_sheet(), 0.02)
+    values = np.random.default_rng(1).normal(size=(basis.order.size, 150))
+    step, zone = 1.0, (0.6, 0.95)
+    wanted, largest = quantise_sparsely(basis.project(values), step, 3, zone)
+    found, found_largest = quantise_on(basis, columns_of(values, 3), 50, 3, step, zone)
+    assert np.array_equal(found, wanted)
+    assert np.array_equal(found_largest, largest)
+
+
+@pytest.mark.parametrize(("largest", "kind"), [(2**15 - 1, np.int16), (2**15, np.int32), (2**31, np.int64)])
+def test_fits_hold_coefficients_in_few_bytes(largest: int, kind: type) -> None:
+    fitter, basis = fitter_of(waving_sheet(frames=2), 0.02)
+    quantised = np.zeros((basis.functions, 2), np.int64)
+    quantised[5] = largest, -largest
+    entry = GroupEntry(frames=2, functions=2, basis="cosines", single=False, step=1e-12)
+    quantised = np.repeat(quantised, 3, axis=1)
+    fitted = fitter.fitted(basis, entry, quantised)
+    assert fitted.packed.dtype == kind
+    assert np.array_equal(fitted.quantised, quantised)
 
 
 @pytest.mark.parametrize("kind", TIME_FUNCTIONS)

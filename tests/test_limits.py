@@ -137,7 +137,7 @@ def test_an_encode_stays_within_the_memory_that_it_is_given() -> None:
         peak, groups = done.stdout.split()
         return int(peak), int(groups)
 
-    limit = 160 * 2**20
+    limit = 144 * 2**20
     free, groups = measured(0)
     peak, more_groups = measured(limit)
     assert peak < limit < free

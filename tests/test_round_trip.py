@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
 import subprocess
 import sys
@@ -285,6 +286,29 @@ class Instrumented(MeshSequence):
             raise InputError("cannot be read", frame=self._readable)
         swing = np.sin(np.arange(start, stop) / 5)[:, None, None]
         return (self._shape * (1 + 0.1 * swing)).astype(np.float32)
+
+
+class Shaken(Instrumented):
+    """Every vertex by itself."""
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        noise = [np.random.default_rng(frame).normal(size=self._shape.shape) for frame in range(start, stop)]
+        return super().read_frames(start, stop) + np.array(noise, np.float32)
+
+
+@pytest.mark.parametrize(("kind", "length"), [(Instrumented, 40), (Shaken, 10)])
+def test_groups_of_smooth_motion_are_longer(
+    kind: type[Instrumented], length: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    vertices = 3000
+    monkeypatch.setattr("pdecodec.encoding.encodememory.GROUP_BYTES", 24 * vertices * 10)
+    monkeypatch.setattr("pdecodec.encoding.encodememory.SMOOTH_GROUP_BYTES", 24 * vertices * 40)
+    sequence = kind(frames=80, vertices=vertices)
+    report, animation = round_trip(sequence, effort="fast")
+    assert animation.info()["group_frames"] == [length, length]
+    assert sequence.asked[:2] == [(0, 1), (0, 10)]
+    assert all(end == begin for (_, end), (begin, _) in itertools.pairwise(sequence.asked[1:]))
+    assert_kept(sequence, report, animation)
 
 
 def test_a_group_of_frames_is_read_once_and_is_no_longer_than_memory_allows(monkeypatch: pytest.MonkeyPatch) -> None:

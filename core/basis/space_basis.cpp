@@ -1,6 +1,7 @@
 #include "basis/space_basis.hpp"
 
 #include <algorithm>
+#include <type_traits>
 #include <utility>
 
 #include "basis/add_multiples.hpp"
@@ -20,6 +21,35 @@ std::vector<AffineSums> describe(Elements &elements, int threads) {
     });
     return sums;
 }
+
+// Rows of values on vertices, as numbers that functions are multiplied with.
+template <class Real> class RowsOfVertices {
+public:
+    RowsOfVertices(const Real *values, i64 channels) : values_(values), channels_(channels) {}
+
+    // Of vertices, valid until others are asked for.
+    std::span<const double *const> of(std::span<const i32> vertices) {
+        rows_.clear();
+        if constexpr (std::is_same_v<Real, float>) widened_.resize(vertices.size() * channels_);
+        for (const i32 vertex : vertices) {
+            const Real *row = values_ + vertex * channels_;
+            if constexpr (std::is_same_v<Real, float>) {
+                double *to = widened_.data() + rows_.size() * channels_;
+                std::copy_n(row, channels_, to);
+                rows_.push_back(to);
+            } else {
+                rows_.push_back(row);
+            }
+        }
+        return rows_;
+    }
+
+private:
+    const Real *values_;
+    i64 channels_;
+    std::vector<const double *> rows_;
+    std::vector<double> widened_;
+};
 
 }  // namespace
 
@@ -92,11 +122,12 @@ LargeArray<double> SpaceBasis::project(std::span<const double> values, i64 chann
     LargeArray<double> affine(affine_count * tree_.nodes() * channels), coefficients(functions() * channels);
     in_shares(elements_.count(), threads, [&](i64 first, i64 end) {
         std::vector<const double *> made;
+        RowsOfVertices rows(values.data(), channels);
         for (i64 e = first; e < end; ++e) {
             made.clear();
             const i64 points = elements_.patches->size(e);
             for (i64 k = 0; k < elements_.rank(e); ++k) made.push_back(functions_of(e).data() + k * points);
-            project(e, made, values.data(), channels, affine.data(),
+            project(e, made, rows.of(elements_.patches->vertices(e)), channels, affine.data(),
                     coefficients.data() + elements_.coefficient_starts[e] * channels);
         }
     });
@@ -120,13 +151,14 @@ std::vector<i64> SpaceBasis::places_with(std::span<const i64> chosen) const {
     return places;
 }
 
-LargeArray<double> SpaceBasis::project_some(std::span<const double> values, i64 channels, std::span<const i64> chosen,
-                                            int threads) const {
+template <class Real> LargeArray<double> SpaceBasis::project_some(std::span<const Real> values, i64 channels,
+                                                                  std::span<const i64> chosen, int threads) const {
     const std::vector<i64> places = places_with(chosen);
     LargeArray<double> affine(affine_count * tree_.nodes() * channels), coefficients(functions_with(chosen) * channels);
     in_shares(elements_.count(), threads, [&](i64 first, i64 end) {
         ElementFunctions functions(elements_);
         std::vector<const double *> made;
+        RowsOfVertices rows(values.data(), channels);
         for (i64 e = first; e < end; ++e) {
             made.clear();
             const i64 points = elements_.patches->size(e);
@@ -134,7 +166,7 @@ LargeArray<double> SpaceBasis::project_some(std::span<const double> values, i64 
             if (!is_made_) functions.make(e, count);
             for (i64 k = 0; k < count; ++k)
                 made.push_back(is_made_ ? functions_of(e).data() + k * points : functions.function(k));
-            project(e, made, values.data(), channels, affine.data(),
+            project(e, made, rows.of(elements_.patches->vertices(e)), channels, affine.data(),
                     places[e] < 0 ? nullptr : coefficients.data() + places[e] * channels);
         }
     });
@@ -142,12 +174,13 @@ LargeArray<double> SpaceBasis::project_some(std::span<const double> values, i64 
     return coefficients;
 }
 
-// `others`: where the coefficients of an element's functions that are not affine go.
-void SpaceBasis::project(i64 element, std::span<const double *const> functions, const double *values, i64 channels,
-                         double *affine, double *others) const {
+template LargeArray<double> SpaceBasis::project_some(std::span<const float>, i64, std::span<const i64>, int) const;
+template LargeArray<double> SpaceBasis::project_some(std::span<const double>, i64, std::span<const i64>, int) const;
+
+// `rows`: of the element's points. `others`: where the coefficients of its functions that are not affine go.
+void SpaceBasis::project(i64 element, std::span<const double *const> functions, std::span<const double *const> rows,
+                         i64 channels, double *affine, double *others) const {
     const Patches &patches = *elements_.patches;
-    std::vector<const double *> rows;
-    for (const i32 vertex : patches.vertices(element)) rows.push_back(values + vertex * channels);
     for (i64 k = 0; k < static_cast<i64>(functions.size()); ++k) {
         double *row = k < elements_.affine[element] ? affine + (affine_count * patches.node_of[element] + k) * channels
                                                     : others + (k - elements_.affine[element]) * channels;

@@ -19,7 +19,7 @@ namespace pdeanim::bindings {
 namespace {
 
 using Grid = Rows<i64, 3>;
-using Values = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+template <class Real> using Values = nb::ndarray<const Real, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Quantised = nb::ndarray<const i64, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
 std::span<const GridPoint> points_of(const Grid &grid) {
@@ -100,24 +100,32 @@ struct PySpaceBasis {
         basis.emplace(form, patches, points_of(grid), coded, threads);
     }
 
-    nb::object project(const Values &values, const std::optional<Flat<i64>> &elements, int threads) {
-        require(static_cast<i64>(values.shape(0)) == basis->vertices(), "one row of values a vertex");
-        if (elements) check_chosen(view(*elements), *basis);
-        const std::span<const double> all(values.data(), values.size());
-        const std::size_t channels = values.shape(1);
-        const std::size_t functions =
-            static_cast<std::size_t>(elements ? basis->functions_with(view(*elements)) : basis->functions());
+    nb::object project(const Values<double> &values, int threads) {
+        const auto [all, channels] = checked(values);
         LargeArray<double> found;
         {
             nb::gil_scoped_release release;
-            if (elements) {
-                found = basis->project_some(all, static_cast<i64>(channels), view(*elements), threads);
-            } else {
-                basis->make_functions(threads);
-                found = basis->project(all, static_cast<i64>(channels), threads);
-            }
+            basis->make_functions(threads);
+            found = basis->project(all, channels, threads);
         }
-        return to_matrix(std::move(found), functions, channels);
+        return to_matrix(std::move(found), static_cast<std::size_t>(basis->functions()), values.shape(1));
+    }
+
+    template <class Real> nb::object project_some(const Values<Real> &values, const Flat<i64> &elements, int threads) {
+        const auto [all, channels] = checked(values);
+        check_chosen(view(elements), *basis);
+        LargeArray<double> found;
+        {
+            nb::gil_scoped_release release;
+            found = basis->project_some(all, channels, view(elements), threads);
+        }
+        return to_matrix(std::move(found), static_cast<std::size_t>(basis->functions_with(view(elements))),
+                         values.shape(1));
+    }
+
+    template <class Real> std::pair<std::span<const Real>, i64> checked(const Values<Real> &values) const {
+        require(static_cast<i64>(values.shape(0)) == basis->vertices(), "one row of values a vertex");
+        return {{values.data(), values.size()}, static_cast<i64>(values.shape(1))};
     }
 
     Grid grid;
@@ -263,7 +271,11 @@ void bind_basis(nb::module_ &module) {
             },
             nb::arg("threads"))
         .def("functions_of", &py_functions_of, nb::arg("element"))
-        .def("project", &PySpaceBasis::project, nb::arg("values"), nb::arg("elements").none(), nb::arg("threads"));
+        .def("project", &PySpaceBasis::project, nb::arg("values"), nb::arg("threads"))
+        .def("project_some", &PySpaceBasis::project_some<float>, nb::arg("values").noconvert(), nb::arg("elements"),
+             nb::arg("threads"))
+        .def("project_some", &PySpaceBasis::project_some<double>, nb::arg("values").noconvert(), nb::arg("elements"),
+             nb::arg("threads"));
     nb::class_<PyMotion>(module, "Motion")
         .def("__init__", &make_motion, nb::arg("basis"), nb::arg("quantised").noconvert(), nb::arg("axes"),
              nb::arg("step"), nb::arg("single"), nb::arg("elements").none(), nb::arg("threads"), nb::keep_alive<1, 2>())

@@ -1,4 +1,8 @@
 // Python's view of what encoding loops over: displacements, quantisation, what a model leaves of the input.
+#if defined(__linux__)
+#include <malloc.h>
+#endif
+
 #include <nanobind/stl/optional.h>
 
 #include <optional>
@@ -143,6 +147,13 @@ void py_add_to(const Excess &excess, const Matrix<double> &values, const Matrix<
                   push);
 }
 
+// Freed memory, of which the C library keeps much for later, goes back to the system.
+void give_back_memory() {
+#if defined(__GLIBC__)
+    malloc_trim(0);
+#endif
+}
+
 template <class Real> void bind_take(nb::module_ &module) {
     module.def("take_displacements", &py_take_displacements<Real>, nb::arg("points").noconvert(), nb::arg("shape"),
                nb::arg("farthest"), nb::arg("rows").noconvert(), nb::arg("threads"),
@@ -154,6 +165,7 @@ template <class Real> void bind_take(nb::module_ &module) {
 void bind_encode(nb::module_ &module) {
     bind_take<float>(module);
     bind_take<double>(module);
+    module.def("give_back_memory", &give_back_memory, nb::call_guard<nb::gil_scoped_release>());
     module.def("quantise_sparsely", &py_quantise_sparsely, nb::arg("values"), nb::arg("axes"), nb::arg("step"),
                nb::arg("round_up_at"), nb::arg("round_up_alone_at"), nb::arg("threads"));
     nb::class_<Excess>(module, "Excess", "By how much vertices are off beyond what is aimed at.")

@@ -161,13 +161,16 @@ class SpaceBasis:
         """Whether every decoder drops the same columns, however it rounds."""
         return self.nearest > CLEAR
 
-    def project(self, values: Float64Array, elements: Int64Array | None = None) -> Float64Array:
-        """Coefficients of values on vertices: (vertices, channels), mesh order, to (functions, channels) float64.
+    def project(self, values: Float64Array) -> Float64Array:
+        """Coefficients of values on vertices: (vertices, channels), mesh order, to (functions, channels) float64."""
+        return self.core.project(np.ascontiguousarray(values, np.float64), thread_count())
 
-        With `elements`, ascending, only those of the whole's affine functions, the nodes' wavelets and these elements'
-        functions, one after another.
+    def project_some(self, values: FloatArray, elements: Int64Array) -> Float64Array:
+        """The same of the whole's affine functions, the nodes' wavelets and the functions of some elements alone.
+
+        Values are contiguous; elements ascend, and their functions follow one after another.
         """
-        return self.core.project(np.ascontiguousarray(values, np.float64), elements, thread_count())
+        return self.core.project_some(values, elements, thread_count())
 
     @cached_property
     def masks(self) -> bytes:

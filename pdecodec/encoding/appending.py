@@ -11,10 +11,9 @@ from pdecodec.coding.groups import GroupEntry
 from pdecodec.coding.residuals import LAST_BINADE, SAFETY
 from pdecodec.coding.spacebasis import SpaceBasis
 from pdecodec.decoder import Animation
-from pdecodec.encoding.autoprofile import AutoEncoder
+from pdecodec.encoding.autoprofile import AutoEncoder, EncodedPart
 from pdecodec.encoding.groupfit import EncodedGroup, GroupChoice, grid_index
-from pdecodec.encoding.modelchoice import FinishedGroup
-from pdecodec.sequence import Float32Array, MeshSequence, Progress
+from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EffortName, EncodeSettings
 
 
@@ -75,10 +74,10 @@ class AppendingEncoder(AutoEncoder):
     def _space(self) -> SpaceBasis:
         return self._basis
 
-    def _choose_model(self, points: Float32Array, steps: Mapping[str, float]) -> list[FinishedGroup]:
-        """The groups that the first frames are divided into, in the model that is there."""
-        begin, end = 0, len(points)
-        return self._divided(self._fitter(begin, end, steps), self._usual)
+    def _first_parts(self, steps: Mapping[str, float]) -> list[EncodedPart]:
+        """Parts of the first group, in the model that is there."""
+        self._ranges = self._group_ranges(self._plan.group_frames)
+        return self._divided(self._fitter(*self._ranges[0], steps), self._usual)
 
     @property
     def jumps(self) -> Sequence[int]:
@@ -88,8 +87,8 @@ class AppendingEncoder(AutoEncoder):
     def coded(self) -> Iterator[EncodedGroup]:
         """Its groups in order, as they are written."""
         frames = 0
-        for fitter, fitted in self._groups():
-            yield fitter.encode(fitted, self._basis)
-            frames += fitter.frames
+        for group in self._groups():
+            yield group
+            frames += group.entry.frames
             if self._progress:
                 self._progress(frames, self._sequence.frame_count, "encoding")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any, Literal
 
@@ -75,6 +76,26 @@ def time_basis_of(functions: TimeFunctions) -> TimeBasis:
     return "shapes" if functions == "poses" else functions
 
 
+class Sight:
+    """What a linear map of vertices makes of displacements: mapped once, they serve all functions of time.
+
+    Parameters
+    ----------
+    project : callable
+        Of values on vertices, (vertices, n) float32 or float64, makes (rows, n) float64.
+    """
+
+    def __init__(self, project: Callable[[Rows], Float64Array]) -> None:
+        self._project = project
+        self._seen: dict[tuple[Displacements, str], Rows] = {}
+
+    def of(self, owner: Displacements, name: str, values: Rows) -> Rows:
+        """What the map makes of what an owner has by a name."""
+        if (owner, name) not in self._seen:
+            self._seen[owner, name] = self._project(values)
+        return self._seen[owner, name]
+
+
 class Displacements:
     """What is left of a group's positions when one shape is taken away.
 
@@ -103,13 +124,30 @@ class Displacements:
         self._alike, self._beside = alike, beside
         self._frames, self._vertices = len(points), len(shape)
         self._least = (TAIL * unit) ** 2 * self._vertices * self._frames
+        self._taken: tuple[Rows, float] | None = None
         self._coefficients: dict[TimeFunctions, Float64Array] = {}
         self._settled: dict[TimeFunctions, tuple[Float64Array, Float64Array]] = {}
         self._time_costs: dict[TimeFunctions, TimeFunctionCost] = {}
 
+    @property
+    def _moved(self) -> Rows:
+        """(vertices, 3 frames), in float32 where that is fine enough."""
+        if self._taken is None:
+            self._taken = self._take()
+        return self._taken[0]
+
     @cached_property
-    def _taken(self) -> tuple[Rows, float]:
-        """Rows (vertices, 3 frames), in float32 where that is fine enough, and their largest magnitude."""
+    def largest(self) -> float:
+        """The largest magnitude of a coordinate, or of displacements from a shape that is all but the same."""
+        other = self._alike or self._beside
+        if other is not None:
+            return other.largest
+        if self._taken is None:
+            self._taken = self._take()
+        return self._taken[1]
+
+    def _take(self) -> tuple[Rows, float]:
+        """Rows and their largest magnitude."""
         farthest, size = FARTHEST_STEPS * self._unit, (self._vertices, 3 * self._frames)
 
         def take(precision: type[np.floating[Any]]) -> tuple[Rows, float]:
@@ -125,16 +163,6 @@ class Displacements:
             if is_single_enough(largest):
                 return rows, largest
         return take(np.float64)
-
-    @property
-    def _moved(self) -> Rows:
-        return self._taken[0]
-
-    @property
-    def largest(self) -> float:
-        """The largest magnitude of a coordinate, or of displacements from a shape that is all but the same."""
-        other = self._alike or self._beside
-        return other.largest if other is not None else self._taken[1]
 
     @property
     def _precision(self) -> type[np.floating[Any]]:
@@ -215,10 +243,11 @@ class Displacements:
         return energies[order], (weights / lengths)[:, order]
 
     def settle(self, kind: TimeFunctions) -> None:
-        """Keep functions of one kind, their coefficients and rows of displacements; forget all else."""
-        if kind != "cosines":
+        """Keep functions of one kind and rows of displacements; forget all else."""
+        if kind == "cosines":
+            _ = self._cosine_count
+        else:
             self._settled = {one: self.functions(one) for one in {kind, principal(kind)}}
-        kept = {kind: self.coefficients(kind)}
         _ = self._total
         item: Displacements | None = self
         while item is not None:
@@ -226,7 +255,15 @@ class Displacements:
             for name in ("_squares", "_squares_by_axis", "_trajectories", "_shapes", "_poses"):
                 item.__dict__.pop(name, None)
             item = item._alike or item._beside
-        self._coefficients = kept
+
+    def put_aside(self) -> None:
+        """Forget what is as large as the group's positions and soon found again."""
+        _ = self._total, self.largest
+        item: Displacements | None = self
+        while item is not None:
+            item._coefficients, item._taken = {}, None
+            item.__dict__.pop("_span", None)
+            item = item._alike or item._beside
 
     @property
     def has_poses(self) -> bool:
@@ -261,15 +298,22 @@ class Displacements:
         return (functions * np.sqrt(energies)).reshape(self._frames, axes, energies.size)
 
     def coefficients(self, kind: TimeFunctions) -> Float64Array:
-        """(vertices, functions or 3 functions) float64: of all functions of a kind."""
+        """(vertices, functions or 3 functions) float64: of all functions of a kind, kept."""
         if kind not in self._coefficients:
-            self._coefficients[kind] = self._found(kind)
+            self._coefficients[kind] = self.some_coefficients(kind)
         return self._coefficients[kind]
 
-    def _found(self, kind: TimeFunctions) -> Float64Array:
-        if self._alike is not None:
+    def some_coefficients(
+        self, kind: TimeFunctions, some: slice = slice(None), sight: Sight | None = None
+    ) -> Float64Array:
+        """The same of some functions, not kept; or (rows, functions or 3 functions), what a linear map makes of it."""
+        if self._alike is not None and sight is None and some == slice(None):
             return self._alike.coefficients(kind) + self._shifted(self._alike, self._dual(kind), kind)
-        return self._along(self._dual(kind), kind)
+        return self._along(np.ascontiguousarray(self._dual(kind)[:, some]), kind, sight)
+
+    def count(self, kind: TimeFunctions) -> int:
+        """How many functions of a kind there are."""
+        return self._cosine_count if kind == "cosines" else int(self.functions(kind)[0].size)
 
     @cached_property
     def _cosine_energies(self) -> Float64Array:
@@ -299,31 +343,36 @@ class Displacements:
         """
         return self._along(dual_functions(functions), kind)
 
-    def _shifted(self, other: Displacements, dual: Float64Array, kind: TimeFunctions) -> Float64Array:
+    def _shifted(
+        self, other: Displacements, dual: Float64Array, kind: TimeFunctions, sight: Sight | None = None
+    ) -> Float64Array:
         """By how much sums of displacements times functions differ from those of another shape, which is constant."""
         if kind == "trajectories":
             sums = dual.reshape(self._frames, 3, -1).sum(axis=0)
         else:
             sums = np.kron(dual.sum(axis=0), np.eye(3))
-        found: Float64Array = (other._shape - self._shape) @ sums
+        shift = other._shape - self._shape
+        found: Float64Array = (shift if sight is None else sight.of(self, "shift", shift)) @ sums
         return found
 
-    def _along(self, dual: Float64Array, kind: TimeFunctions) -> Float64Array:
+    def _along(self, dual: Float64Array, kind: TimeFunctions, sight: Sight | None = None) -> Float64Array:
         """Sums of displacements times functions, rows in blocks that do not depend on the number of threads."""
         other = self._alike or self._beside
         if self._alike is None and self._span is not None:
             coefficients, axes = self._span
+            if sight is not None:
+                coefficients = sight.of(self, "span", coefficients)
             if kind == "trajectories":
                 return products(coefficients, axes.T @ dual)
             each = np.einsum("fxn,fk->nkx", axes.reshape(self._frames, 3, -1), dual, optimize=True)
             return products(coefficients, each.reshape(axes.shape[1], -1))
         if other is not None:
-            return other._along(dual, kind) + self._shifted(other, dual, kind)
-        rows = self._moved
+            return other._along(dual, kind, sight) + self._shifted(other, dual, kind, sight)
+        rows = self._moved if sight is None else sight.of(self, "moved", self._moved)
         if kind == "trajectories":
             return products(rows, dual)
         dual = np.ascontiguousarray(dual, rows.dtype)
-        found = np.empty((self._vertices, 3 * dual.shape[1]))
+        found = np.empty((len(rows), 3 * dual.shape[1]))
 
         def add_up(first: int, end: int) -> None:
             for block in range(first, end):
@@ -332,7 +381,7 @@ class Displacements:
                 for axis in range(3):
                     found[some, axis::3] = np.ascontiguousarray(split[:, :, axis]) @ dual
 
-        in_shares(add_up, -(-self._vertices // ROWS_AT_ONCE))
+        in_shares(add_up, -(-len(rows) // ROWS_AT_ONCE))
         return found
 
     def spread(self, kind: TimeFunctions, step: float) -> float:

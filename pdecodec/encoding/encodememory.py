@@ -7,8 +7,11 @@ from dataclasses import dataclass
 from pdecodec.coding.spacebasis import MOST_FUNCTIONS
 from pdecodec.errors import SettingsError
 
-GROUP_BYTES = 2**28
-"""Memory for the displacements of a group, float64."""
+GROUP_BYTES = 3 * 2**25
+"""Memory for the displacements of a group, float64: up to 40 frames of 100,000 vertices."""
+
+SMOOTH_GROUP_BYTES = 3 * 2**26
+"""The same where the motion is smooth."""
 
 BASIS_BYTES = 2**29
 """Memory for the functions of all patches, float64: a mesh of millions of vertices gets fewer of them."""
@@ -22,9 +25,9 @@ LONGEST_GROUP = 512
 SHORTEST_GROUP = 8
 """Frames of a group however large the mesh is, where nobody sets a limit."""
 
-GROUP_COPIES = 13
-"""Times the displacements of a group, in float64, that the search of a model holds at most: measured on motion that
-takes most functions of time, 12.2 on 3,000 vertices and 11.9 on 20,000. Smooth motion takes a third of it."""
+GROUP_COPIES, SMOOTH_GROUP_COPIES = 13, 4
+"""Times the displacements of a group, in float64, that the search of a model holds at most: measured on noise, 13
+on 3,000 vertices and 9 on 20,000, where cloth takes 4; and on a swinging rope 3.4."""
 
 FIXED_BYTES = 2**27
 """Of interpreter and libraries."""
@@ -42,19 +45,20 @@ class MemoryPlan:
 
     Attributes
     ----------
-    group_frames : int
-        Frames of a group at most.
+    group_frames, smooth_group_frames : int
+        Frames of a group at most, and of a group of smooth motion.
     functions : int
         Functions of a patch at most.
     """
 
     group_frames: int
+    smooth_group_frames: int
     functions: int
 
 
-def group_frames(vertices: int) -> int:
-    """Frames of a group at most, of a mesh of so many vertices, where there is no limit."""
-    return min(max(GROUP_BYTES // (24 * max(1, vertices)), SHORTEST_GROUP), LONGEST_GROUP)
+def _group_frames(vertices: int, size: int) -> int:
+    """Frames of a group at most, of a mesh of so many vertices, whose displacements take so much memory."""
+    return min(max(size // (24 * max(1, vertices)), SHORTEST_GROUP), LONGEST_GROUP)
 
 
 def memory_plan(vertices: int, frames: int, max_memory: int | None) -> MemoryPlan:
@@ -66,17 +70,18 @@ def memory_plan(vertices: int, frames: int, max_memory: int | None) -> MemoryPla
         If a group of one frame takes more.
     """
     vertices = max(1, vertices)
-    longest, functions = group_frames(vertices), _functions(BASIS_BYTES, vertices)
+    longest, smooth = (_group_frames(vertices, size) for size in (GROUP_BYTES, SMOOTH_GROUP_BYTES))
+    functions = _functions(BASIS_BYTES, vertices)
     if max_memory is None or encoding_bytes(frames, vertices) <= max_memory:
-        return MemoryPlan(longest, functions)
+        return MemoryPlan(longest, smooth, functions)
     left = max_memory - FIXED_BYTES - VERTEX_BYTES * vertices
     functions = min(functions, _functions(left // BASIS_SHARE, vertices))
     left -= 8 * functions * vertices
-    shortened = left // (GROUP_COPIES * 24 * vertices)
+    shortened, smooth_shortened = (left // (copies * 24 * vertices) for copies in (GROUP_COPIES, SMOOTH_GROUP_COPIES))
     if shortened < 1:
         least = FIXED_BYTES + (VERTEX_BYTES + 8 * FEWEST_FUNCTIONS + GROUP_COPIES * 24) * vertices
         raise SettingsError(f"max_memory must be {least} bytes or more for {vertices} vertices, not {max_memory}")
-    return MemoryPlan(min(longest, shortened), functions)
+    return MemoryPlan(min(longest, shortened), min(smooth, smooth_shortened), functions)
 
 
 def _functions(size: int, vertices: int) -> int:
@@ -90,6 +95,9 @@ def encoding_bytes(frames: int, vertices: int) -> int:
     ----------
     frames, vertices : int
     """
-    group = 24 * vertices * min(frames, group_frames(vertices))
+    of_a_group = max(
+        copies * 24 * vertices * min(frames, _group_frames(vertices, size))
+        for copies, size in ((GROUP_COPIES, GROUP_BYTES), (SMOOTH_GROUP_COPIES, SMOOTH_GROUP_BYTES))
+    )
     basis = min(BASIS_BYTES, 8 * MOST_FUNCTIONS * vertices)
-    return FIXED_BYTES + GROUP_COPIES * group + basis + VERTEX_BYTES * vertices
+    return FIXED_BYTES + of_a_group + basis + VERTEX_BYTES * vertices

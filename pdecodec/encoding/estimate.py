@@ -17,7 +17,7 @@ from pdecodec import _core
 from pdecodec.coding.groups import GroupEntry, functions_of_time, group_functions, margins
 from pdecodec.coding.residuals import residual_ways
 from pdecodec.coding.spacebasis import SpaceBasis
-from pdecodec.encoding.displacements import Displacements, TimeFunctions, time_basis_of
+from pdecodec.encoding.displacements import Displacements, Sight, TimeFunctions, time_basis_of
 from pdecodec.encoding.groupfit import (
     GroupChoice,
     GroupFitter,
@@ -47,6 +47,9 @@ RUN, RUNS = 8, 2
 
 FEWEST_FRAMES = 128
 """Frames up to which all are looked at."""
+
+FUNCTIONS_WEIGHED = 64
+"""Functions of time, from the first to the last, that tell what each element takes."""
 
 ROWS_AT_ONCE = 256
 """Rows of coefficients that are weighed at once: as many as caches hold."""
@@ -112,10 +115,9 @@ class _Sample:
     points : (l, m, 3) float32 [scene units]
     copies, weight : float
         How many times as many positions there are, and how many times as much all elements' coefficients take, about.
-    rows : (k,) int64
-        Functions of space that are not of other elements.
     subbands : (starts, kinds, parents)
-        Of these; see :attr:`pdecodec.coding.spacebasis.SpaceBasis.subbands`.
+        Of the functions of space that are not of other elements; see
+        :attr:`pdecodec.coding.spacebasis.SpaceBasis.subbands`.
     """
 
     def __init__(
@@ -148,7 +150,6 @@ class _Sample:
         subbands = np.concatenate([np.arange(nodes), nodes + elements])
         sizes = np.diff(starts)[subbands]
         self.subbands = np.concatenate([[0], np.cumsum(sizes)]), kinds[subbands], parents[subbands]
-        self.rows = np.repeat(starts[subbands] - self.subbands[0][:-1], sizes) + np.arange(sizes.sum())
 
 
 def _vertices(basis: SpaceBasis, elements: Int64Array) -> Int32Array:
@@ -252,20 +253,24 @@ class Estimate:
         self, fitter: GroupFitter, basis: SpaceBasis, like: Estimate | None = None, *, whole_parts: bool = False
     ) -> None:
         self._fitter, self.basis = fitter, basis
-        usual = fitter.first_choice
-        self._usual_step = grid_step(usual.step)
-        self._coefficients: dict[tuple[Displacements, TimeFunctions], Float64Array] = {}
+        self._usual_step = grid_step(fitter.first_choice.step)
+        self._coefficients: dict[tuple[Displacements, TimeFunctions], Float32Array] = {}
+        self.sample = self._looked_at(like, whole_parts)
+        self._sight = Sight(partial(basis.project_some, elements=self.sample.elements))
+
+    def _looked_at(self, like: Estimate | None, whole_parts: bool) -> _Sample:
+        fitter, basis = self._fitter, self.basis
         elements = _of_vertices(basis, like.sample.vertices) if like else np.zeros(0, np.int64)
         if like and np.array_equal(np.sort(_vertices(basis, elements)), np.sort(like.sample.vertices)):
-            self.sample: _Sample = _Sample(fitter.points, basis, elements, like.sample.weight, like.sample)
-            return
-        values = fitter.projected(basis, usual)
-        weights = _weights(basis, values, self._usual_step)
+            return _Sample(fitter.points, basis, elements, like.sample.weight, like.sample)
+        usual = fitter.first_choice
+        moved = fitter.displacements(usual.origin)
+        some = slice(None, None, max(1, moved.count(usual.time) // FUNCTIONS_WEIGHED))
+        weights = _weights(basis, basis.project(moved.some_coefficients(usual.time, some)), self._usual_step)
         if not elements.size:
             elements = _chosen(basis, weights, whole_parts=whole_parts)
-        some = float(weights[elements].sum())
-        self.sample = _Sample(fitter.points, basis, elements, float(weights.sum()) / some if some else 1.0)
-        self._coefficients[fitter.displacements(usual.origin), usual.time] = values[self.sample.rows]
+        sampled = float(weights[elements].sum())
+        return _Sample(fitter.points, basis, elements, float(weights.sum()) / sampled if sampled else 1.0)
 
     def prepare(self, choice: GroupChoice) -> None:
         moved = self._fitter.displacements(choice.origin)
@@ -274,11 +279,10 @@ class Estimate:
             moved.time_cost(choice.time, self._usual_step)
 
     def _projected(self, moved: Displacements, time: TimeFunctions) -> Float64Array:
-        """Coefficients (rows of the sample, channels) of all functions of time of a kind."""
+        """Coefficients (rows of the sample, channels) of all functions of time of a kind; kept in less memory."""
         if (moved, time) not in self._coefficients:
-            values = self.basis.project(moved.coefficients(time), self.sample.elements)
-            self._coefficients[moved, time] = values
-        return self._coefficients[moved, time]
+            self._coefficients[moved, time] = moved.some_coefficients(time, sight=self._sight).astype(np.float32)
+        return self._coefficients[moved, time].astype(np.float64)
 
     def bits(self, choice: GroupChoice) -> float:
         sample, axes, step = self.sample, axes_of(choice.time), grid_step(choice.step)

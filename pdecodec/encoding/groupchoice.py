@@ -177,6 +177,7 @@ def divided(search: GroupSearch, choices: Sequence[GroupChoice], basis: SpaceBas
         part = GroupSearch(fitter.part(slice(begin, begin + length)), basis)
         like = parts[-1].choice if parts else part.fitter.first_choice
         parts.append(part.choose(candidates(part, like, (usual.origin,))))
+        part.fitter.put_aside()
         begin += length
     if divided < SURELY_LESS * whole.bits:
         return parts

@@ -28,7 +28,7 @@ from pdecodec.coding.reference import ReferenceFrame, decode_reference, encode_r
 from pdecodec.coding.residuals import LAST_BINADE, residual_step
 from pdecodec.coding.spacebasis import SpaceBasis
 from pdecodec.encoding.encodereport import EncodeReport, Question, counted, generator, to_json
-from pdecodec.encoding.groupfit import FittedGroup, GroupFitter
+from pdecodec.encoding.groupfit import EncodedGroup
 from pdecodec.errors import InputError
 from pdecodec.metrics import frame_scale
 from pdecodec.sequence import MeshSequence, Progress
@@ -89,10 +89,9 @@ class Encoder(ABC):
             # Nothing waits for it until the end.
             self._connectivity = beside.submit(encode_connectivity, parts, keep_order=keep)
             frames = 0
-            for fitter, fitted in self._groups():
-                self._write_group(fitter, fitted, spools)
-                frames += fitter.frames
-                del fitter, fitted
+            for encoded in self._groups():
+                self._write_group(encoded, spools)
+                frames += encoded.entry.frames
                 if self._progress:
                     self._progress(frames, self._sequence.frame_count, "encoding")
             yield self._sections(spools)
@@ -102,8 +101,8 @@ class Encoder(ABC):
                 spool.close()
 
     @abstractmethod
-    def _groups(self) -> Iterator[tuple[GroupFitter, FittedGroup]]:
-        """Groups of frames in order, each as it is to be encoded; with the first the space basis is chosen."""
+    def _groups(self) -> Iterator[EncodedGroup]:
+        """Groups of frames in order; with the first the space basis is chosen."""
 
     @property
     @abstractmethod
@@ -130,8 +129,7 @@ class Encoder(ABC):
         parts = [checked_frames(self._sequence, at, min(at + block, end)) for at in range(begin, end, block)]
         return np.ascontiguousarray(np.concatenate(parts) if len(parts) > 1 else parts[0])
 
-    def _write_group(self, fitter: GroupFitter, fitted: FittedGroup, spools: Sequence[Spool]) -> None:
-        encoded = fitter.encode(fitted, self._space)
+    def _write_group(self, encoded: EncodedGroup, spools: Sequence[Spool]) -> None:
         self._largest_square = max(self._largest_square, encoded.largest_square)
         self._sum_of_squares += encoded.sum_of_squares
         self._residuals += encoded.residuals

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import bisect
 import math
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +29,7 @@ from pdecodec.coding.groups import (
 from pdecodec.coding.residuals import ResidualPlan, encode_residuals, plan_residuals
 from pdecodec.coding.spacebasis import SpaceBasis
 from pdecodec.coding.timefunctions import QuantisedTimeFunctions, quantise_time_functions
-from pdecodec.encoding.displacements import Displacements, Origin, TimeFunctions, time_basis_of
+from pdecodec.encoding.displacements import Displacements, Origin, Sight, TimeFunctions, time_basis_of
 from pdecodec.shares import thread_count
 
 Float32Array = NDArray[np.float32]
@@ -64,8 +66,15 @@ MEAN_ERROR, MORE_OF_DENSE = 0.26, 0.4
 more it may be times the root of the coefficients that each position has: on eight clips and bounds of 1e-2 to 1e-4
 steps chosen by it took 2 % more than the best ones."""
 
-ROWS_LOOKED_AT = 2**19
+COEFFICIENTS_LOOKED_AT = 2**19
 """Coefficients that tell the mean error of a step."""
+
+ELEMENTS_STRIDE = 8
+"""One in so many elements, at most, is looked at for these."""
+
+CHANNELS_AT_ONCE = 48
+"""Channels whose coefficients are quantised together: before that, all of them would take several times as much memory
+as the group's positions."""
 
 CELL = ROUND_UP_AT**3 / 3.0 + (1.0 - ROUND_UP_AT) ** 3 / 3.0
 """Mean square of what rounding takes from a coefficient that does not become zero, in steps."""
@@ -146,9 +155,8 @@ class FittedGroup:
         Sizes and checksum still zero.
     time_functions : QuantisedTimeFunctions or None
         None where there is none to code.
-    quantised : (functions of space, channels) int64
-    functions : GroupFunctions
-        What they decode to.
+    packed : (functions of space, channels) int16, int32 or int64
+        Coefficients, in the smallest of these types that has them: many fits are held at once.
     residuals : Residuals
     plan : ResidualPlan
     bits : float
@@ -157,11 +165,15 @@ class FittedGroup:
 
     entry: GroupEntry
     time_functions: QuantisedTimeFunctions | None
-    quantised: Int64Array
-    functions: GroupFunctions
+    packed: NDArray[np.signedinteger[Any]]
     residuals: Residuals
     plan: ResidualPlan
     bits: float
+
+    @property
+    def quantised(self) -> Int64Array:
+        """(functions of space, channels) int64: the coefficients."""
+        return self.packed.astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +249,11 @@ class GroupFitter:
 
     def prepare(self, choice: GroupChoice) -> None:
         """Compute what all fits of a time basis and origin share: fits in several threads would each do it."""
-        self.displacements(choice.origin).coefficients(choice.time)
+        moved = self.displacements(choice.origin)
+        if self.is_large:
+            moved.count(choice.time)
+        else:
+            moved.coefficients(choice.time)
 
     def part(self, frames: slice) -> GroupFitter:
         """Some of its frames, as a group of their own."""
@@ -285,6 +301,16 @@ class GroupFitter:
         _ = self.is_single
         self.displacements(choice.origin).settle(choice.time)
         self._displacements = {choice.origin: self.displacements(choice.origin)}
+        if self.is_large:
+            _core.give_back_memory()
+
+    def put_aside(self) -> None:
+        """Forget what is soon found again, while other groups are looked at or coefficients refined."""
+        _ = self.is_single
+        self._projection = None
+        for moved in self._displacements.values():
+            moved.put_aside()
+        _core.give_back_memory()
 
     @cached_property
     def is_single(self) -> bool:
@@ -303,9 +329,8 @@ class GroupFitter:
     def with_usual_step(self, basis: SpaceBasis) -> GroupChoice:
         """What is fitted where nothing is tried: the first choice with the step that leaves the usual mean error."""
         choice = self.first_choice
-        values = self.projected(basis, choice)
-        some = values[:: max(1, values.size // ROWS_LOOKED_AT)]
-        positions = self.frames * len(self._reference) * len(some) / max(1, len(values))
+        some = self._some_rows(basis, choice)
+        positions = self.frames * len(self._reference) * len(some) / max(1, basis.functions)
         sizes = np.abs(some).ravel()
 
         def is_too_coarse(index: int) -> bool:
@@ -318,13 +343,42 @@ class GroupFitter:
         steps = range(grid_index(FINEST * self.unit), grid_index(COARSEST_UNTRIED * self.unit) + 1)
         return replace(choice, step=steps[max(0, bisect.bisect_left(steps, True, key=is_too_coarse) - 1)])
 
-    def projected(self, basis: SpaceBasis, choice: GroupChoice) -> Float64Array:
+    def _some_rows(self, basis: SpaceBasis, choice: GroupChoice) -> Float64Array:
+        """Coefficients of all functions of time of a kind and functions of space from all over the mesh."""
+        moved = self.displacements(choice.origin)
+        stride = max(1, basis.functions * axes_of(choice.time) * moved.count(choice.time) // COEFFICIENTS_LOOKED_AT)
+        if not self.is_large:
+            return self._projected(basis, choice)[::stride]
+        elements_stride = min(stride, ELEMENTS_STRIDE)
+        elements = np.arange(0, basis.element_count, elements_stride)
+
+        def thinned(values: FloatArray) -> Float64Array:
+            found = basis.project_some(values, elements)
+            joined = basis.coefficient_starts[0]
+            return np.concatenate([found[:joined:stride], found[joined :: stride // elements_stride]])
+
+        return moved.some_coefficients(choice.time, sight=Sight(thinned))
+
+    def _projected(self, basis: SpaceBasis, choice: GroupChoice) -> Float64Array:
         """Coefficients of all functions of time of a kind; kept until those of others are wanted."""
         wanted = basis, choice.time, choice.origin
         if self._projection is None or self._projection[0] != wanted:
             values = basis.project(self.displacements(choice.origin).coefficients(choice.time))
             self._projection = wanted, values
         return self._projection[1]
+
+    def _largest(self, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone) -> Int64Array:
+        """The largest magnitude of a quantised coefficient in each channel."""
+        moved, axes, step = self.displacements(choice.origin), axes_of(choice.time), grid_step(choice.step)
+        if not self.is_large:
+            return quantise_sparsely(self._projected(basis, choice), step, axes, zone)[1]
+        count = moved.count(choice.time)
+        found = np.zeros(axes * count, np.int64)
+        for channels, _, largest in _blocks(
+            basis, partial(moved.some_coefficients, choice.time), count, axes, step, zone
+        ):
+            found[channels] = largest
+        return found
 
     @property
     def moves(self) -> bool:
@@ -333,21 +387,23 @@ class GroupFitter:
 
     def fit(self, basis: SpaceBasis, choice: GroupChoice, *, is_measured: bool = True) -> FittedGroup:
         """Fit, and measure what it costs where that is wanted."""
-        unrefined = self.quantised(basis, choice)
-        return self.fitted(
-            basis, unrefined.entry, unrefined.quantised, unrefined.time_functions, is_measured=is_measured
-        )
+        group = self.quantised(basis, choice)
+        entry, quantised, time_functions = group.entry, group.quantised, group.time_functions
+        del group  # and with it the values
+        if self.is_large:
+            self.put_aside()
+        return self.fitted(basis, entry, quantised, time_functions, is_measured=is_measured)
 
     def quantised(self, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone = DEAD_ZONE) -> QuantisedGroup:
         """Functions of time and coefficients, quantised."""
         step, time_step = grid_step(choice.step), grid_step(choice.step + choice.time_step)
         moved, axes = self.displacements(choice.origin), axes_of(choice.time)
-        values = moved.coefficients(choice.time)
-        quantised, largest = quantise_sparsely(self.projected(basis, choice), step, axes, zone)
+        largest = self._largest(basis, choice, zone)
         time_functions: QuantisedTimeFunctions | None = None
         if choice.time == "cosines":
             count = cosines_needed(largest)
-            quantised, values = np.ascontiguousarray(quantised[:, : axes * count]), values[:, : axes * count]
+            values = moved.some_coefficients(choice.time, slice(count))
+            quantised, _ = quantise_on(basis, columns_of(values, axes), count, axes, step, zone)
         else:
             time_functions, quantised, values = self._fit_time_functions(
                 moved, basis, choice.time, largest, step, time_step, zone
@@ -377,13 +433,14 @@ class GroupFitter:
 
         `excess`, where it is given, is filled with what vertices are off beyond what is aimed at.
         """
+        largest = magnitudes(quantised)
 
-        def fit() -> tuple[GroupFunctions, Residuals, ResidualPlan]:
+        def fit() -> tuple[Residuals, ResidualPlan]:
             functions = self._functions(basis, entry, quantised, time_functions)
-            limits = margins(entry, functions.time, magnitudes(quantised), self.residual_step)
+            limits = margins(entry, functions.time, largest, self.residual_step)
             aim = (AIM, AIM_FROM, FARTHEST_PUSH)
             residuals = self._model(functions, basis).missing(limits, aim, excess, thread_count())
-            return functions, residuals, plan_residuals(residuals, basis.starts)
+            return residuals, plan_residuals(residuals, basis.starts)
 
         with ThreadPoolExecutor(1) as beside:
             fitted = beside.submit(fit)
@@ -392,9 +449,10 @@ class GroupFitter:
                 bits = measure_coefficients(quantised, basis, axes=entry.axes)
             if is_measured and time_functions:
                 bits += time_functions.bits
-            functions, residuals, plan = fitted.result()
+            residuals, plan = fitted.result()
         bits += plan.bits
-        return FittedGroup(entry, time_functions, quantised, functions, residuals, plan, bits)
+        packed = quantised.astype(np.result_type(np.int16, np.min_scalar_type(-int(largest.max(initial=0)) - 1)))
+        return FittedGroup(entry, time_functions, packed, residuals, plan, bits)
 
     def encode(self, fitted: FittedGroup, basis: SpaceBasis) -> EncodedGroup:
         """A fit as bytes.
@@ -410,29 +468,31 @@ class GroupFitter:
 
         with ThreadPoolExecutor(1) as helper:
             encoded = helper.submit(beside)
-            if entry.single and not self._is_single_enough(fitted, basis):
-                entry = replace(entry, single=False)
-                fitted = self.fitted(basis, entry, quantised, time_functions, is_measured=False)
+            functions = self._functions(basis, entry, quantised, time_functions)
+            if entry.single:
+                exact = self._functions(basis, replace(entry, single=False), quantised, time_functions)
+                if not self._is_single_enough(functions, exact, basis):
+                    entry, functions = replace(entry, single=False), exact
+                    fitted = self.fitted(basis, entry, quantised, time_functions, is_measured=False)
+                del exact
             residuals = fitted.residuals
             residual_bytes = encode_residuals(residuals, basis.starts, fitted.plan)
-            largest_square, sum_of_squares = self._model(fitted.functions, basis).errors(residuals, thread_count())
+            largest_square, sum_of_squares = self._model(functions, basis).errors(residuals, thread_count())
             chunks = *encoded.result(), residual_bytes
         coefficients = int(np.count_nonzero(quantised)) + (time_functions.decoded.size if time_functions else 0)
         return EncodedGroup(
             entry.with_chunks(chunks), chunks, largest_square, sum_of_squares, residuals.count, coefficients
         )
 
-    def _is_single_enough(self, fitted: FittedGroup, basis: SpaceBasis) -> bool:
+    def _is_single_enough(self, single: GroupFunctions, exact: GroupFunctions, basis: SpaceBasis) -> bool:
         """Whether adding up in float32 takes at most half of the margin for it."""
-        entry = replace(fitted.entry, single=False)
-        exact = self._functions(basis, entry, fitted.quantised, fitted.time_functions)
         limit = 0.5 * SINGLE_MARGIN * self.residual_step
 
         def farthest(frames: slice) -> float:
             points = np.ascontiguousarray(self.points[frames])
             one, other = (
                 self.held(replace(functions, time=functions.time[frames]), points, basis.order)
-                for functions in (fitted.functions, exact)
+                for functions in (single, exact)
             )
             return one.farthest_from(other, thread_count())
 
@@ -474,11 +534,12 @@ class GroupFitter:
         while used.size:
             time_functions = quantise_time_functions(scaled[:, :, used], time_step)
             values = moved.along(unit_functions(time_functions), time)
-            quantised, largest = quantise_sparsely(basis.project(values), step, axes, zone)
+            quantised, largest = quantise_on(basis, columns_of(values, axes), used.size, axes, step, zone)
             needed = needed_functions(largest, axes)
             if needed.size == used.size:
                 return time_functions, quantised, values
             used = used[needed]
+            del quantised, values  # the next ones take as much memory again
         return None, np.zeros((basis.functions, 0), np.int64), np.zeros((len(self._reference), 0))
 
 
@@ -520,6 +581,40 @@ def quantise_sparsely(
         Magnitude in each channel.
     """
     return _core.quantise_sparsely(values, axes, step, *zone, thread_count())
+
+
+Columns = Callable[[slice], Float64Array]
+"""Values on vertices, (vertices, channels) float64, of some functions of time."""
+
+
+def columns_of(values: Float64Array, axes: int) -> Columns:
+    """Those that an array has, each function of time `axes` channels."""
+    return lambda some: np.ascontiguousarray(values[:, axes * some.start : axes * some.stop])
+
+
+def quantise_on(
+    basis: SpaceBasis, values: Columns, count: int, axes: int, step: float, zone: DeadZone
+) -> tuple[Int64Array, Int64Array]:
+    """:func:`quantise_sparsely` what values on vertices are in a space basis, of so many functions of time."""
+    quantised, largest = np.empty((basis.functions, axes * count), np.int64), np.zeros(axes * count, np.int64)
+    for channels, some, some_largest in _blocks(basis, values, count, axes, step, zone):
+        quantised[:, channels], largest[channels] = some, some_largest
+    return quantised, largest
+
+
+def _blocks(
+    basis: SpaceBasis, values: Columns, count: int, axes: int, step: float, zone: DeadZone
+) -> Iterator[tuple[slice, Int64Array, Int64Array]]:
+    """The same, some channels after others: which, their coefficients, and their largest magnitudes."""
+    at_once = CHANNELS_AT_ONCE // axes
+    for begin in range(0, count, at_once):
+        # With the neighbours, which tell a coefficient that is alone.
+        first, end = max(0, begin - 1), min(begin + at_once, count)
+        quantised, largest = quantise_sparsely(
+            basis.project(values(slice(first, min(end + 1, count)))), step, axes, zone
+        )
+        own = slice(axes * (begin - first), axes * (end - first))
+        yield slice(axes * begin, axes * end), quantised[:, own], largest[own]
 
 
 def magnitudes(quantised: Int64Array) -> Int64Array:

@@ -227,6 +227,13 @@ class ModelSearch:
             found.append(replace(self, effort=other.refined_like(self.effort)).run())
         return min(found, key=self._finished_cost)
 
+    def usual_bits(self) -> float:
+        """What the first frames take about, encoded as suits most clips."""
+        steps, usual = self._reference_steps()
+        reference = quantise_reference(self.points[0], steps[usual])
+        fitter, basis = self._fitter(reference), self._basis(self.effort.space_bases[0], reference)
+        return GroupSearch(fitter, basis).bits(fitter.with_usual_step(basis))
+
     def _by_rule(self) -> FinishedModel:
         """What suits most clips, without a search."""
         steps, usual = self._reference_steps()

@@ -25,7 +25,7 @@ from pdecodec.coding.reference import quantise_reference
 from pdecodec.coding.spacebasis import MOST_POINTS, SpaceBasis, build_space_basis
 from pdecodec.encoding.displacements import FARTHEST_STEPS
 from pdecodec.encoding.groupencoder import FINEST_STEP, Encoder
-from pdecodec.encoding.groupfit import FittedGroup, GroupFitter, quantise
+from pdecodec.encoding.groupfit import EncodedGroup, FittedGroup, GroupFitter, quantise
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
 
@@ -150,7 +150,7 @@ class PaperEncoder(Encoder):
         times = self._sequence.times[slice(*part)]
         return ClosedForm(times, alpha, min(TIME_FUNCTIONS, times.size))
 
-    def _groups(self) -> Iterator[tuple[GroupFitter, FittedGroup]]:
+    def _groups(self) -> Iterator[EncodedGroup]:
         for part in self._segments():
             points = self._read(*part)
             projected = self._project(points, part, self._basis, self._reference.points)
@@ -168,7 +168,7 @@ class PaperEncoder(Encoder):
             else:
                 tried = (self._quantised(fitter, projected, steps * self._unit) for steps in STEPS)
                 fitted = min(tried, key=lambda item: item.bits)
-            yield fitter, fitted
+            yield fitter.encode(fitted, self._basis)
 
         if self._settings.why:
             from pdecodec.encoding.alternatives import model_question

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdecodec._core import Excess
 from pdecodec.coding.groups import cosines
@@ -14,9 +15,12 @@ from pdecodec.encoding.groupfit import (
     FittedGroup,
     GroupChoice,
     GroupFitter,
-    quantise_sparsely,
+    columns_of,
+    quantise_on,
     unit_functions,
 )
+
+Float64Array = NDArray[np.float64]
 
 PUSH = 1.5
 """How many times what a vertex is off too much is added to what coefficients are to describe; half where it is too
@@ -48,6 +52,8 @@ class Refinement:
         self.choice = choice
         self._fitter, self._basis, self._zone = fitter, basis, zone
         start = fitter.quantised(basis, choice, zone)
+        if fitter.is_large:
+            fitter.put_aside()
         self._entry, self._time_functions = start.entry, start.time_functions
         self._values = np.ascontiguousarray(start.values)
         self._dual = dual_functions(
@@ -61,18 +67,22 @@ class Refinement:
     def refined(self, passes: int) -> Refinement:
         """Itself, its coefficients rounded again so many times, as far as that pays."""
         entry = self._entry
-        values = np.empty_like(self._values)  # memory that is new to a process takes longer than what is done with it
         for _ in range(passes if entry.functions else 0):
             if self._push < LEAST_PUSH:
                 break
             excess = Excess()
-            np.copyto(values, self._values)
-            self._excess.add_to(values, self._dual, entry.axes, self._push)
-            quantised, _ = quantise_sparsely(self._basis.project(values), entry.step, entry.axes, self._zone)
+            quantised, _ = quantise_on(self._basis, self._pushed, entry.functions, entry.axes, entry.step, self._zone)
             found = self._fitter.fitted(self._basis, entry, quantised, self._time_functions, excess)
             if found.bits < self.best.bits:
+                self._excess.add_to(self._values, self._dual, entry.axes, self._push)
                 self.best, self._excess = found, excess
-                self._values, values = values, self._values
             else:
                 self._push *= 0.5
         return self
+
+    def _pushed(self, some: slice) -> Float64Array:
+        """What coefficients of some functions of time are to describe next."""
+        axes = self._entry.axes
+        values = columns_of(self._values, axes)(some)
+        self._excess.add_to(values, np.ascontiguousarray(self._dual[:, some]), axes, self._push)
+        return values
