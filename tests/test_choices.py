@@ -26,6 +26,7 @@ from pdecodec.encoding.groupfit import GroupFitter, columns_of, quantise_on, qua
 from pdecodec.encoding.principal import principal_axes, principal_energies
 from pdecodec.encoding.refinement import Refinement
 from pdecodec.sequence import ArraySequence, MeshObject
+from pdecodec.settings import EffortName
 from pdecodec.xpbd.scenes import build
 from spec.sealing import take_apart
 
@@ -247,9 +248,10 @@ def test_what_some_elements_see_of_displacements_is_what_they_see_of_coefficient
         assert moved.some_coefficients(kind, some, sight) == pytest.approx(wanted, abs=1e-3 * fitter.unit)
 
 
-def test_channels_quantised_in_blocks_are_as_all_at_once() -> None:
+def test_channels_quantised_in_blocks_are_as_all_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     _, basis = fitter_of(waving_sheet(), 0.02)
     values = np.random.default_rng(1).normal(size=(basis.order.size, 150))
+    monkeypatch.setattr("pdecodec.encoding.groupfit.BLOCK_BYTES", 8 * 48 * basis.functions)
     step, zone = 1.0, (0.6, 0.95)
     wanted, largest = quantise_sparsely(basis.project(values), step, 3, zone)
     found, found_largest = quantise_on(basis, columns_of(values, 3), 50, 3, step, zone)
@@ -258,8 +260,9 @@ def test_channels_quantised_in_blocks_are_as_all_at_once() -> None:
 
 
 @pytest.mark.parametrize(("largest", "kind"), [(2**15 - 1, np.int16), (2**15, np.int32), (2**31, np.int64)])
-def test_fits_hold_coefficients_in_few_bytes(largest: int, kind: type) -> None:
+def test_fits_of_heavy_groups_hold_coefficients_in_few_bytes(largest: int, kind: type) -> None:
     fitter, basis = fitter_of(waving_sheet(frames=2), 0.02)
+    fitter.is_heavy = True
     quantised = np.zeros((basis.functions, 2), np.int64)
     quantised[5] = largest, -largest
     entry = GroupEntry(frames=2, functions=2, basis="cosines", single=False, step=1e-12)
@@ -267,6 +270,17 @@ def test_fits_hold_coefficients_in_few_bytes(largest: int, kind: type) -> None:
     fitted = fitter.fitted(basis, entry, quantised)
     assert fitted.packed.dtype == kind
     assert np.array_equal(fitted.quantised, quantised)
+
+
+@pytest.mark.parametrize("effort", ["fast", "default"])
+def test_groups_that_are_heavy_are_encoded_nearly_alike(effort: EffortName, monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = size(encode(waving_sheet(), tolerance=1e-3, effort=effort))
+    monkeypatch.setattr("pdecodec.encoding.groupfit.HEAVY", 0)
+    monkeypatch.setattr("pdecodec.encoding.groupfit.BLOCK_BYTES", 0)
+    report = encode(waving_sheet(), tolerance=1e-3, effort=effort)
+    assert report.bound is not None
+    assert report.max_error <= report.bound
+    assert size(report) == pytest.approx(usual, rel=0.03)
 
 
 @pytest.mark.parametrize("kind", TIME_FUNCTIONS)

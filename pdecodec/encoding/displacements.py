@@ -243,18 +243,20 @@ class Displacements:
         return energies[order], (weights / lengths)[:, order]
 
     def settle(self, kind: TimeFunctions) -> None:
-        """Keep functions of one kind and rows of displacements; forget all else."""
+        """Keep functions of one kind, its coefficients if they are there, and displacements; forget all else."""
         if kind == "cosines":
             _ = self._cosine_count
         else:
             self._settled = {one: self.functions(one) for one in {kind, principal(kind)}}
         _ = self._total
+        kept = {kind: self._coefficients[kind]} if kind in self._coefficients else {}
         item: Displacements | None = self
         while item is not None:
             item._coefficients = {}
             for name in ("_squares", "_squares_by_axis", "_trajectories", "_shapes", "_poses"):
                 item.__dict__.pop(name, None)
             item = item._alike or item._beside
+        self._coefficients = kept
 
     def put_aside(self) -> None:
         """Forget what is as large as the group's positions and soon found again."""

@@ -48,9 +48,6 @@ RUN, RUNS = 8, 2
 FEWEST_FRAMES = 128
 """Frames up to which all are looked at."""
 
-FUNCTIONS_WEIGHED = 64
-"""Functions of time, from the first to the last, that tell what each element takes."""
-
 ROWS_AT_ONCE = 256
 """Rows of coefficients that are weighed at once: as many as caches hold."""
 
@@ -254,7 +251,7 @@ class Estimate:
     ) -> None:
         self._fitter, self.basis = fitter, basis
         self._usual_step = grid_step(fitter.first_choice.step)
-        self._coefficients: dict[tuple[Displacements, TimeFunctions], Float32Array] = {}
+        self._coefficients: dict[tuple[Displacements, TimeFunctions], Float32Array | Float64Array] = {}
         self.sample = self._looked_at(like, whole_parts)
         self._sight = Sight(partial(basis.project_some, elements=self.sample.elements))
 
@@ -263,10 +260,7 @@ class Estimate:
         elements = _of_vertices(basis, like.sample.vertices) if like else np.zeros(0, np.int64)
         if like and np.array_equal(np.sort(_vertices(basis, elements)), np.sort(like.sample.vertices)):
             return _Sample(fitter.points, basis, elements, like.sample.weight, like.sample)
-        usual = fitter.first_choice
-        moved = fitter.displacements(usual.origin)
-        some = slice(None, None, max(1, moved.count(usual.time) // FUNCTIONS_WEIGHED))
-        weights = _weights(basis, basis.project(moved.some_coefficients(usual.time, some)), self._usual_step)
+        weights = _weights(basis, fitter.weighed(basis), self._usual_step)
         if not elements.size:
             elements = _chosen(basis, weights, whole_parts=whole_parts)
         sampled = float(weights[elements].sum())
@@ -279,10 +273,14 @@ class Estimate:
             moved.time_cost(choice.time, self._usual_step)
 
     def _projected(self, moved: Displacements, time: TimeFunctions) -> Float64Array:
-        """Coefficients (rows of the sample, channels) of all functions of time of a kind; kept in less memory."""
+        """Coefficients (rows of the sample, channels) of all functions of time of a kind."""
         if (moved, time) not in self._coefficients:
-            self._coefficients[moved, time] = moved.some_coefficients(time, sight=self._sight).astype(np.float32)
-        return self._coefficients[moved, time].astype(np.float64)
+            self._coefficients[moved, time] = (
+                moved.some_coefficients(time, sight=self._sight).astype(np.float32)
+                if self._fitter.is_heavy
+                else self.basis.project_some(moved.coefficients(time), self.sample.elements)
+            )
+        return self._coefficients[moved, time].astype(np.float64, copy=False)
 
     def bits(self, choice: GroupChoice) -> float:
         sample, axes, step = self.sample, axes_of(choice.time), grid_step(choice.step)

@@ -72,8 +72,14 @@ COEFFICIENTS_LOOKED_AT = 2**19
 ELEMENTS_STRIDE = 8
 """One in so many elements, at most, is looked at for these."""
 
-CHANNELS_AT_ONCE = 48
-"""Channels whose coefficients are quantised together: before that, all of them would take several times as much memory
+FUNCTIONS_WEIGHED = 64
+"""Functions of time of a heavy group that tell what each element takes."""
+
+HEAVY = 2**25
+"""Bytes of positions from which on a group is heavy."""
+
+BLOCK_BYTES = 2**25
+"""Memory for values whose channels are projected and quantised together: all of them would take several times as much
 as the group's positions."""
 
 CELL = ROUND_UP_AT**3 / 3.0 + (1.0 - ROUND_UP_AT) ** 3 / 3.0
@@ -156,7 +162,9 @@ class FittedGroup:
     time_functions : QuantisedTimeFunctions or None
         None where there is none to code.
     packed : (functions of space, channels) int16, int32 or int64
-        Coefficients, in the smallest of these types that has them: many fits are held at once.
+        Coefficients, of a heavy group in the smallest of these types that has them.
+    functions : GroupFunctions or None
+        What they decode to; not kept of a heavy group.
     residuals : Residuals
     plan : ResidualPlan
     bits : float
@@ -166,6 +174,7 @@ class FittedGroup:
     entry: GroupEntry
     time_functions: QuantisedTimeFunctions | None
     packed: NDArray[np.signedinteger[Any]]
+    functions: GroupFunctions | None
     residuals: Residuals
     plan: ResidualPlan
     bits: float
@@ -173,7 +182,7 @@ class FittedGroup:
     @property
     def quantised(self) -> Int64Array:
         """(functions of space, channels) int64: the coefficients."""
-        return self.packed.astype(np.int64)
+        return self.packed.astype(np.int64, copy=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,6 +224,11 @@ class GroupFitter:
     unit : float [scene units]
         The bound, or more where float32 is coarser than the bound: a finer model would describe its rounding.
     residual_step : float [scene units]
+
+    Attributes
+    ----------
+    is_heavy : bool
+        Whether memory counts more than time: what is soon found again is not kept then. Parts are as the whole is.
     """
 
     def __init__(
@@ -230,6 +244,7 @@ class GroupFitter:
     ) -> None:
         self.points, self.times, self._reference, self._first = points, times, reference, first
         self.bound, self.unit, self.residual_step = bound, unit, residual_step
+        self.is_heavy = points.nbytes >= HEAVY
         self._displacements: dict[Origin, Displacements] = {}
         self._projection: tuple[tuple[SpaceBasis, TimeFunctions, Origin], Float64Array] | None = None
 
@@ -250,14 +265,16 @@ class GroupFitter:
     def prepare(self, choice: GroupChoice) -> None:
         """Compute what all fits of a time basis and origin share: fits in several threads would each do it."""
         moved = self.displacements(choice.origin)
-        if self.is_large:
+        if self.is_heavy:
             moved.count(choice.time)
         else:
             moved.coefficients(choice.time)
 
     def part(self, frames: slice) -> GroupFitter:
         """Some of its frames, as a group of their own."""
-        return self._with(self.points[frames], self.times[frames], self._reference, self._first)
+        some = self._with(self.points[frames], self.times[frames], self._reference, self._first)
+        some.is_heavy = self.is_heavy
+        return some
 
     def from_reference(self, reference: Float64Array) -> GroupFitter:
         """The same with another decoded reference frame, so alike that functions of time will do as they are."""
@@ -301,7 +318,7 @@ class GroupFitter:
         _ = self.is_single
         self.displacements(choice.origin).settle(choice.time)
         self._displacements = {choice.origin: self.displacements(choice.origin)}
-        if self.is_large:
+        if self.is_heavy:
             _core.give_back_memory()
 
     def put_aside(self) -> None:
@@ -347,7 +364,7 @@ class GroupFitter:
         """Coefficients of all functions of time of a kind and functions of space from all over the mesh."""
         moved = self.displacements(choice.origin)
         stride = max(1, basis.functions * axes_of(choice.time) * moved.count(choice.time) // COEFFICIENTS_LOOKED_AT)
-        if not self.is_large:
+        if not self.is_heavy:
             return self._projected(basis, choice)[::stride]
         elements_stride = min(stride, ELEMENTS_STRIDE)
         elements = np.arange(0, basis.element_count, elements_stride)
@@ -359,6 +376,15 @@ class GroupFitter:
 
         return moved.some_coefficients(choice.time, sight=Sight(thinned))
 
+    def weighed(self, basis: SpaceBasis) -> Float64Array:
+        """Coefficients that tell what each element takes: of functions of time from the first to the last."""
+        choice = self.first_choice
+        if not self.is_heavy:
+            return self._projected(basis, choice)
+        moved = self.displacements(choice.origin)
+        some = slice(None, None, max(1, moved.count(choice.time) // FUNCTIONS_WEIGHED))
+        return basis.project(moved.some_coefficients(choice.time, some))
+
     def _projected(self, basis: SpaceBasis, choice: GroupChoice) -> Float64Array:
         """Coefficients of all functions of time of a kind; kept until those of others are wanted."""
         wanted = basis, choice.time, choice.origin
@@ -367,18 +393,19 @@ class GroupFitter:
             self._projection = wanted, values
         return self._projection[1]
 
-    def _largest(self, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone) -> Int64Array:
-        """The largest magnitude of a quantised coefficient in each channel."""
+    def _first_look(
+        self, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone
+    ) -> tuple[Int64Array | None, Int64Array]:
+        """Quantised coefficients of all functions of time, of a heavy group none, and the largest of each channel."""
         moved, axes, step = self.displacements(choice.origin), axes_of(choice.time), grid_step(choice.step)
-        if not self.is_large:
-            return quantise_sparsely(self._projected(basis, choice), step, axes, zone)[1]
+        if not self.is_heavy:
+            return quantise_sparsely(self._projected(basis, choice), step, axes, zone)
         count = moved.count(choice.time)
         found = np.zeros(axes * count, np.int64)
-        for channels, _, largest in _blocks(
-            basis, partial(moved.some_coefficients, choice.time), count, axes, step, zone
-        ):
+        values = partial(moved.some_coefficients, choice.time)
+        for channels, _, largest in _blocks(basis, values, count, axes, step, zone):
             found[channels] = largest
-        return found
+        return None, found
 
     @property
     def moves(self) -> bool:
@@ -390,7 +417,7 @@ class GroupFitter:
         group = self.quantised(basis, choice)
         entry, quantised, time_functions = group.entry, group.quantised, group.time_functions
         del group  # and with it the values
-        if self.is_large:
+        if self.is_heavy:
             self.put_aside()
         return self.fitted(basis, entry, quantised, time_functions, is_measured=is_measured)
 
@@ -398,12 +425,16 @@ class GroupFitter:
         """Functions of time and coefficients, quantised."""
         step, time_step = grid_step(choice.step), grid_step(choice.step + choice.time_step)
         moved, axes = self.displacements(choice.origin), axes_of(choice.time)
-        largest = self._largest(basis, choice, zone)
+        all_quantised, largest = self._first_look(basis, choice, zone)
         time_functions: QuantisedTimeFunctions | None = None
         if choice.time == "cosines":
             count = cosines_needed(largest)
-            values = moved.some_coefficients(choice.time, slice(count))
-            quantised, _ = quantise_on(basis, columns_of(values, axes), count, axes, step, zone)
+            if all_quantised is None:
+                values = moved.some_coefficients(choice.time, slice(count))
+                quantised, _ = quantise_on(basis, columns_of(values, axes), count, axes, step, zone)
+            else:
+                values = moved.coefficients(choice.time)[:, : axes * count].copy()
+                quantised = np.ascontiguousarray(all_quantised[:, : axes * count])
         else:
             time_functions, quantised, values = self._fit_time_functions(
                 moved, basis, choice.time, largest, step, time_step, zone
@@ -435,12 +466,12 @@ class GroupFitter:
         """
         largest = magnitudes(quantised)
 
-        def fit() -> tuple[Residuals, ResidualPlan]:
+        def fit() -> tuple[GroupFunctions | None, Residuals, ResidualPlan]:
             functions = self._functions(basis, entry, quantised, time_functions)
             limits = margins(entry, functions.time, largest, self.residual_step)
             aim = (AIM, AIM_FROM, FARTHEST_PUSH)
             residuals = self._model(functions, basis).missing(limits, aim, excess, thread_count())
-            return residuals, plan_residuals(residuals, basis.starts)
+            return None if self.is_heavy else functions, residuals, plan_residuals(residuals, basis.starts)
 
         with ThreadPoolExecutor(1) as beside:
             fitted = beside.submit(fit)
@@ -449,10 +480,12 @@ class GroupFitter:
                 bits = measure_coefficients(quantised, basis, axes=entry.axes)
             if is_measured and time_functions:
                 bits += time_functions.bits
-            residuals, plan = fitted.result()
+            functions, residuals, plan = fitted.result()
         bits += plan.bits
-        packed = quantised.astype(np.result_type(np.int16, np.min_scalar_type(-int(largest.max(initial=0)) - 1)))
-        return FittedGroup(entry, time_functions, packed, residuals, plan, bits)
+        packed: NDArray[np.signedinteger[Any]] = quantised
+        if self.is_heavy:
+            packed = quantised.astype(np.result_type(np.int16, np.min_scalar_type(-int(largest.max(initial=0)) - 1)))
+        return FittedGroup(entry, time_functions, packed, functions, residuals, plan, bits)
 
     def encode(self, fitted: FittedGroup, basis: SpaceBasis) -> EncodedGroup:
         """A fit as bytes.
@@ -468,7 +501,7 @@ class GroupFitter:
 
         with ThreadPoolExecutor(1) as helper:
             encoded = helper.submit(beside)
-            functions = self._functions(basis, entry, quantised, time_functions)
+            functions = fitted.functions or self._functions(basis, entry, quantised, time_functions)
             if entry.single:
                 exact = self._functions(basis, replace(entry, single=False), quantised, time_functions)
                 if not self._is_single_enough(functions, exact, basis):
@@ -596,6 +629,8 @@ def quantise_on(
     basis: SpaceBasis, values: Columns, count: int, axes: int, step: float, zone: DeadZone
 ) -> tuple[Int64Array, Int64Array]:
     """:func:`quantise_sparsely` what values on vertices are in a space basis, of so many functions of time."""
+    if 8 * axes * count * basis.functions <= BLOCK_BYTES:
+        return quantise_sparsely(basis.project(values(slice(0, count))), step, axes, zone)
     quantised, largest = np.empty((basis.functions, axes * count), np.int64), np.zeros(axes * count, np.int64)
     for channels, some, some_largest in _blocks(basis, values, count, axes, step, zone):
         quantised[:, channels], largest[channels] = some, some_largest
@@ -606,7 +641,7 @@ def _blocks(
     basis: SpaceBasis, values: Columns, count: int, axes: int, step: float, zone: DeadZone
 ) -> Iterator[tuple[slice, Int64Array, Int64Array]]:
     """The same, some channels after others: which, their coefficients, and their largest magnitudes."""
-    at_once = CHANNELS_AT_ONCE // axes
+    at_once = max(1, BLOCK_BYTES // (8 * axes * basis.functions))
     for begin in range(0, count, at_once):
         # With the neighbours, which tell a coefficient that is alone.
         first, end = max(0, begin - 1), min(begin + at_once, count)

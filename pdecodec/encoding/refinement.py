@@ -15,7 +15,6 @@ from pdecodec.encoding.groupfit import (
     FittedGroup,
     GroupChoice,
     GroupFitter,
-    columns_of,
     quantise_on,
     unit_functions,
 )
@@ -52,7 +51,7 @@ class Refinement:
         self.choice = choice
         self._fitter, self._basis, self._zone = fitter, basis, zone
         start = fitter.quantised(basis, choice, zone)
-        if fitter.is_large:
+        if fitter.is_heavy:
             fitter.put_aside()
         self._entry, self._time_functions = start.entry, start.time_functions
         self._values = np.ascontiguousarray(start.values)
@@ -83,6 +82,6 @@ class Refinement:
     def _pushed(self, some: slice) -> Float64Array:
         """What coefficients of some functions of time are to describe next."""
         axes = self._entry.axes
-        values = columns_of(self._values, axes)(some)
+        values = self._values[:, axes * some.start : axes * some.stop].copy()
         self._excess.add_to(values, np.ascontiguousarray(self._dual[:, some]), axes, self._push)
         return values
