@@ -272,6 +272,15 @@ def test_fits_of_heavy_groups_hold_coefficients_in_few_bytes(largest: int, kind:
     assert np.array_equal(fitted.quantised, quantised)
 
 
+def test_what_is_made_of_a_heavy_group_is_heavy() -> None:
+    fitter, _ = fitter_of(waving_sheet(frames=4), 0.02)
+    assert not fitter.is_heavy
+    fitter.is_heavy = True
+    reference = np.asarray(fitter.points[0], np.float64)
+    for other in (fitter.part(slice(0, 2)), fitter.at_bound(0.1, 0.1), fitter.from_reference(reference)):
+        assert other.is_heavy
+
+
 @pytest.mark.parametrize("effort", ["fast", "default"])
 def test_groups_that_are_heavy_are_encoded_nearly_alike(effort: EffortName, monkeypatch: pytest.MonkeyPatch) -> None:
     usual = size(encode(waving_sheet(), tolerance=1e-3, effort=effort))

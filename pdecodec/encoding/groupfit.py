@@ -228,7 +228,7 @@ class GroupFitter:
     Attributes
     ----------
     is_heavy : bool
-        Whether memory counts more than time: what is soon found again is not kept then. Parts are as the whole is.
+        Whether memory counts more than time: what is soon found again is not kept then. So are parts of a heavy group.
     """
 
     def __init__(
@@ -272,9 +272,7 @@ class GroupFitter:
 
     def part(self, frames: slice) -> GroupFitter:
         """Some of its frames, as a group of their own."""
-        some = self._with(self.points[frames], self.times[frames], self._reference, self._first)
-        some.is_heavy = self.is_heavy
-        return some
+        return self._with(self.points[frames], self.times[frames], self._reference, self._first)
 
     def from_reference(self, reference: Float64Array) -> GroupFitter:
         """The same with another decoded reference frame, so alike that functions of time will do as they are."""
@@ -288,22 +286,15 @@ class GroupFitter:
 
     def at_bound(self, bound: float, residual_step: float) -> GroupFitter:
         """The same with another bound: steps stay multiples of the unit that they were."""
-        other = GroupFitter(
-            self.points,
-            self._reference,
-            self._first,
-            times=self.times,
-            bound=bound,
-            unit=self.unit,
-            residual_step=residual_step,
-        )
+        other = self._with(self.points, self.times, self._reference, self._first)
+        other.bound, other.residual_step = bound, residual_step
         other._displacements = self._displacements
         return other
 
     def _with(
         self, points: Float32Array, times: Float64Array, reference: Float64Array, first: Float32Array
     ) -> GroupFitter:
-        return GroupFitter(
+        other = GroupFitter(
             points,
             reference,
             first,
@@ -312,6 +303,8 @@ class GroupFitter:
             unit=self.unit,
             residual_step=self.residual_step,
         )
+        other.is_heavy = self.is_heavy
+        return other
 
     def settle(self, choice: GroupChoice) -> None:
         """Forget what fits of other functions of time, or from another origin, would need."""
