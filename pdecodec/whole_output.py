@@ -183,6 +183,14 @@ def failure_of(folder: Path, said: str) -> str:
 
 
 def _finish(ready: Path) -> None:
+    # What was killed while it removed the folder had moved everything before: the manifest went then, or is going now.
+    if (ready / MANIFEST).exists():
+        _move_out(ready)
+    shutil.rmtree(ready, ignore_errors=True)
+
+
+def _move_out(ready: Path) -> None:
+    """Do what the manifest of a folder says."""
     manifest: Mapping[str, list[str]] = json.loads((ready / MANIFEST).read_text(encoding="utf-8"))
     for name in (*manifest["move"], *manifest["remove"]):
         if Path(name).name != name or name == MANIFEST:
@@ -193,7 +201,6 @@ def _finish(ready: Path) -> None:
             _replace(ready / name, ready.parent / name)
     for name in manifest["remove"]:
         (ready.parent / name).unlink(missing_ok=True)
-    shutil.rmtree(ready, ignore_errors=True)
 
 
 def move_into(partial: Path, path: Path, *, overwrite: bool) -> None:

@@ -71,36 +71,40 @@ def test_a_link_is_written_through_and_a_mode_stays(tmp_path: Path, name: str) -
     assert [len(os.listdir(folder)) for folder in (tmp_path, tmp_path / "real")] == [2, 1]
 
 
-def killed_at(replacement: int, folder: Path, name: str) -> None:
-    """Overwrite a sequence in a process that ends at once at a rename of its."""
+def killed_at(change: str, number: int, folder: Path, name: str) -> None:
+    """Overwrite a sequence in a process that ends at once where it would call os.replace, os.unlink or os.rmdir."""
     code = (
         "import os, sys\n"
         "from tests.test_whole_output import sheet\n"
         "from pdecodec.formats import write_sequence\n"
-        "left, replace = int(sys.argv[1]), os.replace\n"
-        "def replaced(*paths, **options):\n"
+        "change, left = sys.argv[1], int(sys.argv[2])\n"
+        "called = getattr(os, change)\n"
+        "def counted(*paths, **options):\n"
         "    global left\n"
         "    left -= 1\n"
-        "    os._exit(9) if left < 0 else replace(*paths, **options)\n"
-        "os.replace = replaced\n"
-        "write_sequence(sheet(8, 5.0), sys.argv[2], overwrite=True)\n"
+        "    os._exit(9) if left < 0 else called(*paths, **options)\n"
+        "setattr(os, change, counted)\n"
+        "write_sequence(sheet(8, 5.0), sys.argv[3], overwrite=True)\n"
     )
-    command = [sys.executable, "-c", code, str(replacement), str(folder / name)]
+    command = [sys.executable, "-c", code, change, str(number), str(folder / name)]
     root = Path(__file__).resolve().parent.parent
     done = subprocess.run(command, cwd=root, check=False, timeout=120, capture_output=True)
     assert done.returncode in (0, 9), done.stderr
 
 
 @pytest.mark.parametrize("name", ["x.####.obj", "x.pvd", "x.xdmf"])
-@pytest.mark.parametrize("replacement", [0, 1, 2, 5])
+@pytest.mark.parametrize(
+    ("change", "number"),
+    [*(("replace", number) for number in (0, 1, 2, 5)), ("unlink", 0), ("unlink", 4), ("rmdir", 0)],
+)
 def test_a_run_that_is_killed_leaves_all_old_or_all_new_to_the_next(
-    tmp_path: Path, name: str, replacement: int
+    tmp_path: Path, name: str, change: str, number: int
 ) -> None:
     write_sequence(sheet(12), tmp_path / name)
-    killed_at(replacement, tmp_path, name)
-    assert any(path.name.startswith(".x") for path in tmp_path.iterdir()) or replacement > 2
+    killed_at(change, number, tmp_path, name)
+    assert any(path.name.startswith(".x") for path in tmp_path.iterdir()) or number > 2
     with open_sequence(tmp_path / name, fps=24) as read:
-        expected = sheet(12) if replacement == 0 else sheet(8, 5.0)
+        expected = sheet(12) if (change, number) == ("replace", 0) else sheet(8, 5.0)
         assert read.frame_count == expected.frame_count
         assert np.array_equal(read.read_frames(0, read.frame_count), expected.points)
     write_sequence(scene(), tmp_path / "other.npz")
