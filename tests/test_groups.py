@@ -24,6 +24,7 @@ from pdecodec import (
 from pdecodec.encoding.autoprofile import AutoEncoder
 from pdecodec.encoding.groupfit import GroupChoice, GroupFitter
 from pdecodec.encoding.modelchoice import FinishedGroup
+from spec.decoder import animation as independent
 from spec.sealing import seal, take_apart, with_section
 
 Float32Array = NDArray[np.float32]
@@ -188,6 +189,33 @@ def test_between_frames_that_nothing_corrects_motion_is_the_cubic_spline_through
         # The spline through float32 has float32's error over a step or its square as slope and bend.
         np.testing.assert_allclose(model.velocities(at), spline(at, 1), rtol=0, atol=1e-3)
         np.testing.assert_allclose(model.accelerations(at), spline(at, 2), rtol=0, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("reach", "tolerance", "are_precise"),
+    [(1.0, 1e-3, {False}), (1.0, 1e-4, {True}), (100.0, 1e-3, {False, True})],
+)
+def test_between_frames_groups_add_up_whatever_is_kept_of_them_and_in_either_precision(
+    reach: float, tolerance: float, are_precise: set[bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pdecodec.encoding.autoprofile.LONGEST_GROUP", 8)
+    sequence = swinging(24, even=True)
+    points = sequence.points.copy()
+    points[8:16] *= reach
+    report, animation = round_trip(ArraySequence(points, times=sequence.times), tolerance=tolerance)
+    assert report.data is not None
+    plain = independent.decode(report.data)
+    assert {group.is_precise for group in plain.motion.groups} == are_precise
+    at = np.linspace(sequence.times[0], sequence.times[-1], 101)
+    expected = np.array([plain.positions(time) for time in at])
+    with animation:
+        found = animation.sample(at)
+        speeds = animation.velocities(at)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+    monkeypatch.setattr("pdecodec.decoder.CACHE_BYTES", 1)
+    with open_animation(report.data) as forgetful:
+        assert np.array_equal(bits(forgetful.sample(at)), bits(found))
+        assert np.array_equal(bits(forgetful.velocities(at)), bits(speeds))
 
 
 @pytest.mark.parametrize("even", [True, False])

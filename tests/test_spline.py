@@ -53,7 +53,10 @@ def test_it_is_the_spline_that_scipy_knows(frames: int, ratio: float) -> None:
             expected = CubicSpline(times, values)(at, order)
         found = dense(spline, frames, at, order) @ values
         scale = 1 + np.abs(expected).max()
-        assert np.abs(found - expected).max() < 1e-11 * scale * (1 if ratio < 100 else 100)
+        # What lies beyond the window is below a billionth.
+        assert np.abs(found - expected).max() < (1e-11 if frames <= spline.width else 1e-8) * scale * (
+            1 if ratio < 100 else 100
+        )
 
 
 @settings(max_examples=100)
@@ -73,19 +76,19 @@ def test_at_a_frame_its_weight_is_one_and_all_others_are_zero() -> None:
             assert np.array_equal(dense(FrameSpline(times), frames, times), np.eye(frames))
 
 
-@pytest.mark.parametrize(("ratio", "width"), [(1.0, 50), (1.09, 50), (50.0, 94)])
-def test_what_the_window_leaves_out_is_nothing(ratio: float, width: int) -> None:
+@pytest.mark.parametrize(("ratio", "width"), [(1.0, 34), (1.09, 34), (50.0, 62)])
+def test_what_the_window_leaves_out_is_nothing_in_float32(ratio: float, width: int) -> None:
     times = uneven_times(5, 300, ratio)
     at = np.sort(np.random.default_rng(6).uniform(times[0], times[-1], 400))
     spline = FrameSpline(times)
     assert spline.width == width
-    assert np.abs(dense(spline, 300, at) - CubicSpline(times, np.eye(300))(at)).max() < 1e-13
+    assert np.abs(dense(spline, 300, at) - CubicSpline(times, np.eye(300))(at)).max() < 1e-9
 
 
 def test_a_frame_further_away_counts_a_quarter() -> None:
     times = np.arange(100.0)
     weights = dense(FrameSpline(times), 100, np.array([49.5]))[0]
-    ratios = weights[60:70] / weights[59:69]
+    ratios = weights[53:63] / weights[52:62]
     assert np.abs(ratios - (np.sqrt(3) - 2)).max() < 1e-7
 
 

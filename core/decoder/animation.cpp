@@ -380,17 +380,22 @@ template <class Work> void Animation::with_motion(const DecodedGroup &own, const
     std::visit([&]<class Real>(const Motion<Real> &motion) { work(motion, anchored<Real>()); }, own.motion);
 }
 
+// Call work(share) for shares of the vertices that cover each once, from several threads where so much is read that it is
+// worth it.
+template <class Work> void Animation::in_parts(i64 bytes, const Work &work) const {
+    const bool is_worth_it = bytes + bytes_of_a_position * vertices() >= bytes_worth_a_thread;
+    const int levels = is_worth_it && threads_ > 1 ? part_levels : 0;
+    in_shares(i64{1} << levels, threads_, [&](i64 first, i64 end) {
+        for (i64 part = first; part < end; ++part) work(VertexShare{levels, part});
+    });
+}
+
 // Positions, or displacements without a reference frame, at one time; `weights`: what functions of time count there.
 template <class Real, class Out>
 void Animation::evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
                               const AnchoredReference<Real> *reference, Out out) const {
-    const bool is_worth_it = motion.bytes() + bytes_of_a_position * vertices() >= bytes_worth_a_thread;
-    const int levels = is_worth_it && threads_ > 1 ? part_levels : 0;
-    in_shares(i64{1} << levels, threads_, [&](i64 first, i64 end) {
-        for (i64 part = first; part < end; ++part) {
-            pdeanim::evaluate(motion, weights, reference, out, VertexShare{levels, part});
-        }
-    });
+    in_parts(motion.bytes(),
+             [&](const VertexShare &share) { pdeanim::evaluate(motion, weights, reference, out, share); });
 }
 
 // Positions at one frame, by the model alone.
@@ -488,21 +493,56 @@ FrameShares Animation::frame_shares(double time, int derivative) {
     return spline_->shares(time, derivative);
 }
 
+// Positions or a derivative of them as groups of one precision say together; as many at once as are kept.
+template <class Real>
+void Animation::evaluate_in(const CountingGroups &counting, int derivative, std::span<float> out) {
+    const AnchoredReference<Real> *reference = derivative == 0 ? &anchored<Real>() : nullptr;
+    std::optional<AnchoredReference<Real>> moved;
+    if (counting.size() > 1) {
+        moved = reference ? *reference : AnchoredReference<Real>(*space().elements().patches);
+        reference = &*moved;
+    }
+    for (std::size_t next = 0; next < counting.size();) {
+        std::vector<const Motion<Real> *> motions;
+        i64 bytes = 0;
+        const std::size_t first = next;
+        do {
+            motions.push_back(&std::get<Motion<Real>>(group(counting[next].first).motion));
+            bytes += motions.back()->bytes();
+        } while (++next < counting.size() && is_kept(counting[next].first));
+        in_parts(bytes, [&](const VertexShare &share) {
+            for (std::size_t k = first; k < next; ++k) {
+                const Motion<Real> &own = *motions[k - first];
+                const std::vector<double> &weights = counting[k].second;
+                if (k + 1 < counting.size()) {
+                    displace(own, weights, *moved, share);
+                } else {
+                    pdeanim::evaluate(own, weights, reference, out, share);
+                }
+            }
+        });
+    }
+}
+
 // Positions at a time inside the clip by the model alone, or a derivative of them.
 void Animation::evaluate_groups(double time, int derivative, std::span<float> out) {
-    std::vector<std::pair<std::size_t, std::vector<double>>> counting;
+    CountingGroups counting;
     const auto [first, end] = counting_groups(time, derivative);
     for (std::size_t index = first; index < end; ++index) {
         std::vector<double> weights = weights_of_group(index, time, derivative);
         if (!weights.empty()) counting.emplace_back(index, std::move(weights));
     }
-    if (counting.size() == 1) {
-        with_motion(group(counting[0].first), [&](const auto &motion, const auto &anchored) {
-            evaluate_once(motion, counting[0].second, derivative == 0 ? &anchored : nullptr, out);
-        });
+    const auto is_single = [&](const auto &own) { return table_->groups()[own.first].is_single; };
+    const auto singles = std::count_if(counting.begin(), counting.end(), is_single);
+    if (singles == 0 && !counting.empty()) {
+        evaluate_in<double>(counting, derivative, out);
         return;
     }
-    // What several groups say is added up before it is rounded.
+    if (singles == static_cast<i64>(counting.size()) && !counting.empty()) {
+        evaluate_in<float>(counting, derivative, out);
+        return;
+    }
+    // What groups of either precision say is added up before it is rounded. Nothing may count, too.
     std::vector<double> all(out.size()), part(out.size());
     if (derivative == 0) all = reference().points;
     for (const auto &[index, weights] : counting) {

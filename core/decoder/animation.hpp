@@ -131,6 +131,9 @@ public:
     void cancel() { ++cancels_; }
 
 private:
+    // Groups, and what their functions of time count at a time.
+    using CountingGroups = std::vector<std::pair<std::size_t, std::vector<double>>>;
+
     void take(u64 bytes, const std::string &what);
     std::unique_lock<std::recursive_mutex> begin_call();
     void check_cancelled() const;
@@ -146,6 +149,7 @@ private:
     ResidualScale residual_scale();
     template <class Real> const AnchoredReference<Real> &anchored();
     template <class Work> void with_motion(const DecodedGroup &own, const Work &work);
+    template <class Work> void in_parts(i64 bytes, const Work &work) const;
     template <class Real, class Out> void evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
                                                         const AnchoredReference<Real> *reference, Out out) const;
     void evaluate_model(const DecodedGroup &own, i64 frame, std::span<float> out);
@@ -156,6 +160,7 @@ private:
     std::vector<double> weights_of_group(std::size_t group, double time, int derivative);
     bool is_outside(Quantity quantity, double time) const;
     std::optional<i64> frame_of_positions(Quantity quantity, double time) const;
+    template <class Real> void evaluate_in(const CountingGroups &counting, int derivative, std::span<float> out);
     void evaluate_groups(double time, int derivative, std::span<float> out);
     void evaluate_frames_of_group(i64 first, i64 count, std::span<float> out);
     void evaluate_between(double time, std::span<float> out);

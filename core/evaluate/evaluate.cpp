@@ -76,47 +76,121 @@ PDEANIM_INLINE void add_up_part(const Real *time, i64 stride, const Coefficient 
     }
 }
 
+// Numbers as a register holds them, or one.
+template <int size, class Real> PDEANIM_INLINE auto &numbers_at(Real *numbers) {
+    if constexpr (size == 1) {
+        return *numbers;
+    } else {
+        return lanes_at<size>(numbers);
+    }
+}
+
+// `packs` registers of each axis, of coefficients that differ by axis: one after another as they come, but those of the axes
+// beside each other.
+template <int packs, int size, int frames, class Real, class Coefficient>
+PDEANIM_INLINE void add_up_axes(const Real *time, const Coefficient *coefficients, const i64 *starts, Real *row) {
+    using Pack = std::conditional_t<size == 1, Real, Lanes<Real, size>>;
+    Pack sums[3][packs] = {};
+    const Coefficient *next[3] = {coefficients + starts[0], coefficients + starts[1], coefficients + starts[2]};
+    const auto add = [&](int axis) PDEANIM_INLINE_LAMBDA {
+        const Coefficient &own = *next[axis]++;
+        const Real *from = time + own.function * frames;
+        for (int i = 0; i < packs; ++i) sums[axis][i] += own.value * numbers_at<size>(from + i * size);
+    };
+    const i64 all = least(least(starts[1] - starts[0], starts[2] - starts[1]), starts[3] - starts[2]);
+    for (i64 k = 0; k < all; ++k) {
+        for (int axis = 0; axis < 3; ++axis) add(axis);
+    }
+    for (int axis = 0; axis < 3; ++axis) {
+        while (next[axis] != coefficients + starts[axis + 1]) add(axis);
+        for (int i = 0; i < packs; ++i) numbers_at<size>(row + axis * frames + i * size) = sums[axis][i];
+    }
+}
+
 // What one function of space counts at some frames: the sum over its coefficients of functions of time.
-template <int bytes, int frames, class Real, class Coefficient>
-PDEANIM_INLINE void add_up(const TimeRows<frames, Real> &time, const Coefficient *begin, const Coefficient *end,
-                           Real *row) {
-    constexpr int size = least(lanes<bytes, Real>, width<frames>), packs = width<frames> / size;
+template <int bytes, int frames, class Real, class Rows>
+PDEANIM_INLINE void add_up(const TimeRows<frames, Real> &time, const Rows &rows, i64 function, Real *row) {
+    const auto *coefficients = rows.coefficients.data();
     if (time.is_shared) {
-        constexpr int own_size = least(lanes<bytes, Real>, frames);
-        std::fill_n(row, width<frames>, Real{0});
-        for (const Coefficient *own = begin; own != end; ++own) {
-            const Real *from = time.values.data() + own->function * frames;
-            Real *to = row + own->axis * frames;
-            if constexpr (frames == 1) {
-                *to += own->value * *from;
-            } else {
-                for (int i = 0; i < frames; i += own_size) {
-                    lanes_at<own_size>(to + i) += own->value * lanes_at<own_size>(from + i);
-                }
-            }
+        constexpr int size = least(lanes<bytes, Real>, frames), packs = frames / size;
+        constexpr int at_once = least(packs, 2);
+        static_assert(packs % at_once == 0);
+        std::fill(row + 3 * frames, row + width<frames>, Real{0});
+        for (int first = 0; first < packs; first += at_once) {
+            add_up_axes<at_once, size, frames>(time.values.data() + first * size, coefficients,
+                                               rows.starts.data() + 3 * function, row + first * size);
         }
         return;
     }
+    constexpr int size = least(lanes<bytes, Real>, width<frames>), packs = width<frames> / size;
     constexpr int at_once = least(packs, 6);
     static_assert(packs % at_once == 0);
+    const auto *begin = coefficients + rows.starts[function], *end = coefficients + rows.starts[function + 1];
     for (int first = 0; first < packs; first += at_once) {
         add_up_part<at_once, size>(time.values.data() + first * size, width<frames>, begin, end, row + first * size);
     }
 }
 
+// Functions or fields of an element, and what each counts at some frames.
+template <class Real> struct Columns {
+    const Real *values;  // from the element's first vertex on
+    i64 count;
+    const Real *counts;
+    i64 count_stride;
+    bool is_shared;  // they have values for each axis, and count the same on all of them
+};
+
 // An element's vertices at some frames.
 template <class Real> struct Target {
-    const Real *values;   // of functions or fields at the first of the vertices
-    i64 columns, stride;  // from one function or field to the next
-    const Real *counts;   // what each counts at the frames
-    i64 count_stride;
-    const Real *away;  // reference frame; nothing where there is none
-    i64 away_stride;
+    Columns<Real> columns;
+    i64 stride;                 // from one function, field or axis of the reference frame to the next
+    const Real *away;           // reference frame; nothing where there is none
     const Real *means, *rests;  // (axes, frames): of the means, and what these leave
     const i32 *vertices;
     i64 size;    // of the vertices, how many are written
     i64 frames;  // of the frames likewise
+
+    PDEANIM_INLINE void pass(i64 points) {
+        columns.values += points;
+        if (away) away += points;
+        vertices += points;
+        size -= points;
+    }
 };
+
+// Sums of some vertices at frames `first` to `first` + `together` - 1.
+template <class Pack, int packs, int together> using Sums = Pack[3][together][packs];
+
+template <int size, int frames, class Pack, int packs, int together, class Real>
+PDEANIM_INLINE void add_up_columns(const Columns<Real> &columns, i64 stride, i64 first,
+                                   Sums<Pack, packs, together> &sums) {
+    const Real *values = columns.values, *counts = columns.counts + first;
+    if (columns.is_shared) {
+        for (i64 k = 0; k < columns.count; ++k) {
+            for (int axis = 0; axis < 3; ++axis) {
+                for (int p = 0; p < packs; ++p) {
+                    const Pack value = lanes_at<size>(values + p * size);
+                    for (int t = 0; t < together; ++t) sums[axis][t][p] += counts[t] * value;
+                }
+                values += stride;
+            }
+            counts += columns.count_stride;
+        }
+        return;
+    }
+    for (i64 k = 0; k < columns.count; ++k) {
+        Pack value[packs];
+        for (int p = 0; p < packs; ++p) value[p] = lanes_at<size>(values + p * size);
+        for (int axis = 0; axis < 3; ++axis) {
+            for (int t = 0; t < together; ++t) {
+                const Real count = counts[axis * frames + t];
+                for (int p = 0; p < packs; ++p) sums[axis][t][p] += count * value[p];
+            }
+        }
+        values += stride;
+        counts += columns.count_stride;
+    }
+}
 
 // One coordinate of some vertices: what is added up so far, with the two parts of its mean, the lesser one first.
 template <int size, int points, class Real, class Out>
@@ -131,43 +205,20 @@ PDEANIM_INLINE void add_mean(Real *added, Real mean, Real rest, Out *found) {
     }
 }
 
-// `packs` times as many vertices as a register holds, at frames `first` to `first` + `together` - 1. Where `is_shared`,
-// columns have values for each axis, and count the same.
-template <int bytes, int frames, int packs, int together, bool is_shared, class Real, class Out>
+// `packs` times as many vertices as a register holds, at frames `first` to `first` + `together` - 1.
+template <int bytes, int frames, int packs, int together, class Real, class Out>
 PDEANIM_INLINE void add_columns(const Target<Real> &to, i64 first, i64 vertices, Out *out) {
     constexpr int size = lanes<bytes, Real>, points = packs * size;
     using Pack = Lanes<Real, size>;
-    Pack sums[3][together][packs];
+    Sums<Pack, packs, together> sums;
     for (int axis = 0; axis < 3; ++axis) {
         for (int p = 0; p < packs; ++p) {
             Pack away{};
-            if (to.away) away = lanes_at<size>(to.away + axis * to.away_stride + p * size);
+            if (to.away) away = lanes_at<size>(to.away + axis * to.stride + p * size);
             for (int t = 0; t < together; ++t) sums[axis][t][p] = away;
         }
     }
-    const Real *values = to.values, *counts = to.counts + first;
-    for (i64 k = 0; k < to.columns; ++k) {
-        if constexpr (is_shared) {
-            for (int axis = 0; axis < 3; ++axis) {
-                for (int p = 0; p < packs; ++p) {
-                    const Pack value = lanes_at<size>(values + p * size);
-                    for (int t = 0; t < together; ++t) sums[axis][t][p] += counts[t] * value;
-                }
-                values += to.stride;
-            }
-        } else {
-            Pack value[packs];
-            for (int p = 0; p < packs; ++p) value[p] = lanes_at<size>(values + p * size);
-            for (int axis = 0; axis < 3; ++axis) {
-                for (int t = 0; t < together; ++t) {
-                    const Real count = counts[axis * frames + t];
-                    for (int p = 0; p < packs; ++p) sums[axis][t][p] += count * value[p];
-                }
-            }
-            values += to.stride;
-        }
-        counts += to.count_stride;
-    }
+    add_up_columns<size, frames, Pack, packs, together>(to.columns, to.stride, first, sums);
     Real added[together][3][points];
     for (int t = 0; t < together; ++t) {
         for (int axis = 0; axis < 3; ++axis) {
@@ -229,12 +280,12 @@ private:
     int count_ = 0;
 };
 
-template <int bytes, int frames, bool is_shared, int packs, int together, class Real, class Out>
+template <int bytes, int frames, int packs, int together, class Real, class Out>
 PDEANIM_INLINE void write_vertices(Target<Real> &to, i64 vertices, Out *out) {
     constexpr i64 points = packs * lanes<bytes, Real>;
     if constexpr (frames == 1 || is_small<bytes>) {
         for (i64 t = 0; t < to.frames; t += together) {
-            add_columns<bytes, frames, packs, together, is_shared>(to, t, vertices, out);
+            add_columns<bytes, frames, packs, together>(to, t, vertices, out);
         }
     } else {
         // Vertices are scattered over the frames: where they go is fetched while others are added up.
@@ -242,32 +293,29 @@ PDEANIM_INLINE void write_vertices(Target<Real> &to, i64 vertices, Out *out) {
         lines.fetch(to, 0, together, vertices);
         for (i64 t = 0; t < to.frames; t += together) {
             lines.fetch(to, t + together, together, vertices);
-            add_columns<bytes, frames, packs, together, is_shared>(to, t, vertices, out);
+            add_columns<bytes, frames, packs, together>(to, t, vertices, out);
         }
     }
-    to.values += points;
-    if (to.away) to.away += points;
-    to.vertices += points;
-    to.size -= points;
+    to.pass(points);
 }
 
 // Twelve sums are kept in registers, or fewer; 24 where there are twice as many registers.
-template <int bytes, int frames, bool is_shared, class Real, class Out>
+template <int bytes, int frames, class Real, class Out>
 PDEANIM_INLINE void write_element(Target<Real> to, i64 vertices, Out *out) {
     constexpr int size = lanes<bytes, Real>, more = has_many_registers<bytes> ? 2 : 1;
     if constexpr (is_small<bytes>) {
-        while (to.size > 0) write_vertices<bytes, frames, is_shared, 1, 1>(to, vertices, out);
+        while (to.size > 0) write_vertices<bytes, frames, 1, 1>(to, vertices, out);
     } else if constexpr (frames == 1 && std::is_same_v<Out, double>) {
         // What is added to other groups' is rarer than what is shown: a loop as wide as elements are filled up to.
-        while (to.size > 0) write_vertices<bytes, frames, is_shared, 64 / bytes, 1>(to, vertices, out);
+        while (to.size > 0) write_vertices<bytes, frames, 64 / bytes, 1>(to, vertices, out);
     } else if constexpr (frames == 1) {
-        while (to.size > 3 * size) write_vertices<bytes, frames, is_shared, 4, 1>(to, vertices, out);
-        if (to.size > 2 * size) write_vertices<bytes, frames, is_shared, 3, 1>(to, vertices, out);
-        if (to.size > size) write_vertices<bytes, frames, is_shared, 2, 1>(to, vertices, out);
-        if (to.size > 0) write_vertices<bytes, frames, is_shared, 1, 1>(to, vertices, out);
+        while (to.size > 3 * size) write_vertices<bytes, frames, 4, 1>(to, vertices, out);
+        if (to.size > 2 * size) write_vertices<bytes, frames, 3, 1>(to, vertices, out);
+        if (to.size > size) write_vertices<bytes, frames, 2, 1>(to, vertices, out);
+        if (to.size > 0) write_vertices<bytes, frames, 1, 1>(to, vertices, out);
     } else {
-        while (to.size > size) write_vertices<bytes, frames, is_shared, 2, 2 * more>(to, vertices, out);
-        if (to.size > 0) write_vertices<bytes, frames, is_shared, 1, 4 * more>(to, vertices, out);
+        while (to.size > size) write_vertices<bytes, frames, 2, 2 * more>(to, vertices, out);
+        if (to.size > 0) write_vertices<bytes, frames, 1, 4 * more>(to, vertices, out);
     }
 }
 
@@ -308,12 +356,12 @@ private:
     static constexpr int columns = width<frames>, most_functions = PartitionTree::most_functions;
 
     PDEANIM_INLINE bool has_row(i64 function) const {
-        return motion_.tree.starts[function] < motion_.tree.starts[function + 1];
+        const i64 *starts = motion_.tree.starts.data() + function * motion_.axes;
+        return starts[0] < starts[motion_.axes];
     }
 
     PDEANIM_INLINE void add_up_row(i64 function, double *row) const {
-        const auto *own = motion_.tree.coefficients.data();
-        add_up<bytes, frames>(time_, own + motion_.tree.starts[function], own + motion_.tree.starts[function + 1], row);
+        add_up<bytes, frames>(time_, motion_.tree, function, row);
     }
 
     // Put the halves of the last node in its place, the first one last; of those that are shared out, the share's alone.
@@ -374,71 +422,93 @@ private:
     i64 waiting_count_ = 1;
 };
 
+// The elements of a motion at some frames, one after another.
+template <int bytes, int frames, class Real> class MovedElements {
+public:
+    PDEANIM_INLINE MovedElements(const Motion<Real> &motion, const double *time, i64 given, VertexShare share)
+        : motion_(motion), exact_(motion, time, given), usual_(motion, time, given), descent_(motion, exact_, share) {}
+    MovedElements(const MovedElements &) = delete;
+
+    // Go to the next one; false after the last one.
+    PDEANIM_INLINE bool next() {
+        const Patches &patches = *motion_.basis->elements().patches;
+        do {
+            node_ = descent_.next();
+            if (!node_) return false;
+            // Elements come in their order, as the halves of a node do.
+            if (element_ < 0) {
+                const auto found =
+                    std::lower_bound(patches.starts.begin(), patches.starts.end(), patches.begins[node_->number]);
+                element_ = found - patches.starts.begin();
+            } else {
+                ++element_;
+            }
+        } while (motion_.is_left_out(element_));
+        affine_ = motion_.basis->tree().affine_of(node_->number);
+        return true;
+    }
+
+    PDEANIM_INLINE i64 element() const { return element_; }
+
+    // How far its mean is moved on an axis at a frame.
+    PDEANIM_INLINE double moved(int axis, int frame) const {
+        return affine_ > 0 ? item().constant * node_->affine[axis * frames + frame] : 0.0;
+    }
+
+    // What else moves it; there until `next` is called.
+    PDEANIM_INLINE Columns<Real> columns() {
+        constexpr int numbers = width<frames>;
+        const typename Motion<Real>::Element &own = item();
+        if (own.has_fields) {
+            return {own.values.data(), own.columns, usual_.values.data(), usual_.stride, usual_.is_shared};
+        }
+        counts_.resize(own.columns * numbers);
+        const i64 first = most<i64>(affine_ - 1, 0);
+        for (i64 i = 0; i < first * numbers; ++i) counts_[i] = static_cast<Real>(node_->affine[numbers + i]);
+        for (i64 k = first; k < own.columns; ++k) {
+            add_up<bytes, frames>(usual_, own.rows, k - first, counts_.data() + k * numbers);
+        }
+        return {own.values.data(), own.columns, counts_.data(), numbers, false};
+    }
+
+private:
+    PDEANIM_INLINE const typename Motion<Real>::Element &item() const { return motion_.elements[element_]; }
+
+    const Motion<Real> &motion_;
+    const TimeRows<frames, double> exact_;
+    const TimeRows<frames, Real> usual_;
+    Descent<bytes, frames, Real> descent_;
+    const Node<frames> *node_ = nullptr;
+    i64 element_ = -1, affine_ = 0;
+    std::vector<Real> counts_;
+};
+
 template <int bytes, int frames, class Real, class Out>
 PDEANIM_INLINE void evaluate_some(const Motion<Real> &motion, const double *time, i64 given,
                                   const AnchoredReference<Real> *reference, VertexShare share, Out *out) {
-    constexpr int columns = width<frames>;
-    const PartitionTree &tree = motion.basis->tree();
     const Patches &patches = *motion.basis->elements().patches;
-    const TimeRows<frames, double> exact(motion, time, given);
-    const TimeRows<frames, Real> usual(motion, time, given);
-    std::vector<Real> counts;
-    Descent<bytes, frames, Real> descent(motion, exact, share);
-    i64 element = -1;
-    while (const Node<frames> *node = descent.next()) {
-        // Elements come in their order, as the halves of a node do.
-        if (element < 0) {
-            const i64 place = patches.begins[node->number];
-            element = std::lower_bound(patches.starts.begin(), patches.starts.end(), place) - patches.starts.begin();
-        }
-        if (motion.is_left_out(element)) {
-            ++element;
-            continue;
-        }
-        const typename Motion<Real>::Element &item = motion.elements[element];
-        const i64 affine = tree.affine_of(node->number);
-        Real means[columns] = {}, rests[columns] = {};
+    MovedElements<bytes, frames, Real> elements(motion, time, given, share);
+    while (elements.next()) {
+        const i64 element = elements.element();
+        Real means[width<frames>] = {}, rests[width<frames>] = {};
         for (int axis = 0; axis < 3; ++axis) {
             const double anchor = reference ? reference->anchors[3 * element + axis] : 0.0;
             for (int t = 0; t < frames; ++t) {
-                const double moved = affine > 0 ? item.constant * node->affine[axis * frames + t] : 0.0;
-                const double mean = anchor + moved;
+                const double mean = anchor + elements.moved(axis, t);
                 means[axis * frames + t] = static_cast<Real>(mean);
                 rests[axis * frames + t] = static_cast<Real>(mean - static_cast<double>(means[axis * frames + t]));
             }
         }
         Target<Real> to;
+        to.columns = elements.columns();
         to.size = patches.size(element);
         to.stride = padded<Real>(to.size);
-        to.values = item.values.data();
-        to.columns = item.columns;
         to.away = reference ? reference->away.data() + reference->starts[element] : nullptr;
-        to.away_stride = to.stride;
         to.means = means;
         to.rests = rests;
         to.vertices = motion.places(element);
         to.frames = given;
-        if (item.has_fields) {
-            to.counts = usual.values.data();
-            to.count_stride = usual.stride;
-        } else {
-            counts.resize(item.columns * columns);
-            const i64 first = most<i64>(affine - 1, 0);
-            for (i64 i = 0; i < first * columns; ++i) counts[i] = static_cast<Real>(node->affine[columns + i]);
-            const auto *coefficients = item.rows.coefficients.data();
-            for (i64 k = first; k < item.columns; ++k) {
-                const i64 begin = item.rows.starts[k - first], end = item.rows.starts[k - first + 1];
-                add_up<bytes, frames>(usual, coefficients + begin, coefficients + end, counts.data() + k * columns);
-            }
-            to.counts = counts.data();
-            to.count_stride = columns;
-        }
-        if (item.has_fields && usual.is_shared) {
-            write_element<bytes, frames, true>(to, motion.vertices(), out);
-        } else {
-            write_element<bytes, frames, false>(to, motion.vertices(), out);
-        }
-        ++element;
+        write_element<bytes, frames>(to, motion.vertices(), out);
     }
 }
 
@@ -456,6 +526,33 @@ PDEANIM_INLINE void evaluate_all(const Motion<Real> &motion, std::span<const dou
             evaluate_some<bytes, 1>(motion, own, given, reference, share, to);
         } else {
             evaluate_some<bytes, frames_at_once>(motion, own, given, reference, share, to);
+        }
+    }
+}
+
+// Elements are filled up to the widest registers.
+template <int bytes, class Real> PDEANIM_INLINE void displace_all(const Motion<Real> &motion, const double *weights,
+                                                                  AnchoredReference<Real> &moved, VertexShare share) {
+    constexpr int size = lanes<bytes, Real>, packs = is_small<bytes> ? 1 : 64 / bytes;
+    using Pack = Lanes<Real, size>;
+    const Patches &patches = *motion.basis->elements().patches;
+    MovedElements<bytes, 1, Real> elements(motion, weights, 1, share);
+    while (elements.next()) {
+        const i64 element = elements.element(), stride = padded<Real>(patches.size(element));
+        for (int axis = 0; axis < 3; ++axis) moved.anchors[3 * element + axis] += elements.moved(axis, 0);
+        Columns<Real> columns = elements.columns();
+        Real *away = moved.away.data() + moved.starts[element];
+        for (i64 first = 0; first < stride; first += packs * size) {
+            Sums<Pack, packs, 1> sums;
+            for (int axis = 0; axis < 3; ++axis) {
+                for (int p = 0; p < packs; ++p) sums[axis][0][p] = lanes_at<size>(away + axis * stride + p * size);
+            }
+            add_up_columns<size, 1, Pack, packs, 1>(columns, stride, 0, sums);
+            for (int axis = 0; axis < 3; ++axis) {
+                for (int p = 0; p < packs; ++p) lanes_at<size>(away + axis * stride + p * size) = sums[axis][0][p];
+            }
+            columns.values += packs * size;
+            away += packs * size;
         }
     }
 }
@@ -495,6 +592,30 @@ template <class Real, class Out> struct Evaluate {
     }
 };
 
+template <class Real> struct Displace {
+    using Function = void(const Motion<Real> &, std::span<const double>, AnchoredReference<Real> &, VertexShare);
+
+#if defined(PDEANIM_FOR)
+    PDEANIM_FOR("avx2")
+    static void by_32(const Motion<Real> &motion, std::span<const double> weights, AnchoredReference<Real> &moved,
+                      VertexShare share) {
+        displace_all<32>(motion, weights.data(), moved, share);
+    }
+#endif
+
+    static void by_16(const Motion<Real> &motion, std::span<const double> weights, AnchoredReference<Real> &moved,
+                      VertexShare share) {
+        displace_all<16>(motion, weights.data(), moved, share);
+    }
+
+    static Function *widest() {
+#if defined(PDEANIM_FOR)
+        if (__builtin_cpu_supports("avx2")) return by_32;
+#endif
+        return by_16;
+    }
+};
+
 }  // namespace
 
 template <class Real, class Out> void evaluate(const Motion<Real> &motion, std::span<const double> time,
@@ -502,6 +623,12 @@ template <class Real, class Out> void evaluate(const Motion<Real> &motion, std::
                                                VertexShare share) {
     static const auto chosen = Evaluate<Real, Out>::widest();
     chosen(motion, time, reference, out, share);
+}
+
+template <class Real> void displace(const Motion<Real> &motion, std::span<const double> weights,
+                                    AnchoredReference<Real> &moved, VertexShare share) {
+    static const auto chosen = Displace<Real>::widest();
+    chosen(motion, weights, moved, share);
 }
 
 template void evaluate(const Motion<float> &, std::span<const double>, const AnchoredReference<float> *,
@@ -512,5 +639,7 @@ template void evaluate(const Motion<double> &, std::span<const double>, const An
                        std::span<float>, VertexShare);
 template void evaluate(const Motion<double> &, std::span<const double>, const AnchoredReference<double> *,
                        std::span<double>, VertexShare);
+template void displace(const Motion<float> &, std::span<const double>, AnchoredReference<float> &, VertexShare);
+template void displace(const Motion<double> &, std::span<const double>, AnchoredReference<double> &, VertexShare);
 
 }  // namespace pdeanim

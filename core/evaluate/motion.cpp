@@ -14,10 +14,14 @@ constexpr i64 most_fields = 64;
 
 }  // namespace
 
-template <class Real> AnchoredReference<Real>::AnchoredReference(const Patches &patches, std::span<const double> points)
+template <class Real> AnchoredReference<Real>::AnchoredReference(const Patches &patches)
     : anchors(3 * patches.count()), starts(patches.count() + 1) {
     for (i64 e = 0; e < patches.count(); ++e) starts[e + 1] = starts[e] + 3 * padded<Real>(patches.size(e));
     away.resize(starts.back());
+}
+
+template <class Real> AnchoredReference<Real>::AnchoredReference(const Patches &patches, std::span<const double> points)
+    : AnchoredReference(patches) {
     for (i64 e = 0; e < patches.count(); ++e) {
         const std::span<const i32> vertices = patches.vertices(e);
         for (int axis = 0; axis < 3; ++axis) {
@@ -60,12 +64,14 @@ namespace {
 template <class Value, class Rows>
 void append_row(Rows &rows, const QuantisedRows &quantised, i64 function, int axes, double step) {
     const i64 *row = quantised.row(function);
-    for (i64 channel = 0; channel < quantised.used_of(function); ++channel) {
-        if (row[channel] == 0) continue;
-        rows.coefficients.push_back({static_cast<u16>(channel / axes), static_cast<u16>(channel % axes),
-                                     static_cast<Value>(static_cast<double>(row[channel]) * step)});
+    for (int axis = 0; axis < axes; ++axis) {
+        for (i64 channel = axis; channel < quantised.used_of(function); channel += axes) {
+            if (row[channel] == 0) continue;
+            rows.coefficients.push_back(
+                {static_cast<u16>(channel / axes), static_cast<Value>(static_cast<double>(row[channel]) * step)});
+        }
+        rows.starts.push_back(static_cast<i64>(rows.coefficients.size()));
     }
-    rows.starts.push_back(static_cast<i64>(rows.coefficients.size()));
 }
 
 }  // namespace

@@ -41,6 +41,9 @@ template <class Real> struct AnchoredReference {
     // points: (vertices, 3) [scene units].
     AnchoredReference(const Patches &patches, std::span<const double> points);
 
+    // All at the origin.
+    explicit AnchoredReference(const Patches &patches);
+
     std::vector<double> anchors;  // (elements, 3): of the first vertex of each
     std::vector<Real> away;       // of each element: three axes of its vertices less the first, padded
     std::vector<i64> starts;      // where an element's begin there
@@ -90,13 +93,14 @@ template <class Real> struct Motion {
     i64 bytes() const;
 
     template <class Value> struct Coefficient {
-        u16 function, axis;
+        u16 function;
         Value value;
     };
 
+    // Coefficients of functions of space that are not zero: of each function those of each axis it has.
     template <class Value> struct Rows {
         std::vector<i64> starts{0};
-        std::vector<Coefficient<Value>> coefficients;  // that are not zero
+        std::vector<Coefficient<Value>> coefficients;
     };
 
     struct Element {
@@ -142,5 +146,10 @@ struct VertexShare {
 template <class Real, class Out> void evaluate(const Motion<Real> &motion, std::span<const double> time,
                                                const AnchoredReference<Real> *reference, std::span<Out> out,
                                                VertexShare share = {});
+
+// Add what a motion counts at one time to a reference frame, which has the vertices in that place then. Several motions in
+// a row are added up as one with the functions of all is. weights: (time axes, functions).
+template <class Real> void displace(const Motion<Real> &motion, std::span<const double> weights,
+                                    AnchoredReference<Real> &moved, VertexShare share = {});
 
 }  // namespace pdeanim

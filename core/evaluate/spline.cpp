@@ -8,10 +8,11 @@ namespace pdeanim {
 
 namespace {
 
-// Frames on either side of a time: (2 - sqrt 3)^24 < 2e-14 is what lies beyond where times are even.
-constexpr i64 half_window = 24;
-// The same for uneven times, where a frame further away may count half as much, and not less: 2^-46 < 2e-14.
-constexpr i64 half_window_uneven = 46;
+// Frames on either side of a time: (2 - sqrt 3)^16 < 1e-9 is what lies beyond where times are even, a fiftieth of the least
+// that a float32 tells apart.
+constexpr i64 half_window = 16;
+// The same for uneven times, where a frame further away may count half as much, and not less: 2^-30 < 1e-9.
+constexpr i64 half_window_uneven = 30;
 // Times are even if no two steps differ by more than this factor: then a frame further away counts 0.28 as much.
 constexpr double even = 1.1;
 
