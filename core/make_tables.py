@@ -1,17 +1,18 @@
 """Write core/entropy/tables.hpp: the tables of the range coder, as integers that every machine has alike.
 
-``python core/make_tables.py core/entropy/tables.hpp``. The specification defines the values; none of them is within
-1e-5 of a tie before rounding.
+``python core/make_tables.py``. The specification defines the values; none of them is within 1e-5 of a tie before
+rounding.
 """
 
 from __future__ import annotations
 
-import sys
 from decimal import ROUND_HALF_EVEN, Decimal, getcontext
 from pathlib import Path
 
 LOGISTIC_LIMIT = 2047
 """Largest magnitude of log odds [1/256]: three thousand to one."""
+
+HEADER = Path(__file__).parent / "entropy" / "tables.hpp"
 
 PER_LINE = 16
 """Numbers of a table, in a line of the header."""
@@ -27,7 +28,7 @@ def array(kind: str, name: str, comment: str, values: list[int]) -> str:
     return f"// {comment}\ninline constexpr {kind} {name}[{len(values)}] = {{\n    {body}}};\n"
 
 
-def main(path: str) -> None:
+def main() -> None:
     getcontext().prec = 40
     two = Decimal(2).ln()
     squash = [
@@ -45,8 +46,8 @@ def main(path: str) -> None:
         array("int", "costs", "Cost of a bit of a probability [1/4096], in 1/65536 of a bit.", costs),
         "}  // namespace pdeanim::tables\n",
     ]
-    Path(path).write_text("\n".join(parts), encoding="utf-8")
+    HEADER.write_text("\n".join(parts), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main()

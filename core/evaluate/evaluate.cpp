@@ -305,9 +305,6 @@ PDEANIM_INLINE void write_element(Target<Real> to, i64 vertices, Out *out) {
     constexpr int size = lanes<bytes, Real>, more = has_many_registers<bytes> ? 2 : 1;
     if constexpr (is_small<bytes>) {
         while (to.size > 0) write_vertices<bytes, frames, 1, 1>(to, vertices, out);
-    } else if constexpr (frames == 1 && std::is_same_v<Out, double>) {
-        // What is added to other groups' is rarer than what is shown: a loop as wide as elements are filled up to.
-        while (to.size > 0) write_vertices<bytes, frames, 64 / bytes, 1>(to, vertices, out);
     } else if constexpr (frames == 1) {
         while (to.size > 3 * size) write_vertices<bytes, frames, 4, 1>(to, vertices, out);
         if (to.size > 2 * size) write_vertices<bytes, frames, 3, 1>(to, vertices, out);
@@ -522,11 +519,14 @@ PDEANIM_INLINE void evaluate_all(const Motion<Real> &motion, std::span<const dou
         const double *own = time.data() + frame * row;
         Out *to = out.data() + frame * size;
         frame += given;
-        if (given == 1) {
-            evaluate_some<bytes, 1>(motion, own, given, reference, share, to);
-        } else {
-            evaluate_some<bytes, frames_at_once>(motion, own, given, reference, share, to);
+        // Loops for one frame are for what is shown.
+        if constexpr (std::is_same_v<Out, float>) {
+            if (given == 1) {
+                evaluate_some<bytes, 1>(motion, own, given, reference, share, to);
+                continue;
+            }
         }
+        evaluate_some<bytes, frames_at_once>(motion, own, given, reference, share, to);
     }
 }
 
