@@ -1,4 +1,4 @@
-"""`python -m pdecodec.cli`."""
+"""`python -m pdecodec.cli`, as `python -m pdecodec`."""
 
 from pdecodec.cli.main import main
 

@@ -98,7 +98,7 @@ def test_frames_that_a_shell_lists_are_one_sequence(clip: ArraySequence) -> None
 
 
 def piped(arguments: list[str], data: bytes = b"") -> subprocess.CompletedProcess[bytes]:
-    command = [sys.executable, "-m", "pdecodec.cli", *arguments]
+    command = [sys.executable, "-m", "pdecodec", *arguments]
     return subprocess.run(command, input=data, capture_output=True, check=False, timeout=120)
 
 

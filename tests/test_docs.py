@@ -39,7 +39,7 @@ def test_the_commands_of_the_readme_run_in_order(tmp_path: Path) -> None:
     for command in commands:
         program, *arguments = command.split()
         assert program == "pdecodec", f"the README runs {program}, which is not ours to test"
-        result = run([sys.executable, "-m", "pdecodec.cli", *arguments], tmp_path)
+        result = run([sys.executable, "-m", "pdecodec", *arguments], tmp_path)
         assert result.returncode == 0, f"{command}: {result.stderr}"
 
 
