@@ -30,7 +30,7 @@ from pdecodec.paperform import PaperForm, paper_form
 from pdecodec.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
 from pdecodec.shares import thread_count
 from pdecodec.storage import is_address, open_range_reader
-from pdecodec.times import Outside, times_inside
+from pdecodec.times import OUTSIDES, Outside, times_inside
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -187,6 +187,14 @@ def _core_source(file: BinaryIO | bytes) -> BinaryIO | bytes | int:
     return file
 
 
+def _numbers(times: ArrayLike) -> Float64Array:
+    """As an array; SettingsError for what are no numbers."""
+    try:
+        return np.asarray(times, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise SettingsError("times must be a number or a list of numbers") from error
+
+
 def _writable(out: Any) -> NDArray[Any]:
     """The array itself, or numpy's view of another library's; SettingsError where it cannot be written to."""
     if isinstance(out, np.ndarray):
@@ -308,13 +316,20 @@ class Animation(MeshSequence):
         check_frame_range(self, start, stop)
         return self.sample(self.times[start:stop])
 
-    def positions(self, times: ArrayLike, *, outside: Outside = "clamp") -> Float32Array:
-        """Positions at one time or at several.
+    @overload
+    def positions(self, times: ArrayLike, *, out: None = None, outside: Outside = "clamp") -> Float32Array: ...
+    @overload
+    def positions(self, times: ArrayLike, *, out: Array, outside: Outside = "clamp") -> Array: ...
+    def positions(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
+        """Positions at one time or at several, into an array of the caller's if there is one.
 
         Parameters
         ----------
         times : float or (n,) array [s]
             In any order.
+        out : (vertices, 3) or (n, vertices, 3) float32, optional
+            Written and returned; after an error it may hold anything. A numpy array, or any other of main memory that
+            can be exported through DLPack: a tensor of torch, say, that needs no copy then.
         outside : {"clamp", "loop", "refuse"}
             What holds before the first and after the last frame: that frame, the clip again, an error.
 
@@ -325,46 +340,37 @@ class Animation(MeshSequence):
         Raises
         ------
         SettingsError
-            If a time is not a number, or lies outside and that is refused.
+            If `times` is no number and no list of numbers, one lies outside and that is refused, or `out` is of another
+            shape or dtype, or cannot be written to.
         CorruptFileError
             If a group that is needed is damaged.
         """
-        if np.ndim(times) == 0:
-            single: Float32Array = self.sample(np.atleast_1d(times), outside=outside)[0]
-            return single
-        return self.sample(times, outside=outside)
+        return self._evaluated(POSITIONS, times, out, outside)
 
     @overload
     def sample(self, times: ArrayLike, *, out: None = None, outside: Outside = "clamp") -> Float32Array: ...
     @overload
     def sample(self, times: ArrayLike, *, out: Array, outside: Outside = "clamp") -> Array: ...
     def sample(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
-        """Positions at several times, into an array of the caller's if there is one.
+        """Positions at several times: (n, vertices, 3), as of :meth:`positions` of a list."""
+        asked = _numbers(times)
+        if asked.ndim == 0:
+            raise SettingsError("times must be a list of numbers; `positions` takes a single one, too")
+        return self._evaluated(POSITIONS, asked, out, outside)
 
-        Parameters
-        ----------
-        times : (n,) array [s]
-            In any order.
-        out : (n, vertices, 3) float32, optional
-            Written and returned; after an error it may hold anything. A numpy array, or any other of main memory that
-            can be exported through DLPack: a tensor of torch, say, that needs no copy then.
-        outside : {"clamp", "loop", "refuse"}
-            As in :meth:`positions`.
+    def _evaluated(self, quantity: int, times: ArrayLike, out: Any, outside: Outside) -> Any:
+        """A quantity at one time or at several; of one, there is no axis of times."""
+        given = _numbers(times)
+        asked = given if given.ndim else given[np.newaxis]
+        return self._of_core(quantity, asked, self._inside(asked, outside), out, outside, is_one=not given.ndim)
 
-        Returns
-        -------
-        (n, vertices, 3) float32 [scene units]
-
-        Raises
-        ------
-        SettingsError
-            If `times` is no list of numbers, one lies outside and that is refused, or `out` is of another shape or
-            dtype, or cannot be written to.
-        CorruptFileError
-            If a group that is needed is damaged.
-        """
-        inside = self._inside(times, outside)
-        shape = (inside.size, self.vertex_count, 3)
+    def _of_core(
+        self, quantity: int, asked: Float64Array, inside: Float64Array, out: Any, outside: Outside, *, is_one: bool
+    ) -> Any:
+        # The core knows that nothing moves outside the clip.
+        known = inside if quantity == POSITIONS or outside == "loop" else asked
+        whole = (known.size, self.vertex_count, 3)
+        shape = whole[1:] if is_one else whole
         target = np.empty(shape, np.float32) if out is None else _writable(out)
         if target.shape != shape or target.dtype != np.float32 or not target.flags.writeable:
             kind = "" if target.flags.writeable else "read-only "
@@ -372,13 +378,21 @@ class Animation(MeshSequence):
                 f"the array to write to must be float32 {shape}, not {kind}{target.dtype} {target.shape}"
             )
         found = target if target.flags.c_contiguous else np.empty(shape, np.float32)
-        with self._naming_the_file():
-            self._core.evaluate(POSITIONS, inside, None, found)
+        try:
+            self._core.evaluate(quantity, known, None, found.reshape(whole))
+        except Exception:
+            # Entered where something went wrong alone: that takes longer than a small frame.
+            with self._naming_the_file():
+                raise
         if found is not target:
             target[:] = found
         return target if out is None else out
 
-    def velocities(self, times: ArrayLike, *, outside: Outside = "clamp") -> Float32Array:
+    @overload
+    def velocities(self, times: ArrayLike, *, out: None = None, outside: Outside = "clamp") -> Float32Array: ...
+    @overload
+    def velocities(self, times: ArrayLike, *, out: Array, outside: Outside = "clamp") -> Array: ...
+    def velocities(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
         """Velocity of every vertex at one time or at several: the exact derivative of the positions.
 
         Residuals change at constant speed from one frame to the next; at a frame the speed to the next
@@ -387,8 +401,9 @@ class Animation(MeshSequence):
         Parameters
         ----------
         times : float or (n,) array [s]
+        out : (vertices, 3) or (n, vertices, 3) float32, optional
         outside : {"clamp", "loop", "refuse"}
-            As in :meth:`positions`.
+            All as in :meth:`positions`.
 
         Returns
         -------
@@ -399,32 +414,30 @@ class Animation(MeshSequence):
         SettingsError, CorruptFileError
             As of :meth:`positions`.
         """
-        return self._derivatives(VELOCITIES, times, outside)
+        return self._evaluated(VELOCITIES, times, out, outside)
 
-    def accelerations(self, times: ArrayLike, *, outside: Outside = "clamp") -> Float32Array:
+    @overload
+    def accelerations(self, times: ArrayLike, *, out: None = None, outside: Outside = "clamp") -> Float32Array: ...
+    @overload
+    def accelerations(self, times: ArrayLike, *, out: Array, outside: Outside = "clamp") -> Array: ...
+    def accelerations(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
         """Acceleration of every vertex: the exact second derivative of the positions; residuals have none.
 
         Parameters, shapes and errors are those of :meth:`velocities`, its unit [scene units / s^2].
         """
-        return self._derivatives(ACCELERATIONS, times, outside)
+        return self._evaluated(ACCELERATIONS, times, out, outside)
 
-    def _derivatives(self, quantity: int, times: ArrayLike, outside: Outside) -> Float32Array:
-        asked = np.atleast_1d(np.asarray(times, dtype=np.float64))
-        inside = self._inside(asked, outside)
-        moving = (outside == "loop") | ((asked >= self.times[0]) & (asked <= self.times[-1]))
-        out = np.zeros((asked.size, self.vertex_count, 3), np.float32)
-        found = out if moving.all() else np.empty((np.count_nonzero(moving), self.vertex_count, 3), np.float32)
-        with self._naming_the_file():
-            self._core.evaluate(quantity, inside[moving], None, found)
-        if found is not out:
-            out[moving] = found
-        return out if np.ndim(times) else out[0]
-
-    def _inside(self, times: ArrayLike, outside: Outside) -> Float64Array:
-        asked = np.asarray(times, dtype=np.float64)
+    def _inside(self, asked: Float64Array, outside: Outside) -> Float64Array:
+        first, last = self._ends
+        if asked.size == 1 == asked.ndim and first <= asked.item() <= last and outside in OUTSIDES:
+            return asked
         if asked.ndim != 1 or np.isnan(asked).any():
             raise SettingsError("times must be a number or a list of numbers")
-        return times_inside(asked, float(self.times[0]), float(self.times[-1]), outside)
+        return times_inside(asked, first, last, outside)
+
+    @cached_property
+    def _ends(self) -> tuple[float, float]:
+        return float(self.times[0]), float(self.times[-1])
 
     def coefficients(self, group: int) -> PaperForm:
         """The coefficients of one group as the paper writes them (Eqs. 17 and 18), and all that they multiply.

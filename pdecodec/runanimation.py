@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 from pdecodec.decoder import Animation
 from pdecodec.errors import SettingsError
 from pdecodec.paperform import PaperForm
 from pdecodec.runs import ChangingSequence, OpenedRuns, one_run_of
-from pdecodec.sequence import Float32Array, Float64Array, MeshObject
+from pdecodec.sequence import Float64Array, MeshObject
 from pdecodec.times import Outside
 
 
@@ -19,7 +16,8 @@ class ChangingAnimation(ChangingSequence, Animation):
     """A `.pdeanim` file whose connectivity changes: one timeline, and each of its :attr:`runs` an :class:`Animation`.
 
     Made by :func:`pdecodec.open`. Opening reads where the runs are; of a run that is asked for, no other bytes than its
-    own are read. At a time between two runs the earlier one stands still.
+    own are read. At a time between two runs the earlier one stands still. Times that are asked for at once must be of
+    one run, else that is a SettingsError: see :meth:`run_at`.
     """
 
     __init__ = Animation.__init__
@@ -51,24 +49,13 @@ class ChangingAnimation(ChangingSequence, Animation):
         self._only_run()
         return super().meshes
 
-    def sample(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
-        """Positions at several times of one run, as of other animations.
-
-        Raises
-        ------
-        SettingsError
-            If the times are of several runs, whose vertices differ: see :meth:`run_at`.
-        """
-        inside = self._inside(times, outside)
-        return self._run_of(inside).sample(inside, out=out)
-
-    def _derivatives(self, quantity: int, times: ArrayLike, outside: Outside) -> Float32Array:
-        asked = np.atleast_1d(np.asarray(times, dtype=np.float64))
-        inside = self._inside(asked, outside)
-        found = self._run_of(inside)._derivatives(quantity, inside, "clamp")
-        if outside != "loop":
-            found[(asked < self.times[0]) | (asked > self.times[-1])] = 0
-        return found if np.ndim(times) else found[0]
+    def _of_core(
+        self, quantity: int, asked: Float64Array, inside: Float64Array, out: Any, outside: Outside, *, is_one: bool
+    ) -> Any:
+        run = self._run_of(inside)
+        # Looped, a time is in another run than it looks; of that one, it may be behind the last frame.
+        own = inside if outside == "loop" else asked
+        return run._of_core(quantity, own, run._inside(own, "clamp"), out, "clamp", is_one=is_one)
 
     def coefficients(self, group: int) -> PaperForm:
         raise SettingsError(f"coefficients are of one run of frames, of which there are {len(self.runs)}; choose one")

@@ -162,9 +162,12 @@ def test_outside_the_clip_its_ends_stand_still_or_it_loops_or_that_is_refused(an
 
 
 def test_times_and_frames_that_are_none_are_refused(animation: Animation) -> None:
-    for times in ([math.nan], [0.0, math.nan], 3.0, [[1.0]]):
-        with pytest.raises(SettingsError, match="times must be a number or a list of numbers"):
-            animation.sample(times)
+    for times in (math.nan, [math.nan], [0.0, math.nan], [[1.0]], [[1.0], [2.0, 3.0]], "soon", None, object()):
+        for ask in (animation.positions, animation.velocities):
+            with pytest.raises(SettingsError, match="times must be a number or a list of numbers"):
+                ask(times)
+    with pytest.raises(SettingsError, match="times must be a list of numbers"):
+        animation.sample(3.0)
     for start, stop in ((-1, 2), (3, 2), (0, 21)):
         with pytest.raises(IndexError):
             animation.read_frames(start, stop)
@@ -179,6 +182,19 @@ def test_positions_are_written_into_the_callers_array(animation: Animation) -> N
     for wrong in (np.empty((1, 35, 3), np.float32), np.empty((2, 35, 3))):
         with pytest.raises(SettingsError, match="the array to write to"):
             animation.sample([5.2, 5.1], out=wrong)
+
+
+def test_a_quantity_at_one_time_is_written_into_the_callers_array(animation: Animation) -> None:
+    several, one = np.empty((2, 35, 3), np.float32), np.empty((35, 3), np.float32)
+    for ask in (animation.positions, animation.velocities, animation.accelerations):
+        for time in (5.2, np.float32(5.25), 5, np.array(5.1), -1.0, 1e9):
+            assert ask(time, out=one) is one
+            assert np.array_equal(one, ask(time))
+            assert np.array_equal(one, ask([time])[0])
+        assert ask([5.2, 1e9], out=several) is several
+        assert np.array_equal(several, ask([5.2, 1e9]))
+        with pytest.raises(SettingsError, match=r"the array to write to must be float32 \(35, 3\)"):
+            ask(5.2, out=several)
 
 
 class Exported:
