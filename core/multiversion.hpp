@@ -12,7 +12,7 @@
 #define PDEANIM_MULTIVERSION
 #endif
 
-// A variant of such a loop by hand, where its form depends on the width; `__builtin_cpu_supports` says which to call.
+// A variant of such a loop by hand, where its form depends on the width; instructions.hpp says which to call.
 #if defined(__GNUC__) && defined(__x86_64__)
 #define PDEANIM_FOR(instructions) __attribute__((target(instructions)))
 #endif

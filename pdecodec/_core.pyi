@@ -378,6 +378,12 @@ def quantise_sparsely(
     """Coefficients in steps, and the largest magnitude of each channel."""
 
 def give_back_memory() -> None: ...
+def product(left: Float64Array, right: Float64Array, threads: int) -> Float64Array: ...
+def multiply_rows(rows: FloatArray, factors: Float64Array, axes: int, threads: int) -> Float64Array:
+    """(rows, k axes) of rows (rows, n axes), C-contiguous, times factors (n, k) on each axis, added up as rows are."""
+
+def sums_of_squares(rows: FloatArray, single: bool, threads: int) -> Float64Array:
+    """(n, n) of rows (rows, n), C-contiguous, added up in float32 or float64, block by block."""
 
 class Excess:
     """By how much vertices are off beyond what is aimed at."""

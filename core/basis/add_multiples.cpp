@@ -1,5 +1,6 @@
 #include "basis/add_multiples.hpp"
 
+#include "instructions.hpp"
 #include "multiversion.hpp"
 
 // The loop is compiled for each width of vector registers, and the machine chooses. It is written in vectors of that width:
@@ -79,8 +80,8 @@ void add_by_usual(double *total, i64 width, const double *const *rows, const dou
 
 AddMultiples *widest() {
 #if defined(PDEANIM_FOR)
-    if (__builtin_cpu_supports("avx512f")) return add_by_8;
-    if (__builtin_cpu_supports("avx2")) return add_by_4;
+    if (has_avx512f()) return add_by_8;
+    if (has_avx2()) return add_by_4;
 #endif
     return add_by_usual;
 }

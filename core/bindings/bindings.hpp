@@ -88,5 +88,6 @@ void bind_animation(nb::module_ &module);
 void bind_container(nb::module_ &module);
 void bind_basis(nb::module_ &module);
 void bind_encode(nb::module_ &module);
+void bind_linear_algebra(nb::module_ &module);
 
 }  // namespace pdeanim::bindings

@@ -40,4 +40,5 @@ NB_MODULE(_core, module) {
     bind_container(module);
     bind_basis(module);
     bind_encode(module);
+    bind_linear_algebra(module);
 }

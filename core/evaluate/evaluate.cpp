@@ -5,6 +5,7 @@
 
 #include "evaluate/lanes.hpp"
 #include "evaluate/motion.hpp"
+#include "instructions.hpp"
 #include "multiversion.hpp"
 
 namespace pdeanim {
@@ -584,9 +585,9 @@ template <class Real, class Out> struct Evaluate {
 #if defined(PDEANIM_FOR)
         // Only what is shown has loops for the widest registers: they take as long to compile as all others.
         if constexpr (std::is_same_v<Out, float>) {
-            if (__builtin_cpu_supports("avx512f")) return by_64;
+            if (has_avx512f()) return by_64;
         }
-        if (__builtin_cpu_supports("avx2")) return by_32;
+        if (has_avx2()) return by_32;
 #endif
         return by_16;
     }
@@ -610,7 +611,7 @@ template <class Real> struct Displace {
 
     static Function *widest() {
 #if defined(PDEANIM_FOR)
-        if (__builtin_cpu_supports("avx2")) return by_32;
+        if (has_avx2()) return by_32;
 #endif
         return by_16;
     }

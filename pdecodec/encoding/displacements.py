@@ -14,7 +14,6 @@ from pdecodec import _core
 from pdecodec.coding.groups import TimeBasis, cosines
 from pdecodec.coding.timefunctions import TimeFunctionCost
 from pdecodec.encoding.principal import (
-    ROWS_AT_ONCE,
     Rows,
     Span,
     leading_span,
@@ -26,7 +25,7 @@ from pdecodec.encoding.principal import (
     sums_of_squares,
     with_more,
 )
-from pdecodec.shares import in_shares, thread_count
+from pdecodec.shares import thread_count
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -358,7 +357,7 @@ class Displacements:
         return found
 
     def _along(self, dual: Float64Array, kind: TimeFunctions, sight: Sight | None = None) -> Float64Array:
-        """Sums of displacements times functions, rows in blocks that do not depend on the number of threads."""
+        """Sums of displacements times functions."""
         other = self._alike or self._beside
         if self._alike is None and self._span is not None:
             coefficients, axes = self._span
@@ -371,20 +370,7 @@ class Displacements:
         if other is not None:
             return other._along(dual, kind, sight) + self._shifted(other, dual, kind, sight)
         rows = self._moved if sight is None else sight.of(self, "moved", self._moved)
-        if kind == "trajectories":
-            return products(rows, dual)
-        dual = np.ascontiguousarray(dual, rows.dtype)
-        found = np.empty((len(rows), 3 * dual.shape[1]))
-
-        def add_up(first: int, end: int) -> None:
-            for block in range(first, end):
-                some = slice(block * ROWS_AT_ONCE, (block + 1) * ROWS_AT_ONCE)
-                split = rows[some].reshape(-1, self._frames, 3)
-                for axis in range(3):
-                    found[some, axis::3] = np.ascontiguousarray(split[:, :, axis]) @ dual
-
-        in_shares(add_up, -(-len(rows) // ROWS_AT_ONCE))
-        return found
+        return products(rows, dual, 1 if kind == "trajectories" else 3)
 
     def spread(self, kind: TimeFunctions, step: float) -> float:
         """What coefficients of orthogonal functions would take at a step if vertices had nothing in common [bits].

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.shares import in_shares
+from pdecodec import _core
+from pdecodec.shares import in_shares, thread_count
 
 Float64Array = NDArray[np.float64]
 Rows = NDArray[Any]
@@ -29,9 +30,6 @@ LARGEST_SHARE = 0.25
 
 PASSES = 2
 """Multiplications by the squares between two looks at what is left."""
-
-SPANS, SINGLE_BLOCK, DOUBLE_BLOCK = 4, 512, 4096
-"""Sums of squares are added up in so many spans of vertices, each in blocks of so many in float32 and in float64."""
 
 TINY = 1e-300
 """In the place of a length of zero."""
@@ -50,9 +48,6 @@ SPANNED = 0.1
 
 WITHIN = 1e-12
 """Squared length of what is left of a unit vector, below which a span holds it."""
-
-ROWS_AT_ONCE = 512
-"""Rows that are multiplied at once; products do not depend on the number of threads."""
 
 Span = tuple[Float64Array, Float64Array]
 """Coefficients (vertices, n) of orthonormal vectors (columns, n): displacements are their product but for little."""
@@ -111,24 +106,13 @@ def _turned(axes: Float64Array) -> Float64Array:
 
 
 def sums_of_squares(rows: Rows, precision: type[np.floating[Any]] = np.float64) -> Float64Array:
-    """``rows.T @ rows`` in float64, (n, n), of blocks of the rows, (vertices, n), each in a precision.
+    """``rows.T @ rows`` in float64, (n, n), of blocks of the rows, (vertices, n), each in a precision."""
+    return _core.sums_of_squares(np.ascontiguousarray(rows), precision is np.float32, thread_count())
 
-    The blocks do not depend on the number of threads.
-    """
-    spans = [len(rows) * k // SPANS for k in range(SPANS + 1)]
-    sums = np.zeros((SPANS, rows.shape[1], rows.shape[1]))
-    size = SINGLE_BLOCK if precision is np.float32 else DOUBLE_BLOCK
 
-    def add_up(first: int, end: int) -> None:
-        products = np.empty(sums.shape[1:], precision)
-        for span in range(first, end):
-            for begin in range(spans[span], spans[span + 1], size):
-                block = rows[begin : min(begin + size, spans[span + 1])].astype(precision, copy=False)
-                sums[span] += np.matmul(block.T, block, out=products)
-
-    in_shares(add_up, SPANS)
-    total: Float64Array = sums.sum(axis=0)
-    return total
+def product(left: Float64Array, right: Float64Array) -> Float64Array:
+    """``left @ right``, of two matrices."""
+    return _core.product(left, right, thread_count())
 
 
 def _leading(squares: Float64Array, least: float) -> tuple[Float64Array, Float64Array]:
@@ -232,15 +216,9 @@ def principal_axes_within(span: Span, least: float) -> tuple[Float64Array, Float
     return energies[:kept], _turned(axes @ turned[:, :kept])
 
 
-def products(rows: Rows, factors: Float64Array) -> Float64Array:
-    """``rows @ factors`` in the rows' precision, (vertices, k) float64."""
-    found = np.empty((len(rows), factors.shape[1]))
-    factors = np.ascontiguousarray(factors, rows.dtype)
+def products(rows: Rows, factors: Float64Array, axes: int = 1) -> Float64Array:
+    """``rows @ factors`` in the rows' precision, (vertices, k) float64.
 
-    def multiply(first: int, end: int) -> None:
-        for block in range(first, end):
-            some = slice(block * ROWS_AT_ONCE, (block + 1) * ROWS_AT_ONCE)
-            found[some] = rows[some] @ factors
-
-    in_shares(multiply, -(-len(rows) // ROWS_AT_ONCE))
-    return found
+    With axes the columns of rows are (n, axes) numbers, those of what is found (k, axes).
+    """
+    return _core.multiply_rows(np.ascontiguousarray(rows), factors, axes, thread_count())

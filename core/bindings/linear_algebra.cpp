@@ -1,0 +1,73 @@
+// Python's view of products and decompositions of matrices.
+#include <memory>
+
+#include "bindings/bindings.hpp"
+#include "large_array.hpp"
+#include "linear_algebra/products.hpp"
+
+namespace pdeanim::bindings {
+
+namespace {
+
+template <class T> using Matrix = nb::ndarray<const T, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using AnyMatrix = nb::ndarray<const double, nb::ndim<2>, nb::device::cpu>;
+
+void require(bool holds, const char *message) {
+    if (!holds) throw nb::value_error(message);
+}
+
+template <class T> i64 rows_of(const T &matrix) { return static_cast<i64>(matrix.shape(0)); }
+template <class T> i64 columns_of(const T &matrix) { return static_cast<i64>(matrix.shape(1)); }
+
+nb::object py_product(const AnyMatrix &left, const Matrix<double> &right, int threads) {
+    require(left.shape(1) == right.shape(0), "the left matrix has as many columns as the right one has rows");
+    const ProductSizes sizes{rows_of(left), columns_of(left), columns_of(right)};
+    LargeArray<double> found;
+    {
+        nb::gil_scoped_release release;
+        found = LargeArray<double>(sizes.rows * sizes.columns);
+        multiply(found.data(), {left.data(), left.stride(0), left.stride(1)}, right.data(), sizes, threads);
+    }
+    return to_matrix(std::move(found), left.shape(0), right.shape(1));
+}
+
+template <class Real>
+nb::object py_multiply_rows(const Matrix<Real> &rows, const Matrix<double> &factors, i64 axes, int threads) {
+    require(axes > 0 && columns_of(rows) == axes * rows_of(factors), "rows have a number a factor, on each axis");
+    const ProductSizes sizes{rows_of(rows), rows_of(factors), columns_of(factors)};
+    LargeArray<double> found;
+    {
+        nb::gil_scoped_release release;
+        found = LargeArray<double>(sizes.rows * sizes.columns * axes);
+        multiply_rows(found.data(), rows.data(), factors.data(), sizes, axes, threads);
+    }
+    return to_matrix(std::move(found), rows.shape(0), factors.shape(1) * axes);
+}
+
+template <class Row> nb::object py_sums_of_squares(const Matrix<Row> &rows, bool single, int threads) {
+    LargeArray<double> found;
+    {
+        nb::gil_scoped_release release;
+        found = LargeArray<double>(rows.shape(1) * rows.shape(1));
+        const auto added = single ? sums_of_squares<float, Row> : sums_of_squares<double, Row>;
+        added(found.data(), rows.data(), rows_of(rows), columns_of(rows), threads);
+    }
+    return to_matrix(std::move(found), rows.shape(1), rows.shape(1));
+}
+
+template <class Real> void bind_rows(nb::module_ &module) {
+    module.def("multiply_rows", &py_multiply_rows<Real>, nb::arg("rows").noconvert(), nb::arg("factors"),
+               nb::arg("axes"), nb::arg("threads"));
+    module.def("sums_of_squares", &py_sums_of_squares<Real>, nb::arg("rows").noconvert(), nb::arg("single"),
+               nb::arg("threads"));
+}
+
+}  // namespace
+
+void bind_linear_algebra(nb::module_ &module) {
+    bind_rows<float>(module);
+    bind_rows<double>(module);
+    module.def("product", &py_product, nb::arg("left"), nb::arg("right"), nb::arg("threads"));
+}
+
+}  // namespace pdeanim::bindings

@@ -1,0 +1,37 @@
+// Which of the loops that are written for several widths of vector registers are taken: those of the widest that the
+// processor has, or narrower ones where the environment's PDECODEC_INSTRUCTIONS says usual, avx2 or avx512f. All give the
+// same bits; tests compare them. (What PDEANIM_MULTIVERSION compiles goes by the processor alone: the simulator.)
+#pragma once
+
+#include "multiversion.hpp"
+
+#if defined(PDEANIM_FOR)
+#include <cstdlib>
+#include <cstring>
+#endif
+
+namespace pdeanim {
+
+#if defined(PDEANIM_FOR)
+
+enum class Instructions { usual, avx2, avx512f };
+
+inline Instructions instructions() {
+    static const Instructions found = [] {
+        Instructions widest = Instructions::usual;
+        if (__builtin_cpu_supports("avx2")) widest = Instructions::avx2;
+        if (__builtin_cpu_supports("avx512f")) widest = Instructions::avx512f;
+        const char *asked = std::getenv("PDECODEC_INSTRUCTIONS");
+        if (asked && std::strcmp(asked, "usual") == 0) return Instructions::usual;
+        if (asked && std::strcmp(asked, "avx2") == 0 && widest > Instructions::avx2) return Instructions::avx2;
+        return widest;
+    }();
+    return found;
+}
+
+inline bool has_avx512f() { return instructions() >= Instructions::avx512f; }
+inline bool has_avx2() { return instructions() >= Instructions::avx2; }
+
+#endif
+
+}  // namespace pdeanim

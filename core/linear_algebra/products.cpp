@@ -1,0 +1,115 @@
+#include "linear_algebra/products.hpp"
+
+#include <algorithm>
+#include <memory>
+#include <type_traits>
+#include <vector>
+
+#include "parallel.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+// Rows of a product that are computed at once, and products of numbers from which on threads are worth starting.
+constexpr i64 rows_at_once = 192, worth_sharing = i64{1} << 22;
+
+// Sums of squares are added up in so many spans of rows, and of so many columns at once. The sums of a span are in double,
+// of blocks of rows that are added up in float or double: so many bytes of each column.
+constexpr i64 spans = 4, columns_at_once = 96;
+template <class Real> constexpr i64 block_rows = std::is_same_v<Real, float> ? 512 : 4096;
+
+int threads_for(const ProductSizes &sizes, i64 times, int threads) {
+    return sizes.rows * sizes.depth * sizes.columns * times < worth_sharing ? 1 : threads;
+}
+
+// Numbers in another precision, or as they are.
+template <class Real> struct InPrecision {
+    template <class Given> const Real *of(const Given *given, i64 count) {
+        if constexpr (std::is_same_v<Given, Real>) {
+            return given;
+        } else {
+            kept.resize(count);
+            std::transform(given, given + count, kept.begin(), [](Given number) { return static_cast<Real>(number); });
+            return kept.data();
+        }
+    }
+
+    std::vector<Real> kept;
+};
+
+}  // namespace
+
+void multiply(double *out, const Strided<double> &left, const double *right, const ProductSizes &sizes, int threads) {
+    const i64 columns = sizes.columns;
+    in_shares((sizes.rows + rows_at_once - 1) / rows_at_once, threads_for(sizes, 1, threads), [&](i64 share, i64 end) {
+        const i64 first = share * rows_at_once, count = least(end * rows_at_once, sizes.rows) - first;
+        std::fill_n(out + first * columns, count * columns, 0.0);
+        const Strided<double> some{left.numbers + first * left.row, left.row, left.column};
+        add_product(out + first * columns, columns, some, right, columns, {count, sizes.depth, columns});
+    });
+}
+
+template <class Real> void multiply_rows(double *out, const Real *rows, const double *factors,
+                                         const ProductSizes &sizes, i64 axes, int threads) {
+    const i64 columns = sizes.columns, length = sizes.depth * axes;
+    InPrecision<Real> own;
+    const Real *right = own.of(factors, sizes.depth * columns);
+    const i64 blocks = (sizes.rows + rows_at_once - 1) / rows_at_once;
+    in_shares(blocks, threads_for(sizes, axes, threads), [&](i64 share, i64 end) {
+        const auto sums = std::make_unique_for_overwrite<Real[]>(least(rows_at_once, sizes.rows) * columns);
+        for (i64 block = share; block < end; ++block) {
+            const i64 first = block * rows_at_once, count = least(rows_at_once, sizes.rows - first);
+            for (i64 axis = 0; axis < axes; ++axis) {
+                std::fill_n(sums.get(), count * columns, Real{0});
+                add_product(sums.get(), columns, Strided<Real>{rows + first * length + axis, length, axes}, right,
+                            columns, {count, sizes.depth, columns});
+                double *found = out + first * columns * axes + axis;
+                for (i64 i = 0; i < count * columns; ++i) found[i * axes] = static_cast<double>(sums[i]);
+            }
+        }
+    });
+}
+
+template <class Real, class Row>
+void sums_of_squares(double *out, const Row *rows, i64 count, i64 columns, int threads) {
+    const i64 panels = (columns + columns_at_once - 1) / columns_at_once, size = columns * columns;
+    std::vector<double> of_spans(spans * size);
+    in_shares(spans * panels, threads_for({count, columns, columns}, 1, threads), [&](i64 item, i64 end) {
+        InPrecision<Real> own;
+        const auto sums = std::make_unique_for_overwrite<Real[]>(columns * least(columns_at_once, columns));
+        for (; item < end; ++item) {
+            // The upper triangle is enough: of each panel of columns the rows above its end.
+            const i64 span = item / panels, first = item % panels * columns_at_once;
+            const i64 height = least(first + columns_at_once, columns), width = height - first;
+            double *total = of_spans.data() + span * size + first;
+            const i64 stop = count * (span + 1) / spans;
+            for (i64 begin = count * span / spans; begin < stop; begin += block_rows<Real>) {
+                const i64 some = least(block_rows<Real>, stop - begin);
+                const Real *block = own.of(rows + begin * columns, some * columns);
+                std::fill_n(sums.get(), height * width, Real{0});
+                add_product(sums.get(), width, Strided<Real>{block, 1, columns}, block + first, columns,
+                            {height, some, width});
+                for (i64 i = 0; i < height; ++i) {
+                    for (i64 j = 0; j < width; ++j) total[i * columns + j] += sums[i * width + j];
+                }
+            }
+        }
+    });
+    for (i64 i = 0; i < columns; ++i) {
+        for (i64 j = i; j < columns; ++j) {
+            double total = 0.0;
+            for (i64 span = 0; span < spans; ++span) total += of_spans[span * size + i * columns + j];
+            out[i * columns + j] = out[j * columns + i] = total;
+        }
+    }
+}
+
+template void multiply_rows(double *, const float *, const double *, const ProductSizes &, i64, int);
+template void multiply_rows(double *, const double *, const double *, const ProductSizes &, i64, int);
+template void sums_of_squares<float, float>(double *, const float *, i64, i64, int);
+template void sums_of_squares<double, float>(double *, const float *, i64, i64, int);
+template void sums_of_squares<float, double>(double *, const double *, i64, i64, int);
+template void sums_of_squares<double, double>(double *, const double *, i64, i64, int);
+
+}  // namespace pdeanim
