@@ -33,6 +33,8 @@ class Effort:
         Whether shorter groups are tried.
     rounding_passes : int
         How often coefficients are rounded again towards what vertices beyond the bound miss.
+    least_gain : float
+        Share of the bits that rounding again must save for it to be done once more; 0 where it goes on nevertheless.
     last_steps : tuple of int
         Steps of coefficients, as indices from the chosen one, with which whole groups are fitted to compare them.
     first_passes : int
@@ -57,6 +59,7 @@ class Effort:
     fine_steps: bool = True
     division: bool = True
     rounding_passes: int = 0
+    least_gain: float = 0.0
     last_steps: tuple[int, ...] = (0,)
     first_passes: int = 0
     second_passes: int = 0
@@ -70,6 +73,7 @@ class Effort:
         return replace(
             self,
             rounding_passes=other.rounding_passes,
+            least_gain=other.least_gain,
             last_steps=other.last_steps,
             first_passes=other.first_passes,
             second_passes=other.second_passes,
@@ -95,6 +99,7 @@ EFFORTS: dict[EffortName, Effort] = {
         more_of_small=(("patch", 256), ("patch", 8)),
         larger_must_save=0.02,
         rounding_passes=3,
+        least_gain=0.004,
         tighter_bounds=(1.1, 1.21),
     ),
     "best": Effort(

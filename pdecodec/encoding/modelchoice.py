@@ -72,7 +72,7 @@ def finished(group: tuple[GroupFitter, GroupChoice], basis: SpaceBasis, effort: 
         return FinishedGroup(fitter, choice, fitter.fit(basis, choice))
 
     def refined(other: GroupChoice, zone: DeadZone, passes: int) -> Refinement:
-        return Refinement(fitter, basis, other, zone).refined(passes)
+        return Refinement(fitter, basis, other, zone).refined(passes, effort.least_gain)
 
     if len(effort.last_steps) == 1 or not fitter.moves:
         return FinishedGroup(fitter, choice, refined(choice, effort.dead_zones[0], effort.rounding_passes).best)
@@ -83,7 +83,7 @@ def finished(group: tuple[GroupFitter, GroupChoice], basis: SpaceBasis, effort: 
         (refined(other, zone, effort.second_passes) for other in (choice, coarser) for zone in effort.dead_zones),
         key=lambda one: one.best.bits,
     )
-    best.refined(effort.rounding_passes - effort.second_passes)
+    best.refined(effort.rounding_passes - effort.second_passes, effort.least_gain)
     return FinishedGroup(fitter, best.choice, best.best)
 
 

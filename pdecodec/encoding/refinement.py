@@ -28,6 +28,10 @@ much."""
 LEAST_PUSH = PUSH * 2.0**-16
 """Pushes below it change hardly a coefficient."""
 
+MOST_RESIDUALS = 0.03
+"""Residuals for each position from which on a push costs more than it saves: so many vertices are off that what is
+added for one of them puts others off. On 12 clips and bounds of 1e-2 to 1e-4 no first push paid beyond 0.027."""
+
 
 class Refinement:
     """A fit of a group that can be refined: what it misses is added to what its coefficients are to describe.
@@ -63,12 +67,23 @@ class Refinement:
         self._excess, self._push = Excess(), PUSH
         self.best: FittedGroup = fitter.fitted(basis, start.entry, start.quantised, start.time_functions, self._excess)
 
-    def refined(self, passes: int) -> Refinement:
-        """Itself, its coefficients rounded again so many times, as far as that pays."""
+    def refined(self, passes: int, least_gain: float = 0.0) -> Refinement:
+        """Itself, its coefficients rounded again so many times, as far as that pays.
+
+        Parameters
+        ----------
+        passes : int
+        least_gain : float, optional
+            Share of the bits that a pass must save for another one to follow. Where it is 0, half the push follows one
+            that saves nothing.
+        """
         entry = self._entry
+        if least_gain > 0.0 and self.best.residuals.count > MOST_RESIDUALS * self._fitter.frames * len(self._values):
+            return self
         for _ in range(passes if entry.functions else 0):
             if self._push < LEAST_PUSH:
                 break
+            before = self.best.bits
             excess = Excess()
             quantised, _ = quantise_on(self._basis, self._pushed, entry.functions, entry.axes, entry.step, self._zone)
             found = self._fitter.fitted(self._basis, entry, quantised, self._time_functions, excess)
@@ -77,6 +92,8 @@ class Refinement:
                 self.best, self._excess = found, excess
             else:
                 self._push *= 0.5
+            if before - self.best.bits < least_gain * before:
+                break
         return self
 
     def _pushed(self, some: slice) -> Float64Array:
