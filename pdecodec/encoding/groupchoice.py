@@ -36,7 +36,7 @@ WORTH_TUNING = 1.02
 BITS_OF_A_GROUP = 8 * 32
 """What a group costs besides its chunks."""
 
-WORTH_DIVIDING = 1.5
+WORTH_DIVIDING = 1.0
 """Bits for each vertex and frame from which on shorter groups are tried: below, what frames have in common rules."""
 
 WORTH_PARTS = 1.005

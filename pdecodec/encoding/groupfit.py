@@ -72,7 +72,7 @@ COEFFICIENTS_LOOKED_AT = 2**19
 ELEMENTS_STRIDE = 8
 """One in so many elements, at most, is looked at for these."""
 
-FUNCTIONS_WEIGHED = 64
+FUNCTIONS_WEIGHED = 16
 """Functions of time of a heavy group that tell what each element takes."""
 
 HEAVY = 2**25
