@@ -58,6 +58,7 @@ public:
     void make(i64 element, i64 count);
 
     const double *function(i64 k) const { return functions_.function(k); }
+    Strided<double> functions() const { return functions_.all(); }
     double nearest() const { return functions_.nearest; }
 
 private:

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "arithmetic.hpp"
+#include "linear_algebra/add_product.hpp"
 
 namespace pdeanim {
 
@@ -22,6 +23,9 @@ public:
     i64 count() const { return count_; }
     bool is_complete() const { return count_ == most_; }
     const double *function(i64 k) const { return rows_[k]; }
+
+    // A row for each.
+    Strided<double> all() const { return {by_function_.get(), width_, 1}; }
 
     // What `add` adds: a number for each point.
     double *column() { return column_.get(); }

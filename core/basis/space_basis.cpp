@@ -4,8 +4,8 @@
 #include <type_traits>
 #include <utility>
 
-#include "basis/add_multiples.hpp"
 #include "basis/series.hpp"
+#include "linear_algebra/add_product.hpp"
 #include "parallel.hpp"
 
 namespace pdeanim {
@@ -22,33 +22,23 @@ std::vector<AffineSums> describe(Elements &elements, int threads) {
     return sums;
 }
 
-// Rows of values on vertices, as numbers that functions are multiplied with.
+// Rows of values on vertices, those of one element after another.
 template <class Real> class RowsOfVertices {
 public:
     RowsOfVertices(const Real *values, i64 channels) : values_(values), channels_(channels) {}
 
-    // Of vertices, valid until others are asked for.
-    std::span<const double *const> of(std::span<const i32> vertices) {
-        rows_.clear();
-        if constexpr (std::is_same_v<Real, float>) widened_.resize(vertices.size() * channels_);
-        for (const i32 vertex : vertices) {
-            const Real *row = values_ + vertex * channels_;
-            if constexpr (std::is_same_v<Real, float>) {
-                double *to = widened_.data() + rows_.size() * channels_;
-                std::copy_n(row, channels_, to);
-                rows_.push_back(to);
-            } else {
-                rows_.push_back(row);
-            }
-        }
-        return rows_;
+    // Of vertices, one row after the other; valid until others are asked for.
+    const double *of(std::span<const i32> vertices) {
+        rows_.resize(vertices.size() * channels_);
+        double *to = rows_.data();
+        for (const i32 vertex : vertices) to = std::copy_n(values_ + vertex * channels_, channels_, to);
+        return rows_.data();
     }
 
 private:
     const Real *values_;
     i64 channels_;
-    std::vector<const double *> rows_;
-    std::vector<double> widened_;
+    std::vector<double> rows_;
 };
 
 }  // namespace
@@ -121,13 +111,10 @@ std::span<const double> SpaceBasis::functions_of(i64 element) const {
 LargeArray<double> SpaceBasis::project(std::span<const double> values, i64 channels, int threads) const {
     LargeArray<double> affine(affine_count * tree_.nodes() * channels), coefficients(functions() * channels);
     in_shares(elements_.count(), threads, [&](i64 first, i64 end) {
-        std::vector<const double *> made;
         RowsOfVertices rows(values.data(), channels);
         for (i64 e = first; e < end; ++e) {
-            made.clear();
-            const i64 points = elements_.patches->size(e);
-            for (i64 k = 0; k < elements_.rank(e); ++k) made.push_back(functions_of(e).data() + k * points);
-            project(e, made, rows.of(elements_.patches->vertices(e)), channels, affine.data(),
+            const Strided<double> made{functions_of(e).data(), elements_.patches->size(e), 1};
+            project(e, made, elements_.rank(e), rows.of(elements_.patches->vertices(e)), channels, affine.data(),
                     coefficients.data() + elements_.coefficient_starts[e] * channels);
         }
     });
@@ -157,17 +144,17 @@ template <class Real> LargeArray<double> SpaceBasis::project_some(std::span<cons
     LargeArray<double> affine(affine_count * tree_.nodes() * channels), coefficients(functions_with(chosen) * channels);
     in_shares(elements_.count(), threads, [&](i64 first, i64 end) {
         ElementFunctions functions(elements_);
-        std::vector<const double *> made;
         RowsOfVertices rows(values.data(), channels);
         for (i64 e = first; e < end; ++e) {
-            made.clear();
-            const i64 points = elements_.patches->size(e);
-            const i64 count = places[e] < 0 ? elements_.affine[e] : elements_.rank(e);
-            if (!is_made_) functions.make(e, count);
-            for (i64 k = 0; k < count; ++k)
-                made.push_back(is_made_ ? functions_of(e).data() + k * points : functions.function(k));
-            project(e, made, rows.of(elements_.patches->vertices(e)), channels, affine.data(),
-                    places[e] < 0 ? nullptr : coefficients.data() + places[e] * channels);
+            const bool is_chosen = places[e] >= 0;
+            const i64 count = is_chosen ? elements_.rank(e) : elements_.affine[e];
+            Strided<double> made{functions_of(e).data(), elements_.patches->size(e), 1};
+            if (!is_made_) {
+                functions.make(e, count);
+                made = functions.functions();
+            }
+            project(e, made, count, rows.of(elements_.patches->vertices(e)), channels, affine.data(),
+                    is_chosen ? coefficients.data() + places[e] * channels : nullptr);
         }
     });
     tree_.analyse(affine, coefficients.data(), channels);
@@ -177,16 +164,19 @@ template <class Real> LargeArray<double> SpaceBasis::project_some(std::span<cons
 template LargeArray<double> SpaceBasis::project_some(std::span<const float>, i64, std::span<const i64>, int) const;
 template LargeArray<double> SpaceBasis::project_some(std::span<const double>, i64, std::span<const i64>, int) const;
 
-// `rows`: of the element's points. `others`: where the coefficients of its functions that are not affine go.
-void SpaceBasis::project(i64 element, std::span<const double *const> functions, std::span<const double *const> rows,
-                         i64 channels, double *affine, double *others) const {
+// `functions`: so many of the element. `rows`: of its points. `others`: where the coefficients of its functions that are
+// not affine go.
+void SpaceBasis::project(i64 element, const Strided<double> &functions, i64 count, const double *rows, i64 channels,
+                         double *affine, double *others) const {
     const Patches &patches = *elements_.patches;
-    for (i64 k = 0; k < static_cast<i64>(functions.size()); ++k) {
-        double *row = k < elements_.affine[element] ? affine + (affine_count * patches.node_of[element] + k) * channels
-                                                    : others + (k - elements_.affine[element]) * channels;
-        std::fill_n(row, channels, 0.0);
-        add_multiples(row, channels, rows.data(), functions[k], static_cast<i64>(rows.size()));
-    }
+    const auto add_up = [&](i64 first, i64 end, double *to) {
+        std::fill_n(to, (end - first) * channels, 0.0);
+        const Strided<double> some{functions.numbers + first * functions.row, functions.row, functions.column};
+        add_product(to, channels, some, rows, channels, {end - first, patches.size(element), channels});
+    };
+    const i64 own = least(elements_.affine[element], count);
+    add_up(0, own, affine + affine_count * patches.node_of[element] * channels);
+    if (others) add_up(own, count, others);
 }
 
 }  // namespace pdeanim

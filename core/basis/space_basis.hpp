@@ -16,6 +16,7 @@
 #include "basis/elements.hpp"
 #include "basis/partition_tree.hpp"
 #include "large_array.hpp"
+#include "linear_algebra/add_product.hpp"
 
 namespace pdeanim {
 
@@ -62,8 +63,8 @@ public:
     std::vector<i64> places_with(std::span<const i64> chosen) const;
 
 private:
-    void project(i64 element, std::span<const double *const> functions, std::span<const double *const> rows,
-                 i64 channels, double *affine, double *others) const;
+    void project(i64 element, const Strided<double> &functions, i64 count, const double *rows, i64 channels,
+                 double *affine, double *others) const;
 
     Elements elements_;
     PartitionTree tree_;

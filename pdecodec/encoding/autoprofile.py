@@ -45,11 +45,15 @@ WORTH_SEARCHING = 1.1
 
 @dataclass(frozen=True, eq=False)
 class EncodedPart:
-    """A group, how it is encoded, and what that takes [bits], as far as it was measured."""
+    """A group, and how it is encoded."""
 
     choice: GroupChoice
-    bits: float
     group: EncodedGroup
+
+    @property
+    def bits(self) -> int:
+        """What it takes."""
+        return 8 * sum(map(len, self.group.chunks))
 
 
 class AutoEncoder(Encoder):
@@ -146,7 +150,7 @@ class AutoEncoder(Encoder):
         return parts
 
     def _encoded(self, group: FinishedGroup) -> EncodedPart:
-        return EncodedPart(group.choice, group.fitted.bits, group.fitter.encode(group.fitted, self._space))
+        return EncodedPart(group.choice, group.fitter.encode(group.fitted, self._space))
 
     def _alternatives(self, points: Float32Array, steps: Mapping[str, float]) -> list[Question]:
         from pdecodec.encoding.alternatives import GroupAlternatives, model_question
@@ -223,5 +227,5 @@ class AutoEncoder(Encoder):
         return f"{' and '.join(bases)} x {kind}: {carried}{groups}, on {where}"
 
 
-def _bits(parts: Sequence[EncodedPart]) -> float:
+def _bits(parts: Sequence[EncodedPart]) -> int:
     return sum(part.bits for part in parts)

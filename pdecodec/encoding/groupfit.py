@@ -184,6 +184,12 @@ class FittedGroup:
         """(functions of space, channels) int64: the coefficients."""
         return self.packed.astype(np.int64, copy=False)
 
+    def measured(self, basis: SpaceBasis) -> FittedGroup:
+        """Itself with its bits."""
+        if math.isfinite(self.bits):
+            return self
+        return replace(self, bits=_bits(basis, self.entry, self.quantised, self.time_functions) + self.plan.bits)
+
 
 @dataclass(frozen=True, eq=False)
 class EncodedGroup:
@@ -468,11 +474,7 @@ class GroupFitter:
 
         with ThreadPoolExecutor(1) as beside:
             fitted = beside.submit(fit)
-            bits = 0.0 if is_measured else math.inf
-            if is_measured and entry.width:
-                bits = measure_coefficients(quantised, basis, axes=entry.axes)
-            if is_measured and time_functions:
-                bits += time_functions.bits
+            bits = _bits(basis, entry, quantised, time_functions) if is_measured else math.inf
             functions, residuals, plan = fitted.result()
         bits += plan.bits
         packed: NDArray[np.signedinteger[Any]] = quantised
@@ -567,6 +569,14 @@ class GroupFitter:
             used = used[needed]
             del quantised, values  # the next ones take as much memory again
         return None, np.zeros((basis.functions, 0), np.int64), np.zeros((len(self._reference), 0))
+
+
+def _bits(
+    basis: SpaceBasis, entry: GroupEntry, quantised: Int64Array, time_functions: QuantisedTimeFunctions | None
+) -> float:
+    """What coefficients and functions of time take, measured."""
+    bits = measure_coefficients(quantised, basis, axes=entry.axes) if entry.width else 0.0
+    return bits + time_functions.bits if time_functions else bits
 
 
 def axes_of(time: TimeFunctions) -> int:

@@ -327,7 +327,7 @@ class ModelSearch:
         return self._share_of(self.references.data(model.reference), model.basis.masks) + bits
 
     def _finished_cost(self, model: FinishedModel) -> float:
-        bits = sum(group.fitted.bits + BITS_OF_A_GROUP for group in model.groups)
+        bits = sum(group.fitted.measured(model.basis).bits + BITS_OF_A_GROUP for group in model.groups)
         bits += 0.0 if model.effort else BITS_OF_AN_EFFORT
         return self._share_of(model.reference_data, model.basis.masks) + bits
 

@@ -48,7 +48,7 @@ class Refinement:
     ----------
     choice : GroupChoice
     best : FittedGroup
-        Which cost least so far.
+        Which cost least so far; of a heavy group not measured until it is refined.
     """
 
     def __init__(self, fitter: GroupFitter, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone = DEAD_ZONE) -> None:
@@ -65,7 +65,14 @@ class Refinement:
             else cosines(fitter.frames, start.entry.functions)
         )
         self._excess, self._push = Excess(), PUSH
-        self.best: FittedGroup = fitter.fitted(basis, start.entry, start.quantised, start.time_functions, self._excess)
+        self.best: FittedGroup = fitter.fitted(
+            basis,
+            start.entry,
+            start.quantised,
+            start.time_functions,
+            self._excess,
+            is_measured=not fitter.is_heavy,
+        )
 
     def refined(self, passes: int, least_gain: float = 0.0) -> Refinement:
         """Itself, its coefficients rounded again so many times, as far as that pays.
@@ -80,6 +87,7 @@ class Refinement:
         entry = self._entry
         if least_gain > 0.0 and self.best.residuals.count > MOST_RESIDUALS * self._fitter.frames * len(self._values):
             return self
+        self.best = self.best.measured(self._basis)
         for _ in range(passes if entry.functions else 0):
             if self._push < LEAST_PUSH:
                 break
