@@ -72,7 +72,7 @@ COEFFICIENTS_LOOKED_AT = 2**19
 ELEMENTS_STRIDE = 8
 """One in so many elements, at most, is looked at for these."""
 
-FUNCTIONS_WEIGHED = 16
+FUNCTIONS_WEIGHED = 24
 """Functions of time of a heavy group that tell what each element takes."""
 
 HEAVY = 2**25
@@ -395,16 +395,15 @@ class GroupFitter:
     def _first_look(
         self, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone
     ) -> tuple[Int64Array | None, Int64Array]:
-        """Quantised coefficients of all functions of time, of a heavy group none, and the largest of each channel."""
+        """Quantised coefficients of all functions of time and the largest of each channel; of a heavy group none, and the
+        largest on some elements from all over the mesh: what has none there is next to nothing.
+        """
         moved, axes, step = self.displacements(choice.origin), axes_of(choice.time), grid_step(choice.step)
         if not self.is_heavy:
             return quantise_sparsely(self._projected(basis, choice), step, axes, zone)
-        count = moved.count(choice.time)
-        found = np.zeros(axes * count, np.int64)
-        values = partial(moved.some_coefficients, choice.time)
-        for channels, _, largest in _blocks(basis, values, count, axes, step, zone):
-            found[channels] = largest
-        return None, found
+        elements = np.arange(0, basis.element_count, ELEMENTS_STRIDE)
+        sight = Sight(partial(basis.project_some, elements=elements))
+        return None, quantise_sparsely(moved.some_coefficients(choice.time, sight=sight), step, axes, zone)[1]
 
     @property
     def moves(self) -> bool:
