@@ -23,7 +23,7 @@ from pdecodec.encoding.groupchoice import GroupSearch, candidates, divided
 from pdecodec.encoding.groupencoder import Encoder
 from pdecodec.encoding.groupfit import EncodedGroup, GroupChoice, GroupFitter
 from pdecodec.encoding.jumps import JumpFinder
-from pdecodec.encoding.modelchoice import FinishedGroup, ModelSearch, References, finished, ruled
+from pdecodec.encoding.modelchoice import FinishedGroup, ModelSearch, References, finished, is_dense, ruled
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
@@ -99,7 +99,7 @@ class AutoEncoder(Encoder):
         for index, (begin, end) in enumerate(self._ranges):
             is_searched = index < SEARCHED_GROUPS or index % (2 * SEARCHED_GROUPS) == 0
             if index > 0 and is_ruled:
-                parts = [self._encoded(ruled(self._fitter(begin, end, steps), self._space))]
+                parts = self._ruled(self._fitter(begin, end, steps), parts)
             elif index > 0:
                 fitter = self._fitter(begin, end, steps)
                 parts = [] if is_searched else self._like(fitter, choices)
@@ -176,6 +176,13 @@ class AutoEncoder(Encoder):
             times=self._sequence.times[begin:end],
             **steps,
         )
+
+    def _ruled(self, fitter: GroupFitter, before: Sequence[EncodedPart]) -> list[EncodedPart]:
+        """Groups that frames after the first ones are taken as without a search, dense as long as those before are."""
+        frames = sum(part.group.entry.frames for part in before)
+        was_dense = len(before) > 1 and _bits(before) > SMOOTH * frames * fitter.points.shape[1]
+        groups = ruled(fitter, self._space, is_dense=was_dense or is_dense(fitter))
+        return [self._encoded(group) for group in groups]
 
     def _divided(self, fitter: GroupFitter, usual: GroupChoice) -> list[EncodedPart]:
         """The groups that frames after the first ones are divided into."""

@@ -342,9 +342,9 @@ class GroupFitter:
         """What is fitted before anything is known."""
         return GroupChoice("trajectories", "reference", grid_index(USUAL_STEP * self.unit))
 
-    def with_usual_step(self, basis: SpaceBasis) -> GroupChoice:
-        """What is fitted where nothing is tried: the first choice with the step that leaves the usual mean error."""
-        choice = self.first_choice
+    def with_usual_step(self, basis: SpaceBasis, time: TimeFunctions = "trajectories") -> GroupChoice:
+        """What is fitted where nothing is tried: functions of time with the step that leaves the usual mean error."""
+        choice = replace(self.first_choice, time=time)
         some = self._some_rows(basis, choice)
         positions = self.frames * len(self._reference) * len(some) / max(1, basis.functions)
         sizes = np.abs(some).ravel()
@@ -395,8 +395,8 @@ class GroupFitter:
     def _first_look(
         self, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone
     ) -> tuple[Int64Array | None, Int64Array]:
-        """Quantised coefficients of all functions of time and the largest of each channel; of a heavy group none, and the
-        largest on some elements from all over the mesh: what has none there is next to nothing.
+        """Quantised coefficients of all functions of time, and the largest of each channel; of a heavy group none, and
+        the largest on some elements from all over the mesh: what has none there is next to nothing.
         """
         moved, axes, step = self.displacements(choice.origin), axes_of(choice.time), grid_step(choice.step)
         if not self.is_heavy:

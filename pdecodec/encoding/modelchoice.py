@@ -7,6 +7,7 @@ over. Where little turns or the clip is short, bits are better spent on the moti
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from pdecodec.coding.reference import ReferenceFrame, encode_reference, quantise_reference
 from pdecodec.coding.spacebasis import SpaceBasis, SpaceKind, clear_space_basis, trial_space_basis
+from pdecodec.encoding.displacements import TimeFunctions
 from pdecodec.encoding.effort import EFFORTS, SMALL_CLIP, Effort, SpaceBases
 from pdecodec.encoding.groupchoice import BITS_OF_A_GROUP, ChosenGroup, GroupSearch, candidates, divided
 from pdecodec.encoding.groupfit import SMALL_MESH, DeadZone, FittedGroup, GroupChoice, GroupFitter
@@ -48,6 +50,11 @@ WORTH_GOING_ON = 0.997
 
 BITS_OF_AN_EFFORT = 8.0 * 16
 """What it takes at most to say in a file that it was made with more effort."""
+
+DENSE, DENSE_GROUP = 0.7, 12
+"""Share of all trajectories that there can be from which on principal ones gain nothing by being few, and the frames of
+a group then. Of cloths of 20,000 and 100,000 vertices groups of 8 to 16 frames in cosines took 4 to 15 % fewer bytes
+than longer ones in trajectories, and half the time; where it took up to 0.58 of them, they took more bytes."""
 
 WORTH_A_NEW_LOOK = 0.9
 """Where another reference frame costs less than this many times the usual one, all else is chosen anew."""
@@ -87,10 +94,27 @@ def finished(group: tuple[GroupFitter, GroupChoice], basis: SpaceBasis, effort: 
     return FinishedGroup(fitter, best.choice, best.best)
 
 
-def ruled(fitter: GroupFitter, basis: SpaceBasis) -> FinishedGroup:
-    """A group fitted in full with the step that leaves the usual mean error."""
-    choice = fitter.with_usual_step(basis)
-    return FinishedGroup(fitter, choice, fitter.fit(basis, choice, is_measured=False))
+def ruled(fitter: GroupFitter, basis: SpaceBasis, *, is_dense: bool) -> list[FinishedGroup]:
+    """A group fitted in full with the steps that leave the usual mean error: in trajectories, or where motion is dense
+    in cosines, as short groups.
+    """
+    time: TimeFunctions = "cosines" if is_dense else "trajectories"
+    count = -(-fitter.frames // DENSE_GROUP) if is_dense else 1
+    edges = [fitter.frames * k // count for k in range(count + 1)]
+
+    def fitted(part: GroupFitter) -> FinishedGroup:
+        choice = part.with_usual_step(basis, time)
+        return FinishedGroup(part, choice, part.fit(basis, choice, is_measured=False))
+
+    parts = [fitter.part(slice(*span)) for span in itertools.pairwise(edges)] if is_dense else [fitter]
+    return side_by_side(*(partial(fitted, part) for part in parts))
+
+
+def is_dense(fitter: GroupFitter) -> bool:
+    """Whether frames have so little in common that a group takes about as many trajectories as there are."""
+    frames, vertices = fitter.points.shape[:2]
+    most = min(3 * frames, vertices)
+    return frames > DENSE_GROUP and fitter.displacements("reference").count("trajectories") > DENSE * most
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,8 +271,8 @@ class ModelSearch:
         self.references.begin(reference)
         fitter.prepare(fitter.first_choice)
         basis = made.result()
-        group = ruled(fitter, basis)
-        return FinishedModel(reference, self.references.data(reference), basis, [group])
+        groups = ruled(fitter, basis, is_dense=is_dense(fitter))
+        return FinishedModel(reference, self.references.data(reference), basis, groups)
 
     def _at_this_bound(self, model: FinishedModel) -> FinishedModel:
         """A model of a tighter bound with the residuals that this one leaves."""
