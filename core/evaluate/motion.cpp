@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "basis/add_multiples.hpp"
+#include "linear_algebra/add_product.hpp"
 
 namespace pdeanim {
 
@@ -93,17 +93,24 @@ template <class Real> void Motion<Real>::make_fields(i64 element, std::span<cons
     const Elements &all = basis->elements();
     const i64 affine = all.affine[element], size = all.patches->size(element), width = channels();
     const i64 node = all.patches->node_of[element];
-    own.values.resize(width * padded<Real>(size));
-    std::vector<double> multiples(used.size()), sums;
-    for (i64 channel = 0; channel < width; ++channel) {
-        for (std::size_t i = 0; i < used.size(); ++i) {
-            const i64 k = used[i];
-            multiples[i] = k < affine ? affine_[(affine_count * node + k) * width + channel]
-                                      : static_cast<double>(rows.row(first_row(element) + k)[channel]) * step;
+    const i64 count = static_cast<i64>(used.size());
+    std::vector<double> multiples(count * width), counted, sums(width * size);
+    counted.reserve(count * size);
+    for (i64 i = 0; i < count; ++i) {
+        const i64 k = used[i];
+        double *to = multiples.data() + i * width;
+        if (k < affine) {
+            std::copy_n(affine_.data() + (affine_count * node + k) * width, width, to);
+        } else {
+            const i64 *row = rows.row(first_row(element) + k);
+            std::transform(row, row + width, to, [&](i64 number) { return static_cast<double>(number) * step; });
         }
-        sums.assign(size, 0.0);
-        add_multiples(sums.data(), size, values.data(), multiples.data(), static_cast<i64>(used.size()));
-        std::copy(sums.begin(), sums.end(), own.values.begin() + channel * padded<Real>(size));
+        counted.insert(counted.end(), values[i], values[i] + size);
+    }
+    add_product<double>(sums.data(), size, {multiples.data(), 1, width}, counted.data(), size, {width, count, size});
+    own.values.resize(width * padded<Real>(size));
+    for (i64 channel = 0; channel < width; ++channel) {
+        std::copy_n(sums.begin() + channel * size, size, own.values.begin() + channel * padded<Real>(size));
     }
     own.has_fields = true;
     own.columns = functions;
