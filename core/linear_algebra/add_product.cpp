@@ -17,6 +17,8 @@ namespace {
 
 constexpr i64 block_depth = 256, block_bytes = 2048;  // of a block of the right matrix: its rows, and the length of one
 
+constexpr int few_rows = 4;  // of tiles for what is left of the rows
+
 // Vectors of so many numbers; a tile of sums has so many rows of so many vectors.
 template <int of_lanes, int of_rows, int of_columns> struct Tile {
     static constexpr int lanes = of_lanes, rows = of_rows, columns = of_columns, width = of_lanes * of_columns;
@@ -104,6 +106,10 @@ template <class Shape, class Real> PDEANIM_INLINE void add_all(Real *out, i64 ou
             i64 first = 0;
             const ProductSizes block{sizes.rows, depth, columns};
             add_rows<Shape>(out + j, out_stride, some, first, panels.get(), block);
+            if constexpr (Shape::rows > few_rows) {
+                add_rows<Tile<Shape::lanes, few_rows, Shape::columns>>(out + j, out_stride, some, first, panels.get(),
+                                                                       block);
+            }
             add_rows<Tile<Shape::lanes, 1, Shape::columns>>(out + j, out_stride, some, first, panels.get(), block);
         }
     }
