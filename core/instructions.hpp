@@ -32,6 +32,19 @@ inline Instructions instructions() {
 inline bool has_avx512f() { return instructions() >= Instructions::avx512f; }
 inline bool has_avx2() { return instructions() >= Instructions::avx2; }
 
+template <class Work> PDEANIM_FOR("avx512f") void with_avx512f(const Work &work) { work(); }
+template <class Work> PDEANIM_FOR("avx2") void with_avx2(const Work &work) { work(); }
+
 #endif
+
+// Call a lambda, PDEANIM_INLINE_LAMBDA, that is compiled for each width of vector registers; so must be what it calls,
+// PDEANIM_INLINE. Vectors of one length, shorter or longer than registers, are what it does the same sums in.
+template <class Work> void in_widest(const Work &work) {
+#if defined(PDEANIM_FOR)
+    if (has_avx512f()) return with_avx512f(work);
+    if (has_avx2()) return with_avx2(work);
+#endif
+    work();
+}
 
 }  // namespace pdeanim

@@ -385,6 +385,19 @@ def multiply_rows(rows: FloatArray, factors: Float64Array, axes: int, threads: i
 def sums_of_squares(rows: FloatArray, single: bool, threads: int) -> Float64Array:
     """(n, n) of rows (rows, n), C-contiguous, added up in float32 or float64, block by block."""
 
+def sums_of_products(rows: FloatArray, others: FloatArray, threads: int) -> Float64Array:
+    """(n, k) of rows (rows, n) and others (rows, k) of one precision, both C-contiguous, added up in it likewise."""
+
+def sum_of_products(a: Float64Array, b: Float64Array) -> float: ...
+def symmetric_eigen(matrix: Float64Array, with_vectors: bool, threads: int) -> tuple[Float64Array, Float64Array]:
+    """Eigenvalues, falling, and eigenvectors, a row each; no rows without vectors."""
+
+def orthonormal_columns(matrix: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Of a matrix (rows, n), rows >= n, the transposed Q (n, rows) and R (n, n) of its QR decomposition."""
+
+def binary_logarithms(values: Float64Array) -> Float64Array:
+    """To base 2, of (rows, n) finite numbers that are not below 2^-1022; the same bits on every machine."""
+
 class Excess:
     """By how much vertices are off beyond what is aimed at."""
 

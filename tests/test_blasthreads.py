@@ -1,24 +1,20 @@
-"""Linear algebra takes one thread while a clip is encoded, and as many as before when it is done or has failed."""
+"""Numpy's linear algebra takes one thread while the paper's method is measured, and as many as before afterwards."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from pdecodec.blasthreads import blas_threads, one_blas_thread
-from pdecodec.encoding.encoder import encode
-from pdecodec.sequence import ArraySequence
+from pdecodec.report.reproduction.blasthreads import blas_threads, one_blas_thread
 
 
-def test_an_encode_takes_one_thread_and_gives_the_others_back() -> None:
-    before, within = blas_threads(), []
-    clip = ArraySequence(np.random.default_rng(0).normal(size=(6, 5, 3)).astype(np.float32))
-    encode(clip, tolerance=1e-2, effort="fast", progress=lambda done, total, what: within.append(blas_threads()))
+def test_one_thread_is_taken_within_and_the_others_are_given_back() -> None:
+    before = blas_threads()
     assert before
-    assert [set(threads) for threads in within] == [{1}]
+    with one_blas_thread():
+        assert set(blas_threads()) == {1}
     assert blas_threads() == before
 
 

@@ -3,7 +3,11 @@
 
 #include "bindings/bindings.hpp"
 #include "large_array.hpp"
+#include "linear_algebra/logarithm.hpp"
+#include "linear_algebra/orthonormal_columns.hpp"
 #include "linear_algebra/products.hpp"
+#include "linear_algebra/sum_of_products.hpp"
+#include "linear_algebra/symmetric_eigen.hpp"
 
 namespace pdeanim::bindings {
 
@@ -55,10 +59,64 @@ template <class Row> nb::object py_sums_of_squares(const Matrix<Row> &rows, bool
     return to_matrix(std::move(found), rows.shape(1), rows.shape(1));
 }
 
+template <class Real>
+nb::object py_sums_of_products(const Matrix<Real> &rows, const Matrix<Real> &others, int threads) {
+    require(rows.shape(0) == others.shape(0), "two matrices of as many rows");
+    LargeArray<double> found;
+    {
+        nb::gil_scoped_release release;
+        found = LargeArray<double>(rows.shape(1) * others.shape(1));
+        sums_of_products(found.data(), rows.data(), others.data(), rows_of(rows), columns_of(rows), columns_of(others),
+                         threads);
+    }
+    return to_matrix(std::move(found), rows.shape(1), others.shape(1));
+}
+
+double py_sum_of_products(const Flat<double> &a, const Flat<double> &b) {
+    require(a.size() == b.size(), "two rows of as many numbers");
+    nb::gil_scoped_release release;
+    return sum_of_products(a.data(), b.data(), static_cast<i64>(a.size()));
+}
+
+nb::tuple py_eigen(const Matrix<double> &matrix, bool with_vectors, int threads) {
+    require(matrix.shape(0) == matrix.shape(1), "a symmetric matrix has as many rows as columns");
+    Eigen found;
+    {
+        nb::gil_scoped_release release;
+        found = symmetric_eigen(matrix.data(), rows_of(matrix), with_vectors, threads);
+    }
+    const std::size_t size = matrix.shape(0);
+    return nb::make_tuple(to_array(std::move(found.values)),
+                          to_matrix(std::move(found.vectors), with_vectors ? size : 0, size));
+}
+
+nb::tuple py_orthonormal_columns(const Matrix<double> &matrix) {
+    require(matrix.shape(0) >= matrix.shape(1), "as many rows as columns, or more");
+    OrthonormalColumns found;
+    {
+        nb::gil_scoped_release release;
+        found = orthonormal_columns(matrix.data(), rows_of(matrix), columns_of(matrix));
+    }
+    return nb::make_tuple(to_matrix(std::move(found.vectors), matrix.shape(1), matrix.shape(0)),
+                          to_matrix(std::move(found.triangle), matrix.shape(1), matrix.shape(1)));
+}
+
+nb::object py_binary_logarithms(const Matrix<double> &values) {
+    LargeArray<double> found;
+    {
+        nb::gil_scoped_release release;
+        found = LargeArray<double>(values.size());
+        binary_logarithms(found.data(), values.data(), static_cast<i64>(values.size()));
+    }
+    return to_matrix(std::move(found), values.shape(0), values.shape(1));
+}
+
 template <class Real> void bind_rows(nb::module_ &module) {
     module.def("multiply_rows", &py_multiply_rows<Real>, nb::arg("rows").noconvert(), nb::arg("factors"),
                nb::arg("axes"), nb::arg("threads"));
     module.def("sums_of_squares", &py_sums_of_squares<Real>, nb::arg("rows").noconvert(), nb::arg("single"),
+               nb::arg("threads"));
+    module.def("sums_of_products", &py_sums_of_products<Real>, nb::arg("rows").noconvert(), nb::arg("others"),
                nb::arg("threads"));
 }
 
@@ -68,6 +126,10 @@ void bind_linear_algebra(nb::module_ &module) {
     bind_rows<float>(module);
     bind_rows<double>(module);
     module.def("product", &py_product, nb::arg("left"), nb::arg("right"), nb::arg("threads"));
+    module.def("sum_of_products", &py_sum_of_products, nb::arg("a"), nb::arg("b"));
+    module.def("symmetric_eigen", &py_eigen, nb::arg("matrix"), nb::arg("with_vectors"), nb::arg("threads"));
+    module.def("orthonormal_columns", &py_orthonormal_columns, nb::arg("matrix"));
+    module.def("binary_logarithms", &py_binary_logarithms, nb::arg("values"));
 }
 
 }  // namespace pdeanim::bindings

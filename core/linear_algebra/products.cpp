@@ -38,6 +38,47 @@ template <class Real> struct InPrecision {
     std::vector<Real> kept;
 };
 
+struct SumSizes {
+    i64 count, columns, other_columns;
+};
+
+// Sums of products of all columns of rows and of others; where these are the same, the upper triangle is enough.
+template <class Real, class Row, bool is_triangle>
+void sums(double *out, const Row *rows, const Row *others, const SumSizes &sizes, int threads) {
+    const i64 count = sizes.count, columns = sizes.columns, other_columns = sizes.other_columns;
+    const i64 panels = (other_columns + columns_at_once - 1) / columns_at_once, size = columns * other_columns;
+    std::vector<double> of_spans(spans * size);
+    in_shares(spans * panels, threads_for({count, columns, other_columns}, 1, threads), [&](i64 item, i64 end) {
+        InPrecision<Real> own, other;
+        const auto found = std::make_unique_for_overwrite<Real[]>(columns * columns_at_once);
+        for (; item < end; ++item) {
+            const i64 span = item / panels, first = item % panels * columns_at_once;
+            const i64 stop = least(first + columns_at_once, other_columns), width = stop - first;
+            const i64 height = is_triangle ? stop : columns;
+            double *total = of_spans.data() + span * size + first;
+            const i64 last = count * (span + 1) / spans;
+            for (i64 begin = count * span / spans; begin < last; begin += block_rows<Real>) {
+                const i64 some = least(block_rows<Real>, last - begin);
+                const Real *block = own.of(rows + begin * columns, some * columns), *right = block;
+                if constexpr (!is_triangle) {
+                    right = other.of(others + begin * other_columns, some * other_columns);
+                }
+                std::fill_n(found.get(), height * width, Real{0});
+                add_product(found.get(), width, Strided<Real>{block, 1, columns}, right + first, other_columns,
+                            {height, some, width});
+                for (i64 i = 0; i < height; ++i) {
+                    for (i64 j = 0; j < width; ++j) total[i * other_columns + j] += found[i * width + j];
+                }
+            }
+        }
+    });
+    for (i64 i = 0; i < size; ++i) {
+        double total = 0.0;
+        for (i64 span = 0; span < spans; ++span) total += of_spans[span * size + i];
+        out[i] = total;
+    }
+}
+
 }  // namespace
 
 void multiply(double *out, const Strided<double> &left, const double *right, const ProductSizes &sizes, int threads) {
@@ -73,36 +114,15 @@ template <class Real> void multiply_rows(double *out, const Real *rows, const do
 
 template <class Real, class Row>
 void sums_of_squares(double *out, const Row *rows, i64 count, i64 columns, int threads) {
-    const i64 panels = (columns + columns_at_once - 1) / columns_at_once, size = columns * columns;
-    std::vector<double> of_spans(spans * size);
-    in_shares(spans * panels, threads_for({count, columns, columns}, 1, threads), [&](i64 item, i64 end) {
-        InPrecision<Real> own;
-        const auto sums = std::make_unique_for_overwrite<Real[]>(columns * least(columns_at_once, columns));
-        for (; item < end; ++item) {
-            // The upper triangle is enough: of each panel of columns the rows above its end.
-            const i64 span = item / panels, first = item % panels * columns_at_once;
-            const i64 height = least(first + columns_at_once, columns), width = height - first;
-            double *total = of_spans.data() + span * size + first;
-            const i64 stop = count * (span + 1) / spans;
-            for (i64 begin = count * span / spans; begin < stop; begin += block_rows<Real>) {
-                const i64 some = least(block_rows<Real>, stop - begin);
-                const Real *block = own.of(rows + begin * columns, some * columns);
-                std::fill_n(sums.get(), height * width, Real{0});
-                add_product(sums.get(), width, Strided<Real>{block, 1, columns}, block + first, columns,
-                            {height, some, width});
-                for (i64 i = 0; i < height; ++i) {
-                    for (i64 j = 0; j < width; ++j) total[i * columns + j] += sums[i * width + j];
-                }
-            }
-        }
-    });
+    sums<Real, Row, true>(out, rows, rows, {count, columns, columns}, threads);
     for (i64 i = 0; i < columns; ++i) {
-        for (i64 j = i; j < columns; ++j) {
-            double total = 0.0;
-            for (i64 span = 0; span < spans; ++span) total += of_spans[span * size + i * columns + j];
-            out[i * columns + j] = out[j * columns + i] = total;
-        }
+        for (i64 j = 0; j < i; ++j) out[i * columns + j] = out[j * columns + i];
     }
+}
+
+template <class Real> void sums_of_products(double *out, const Real *rows, const Real *others, i64 count, i64 columns,
+                                            i64 other_columns, int threads) {
+    sums<Real, Real, false>(out, rows, others, {count, columns, other_columns}, threads);
 }
 
 template void multiply_rows(double *, const float *, const double *, const ProductSizes &, i64, int);
@@ -111,5 +131,7 @@ template void sums_of_squares<float, float>(double *, const float *, i64, i64, i
 template void sums_of_squares<double, float>(double *, const float *, i64, i64, int);
 template void sums_of_squares<float, double>(double *, const double *, i64, i64, int);
 template void sums_of_squares<double, double>(double *, const double *, i64, i64, int);
+template void sums_of_products(double *, const float *, const float *, i64, i64, i64, int);
+template void sums_of_products(double *, const double *, const double *, i64, i64, i64, int);
 
 }  // namespace pdeanim

@@ -17,4 +17,8 @@ template <class Real> void multiply_rows(double *out, const Real *rows, const do
 template <class Real, class Row>
 void sums_of_squares(double *out, const Row *rows, i64 count, i64 columns, int threads);
 
+// The same of other rows, out (columns x other_columns) = rows^T * others, in their precision.
+template <class Real> void sums_of_products(double *out, const Real *rows, const Real *others, i64 count, i64 columns,
+                                            i64 other_columns, int threads);
+
 }  // namespace pdeanim

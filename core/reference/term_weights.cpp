@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "linear_algebra/logarithm.hpp"
+
 namespace pdeanim {
 
 namespace {
@@ -83,11 +85,12 @@ double residual_bits(const std::vector<Row> &rows, const Solution &solution, int
         ++counts[least(digits, 63)];
         digits_in_all += digits;
     }
-    const double total = static_cast<double>(rows.size());
-    double entropy = total * std::log2(total);
-    for (const i64 count : counts) {
-        if (count) entropy -= static_cast<double>(count) * std::log2(static_cast<double>(count));
-    }
+    std::array<double, 65> sizes{}, logarithms{};
+    for (int digits = 0; digits < 64; ++digits) sizes[digits] = static_cast<double>(most<i64>(counts[digits], 1));
+    sizes[64] = static_cast<double>(rows.size());
+    binary_logarithms(logarithms.data(), sizes.data(), 65);
+    double entropy = sizes[64] * logarithms[64];
+    for (int digits = 0; digits < 64; ++digits) entropy -= sizes[digits] * logarithms[digits];
     return entropy + digits_in_all;
 }
 

@@ -24,7 +24,7 @@ from pathlib import Path
 
 CORE = Path(__file__).resolve().parent.parent
 
-NOT_DECODED_WITH = {"bindings", "encode", "tests", "text", "xpbd", "wasm"}
+NOT_DECODED_WITH = {"bindings", "encode", "linear_algebra", "tests", "text", "xpbd", "wasm"}
 """Folders of the core that a decoder does without."""
 
 SECTION = b"pdeanim.sources"

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec import _core
 from pdecodec.coding.basis import TIME_FUNCTIONS, series_derivatives, series_functions
 
 Float64Array = NDArray[np.float64]
@@ -57,7 +58,7 @@ class ClosedForm:
 
         Of distinct times the functions are independent (a Chebyshev system).
         """
-        r: Float64Array = np.asarray(np.linalg.qr(self._series(self.times), mode="r"))
+        r = _core.orthonormal_columns(self._series(self.times))[1]
         diagonal = np.diagonal(r)
         upper: Float64Array = r * np.where(diagonal < 0.0, -1.0, 1.0)[:, None]
         # Frames so close together that float64 hardly tells them apart leave rounding alone; it must not blow up.
@@ -80,6 +81,6 @@ class ClosedForm:
         values = self._series(t, derivative)
         weights = np.empty_like(values)
         for j in range(self.functions):
-            column = values[:, j] - weights[:, :j] @ self.triangle[:j, j]
+            column = values[:, j] - _core.product(weights[:, :j], self.triangle[:j, j : j + 1], 1)[:, 0]
             weights[:, j] = column / self.triangle[j, j]
         return weights

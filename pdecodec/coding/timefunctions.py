@@ -22,7 +22,7 @@ from pdecodec import _core
 from pdecodec.coding.connectivity import core_errors
 from pdecodec.coding.groups import cosines
 from pdecodec.errors import SettingsError
-from pdecodec.shares import side_by_side
+from pdecodec.shares import side_by_side, thread_count
 
 Float64Array = NDArray[np.float64]
 Int64Array = NDArray[np.int64]
@@ -97,7 +97,7 @@ def quantise_time_functions(scaled: Float64Array, step: float) -> QuantisedTimeF
 
     def cost(item: QuantisedTimeFunctions, of: Float64Array = scaled) -> float:
         error = (item.decoded - of) / step
-        return item.bits + BITS_OF_AN_ERROR * float(np.einsum("tak,tak->", error, error))
+        return item.bits + BITS_OF_AN_ERROR * _core.sum_of_products(error.ravel(), error.ravel())
 
     some = scaled[:, :, ::SAMPLED]
     if some.shape[2] < FEWEST_SAMPLED:
@@ -124,12 +124,12 @@ class TimeFunctionCost:
         self._scaled = scaled
         self._off = np.abs(np.diff(scaled, n=2, axis=0, prepend=np.zeros((2, *scaled.shape[1:]))))
         every = SAMPLED if scaled.shape[2] >= SAMPLED * FEWEST_SAMPLED else 1
-        rough = float(np.log2(1.0 + self._off[:, :, ::every] / step).sum())
+        rough = _size(self._off[:, :, ::every] / step)
         self._factor = quantise_time_functions(scaled[:, :, ::every], step).bits / rough if rough else 0.0
 
     def bits(self, used: NDArray[np.intp], step: float) -> float:
         """Of some of the functions, about."""
-        return self._factor * float(np.log2(1.0 + self._off[:, :, used] / step).sum())
+        return self._factor * _size(self._off[:, :, used] / step)
 
     def rounded(self, used: NDArray[np.intp], step: float) -> Float64Array:
         """Some of the functions, as far off as they are after coding."""
@@ -202,9 +202,15 @@ def decode_time_functions(data: bytes, frames: int, functions: int, step: float,
         return _core.decode_time_functions(data, frames, functions, axes, step)
 
 
+def _size(steps: Float64Array) -> float:
+    """Binary digits of numbers, about: the logarithms of one more than each, added up."""
+    return float(_core.binary_logarithms(1.0 + steps.reshape(len(steps), -1)).sum())
+
+
 def _transform(wanted: Float64Array) -> Int64Array:
     """Quantised cosine transform of what is wanted, (functions, frames, axes), in steps."""
-    frames = wanted.shape[1]
-    waves = np.einsum("kfx,fa->kax", wanted, cosines(frames, frames), optimize=True)
+    functions, frames, axes = wanted.shape
+    waves = _core.multiply_rows(wanted.reshape(functions, frames * axes), cosines(frames, frames), axes, thread_count())
+    waves = waves.reshape(wanted.shape)
     quantised: Int64Array = np.copysign(np.floor(np.abs(waves) + ROUNDING), waves).astype(np.int64)
     return quantised

@@ -21,7 +21,9 @@ from pdecodec.encoding.principal import (
     principal_axes_within,
     principal_energies,
     principal_trajectories,
+    product,
     products,
+    pseudo_inverse,
     sums_of_squares,
     with_more,
 )
@@ -68,6 +70,9 @@ LARGEST_SINGLE = 2.0**40
 
 ALIKE = 1e-2
 """Functions that differ by less than this share (of their squared length) count as one in a fit."""
+
+ROUNDING = 1e-14
+"""What poses have less of than this share is rounding."""
 
 
 def time_basis_of(functions: TimeFunctions) -> TimeBasis:
@@ -191,9 +196,10 @@ class Displacements:
         """(3 frames, 3 frames) float64: sums over all vertices."""
         if self._beside is not None:
             off = self._beside._shape - self._shape
-            crossed = np.tile(self._beside._moved.T @ off.astype(self._beside._moved.dtype), self._frames)
+            moved = self._beside._moved
+            crossed = np.tile(_core.sums_of_products(moved, off.astype(moved.dtype), thread_count()), self._frames)
             squares: Float64Array = self._beside._squares + crossed + crossed.T
-            return squares + np.tile(off.T @ off, (self._frames, self._frames))
+            return squares + np.tile(sums_of_squares(off), (self._frames, self._frames))
         return sums_of_squares(self._moved, self._precision)
 
     @cached_property
@@ -201,15 +207,17 @@ class Displacements:
         """(frames, frames) float64: sums over all vertices and axes."""
         if self._span is not None:
             coefficients, axes = self._span
-            by_axis, between = axes.reshape(self._frames, 3, -1), sums_of_squares(coefficients)
-            return sum((by_axis[:, x] @ between @ by_axis[:, x].T for x in range(3)), np.zeros((self._frames,) * 2))
+            between, squares = sums_of_squares(coefficients), np.zeros((self._frames,) * 2)
+            for x in range(3):
+                along = axes[x::3]
+                squares += product(product(along, between), along.T)
+            return squares
         if self._is_wide:
             split = self._moved.reshape(self._vertices, self._frames, 3)
             return sums_of_squares(
                 np.ascontiguousarray(split.transpose(0, 2, 1)).reshape(-1, self._frames), self._precision
             )
-        squares: Float64Array = np.einsum("fxgx->fg", self._squares.reshape(self._frames, 3, self._frames, 3))
-        return squares
+        return self._squares[::3, ::3] + self._squares[1::3, 1::3] + self._squares[2::3, 2::3]
 
     @cached_property
     def _trajectories(self) -> tuple[Float64Array, Float64Array]:
@@ -235,7 +243,7 @@ class Displacements:
         if found is None or not 0 < found.size <= self._shapes[0].size:
             return np.zeros(0), np.zeros((self._frames, 0))
         poses = np.sort(found)
-        weights = np.linalg.solve(products[np.ix_(poses, poses)], products[poses]).T
+        weights = product(pseudo_inverse(products[np.ix_(poses, poses)], ROUNDING), products[poses]).T
         lengths = np.sqrt((weights * weights).sum(axis=0))
         energies = lengths * lengths * products[poses, poses]
         order = np.argsort(-energies, kind="stable")
@@ -319,7 +327,7 @@ class Displacements:
     @cached_property
     def _cosine_energies(self) -> Float64Array:
         waves = cosines(self._frames, min(self._frames, MOST_FUNCTIONS))
-        energies: Float64Array = np.einsum("fa,fg,ga->a", waves, self._squares_by_axis, waves, optimize=True)
+        energies: Float64Array = (waves * product(self._squares_by_axis, waves)).sum(axis=0)
         return energies
 
     @cached_property
@@ -353,8 +361,7 @@ class Displacements:
         else:
             sums = np.kron(dual.sum(axis=0), np.eye(3))
         shift = other._shape - self._shape
-        found: Float64Array = (shift if sight is None else sight.of(self, "shift", shift)) @ sums
-        return found
+        return product(shift if sight is None else sight.of(self, "shift", shift), sums)
 
     def _along(self, dual: Float64Array, kind: TimeFunctions, sight: Sight | None = None) -> Float64Array:
         """Sums of displacements times functions."""
@@ -364,9 +371,8 @@ class Displacements:
             if sight is not None:
                 coefficients = sight.of(self, "span", coefficients)
             if kind == "trajectories":
-                return products(coefficients, axes.T @ dual)
-            each = np.einsum("fxn,fk->nkx", axes.reshape(self._frames, 3, -1), dual, optimize=True)
-            return products(coefficients, each.reshape(axes.shape[1], -1))
+                return products(coefficients, product(axes.T, dual))
+            return products(coefficients, products(axes.T, dual, 3))
         if other is not None:
             return other._along(dual, kind, sight) + self._shifted(other, dual, kind, sight)
         rows = self._moved if sight is None else sight.of(self, "moved", self._moved)
@@ -387,7 +393,7 @@ class Displacements:
             energies = principal_energies(self._squares_by_axis, self._least)
         else:
             energies = self.functions(kind)[0]
-        return float(0.5 * each * np.log2(1.0 + energies / (each * step * step)).sum())
+        return float(0.5 * each * _core.binary_logarithms(1.0 + energies[None] / (each * step * step)).sum())
 
     @cached_property
     def _total(self) -> float:
@@ -395,7 +401,7 @@ class Displacements:
             return self._alike._total
         if self._span is not None:
             coefficients = self._span[0].ravel()  # of orthonormal trajectories
-            return float(coefficients @ coefficients)
+            return _core.sum_of_products(coefficients, coefficients)
         return float(np.trace(self._squares_by_axis))
 
     def explained(self, functions: int, kind: TimeFunctions) -> float:
@@ -421,7 +427,7 @@ def spanning(products: Float64Array, least: float, most: int) -> NDArray[np.int6
         count = len(pivots)
         if count == most:
             return None
-        row = products[farthest] - rows[:count, farthest] @ rows[:count]
+        row = products[farthest] - product(rows[:count, farthest][None], rows[:count])[0]
         rows[count] = row / math.sqrt(left[farthest])
         left -= rows[count] * rows[count]
         left[farthest] = 0.0
@@ -433,9 +439,7 @@ def dual_functions(functions: Float64Array) -> Float64Array:
     """What displacements are multiplied with, so that sums of `functions` come out nearest to them."""
     if not functions.size:
         return functions
-    inverse = np.linalg.pinv(functions.T @ functions, rcond=ALIKE, hermitian=True)
-    dual: Float64Array = functions @ inverse
-    return dual
+    return product(functions, pseudo_inverse(sums_of_squares(functions), ALIKE))
 
 
 def _first(energies: Float64Array, functions: Float64Array) -> tuple[Float64Array, Float64Array]:

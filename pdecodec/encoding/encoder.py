@@ -14,7 +14,6 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from pdecodec.blasthreads import one_blas_thread
 from pdecodec.encoding.encodereport import EncodeReport
 from pdecodec.encoding.profiles import make_encoder
 from pdecodec.errors import SettingsError
@@ -72,9 +71,8 @@ def encode(
     target = None if path is None else Path(path)
     if target is not None:
         check_writable(target, overwrite=overwrite)
-    with one_blas_thread():
-        if isinstance(sequence, ChangingSequence):
-            from pdecodec.encoding.runencoder import encode_runs
+    if isinstance(sequence, ChangingSequence):
+        from pdecodec.encoding.runencoder import encode_runs
 
-            return encode_runs(sequence, chosen, target, overwrite=overwrite, progress=progress)
-        return make_encoder(sequence, chosen, progress).run(target, overwrite=overwrite)
+        return encode_runs(sequence, chosen, target, overwrite=overwrite, progress=progress)
+    return make_encoder(sequence, chosen, progress).run(target, overwrite=overwrite)

@@ -173,7 +173,7 @@ def _weights(basis: SpaceBasis, coefficients: Float64Array, step: float) -> Floa
     def add_up(first: int, end: int) -> None:
         for begin in range(first, end, ROWS_AT_ONCE):
             some = slice(begin, min(begin + ROWS_AT_ONCE, end))
-            rough[some] = np.log2(1.0 + np.square(coefficients[some] / step)).sum(axis=1)
+            rough[some] = _core.binary_logarithms(1.0 + np.square(coefficients[some] / step)).sum(axis=1)
 
     in_shares(add_up, len(coefficients))
     weights: Float64Array = np.add.reduceat(rough, basis.coefficient_starts[:-1])

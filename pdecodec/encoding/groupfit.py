@@ -82,6 +82,12 @@ BLOCK_BYTES = 2**25
 """Memory for values whose channels are projected and quantised together: all of them would take several times as much
 as the group's positions."""
 
+QUARTERS = (1.0, 1.189207115002721, 1.4142135623730951, 1.681792830507429)
+"""Powers of the fourth root of two. Those that are computed differ in the last bit from one processor to another."""
+
+HALF_WAY = (0.5452538663326288, 0.6484197773255048, 0.7711054127039704, 0.9170040432046712)
+"""Half-way between these, from a half on: -7/8, -5/8, -3/8 and -1/8 as powers of two."""
+
 CELL = ROUND_UP_AT**3 / 3.0 + (1.0 - ROUND_UP_AT) ** 3 / 3.0
 """Mean square of what rounding takes from a coefficient that does not become zero, in steps."""
 
@@ -101,12 +107,13 @@ def grid_step(index: int) -> float:
     A bound that is a little looser then finds the very models that a tighter one found, and only residuals change.
     """
     octave, quarter = divmod(index, 4)
-    return math.ldexp(2.0 ** (quarter / 4.0), octave)
+    return math.ldexp(QUARTERS[quarter], octave)
 
 
 def grid_index(step: float) -> int:
     """Index of the step nearest to one."""
-    return round(4.0 * math.log2(step))
+    share, octave = math.frexp(step)  # from a half to one
+    return 4 * octave - 4 + bisect.bisect(HALF_WAY, share)
 
 
 @dataclass(frozen=True)
@@ -353,7 +360,7 @@ class GroupFitter:
             step = grid_step(index)
             is_lost = sizes < ROUND_UP_AT * step
             lost, kept = sizes * is_lost, sizes.size - int(np.count_nonzero(is_lost))
-            error = math.sqrt((float(lost @ lost) + CELL * step * step * kept) / positions)
+            error = math.sqrt((_core.sum_of_products(lost, lost) + CELL * step * step * kept) / positions)
             return error > (MEAN_ERROR + MORE_OF_DENSE * math.sqrt(kept / positions)) * self.unit
 
         steps = range(grid_index(FINEST * self.unit), grid_index(COARSEST_UNTRIED * self.unit) + 1)

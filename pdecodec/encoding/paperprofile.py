@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec import _core
 from pdecodec.coding.basis import SPACE_FUNCTIONS, TIME_FUNCTIONS
 from pdecodec.coding.closedform import ClosedForm
 from pdecodec.coding.groups import GroupEntry
@@ -25,7 +26,8 @@ from pdecodec.coding.reference import quantise_reference
 from pdecodec.coding.spacebasis import MOST_POINTS, SpaceBasis, build_space_basis
 from pdecodec.encoding.displacements import FARTHEST_STEPS
 from pdecodec.encoding.groupencoder import FINEST_STEP, Encoder
-from pdecodec.encoding.groupfit import EncodedGroup, FittedGroup, GroupFitter, quantise
+from pdecodec.encoding.groupfit import QUARTERS, EncodedGroup, FittedGroup, GroupFitter, quantise
+from pdecodec.encoding.principal import product
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
 
@@ -54,7 +56,7 @@ ADDED_BY_QUANTISATION = 0.01
 ADDED_BY_REFERENCE = 0.05
 """Of the model's own error, what the reference frame may be off by: added up in squares, an eighth of a hundredth."""
 
-STEP_RATIO = 2.0**0.25
+STEP_RATIO = QUARTERS[1]
 """From one quantisation step that is tried to the next."""
 
 
@@ -132,15 +134,15 @@ class PaperEncoder(Encoder):
         moved = points.astype(np.float64) - reference
         if self._bound is not None:  # as under "auto", what is so far off is left to residuals
             moved[np.abs(moved) > FARTHEST_STEPS * self._unit] = 0.0
-        energy = float(np.vdot(moved, moved))
+        energy = _core.sum_of_products(moved.ravel(), moved.ravel())
         best: _Projected | None = None
         for alpha in self._alphas:
             functions = self._closed_form(part, alpha)
             weights = functions.weights(functions.times)
             # Eq. 25: both factors are orthonormal, so that its normal equations are these two projections.
-            along = np.einsum("fvx,fa->vax", moved, weights, optimize=True).reshape(len(reference), -1)
-            coefficients = basis.project(along)
-            error = max(energy - float(np.vdot(coefficients, coefficients)), 0.0)
+            along = product(weights.T, moved.reshape(len(moved), -1)).reshape(-1, len(reference), 3).transpose(1, 0, 2)
+            coefficients = basis.project(along.reshape(len(reference), -1))
+            error = max(energy - _core.sum_of_products(coefficients.ravel(), coefficients.ravel()), 0.0)
             if best is None or error < best.error * (1.0 - WORTHWHILE_GAIN):
                 best = _Projected(alpha, coefficients, error)
         assert best is not None  # there is an alpha
@@ -184,7 +186,7 @@ class PaperEncoder(Encoder):
         while step < largest:
             coarser = step * STEP_RATIO
             off = coefficients - coarser * quantise(coefficients, coarser)
-            if float(np.vdot(off, off)) > allowed:
+            if _core.sum_of_products(off.ravel(), off.ravel()) > allowed:
                 break
             step = coarser
         return step

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
+from pdecodec.coding.groups import cosines
 from pdecodec.shares import in_shares, thread_count
 
 Float64Array = NDArray[np.float64]
@@ -73,8 +74,8 @@ def principal_trajectories(moved: Float64Array, least: float) -> tuple[Float64Ar
     is_wide = moved.shape[1] > moved.shape[0]
     if not is_wide:
         return principal_axes(sums_of_squares(moved), least)
-    energies, axes = principal_axes(moved @ moved.T, least)
-    axes = moved.T @ axes
+    energies, axes = principal_axes(sums_of_squares(moved.T), least)
+    axes = product(moved.T, axes)
     axes /= np.maximum(np.sqrt((axes * axes).sum(axis=0)), TINY)
     return energies, _turned(axes)
 
@@ -88,7 +89,7 @@ def principal_axes(squares: Float64Array, least: float) -> tuple[Float64Array, F
 
 def principal_energies(squares: Float64Array, least: float) -> Float64Array:
     """The energies of :func:`principal_axes` alone: a quarter of the time where they are many."""
-    energies: Float64Array = np.maximum(np.linalg.eigvalsh(squares)[::-1], 0.0)
+    energies: Float64Array = np.maximum(_core.symmetric_eigen(squares, False, 1)[0], 0.0)
     return energies[: _count_of_leading(energies, float(np.trace(squares)), least)]
 
 
@@ -115,24 +116,42 @@ def product(left: Float64Array, right: Float64Array) -> Float64Array:
     return _core.product(left, right, thread_count())
 
 
+def eigen(squares: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Eigenvalues, falling, and eigenvectors (columns) of a symmetric matrix."""
+    values, vectors = _core.symmetric_eigen(squares, True, thread_count())
+    return values, vectors.T
+
+
+def pseudo_inverse(squares: Float64Array, alike: float) -> Float64Array:
+    """Of a symmetric matrix, where eigenvalues below a share of the largest count as none."""
+    values, vectors = eigen(squares)
+    sizes = np.abs(values)
+    is_used = sizes > alike * sizes.max(initial=0.0)
+    return product(vectors[:, is_used] / values[is_used], vectors[:, is_used].T)
+
+
+def orthonormal(vectors: Float64Array) -> Float64Array:
+    """Orthonormal vectors, as many as are given, that span these; in columns."""
+    return _core.orthonormal_columns(vectors)[0].T
+
+
 def _leading(squares: Float64Array, least: float) -> tuple[Float64Array, Float64Array]:
     """Eigenvalues, falling, and eigenvectors; all but at most `least` of their sum, or all."""
     size, total = len(squares), float(np.trace(squares))
     count, found = FIRST_BLOCK, np.zeros((size, 0))
-    middles = np.pi * (np.arange(size) + 0.5) / size
     while count <= LARGEST_SHARE * size:
-        more = np.cos(np.outer(middles, np.arange(found.shape[1], count)))
-        block = squares @ np.column_stack([found, more])
+        more = cosines(size, count)[:, found.shape[1] :]
+        block = product(squares, np.column_stack([found, more]))
         for _ in range(PASSES):
-            block = squares @ np.linalg.qr(block)[0]
-        block = np.linalg.qr(block)[0]
-        values, turned = np.linalg.eigh(block.T @ (squares @ block))
-        found = (block @ turned)[:, ::-1]
+            block = product(squares, orthonormal(block))
+        block = orthonormal(block)
+        values, turned = eigen(product(block.T, product(squares, block)))
+        found = product(block, turned)
         if total - float(values.sum()) <= least:
-            return np.maximum(values[::-1], 0.0), found
+            return np.maximum(values, 0.0), found
         count *= 2
-    values, vectors = np.linalg.eigh(squares)
-    return np.maximum(values[::-1], 0.0), vectors[:, ::-1]
+    values, vectors = eigen(squares)
+    return np.maximum(values, 0.0), vectors
 
 
 def leading_span(rows: Rows, least: float) -> Span | None:
@@ -154,25 +173,25 @@ def leading_span(rows: Rows, least: float) -> Span | None:
     axes = np.zeros((size, 0))
     before = math.inf
     for block in range(SUM_BLOCKS):
-        signs = [-1.0 if (block & other).bit_count() % 2 else 1.0 for other in range(SUM_BLOCKS)]
-        left = _outside(np.tensordot(signs, sums, axes=1).T, axes)
+        signs = np.array([[-1.0 if (block & other).bit_count() % 2 else 1.0 for other in range(SUM_BLOCKS)]])
+        left = _outside(product(signs, sums).reshape(SUMS, size).T, axes)
         energy = float(np.square(left).sum())
         if energy <= SPANNED * least:
             return products(rows, axes), axes
         # What is left falls more slowly from block to block.
         blocks = min(most // SUMS, SUM_BLOCKS - 1) - block
-        if blocks <= 0 or (block > 1 and energy * (energy / before) ** blocks > SPANNED * least):
+        if blocks <= 0 or (block > 1 and energy * math.prod([energy / before] * blocks) > SPANNED * least):
             return None
         before = energy
-        more = np.linalg.qr(left)[0]
+        more = orthonormal(left)
         if axes.size:  # once more, for what rounding left of them
-            more = np.linalg.qr(_outside(more, axes))[0]
+            more = orthonormal(_outside(more, axes))
         axes = np.concatenate([axes, more], axis=1)
     return None
 
 
 def _signed_sums(rows: Rows) -> Float64Array:
-    """(SUM_BLOCKS, SUMS, n) float64: each row is added to one of the sums, or taken from it."""
+    """(SUM_BLOCKS, SUMS n) float64: each row is added to one of the sums, or taken from it."""
     count = SUM_BLOCKS * SUMS
     sums = np.zeros((count, rows.shape[1]), rows.dtype)
     hashed = (np.arange(len(rows), dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
@@ -185,19 +204,19 @@ def _signed_sums(rows: Rows) -> Float64Array:
             sums[first : first + len(some_rows)] += some_rows * signs[some, None]
 
     in_shares(add_up, count)
-    return sums.astype(np.float64).reshape(SUM_BLOCKS, SUMS, -1)
+    return sums.astype(np.float64).reshape(SUM_BLOCKS, -1)
 
 
 def _outside(vectors: Float64Array, axes: Float64Array) -> Float64Array:
     """What orthonormal axes leave of vectors, both in columns."""
-    return vectors - axes @ (axes.T @ vectors)
+    return vectors - product(axes, product(axes.T, vectors))
 
 
 def with_more(span: Span, rows: Rows, vectors: Float64Array) -> Span:
     """A span with vectors, (n, few), in it too; `rows` are those that it is of."""
     coefficients, axes = span
     for vector in vectors.T:
-        left = _outside(vector[:, None] / np.sqrt(max(float(vector @ vector), TINY)), axes)
+        left = _outside(vector[:, None] / np.sqrt(max(float(np.square(vector).sum()), TINY)), axes)
         length = float(np.square(left).sum())
         if length > WITHIN:
             left = _outside(left / np.sqrt(length), axes)
@@ -209,11 +228,11 @@ def with_more(span: Span, rows: Rows, vectors: Float64Array) -> Span:
 def principal_axes_within(span: Span, least: float) -> tuple[Float64Array, Float64Array]:
     """:func:`principal_trajectories` of what a span holds."""
     coefficients, axes = span
-    energies, turned = np.linalg.eigh(sums_of_squares(coefficients))
-    energies, turned = np.maximum(energies[::-1], 0.0), turned[:, ::-1]
+    energies, turned = eigen(sums_of_squares(coefficients))
+    energies = np.maximum(energies, 0.0)
     left = np.append(np.cumsum(energies[::-1])[::-1], 0.0)
     kept = int(np.argmax(left <= least))
-    return energies[:kept], _turned(axes @ turned[:, :kept])
+    return energies[:kept], _turned(product(axes, turned[:, :kept]))
 
 
 def products(rows: Rows, factors: Float64Array, axes: int = 1) -> Float64Array:

@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from pdecodec.blasthreads import one_blas_thread
 from pdecodec.report.reproduction import bspline, cost
+from pdecodec.report.reproduction.blasthreads import one_blas_thread
 from pdecodec.report.reproduction.functions import Residuals, residuals
 from pdecodec.report.reproduction.leak import (
     Choices,

@@ -1,8 +1,7 @@
-"""Linear algebra in one thread while a clip is encoded.
+"""Numpy's linear algebra in one thread while the paper's method is measured.
 
 The products are small and many: BLAS' own threads spend their time waiting for each other, five times as much of it
-where another program runs, and how they share a sum out decides its last bits. The encoder shares out whole steps
-instead (:mod:`pdecodec.shares`).
+where another program runs, and how they share a sum out decides its last bits. (The encoder has no BLAS in it.)
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 _MODULES = ("numpy.linalg._umath_linalg",)
-"""What is linked with the BLAS that encoding uses."""
+"""What is linked with the BLAS that numpy uses."""
 
 _CALLS = (
     *(

@@ -1,0 +1,17 @@
+// Eigenvalues and eigenvectors of a symmetric matrix with three diagonals.
+#pragma once
+
+#include <vector>
+
+#include "arithmetic.hpp"
+
+namespace pdeanim {
+
+// Eigenvalues, in no order, in the place of the diagonal; `beside` has a zero at its end, and is used up. Numbers are about
+// one at most.
+void tridiagonal_values(std::vector<double> &diagonal, std::vector<double> &beside);
+
+// The same with eigenvectors, a row each: (size x size).
+std::vector<double> tridiagonal_eigen(std::vector<double> &diagonal, std::vector<double> &beside, int threads);
+
+}  // namespace pdeanim
