@@ -11,6 +11,7 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from pdecodec.encoding.modelchoice import FinishedGroup, ModelSearch, References
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
+from pdecodec.shares import side_by_side
 
 Float32Array = NDArray[np.float32]
 
@@ -144,10 +146,14 @@ class AutoEncoder(Encoder):
         if self._settings.why:
             self._questions = self._alternatives(points, steps)
         del search, points, first
-        parts = []
-        while groups:  # none is kept: the next ones take as much memory again
-            parts.append(self._encoded(groups.pop(0)))
-        return parts
+        # None is kept: the next group takes as much memory again.
+        waiting = dict(enumerate(groups))
+        groups.clear()
+
+        def encoded(index: int) -> EncodedPart:
+            return self._encoded(waiting.pop(index))
+
+        return side_by_side(*(partial(encoded, index) for index in sorted(waiting)))
 
     def _encoded(self, group: FinishedGroup) -> EncodedPart:
         return EncodedPart(group.choice, group.fitter.encode(group.fitted, self._space))
@@ -182,30 +188,36 @@ class AutoEncoder(Encoder):
         frames = sum(part.group.entry.frames for part in before)
         was_dense = len(before) > 1 and _bits(before) > SMOOTH * frames * fitter.points.shape[1]
         groups = ruled(fitter, self._space, is_dense=was_dense or is_dense(fitter))
-        return [self._encoded(group) for group in groups]
+        return side_by_side(*(partial(self._encoded, group) for group in groups))
 
     def _divided(self, fitter: GroupFitter, usual: GroupChoice) -> list[EncodedPart]:
         """The groups that frames after the first ones are divided into."""
-        effort, basis = self._effort, self._space
+        basis = self._space
         search = GroupSearch(fitter, basis)
         choices = candidates(search, usual)
-        groups = divided(search, choices, basis) if effort.division else [search.choose(choices)]
-        if effort.fine_steps:
+        groups = divided(search, choices, basis) if self._effort.division else [search.choose(choices)]
+        if self._effort.fine_steps:
             groups = [group.tuned() for group in groups]
         chosen = [(item.fitter, item.choice) for item in groups]
         del search, groups  # and with them all that was found out on the way
-        return [self._encoded(finished(item, basis, effort)) for item in chosen]
+        return self._all_finished(chosen)
 
     def _like(self, fitter: GroupFitter, choices: Sequence[tuple[int, GroupChoice]]) -> list[EncodedPart]:
         """The groups that frames are divided into as those before were, encoded in the same way."""
         ends = np.cumsum([frames for frames, _ in choices])
         edges = [0, *(fitter.frames * int(end) // int(ends[-1]) for end in ends)]
         parts = [(slice(*edge), choice) for edge, (_, choice) in zip(itertools.pairwise(edges), choices, strict=True)]
-        return [
-            self._encoded(finished((fitter.part(frames), choice), self._space, self._effort))
-            for frames, choice in parts
-            if frames.stop > frames.start
-        ]
+        return self._all_finished(
+            [(fitter.part(frames), choice) for frames, choice in parts if frames.stop > frames.start]
+        )
+
+    def _all_finished(self, chosen: Sequence[tuple[GroupFitter, GroupChoice]]) -> list[EncodedPart]:
+        """Parts of a group, fitted in full and encoded; together they take no more memory than the group would."""
+
+        def encoded(part: tuple[GroupFitter, GroupChoice]) -> EncodedPart:
+            return self._encoded(finished(part, self._space, self._effort))
+
+        return side_by_side(*(partial(encoded, part) for part in chosen))
 
     def _group_ranges(self, most: int) -> list[tuple[int, int]]:
         """First and last frame but one of groups of so many frames at most, all but equal."""

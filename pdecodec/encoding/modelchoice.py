@@ -294,7 +294,7 @@ class ModelSearch:
         reference, groups = model.reference, [(group.fitter, group.choice) for group in model.groups]
         del model  # and with it all that was found out on the way
         basis = made.result()
-        finished_groups = [finished(group, basis, self.effort) for group in groups]
+        finished_groups = side_by_side(*(partial(finished, group, basis, self.effort) for group in groups))
         return FinishedModel(reference, self.references.data(reference), basis, finished_groups)
 
     def _reference_steps(self) -> tuple[list[float], int]:
