@@ -60,7 +60,11 @@ template <class Shape, class Real> PDEANIM_INLINE void add_rows(Real *out, i64 o
     for (; first + Shape::rows <= sizes.rows; first += Shape::rows) {
         for (i64 k = 0; k < sizes.depth; ++k) {
             const Real *column = left.numbers + first * left.row + k * left.column;
-            for (int i = 0; i < Shape::rows; ++i) rows[k * Shape::rows + i] = column[i * left.row];
+            if (left.row == 1) {
+                std::copy_n(column, Shape::rows, rows + k * Shape::rows);
+            } else {
+                for (int i = 0; i < Shape::rows; ++i) rows[k * Shape::rows + i] = column[i * left.row];
+            }
         }
         Real *row = out + first * out_stride;
         const Real *panel = panels;

@@ -16,8 +16,8 @@ constexpr i64 rows_at_once = 192, worth_sharing = i64{1} << 22;
 
 // Sums of squares are added up in so many spans of rows, and of so many columns at once. The sums of a span are in double,
 // of blocks of rows that are added up in float or double: so many bytes of each column.
-constexpr i64 spans = 4, columns_at_once = 96;
-template <class Real> constexpr i64 block_rows = std::is_same_v<Real, float> ? 512 : 4096;
+constexpr i64 spans = 4, columns_at_once = 48;
+template <class Real> constexpr i64 block_rows = std::is_same_v<Real, float> ? 512 : 1024;
 
 int threads_for(const ProductSizes &sizes, i64 times, int threads) {
     return sizes.rows * sizes.depth * sizes.columns * times < worth_sharing ? 1 : threads;
@@ -46,16 +46,12 @@ struct SumSizes {
 template <class Real, class Row, bool is_triangle>
 void sums(double *out, const Row *rows, const Row *others, const SumSizes &sizes, int threads) {
     const i64 count = sizes.count, columns = sizes.columns, other_columns = sizes.other_columns;
-    const i64 panels = (other_columns + columns_at_once - 1) / columns_at_once, size = columns * other_columns;
+    const i64 size = columns * other_columns;
     std::vector<double> of_spans(spans * size);
-    in_shares(spans * panels, threads_for({count, columns, other_columns}, 1, threads), [&](i64 item, i64 end) {
+    in_shares(spans, threads_for({count, columns, other_columns}, 1, threads), [&](i64 span, i64 end) {
         InPrecision<Real> own, other;
         const auto found = std::make_unique_for_overwrite<Real[]>(columns * columns_at_once);
-        for (; item < end; ++item) {
-            const i64 span = item / panels, first = item % panels * columns_at_once;
-            const i64 stop = least(first + columns_at_once, other_columns), width = stop - first;
-            const i64 height = is_triangle ? stop : columns;
-            double *total = of_spans.data() + span * size + first;
+        for (; span < end; ++span) {
             const i64 last = count * (span + 1) / spans;
             for (i64 begin = count * span / spans; begin < last; begin += block_rows<Real>) {
                 const i64 some = least(block_rows<Real>, last - begin);
@@ -63,11 +59,16 @@ void sums(double *out, const Row *rows, const Row *others, const SumSizes &sizes
                 if constexpr (!is_triangle) {
                     right = other.of(others + begin * other_columns, some * other_columns);
                 }
-                std::fill_n(found.get(), height * width, Real{0});
-                add_product(found.get(), width, Strided<Real>{block, 1, columns}, right + first, other_columns,
-                            {height, some, width});
-                for (i64 i = 0; i < height; ++i) {
-                    for (i64 j = 0; j < width; ++j) total[i * other_columns + j] += found[i * width + j];
+                for (i64 first = 0; first < other_columns; first += columns_at_once) {
+                    const i64 width = least(columns_at_once, other_columns - first);
+                    const i64 height = is_triangle ? first + width : columns;
+                    std::fill_n(found.get(), height * width, Real{0});
+                    add_product(found.get(), width, Strided<Real>{block, 1, columns}, right + first, other_columns,
+                                {height, some, width});
+                    double *total = of_spans.data() + span * size + first;
+                    for (i64 i = 0; i < height; ++i) {
+                        for (i64 j = 0; j < width; ++j) total[i * other_columns + j] += found[i * width + j];
+                    }
                 }
             }
         }

@@ -68,10 +68,10 @@ PDEANIM_INLINE Sums sums_at(const Equation &of, i64 first, const Eight &origins,
 struct Search {
     double low, high, offset;
     i64 origin, left, right;  // the two poles next to it; of the last zero the last two
-    bool found = false;
+    bool is_last = false, found = false;
 
     void begin(const Equation &of, i64 i, double value_between) {
-        const bool is_last = i == of.count - 1;
+        is_last = i == of.count - 1;
         left = is_last ? i - 1 : i;
         right = left + 1;
         if (is_last) {
@@ -105,7 +105,6 @@ struct Search {
         }
         const double to_left = (of.d[left] - of.d[origin]) - offset, to_right = (of.d[right] - of.d[origin]) - offset;
         const double a = (to_left + to_right) * value - to_left * to_right * slope, b = to_left * to_right * value;
-        const bool is_last = left + 1 == of.count - 1 && origin == right && low >= 0.0;
         double c, move;
         if (is_last) {
             const double of_last = of.z[right] / to_right;
