@@ -25,7 +25,10 @@ from pathlib import Path
 CORE = Path(__file__).resolve().parent.parent
 
 NOT_DECODED_WITH = {"bindings", "encode", "linear_algebra", "tests", "text", "xpbd", "wasm"}
-"""Folders of the core that a decoder does without."""
+"""Folders of the core that a decoder does without,"""
+
+BUT_FOR = {"linear_algebra/add_product.cpp", "linear_algebra/add_product.hpp"}
+"""and what it takes of them."""
 
 SECTION = b"pdeanim.sources"
 """Name of the custom section that says what a module was built from."""
@@ -63,7 +66,7 @@ LIBRARY = {
 }
 """Sources of the package's folder ``lib`` that are compiled."""
 
-QUICK = {"basis/add_multiples.cpp", "evaluate/evaluate.cpp"}
+QUICK = {"basis/add_multiples.cpp", "evaluate/evaluate.cpp", "linear_algebra/add_product.cpp"}
 """Sources of the core that are compiled for speed; all others are compiled to be small."""
 
 STACK_BYTES = 1 << 20
@@ -82,11 +85,12 @@ OPTIMISER_FLAGS = [
 
 def sources() -> list[Path]:
     """What the module is built from, headers too."""
-    found = [
-        path
-        for path in CORE.rglob("*")
-        if path.suffix in {".cpp", ".hpp", ".h"} and path.relative_to(CORE).parts[0] not in NOT_DECODED_WITH
-    ]
+
+    def is_decoded_with(path: Path) -> bool:
+        name = path.relative_to(CORE)
+        return name.as_posix() in BUT_FOR or name.parts[0] not in NOT_DECODED_WITH
+
+    found = [path for path in CORE.rglob("*") if path.suffix in {".cpp", ".hpp", ".h"} and is_decoded_with(path)]
     wasm = [path for path in (CORE / "wasm").rglob("*") if path.is_file() and "__pycache__" not in path.parts]
     return sorted(found + wasm)
 

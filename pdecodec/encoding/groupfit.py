@@ -91,8 +91,9 @@ HALF_WAY = (0.5452538663326288, 0.6484197773255048, 0.7711054127039704, 0.917004
 CELL = ROUND_UP_AT**3 / 3.0 + (1.0 - ROUND_UP_AT) ** 3 / 3.0
 """Mean square of what rounding takes from a coefficient that does not become zero, in steps."""
 
-SPARSE_LOOK, CLOSE_LOOK = 8, 2
-"""One in so many frames tells whether positions may be added up in float32, and where it is close."""
+SPARSE_LOOK = 8
+"""One in so many frames tells whether positions may be added up in float32, and where it is close those halfway between
+two of them as well."""
 
 WELL_BELOW = 0.8
 """Share of a limit below which that is not close."""
@@ -531,7 +532,8 @@ class GroupFitter:
             return one.farthest_from(other, thread_count())
 
         some = farthest(slice(None, None, SPARSE_LOOK))
-        return some <= limit and (some <= WELL_BELOW * limit or farthest(slice(None, None, CLOSE_LOOK)) <= limit)
+        between = slice(SPARSE_LOOK // 2, None, SPARSE_LOOK)
+        return some <= limit and (some <= WELL_BELOW * limit or farthest(between) <= limit)
 
     def _functions(
         self, basis: SpaceBasis, entry: GroupEntry, quantised: Int64Array, time_functions: QuantisedTimeFunctions | None
