@@ -195,7 +195,7 @@ class AutoEncoder(Encoder):
         basis = self._space
         search = GroupSearch(fitter, basis)
         choices = candidates(search, usual)
-        groups = divided(search, choices, basis) if self._effort.division else [search.choose(choices)]
+        groups = divided(search, choices) if self._effort.division else [search.choose(choices)]
         if self._effort.fine_steps:
             groups = [group.tuned() for group in groups]
         chosen = [(item.fitter, item.choice) for item in groups]

@@ -65,12 +65,18 @@ class BitCounter(Protocol):
 
 
 def bit_counter(
-    fitter: GroupFitter, basis: SpaceBasis, like: BitCounter | None = None, *, whole_parts: bool = False
+    fitter: GroupFitter,
+    basis: SpaceBasis,
+    like: BitCounter | None = None,
+    *,
+    part_of: BitCounter | None = None,
+    whole_parts: bool = False,
 ) -> BitCounter:
     """Fits of all of a small mesh, estimates of a large one."""
     if not fitter.is_large:
         return FitCounter(fitter, basis)
-    return Estimate(fitter, basis, like if isinstance(like, Estimate) else None, whole_parts=whole_parts)
+    alike, longer = (other if isinstance(other, Estimate) else None for other in (like, part_of))
+    return Estimate(fitter, basis, alike, part_of=longer, whole_parts=whole_parts)
 
 
 class FitCounter:
@@ -241,6 +247,9 @@ class Estimate:
     basis : SpaceBasis
     like : Estimate, optional
         Of the same points, in another space basis or from another reference frame: the same vertices are looked at.
+    part_of : Estimate, optional
+        Of more frames in the same space basis: the same elements are looked at, and taken for as much of all, so that
+        what parts take is compared with what the whole takes on the same vertices.
     whole_parts : bool
         Whether estimates in other space bases will look at the same vertices.
 
@@ -251,12 +260,21 @@ class Estimate:
     """
 
     def __init__(
-        self, fitter: GroupFitter, basis: SpaceBasis, like: Estimate | None = None, *, whole_parts: bool = False
+        self,
+        fitter: GroupFitter,
+        basis: SpaceBasis,
+        like: Estimate | None = None,
+        *,
+        part_of: Estimate | None = None,
+        whole_parts: bool = False,
     ) -> None:
         self._fitter, self.basis = fitter, basis
         self._usual_step = grid_step(fitter.first_choice.step)
         self._coefficients: dict[tuple[Displacements, TimeFunctions], Float32Array | Float64Array] = {}
-        self.sample = self._looked_at(like, whole_parts)
+        if part_of:
+            self.sample = _Sample(fitter.points, basis, part_of.sample.elements, part_of.sample.weight)
+        else:
+            self.sample = self._looked_at(like, whole_parts)
         self._sight = Sight(partial(basis.project_some, elements=self.sample.elements))
 
     def _looked_at(self, like: Estimate | None, whole_parts: bool) -> _Sample:

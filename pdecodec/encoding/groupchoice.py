@@ -84,6 +84,8 @@ class GroupSearch:
     basis : SpaceBasis
     like : GroupSearch, optional
         Of the same points, in another space basis or from another reference frame.
+    part_of : GroupSearch, optional
+        Of more frames in the same space basis.
     compares_bases : bool
         Whether it is for comparing space bases.
     """
@@ -94,15 +96,20 @@ class GroupSearch:
         basis: SpaceBasis,
         like: GroupSearch | None = None,
         *,
+        part_of: GroupSearch | None = None,
         compares_bases: bool = False,
     ) -> None:
-        self.fitter = fitter
-        counter = like._counter if like else None
-        self._counter: BitCounter = bit_counter(fitter, basis, counter, whole_parts=compares_bases)
+        self.fitter, self.basis = fitter, basis
+        alike, longer = (other._counter if other else None for other in (like, part_of))
+        self._counter: BitCounter = bit_counter(fitter, basis, alike, part_of=longer, whole_parts=compares_bases)
         self._found: dict[GroupChoice, float] = {}
         first, last = grid_index(FINEST * fitter.unit), grid_index(COARSEST * fitter.unit)
         self._steps, self._closer_steps = _Axis("step", first, last, STRIDE), _Axis("step", first, last, 1)
         self._time_steps = _Axis("time_step", *TIME_STEPS, STRIDE)
+
+    def part(self, frames: slice) -> GroupSearch:
+        """A search of some of the frames, as a group of their own."""
+        return GroupSearch(self.fitter.part(frames), self.basis, part_of=self)
 
     def choose(self, candidates: Sequence[GroupChoice]) -> ChosenGroup:
         """The candidate that costs least, its step walked downhill; others than the first begin with its best one."""
@@ -158,7 +165,7 @@ class GroupSearch:
         return best
 
 
-def divided(search: GroupSearch, choices: Sequence[GroupChoice], basis: SpaceBasis) -> list[ChosenGroup]:
+def divided(search: GroupSearch, choices: Sequence[GroupChoice]) -> list[ChosenGroup]:
     """The group as the candidate that costs least, or parts of it that cost less together: halves, halves of halves,
     and so on.
     """
@@ -167,14 +174,14 @@ def divided(search: GroupSearch, choices: Sequence[GroupChoice], basis: SpaceBas
     if search.bits(choices[0]) < WORTH_DIVIDING * frames * vertices:
         return [search.choose(choices)]
     usual = replace(fitter.first_choice, origin=choices[0].origin)
-    whole = _untuned(fitter, basis, usual, UNTUNED)
-    divided, lengths = _division(fitter, basis, usual, whole)
+    whole = _untuned(search, usual, UNTUNED)
+    divided, lengths = _division(search, usual, whole)
     if len(lengths) == 1:
         return [search.choose(choices)]
     parts: list[ChosenGroup] = []
     begin = 0
     for length in lengths:
-        part = GroupSearch(fitter.part(slice(begin, begin + length)), basis)
+        part = search.part(slice(begin, begin + length))
         like = parts[-1].choice if parts else part.fitter.first_choice
         parts.append(part.choose(candidates(part, like, (usual.origin,))))
         part.fitter.put_aside()
@@ -194,29 +201,29 @@ class _Untuned:
     near: tuple[TimeFunctions, ...]
 
 
-def _division(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, whole: _Untuned) -> tuple[float, list[int]]:
+def _division(search: GroupSearch, usual: GroupChoice, whole: _Untuned) -> tuple[float, list[int]]:
     """The division that costs least with untuned steps, in which the whole takes so much: bits, lengths of the parts.
 
     Halves are divided further only where they cost little more than the whole.
     """
-    middle = fitter.frames // 2
+    frames = search.fitter.frames
+    middle = frames // 2
     if middle < SHORTEST_PART:
-        return whole.bits, [fitter.frames]
-    spans = slice(0, middle), slice(middle, fitter.frames)
+        return whole.bits, [frames]
+    spans = slice(0, middle), slice(middle, frames)
     # What is found of a part is several times as large as its positions: it is let go of before the next one's.
-    costs = [_untuned(fitter.part(span), basis, usual, whole.near) for span in spans]
+    costs = [_untuned(search.part(span), usual, whole.near) for span in spans]
     if sum(cost.bits for cost in costs) > WORTH_DIVIDING_ON * whole.bits:
-        return whole.bits, [fitter.frames]
-    halves = [_division(fitter.part(span), basis, usual, cost) for span, cost in zip(spans, costs, strict=True)]
+        return whole.bits, [frames]
+    halves = [_division(search.part(span), usual, cost) for span, cost in zip(spans, costs, strict=True)]
     together = halves[0][0] + halves[1][0]
     if together < WORTH_PARTS * whole.bits:
         return together, halves[0][1] + halves[1][1]
-    return whole.bits, [fitter.frames]
+    return whole.bits, [frames]
 
 
-def _untuned(fitter: GroupFitter, basis: SpaceBasis, usual: GroupChoice, kinds: tuple[TimeFunctions, ...]) -> _Untuned:
+def _untuned(search: GroupSearch, usual: GroupChoice, kinds: tuple[TimeFunctions, ...]) -> _Untuned:
     """A group in functions of time of some kinds, with usual steps."""
-    search = GroupSearch(fitter, basis)
     search.look([replace(usual, time=time) for time in kinds])
     bits = {time: search.bits(replace(usual, time=time)) for time in kinds}
     least = min(bits.values())

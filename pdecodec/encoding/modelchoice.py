@@ -371,7 +371,7 @@ class ModelSearch:
         choices = candidates(spaces.search(fitter, first), usual)
         space = self._choose_space([(fitter, choices[0])], spaces)
         search = GroupSearch(fitter, spaces.basis(space))
-        groups = divided(search, choices, spaces.basis(space)) if self.effort.division else [search.choose(choices)]
+        groups = divided(search, choices) if self.effort.division else [search.choose(choices)]
         if len(groups) > 1 or groups[0].choice.time != choices[0].time:
             # What is left to space is another thing now.
             other = self._choose_space([(group.fitter, group.choice) for group in groups], spaces)
