@@ -135,7 +135,7 @@ class AutoEncoder(Encoder):
             if len(longer) < len(self._ranges) and search.usual_bits() < SMOOTH * points[..., 0].size:
                 self._ranges = longer
                 points = np.concatenate([points, self._read(len(points), longer[0][1])])
-                search = replace(search, points=points)
+                search = replace(search, points=points, is_smooth=True)
             self._model = search.run()
         self._reference, self._reference_bytes = self._model.reference, self._model.reference_data
         groups = self._model.groups
@@ -186,8 +186,8 @@ class AutoEncoder(Encoder):
     def _ruled(self, fitter: GroupFitter, before: Sequence[EncodedPart]) -> list[EncodedPart]:
         """Groups that frames after the first ones are taken as without a search, dense as long as those before are."""
         frames = sum(part.group.entry.frames for part in before)
-        was_dense = len(before) > 1 and _bits(before) > SMOOTH * frames * fitter.points.shape[1]
-        groups = ruled(fitter, self._space, is_dense=was_dense or is_dense(fitter))
+        is_smooth = _bits(before) < SMOOTH * frames * fitter.points.shape[1]
+        groups = ruled(fitter, self._space, is_dense=not is_smooth and (len(before) > 1 or is_dense(fitter)))
         return side_by_side(*(partial(self._encoded, group) for group in groups))
 
     def _divided(self, fitter: GroupFitter, usual: GroupChoice) -> list[EncodedPart]:

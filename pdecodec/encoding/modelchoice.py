@@ -36,6 +36,10 @@ COARSEST, FINEST = 1.0, 1.0 / 32.0
 USUAL = 0.4
 """Step of the reference frame, in units, from which the search begins, and which is taken where there is none."""
 
+LITTLE_MORE = 0.003
+"""Bits for each vertex and frame that a reference frame of half the usual step may take more, to be taken without a
+search: on regular meshes of cloths and ropes it takes next to nothing, and the motion 1 to 8 % less."""
+
 OF_ONE_FRAME = 1.1
 """The same where there is one frame: the largest that keeps the bound (2 / sqrt 3 = 1.15) but for float32."""
 
@@ -217,6 +221,8 @@ class ModelSearch:
     references : References
     beside : ThreadPoolExecutor
         Makes what is needed later.
+    is_smooth : bool
+        Whether these frames are known to take few bits.
     """
 
     points: Float32Array
@@ -229,6 +235,7 @@ class ModelSearch:
     effort: Effort
     references: References
     beside: ThreadPoolExecutor
+    is_smooth: bool = False
 
     def run(self) -> FinishedModel:
         """The reference frame, space basis and first groups that cost least together.
@@ -260,8 +267,7 @@ class ModelSearch:
 
     def _by_rule(self) -> FinishedModel:
         """What suits most clips, without a search."""
-        steps, usual = self._reference_steps()
-        reference = quantise_reference(self.points[0], steps[usual])
+        reference = self._ruled_reference()
         fitter = self._fitter(reference)
 
         def clear_basis() -> SpaceBasis:
@@ -271,8 +277,20 @@ class ModelSearch:
         self.references.begin(reference)
         fitter.prepare(fitter.first_choice)
         basis = made.result()
-        groups = ruled(fitter, basis, is_dense=is_dense(fitter))
+        groups = ruled(fitter, basis, is_dense=not self.is_smooth and is_dense(fitter))
         return FinishedModel(reference, self.references.data(reference), basis, groups)
+
+    def _ruled_reference(self) -> ReferenceFrame:
+        """The reference frame of the usual step, or of half of it where that takes little more."""
+        steps, usual = self._reference_steps()
+        reference = quantise_reference(self.points[0], steps[usual])
+        if usual + 2 >= len(steps):
+            return reference
+        finer = quantise_reference(self.points[0], steps[usual + 2])  # steps are halves and thirds of halves
+        for one in (finer, reference):
+            self.references.begin(one)
+        more = 8 * (len(self.references.data(finer)) - len(self.references.data(reference)))
+        return finer if more < LITTLE_MORE * self.times.size * len(self.points[0]) else reference
 
     def _at_this_bound(self, model: FinishedModel) -> FinishedModel:
         """A model of a tighter bound with the residuals that this one leaves."""
