@@ -545,12 +545,12 @@ void Animation::evaluate_groups(double time, int derivative, std::span<float> ou
     // What groups of either precision say is added up before it is rounded. Nothing may count, too.
     std::vector<double> all(out.size()), part(out.size());
     if (derivative == 0) all = reference().points;
-    for (const auto &[index, weights] : counting) {
+    for (const auto &counted : counting) {
         std::visit(
             [&]<class Real>(const Motion<Real> &motion) {
-                evaluate_once<Real>(motion, weights, nullptr, std::span<double>(part));
+                evaluate_once<Real>(motion, counted.second, nullptr, std::span<double>(part));
             },
-            group(index).motion);
+            group(counted.first).motion);
         for (std::size_t i = 0; i < all.size(); ++i) all[i] += part[i];
     }
     std::transform(all.begin(), all.end(), out.begin(), [](double value) { return static_cast<float>(value); });

@@ -31,7 +31,7 @@ std::vector<double> values_along_lines(const TimeShape &shape, std::span<const i
 
 std::vector<i64> quantise_straight(const TimeShape &shape, std::span<const double> wanted, double tolerance) {
     constexpr double infinity = std::numeric_limits<double>::infinity();
-    const auto &[functions, frames, axes] = shape;
+    const i64 functions = shape.functions, frames = shape.frames, axes = shape.axes;
     const double farthest = tolerance * units;
     std::vector<i64> quantised(wanted.size());
     for (i64 function = 0; function < functions; ++function) {

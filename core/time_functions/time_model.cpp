@@ -41,7 +41,7 @@ public:
     }
 
     template <Mode mode, class Number> void code(RangeCoder<mode> &coder, const TimeShape &shape, Number *quantised) {
-        const auto &[functions, frames, axes] = shape;
+        const i64 functions = shape.functions, frames = shape.frames, axes = shape.axes;
         for (i64 function = 0; function < functions; ++function) {
             // Sizes at each place of this function, of the one before, and of the one before that.
             std::vector<i64> &own = sizes_[function % 3];
