@@ -6,6 +6,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from pdecodec.encoding.effort import EFFORTS
 from pdecodec.encoding.encoder import encode
 from pdecodec.encoding.encodereport import EncodeReport
 from pdecodec.encoding.estimate import Estimate, bit_counter
-from pdecodec.encoding.groupfit import GroupFitter, columns_of, quantise_on, quantise_sparsely
+from pdecodec.encoding.groupfit import FittedGroup, GroupFitter, columns_of, quantise_on, quantise_sparsely
 from pdecodec.encoding.principal import principal_axes, principal_energies
 from pdecodec.encoding.refinement import Refinement
 from pdecodec.sequence import ArraySequence, MeshObject
@@ -65,9 +66,9 @@ def size(report: EncodeReport) -> int:
     return report.file_bytes
 
 
-def reference_step(sequence: ArraySequence, bound: float) -> float:
+def reference_step(sequence: ArraySequence, bound: float, effort: EffortName = "default") -> float:
     """Quantisation step of the reference frame, over the bound."""
-    data = encode(sequence, max_error=bound).data
+    data = encode(sequence, max_error=bound, effort=effort).data
     assert data is not None
     (reference,) = (part for part in take_apart(data) if part.kind == "REST")
     (step,) = struct.unpack("<d", reference.content[:8])
@@ -200,6 +201,83 @@ def test_rounding_again_towards_what_is_missed_takes_fewer_bits_and_keeps_the_bo
     once, often = fitter.fit(basis, choice), Refinement(fitter, basis, choice).refined(6).best
     assert often.bits < once.bits
     assert fitter.encode(often, basis).largest_square <= 0.02**2
+
+
+def test_rounding_again_ends_where_it_saves_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitter, basis = fitter_of(waving_sheet(), 0.02)
+    choice = replace(fitter.first_choice, step=fitter.first_choice.step + 2)
+    fitted, fits = GroupFitter.fitted, list[GroupEntry]()
+
+    def count(self: GroupFitter, basis: SpaceBasis, entry: GroupEntry, *others: Any, **options: Any) -> FittedGroup:
+        fits.append(entry)
+        return fitted(self, basis, entry, *others, **options)
+
+    def fits_of(least_gain: float) -> int:
+        fits.clear()
+        Refinement(fitter, basis, choice).refined(6, least_gain)
+        return len(fits)
+
+    monkeypatch.setattr(GroupFitter, "fitted", count)
+    assert fits_of(0.0) == 7
+    assert fits_of(0.9) == 2  # no pass saves that much: the first is the last
+    monkeypatch.setattr("pdecodec.encoding.refinement.MOST_RESIDUALS", 0.0)
+    assert fits_of(0.9) == 1
+    assert fits_of(0.0) == 7
+
+
+def test_what_is_not_measured_at_once_takes_as_much_when_it_is() -> None:
+    fitter, basis = fitter_of(waving_sheet(), 0.02)
+    later = fitter.fit(basis, fitter.first_choice, is_measured=False)
+    assert later.bits == np.inf
+    assert later.measured(basis).bits == fitter.fit(basis, fitter.first_choice).bits
+
+
+def test_parts_of_a_group_are_compared_with_it_on_the_same_elements() -> None:
+    fitter, basis = fitter_of(waving_sheet(), 0.02)
+    whole = bit_counter(fitter, basis)
+    part = bit_counter(fitter.part(slice(0, 12)), basis, part_of=whole)
+    assert isinstance(whole, Estimate)
+    assert isinstance(part, Estimate)
+    assert np.array_equal(part.sample.elements, whole.sample.elements)
+    assert part.sample.weight == whole.sample.weight
+    assert part.sample.points.shape == (12, *whole.sample.points.shape[1:])
+
+
+def unlike_frames(rows: int = 50, frames: int = 40) -> ArraySequence:
+    """A sheet, flat at first, whose frames are smooth and have nothing in common."""
+    random = np.random.default_rng(11)
+    waves = np.cos(np.pi * np.outer(np.arange(12), (np.arange(rows) + 0.5) / rows))
+    moved = np.einsum("fabx,ai,bj->fijx", random.normal(size=(frames, 12, 12, 3)), waves, waves)
+    flat = np.stack([*np.meshgrid(np.arange(rows), np.arange(rows)), np.zeros((rows, rows))], axis=-1)
+    moved[0] = 0.0
+    points = (flat + 0.3 * moved).reshape(frames, -1, 3)
+    return ArraySequence(points.astype(np.float32), objects=[MeshObject("sheet", grid(rows, rows))])
+
+
+@pytest.fixture
+def without_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have little effort encode clips of any size as it does large ones."""
+    monkeypatch.setitem(EFFORTS, "fast", replace(EFFORTS["fast"], searched_clip=0))
+
+
+@pytest.mark.usefixtures("without_a_search")
+def test_dense_motion_is_encoded_fast_in_cosines_over_short_groups(monkeypatch: pytest.MonkeyPatch) -> None:
+    smooth = encode(waving_sheet(frames=40), tolerance=1e-3, effort="fast")
+    assert smooth.groups == 1
+    assert smooth.summary.startswith("trajectories")
+    dense = encode(unlike_frames(), tolerance=1e-3, effort="fast")
+    assert dense.groups == 4
+    assert dense.summary.startswith("cosines x patch: 10 functions of time in 4 groups")
+    assert dense.bound is not None
+    assert dense.max_error <= dense.bound
+    monkeypatch.setenv("PDECODEC_THREADS", "1")
+    assert encode(unlike_frames(), tolerance=1e-3, effort="fast").data == dense.data
+
+
+@pytest.mark.usefixtures("without_a_search")
+def test_without_a_search_a_reference_frame_is_made_finer_where_that_takes_next_to_nothing() -> None:
+    assert reference_step(unlike_frames(), 0.05, "fast") < 0.26
+    assert reference_step(turning_pieces(20), 0.05, "fast") > 0.32
 
 
 def test_more_effort_takes_no_more_bits_where_its_own_search_finds_little(monkeypatch: pytest.MonkeyPatch) -> None:
