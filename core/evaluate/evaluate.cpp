@@ -73,12 +73,12 @@ PDEANIM_INLINE void add_up_part(const Real *time, i64 stride, const Coefficient 
     }
     if (own != end) add(0, *own);
     for (int i = 0; i < packs; ++i) {
-        lanes_at<size>(row + i * size) = sums[0][i] + sums[1][i];
+        put_lanes(row + i * size, sums[0][i] + sums[1][i]);
     }
 }
 
 // Numbers as a register holds them, or one.
-template <int size, class Real> PDEANIM_INLINE auto &numbers_at(Real *numbers) {
+template <int size, class Real> PDEANIM_INLINE auto numbers_at(const Real *numbers) {
     if constexpr (size == 1) {
         return *numbers;
     } else {
@@ -104,7 +104,7 @@ PDEANIM_INLINE void add_up_axes(const Real *time, const Coefficient *coefficient
     }
     for (int axis = 0; axis < 3; ++axis) {
         while (next[axis] != coefficients + starts[axis + 1]) add(axis);
-        for (int i = 0; i < packs; ++i) numbers_at<size>(row + axis * frames + i * size) = sums[axis][i];
+        for (int i = 0; i < packs; ++i) put_lanes(row + axis * frames + i * size, sums[axis][i]);
     }
 }
 
@@ -197,8 +197,8 @@ PDEANIM_INLINE void add_up_columns(const Columns<Real> &columns, i64 stride, i64
 template <int size, int points, class Real, class Out>
 PDEANIM_INLINE void add_mean(Real *added, Real mean, Real rest, Out *found) {
     for (int i = 0; i < points; i += size) {
-        lanes_at<size>(added + i) = rest + lanes_at<size>(added + i);
-        if constexpr (std::is_same_v<Real, Out>) lanes_at<size>(found + i) = mean + lanes_at<size>(added + i);
+        put_lanes(added + i, rest + lanes_at<size>(added + i));
+        if constexpr (std::is_same_v<Real, Out>) put_lanes(found + i, mean + lanes_at<size>(added + i));
     }
     if constexpr (std::is_same_v<Real, Out>) return;
     for (int i = 0; i < points; ++i) {
@@ -223,7 +223,7 @@ PDEANIM_INLINE void add_columns(const Target<Real> &to, i64 first, i64 vertices,
     Real added[together][3][points];
     for (int t = 0; t < together; ++t) {
         for (int axis = 0; axis < 3; ++axis) {
-            for (int p = 0; p < packs; ++p) lanes_at<size>(added[t][axis] + p * size) = sums[axis][t][p];
+            for (int p = 0; p < packs; ++p) put_lanes(added[t][axis] + p * size, sums[axis][t][p]);
         }
     }
     for (int t = 0; t < together && first + t < to.frames; ++t) {
@@ -407,7 +407,7 @@ private:
                 const Pack row = lanes_at<size>(rows[k] + p);
                 for (int i = 0; i < most_functions; ++i) sums[i] += multiples[k][i] * row;
             }
-            for (int i = 0; i < most_functions; ++i) lanes_at<size>(to[i] + p) = sums[i];
+            for (int i = 0; i < most_functions; ++i) put_lanes(to[i] + p, sums[i]);
         }
     }
 
@@ -550,7 +550,7 @@ template <int bytes, class Real> PDEANIM_INLINE void displace_all(const Motion<R
             }
             add_up_columns<size, 1, Pack, packs, 1>(columns, stride, 0, sums);
             for (int axis = 0; axis < 3; ++axis) {
-                for (int p = 0; p < packs; ++p) lanes_at<size>(away + axis * stride + p * size) = sums[axis][0][p];
+                for (int p = 0; p < packs; ++p) put_lanes(away + axis * stride + p * size, sums[axis][0][p]);
             }
             columns.values += packs * size;
             away += packs * size;

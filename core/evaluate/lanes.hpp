@@ -1,6 +1,8 @@
 // Numbers side by side in a vector register, or in several where the processor's are shorter.
 #pragma once
 
+#include <cstring>
+
 #include "multiversion.hpp"
 
 namespace pdeanim {
@@ -9,10 +11,8 @@ namespace pdeanim {
 
 template <class T, int count> struct LanesOf {
     typedef T Type __attribute__((vector_size(sizeof(T) * count)));
-    typedef T InMemory __attribute__((vector_size(sizeof(T) * count), aligned(sizeof(T)), may_alias));
 };
 template <class T, int count> using Lanes = typename LanesOf<T, count>::Type;
-template <class T, int count> using LanesInMemory = typename LanesOf<T, count>::InMemory;
 
 #else
 
@@ -44,16 +44,18 @@ template <class T, int count> struct Lanes {
     PDEANIM_LANEWISE(/)
 #undef PDEANIM_LANEWISE
 };
-template <class T, int count> using LanesInMemory = Lanes<T, count>;
-
 #endif
 
-// Numbers in an array as a register would hold them.
-template <int count, class T> PDEANIM_INLINE LanesInMemory<T, count> &lanes_at(T *numbers) {
-    return *reinterpret_cast<LanesInMemory<T, count> *>(numbers);
+// Numbers of an array, wherever they lie: a type of numbers that lie so is one whose alignment some compilers forget.
+template <int count, class T> PDEANIM_INLINE Lanes<T, count> lanes_at(const T *numbers) {
+    Lanes<T, count> found;
+    std::memcpy(&found, numbers, sizeof found);
+    return found;
 }
-template <int count, class T> PDEANIM_INLINE const LanesInMemory<T, count> &lanes_at(const T *numbers) {
-    return *reinterpret_cast<const LanesInMemory<T, count> *>(numbers);
+
+// Write them.
+template <class Row, class T> PDEANIM_INLINE void put_lanes(T *numbers, const Row &lanes) {
+    std::memcpy(numbers, &lanes, sizeof lanes);
 }
 
 // Values where what is tested is more than 0, else 0.

@@ -39,7 +39,7 @@ PDEANIM_INLINE void add_tile(Real *out, i64 stride, const Real *left, const Real
         panel += Shape::width;
     }
     for (int i = 0; i < Shape::rows; ++i) {
-        for (int j = 0; j < Shape::columns; ++j) lanes_at<lanes>(out + i * stride + j * lanes) = sums[i][j];
+        for (int j = 0; j < Shape::columns; ++j) put_lanes(out + i * stride + j * lanes, sums[i][j]);
     }
 }
 

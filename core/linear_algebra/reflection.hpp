@@ -18,7 +18,7 @@ PDEANIM_INLINE Reflection reflection_of(double *row, i64 count, i64 place) {
     const double length = std::sqrt(dot(row, row, count));
     if (!(length > no_length)) return {0.0, 0.0};
     const double shorter = 1.0 / length;
-    for (i64 i = 0; i < count; i += abreast) lanes_at<abreast>(row + i) = shorter * lanes_at<abreast>(row + i);
+    for (i64 i = 0; i < count; i += abreast) put_lanes(row + i, shorter * lanes_at<abreast>(row + i));
     const double pivot = row[place], sign = pivot < 0.0 ? -1.0 : 1.0;
     row[place] = pivot + sign;
     return {1.0 / (1.0 + std::abs(pivot)), -sign * length};

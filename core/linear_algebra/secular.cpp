@@ -170,7 +170,7 @@ PDEANIM_INLINE void multiply_ratios(double *total, const double *d, i64 first, i
     i64 j = first;
     for (; j + abreast <= end; j += abreast) {
         const Eight at = lanes_at<abreast>(d + j);
-        lanes_at<abreast>(total + j) = lanes_at<abreast>(total + j) * (((origin - at) + offset) / (pole - at));
+        put_lanes(total + j, lanes_at<abreast>(total + j) * (((origin - at) + offset) / (pole - at)));
     }
     for (; j < end; ++j) total[j] *= ((origin - d[j]) + offset) / (pole - d[j]);
 }
@@ -209,7 +209,7 @@ void Secular::vector(double *out, i64 i, const double *at, const double *weights
         i64 j = 0;
         for (; j + abreast <= count_; j += abreast) {
             const Eight found = lanes_at<abreast>(weights + j) / ((lanes_at<abreast>(at + j) - origin) - offset);
-            lanes_at<abreast>(out + j) = found;
+            put_lanes(out + j, found);
             squares += found * found;
         }
         double length = sum_of(squares);

@@ -41,17 +41,17 @@ template <int count> PDEANIM_INLINE void change_rows(double *matrix, i64 stride,
         Eight total = lanes_at<abreast>(p + j);
         for (int r = 0; r < count; ++r) {
             const Eight left = lanes_at<abreast>(rows + r * stride + j) - v[r] * ws - w[r] * vs;
-            lanes_at<abreast>(rows + r * stride + j) = left;
+            put_lanes(rows + r * stride + j, left);
             sums[r] += left * nexts;
             total += own[r] * left;
         }
-        lanes_at<abreast>(p + j) = total;
+        put_lanes(p + j, total);
     }
     for (int r = 0; r < count; ++r) {
         const Eight left = lanes_at<abreast>(rows + r * stride + block) - v[r] * lanes_at<abreast>(change.w + block) -
                            w[r] * lanes_at<abreast>(change.v + block);
-        lanes_at<abreast>(rows + r * stride + block) = left;
-        lanes_at<abreast>(p + block) += own[r] * left;
+        put_lanes(rows + r * stride + block, left);
+        put_lanes(p + block, lanes_at<abreast>(p + block) + own[r] * left);
     }
     for (int r = 0; r < count; ++r) p[first + r] += sum_of(sums[r]);
 }

@@ -27,7 +27,8 @@ PDEANIM_INLINE double dot(const double *a, const double *b, i64 count) {
 }
 
 PDEANIM_INLINE void add_multiple(double *total, double multiple, const double *row, i64 count) {
-    for (i64 i = 0; i < count; i += abreast) lanes_at<abreast>(total + i) += multiple * lanes_at<abreast>(row + i);
+    for (i64 i = 0; i < count; i += abreast)
+        put_lanes(total + i, lanes_at<abreast>(total + i) + multiple * lanes_at<abreast>(row + i));
 }
 
 }  // namespace pdeanim

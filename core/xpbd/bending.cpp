@@ -23,8 +23,9 @@ template <bool is_damped> PDEANIM_INLINE void solve_slots(const Places &places, 
             const i32 c = members[2 * slot_size + lane], d = members[3 * slot_size + lane];
             const double of_a = coefficients[lane], of_b = coefficients[slot_size + lane];
             const double of_c = coefficients[2 * slot_size + lane], of_d = coefficients[3 * slot_size + lane];
-            auto &x_a = lanes_at<4>(places.positions[a].at), &x_b = lanes_at<4>(places.positions[b].at);
-            auto &x_c = lanes_at<4>(places.positions[c].at), &x_d = lanes_at<4>(places.positions[d].at);
+            Place *const now = places.positions;
+            const Register x_a = lanes_at<4>(now[a].at), x_b = lanes_at<4>(now[b].at);
+            const Register x_c = lanes_at<4>(now[c].at), x_d = lanes_at<4>(now[d].at);
             const Place &old_a = places.previous[a], &old_b = places.previous[b];
             const Place &old_c = places.previous[c], &old_d = places.previous[d];
             const Register value = of_a * x_a + of_b * x_b + of_c * x_c + of_d * x_d;
@@ -40,10 +41,10 @@ template <bool is_damped> PDEANIM_INLINE void solve_slots(const Places &places, 
             multiplier += change;
             for (int axis = 0; axis < 3; ++axis) multipliers[axis * slot_size + lane] = multiplier[axis];
             change = change * relaxation;
-            x_a += (old_a.at[3] * of_a) * change;  // Eq. 7
-            x_b += (old_b.at[3] * of_b) * change;
-            x_c += (old_c.at[3] * of_c) * change;
-            x_d += (old_d.at[3] * of_d) * change;
+            put_lanes(now[a].at, x_a + (old_a.at[3] * of_a) * change);  // Eq. 7
+            put_lanes(now[b].at, x_b + (old_b.at[3] * of_b) * change);
+            put_lanes(now[c].at, x_c + (old_c.at[3] * of_c) * change);
+            put_lanes(now[d].at, x_d + (old_d.at[3] * of_d) * change);
         }
     }
 }

@@ -55,11 +55,11 @@ template <bool is_damped> PDEANIM_INLINE void solve_pairs(const Places &places, 
     const auto [compliance, damping, relaxation] = scaling;
     for (std::size_t slot = 0; slot < count; ++slot) {
         const i32 *members = slots.members + slot * 2 * slot_size;
-        auto &multipliers = lanes_at<slot_size>(slots.multipliers + slot * slot_size);
+        const Slot multipliers = lanes_at<slot_size>(slots.multipliers + slot * slot_size);
         Register ways[slot_size], steps[slot_size];
         for (int lane = 0; lane < slot_size; ++lane) {
             const i32 a = members[lane], b = members[slot_size + lane];
-            const auto &x_a = lanes_at<4>(places.positions[a].at), &x_b = lanes_at<4>(places.positions[b].at);
+            const Register x_a = lanes_at<4>(places.positions[a].at), x_b = lanes_at<4>(places.positions[b].at);
             ways[lane] = x_b - x_a;
             const Place &old_a = places.previous[a], &old_b = places.previous[b];
             if constexpr (is_damped) steps[lane] = x_b - lanes_at<4>(old_b.at) - x_a + lanes_at<4>(old_a.at);
@@ -74,12 +74,13 @@ template <bool is_damped> PDEANIM_INLINE void solve_pairs(const Places &places, 
         // Two held particles have nothing to give; two at one place have no direction to part in.
         Slot change = right / ((1.0 + damping) * weight + compliance);  // Eq. 6
         change = where_positive(weight, where_positive(length, change));
-        multipliers += change;
+        put_lanes(slots.multipliers + slot * slot_size, multipliers + change);
         const Slot scale = where_positive(length, relaxation * change * inverse);
         const Slot share_a = weight_a * scale, share_b = weight_b * scale;
         for (int lane = 0; lane < slot_size; ++lane) {  // Eq. 7
-            lanes_at<4>(places.positions[members[lane]].at) -= share_a[lane] * ways[lane];
-            lanes_at<4>(places.positions[members[slot_size + lane]].at) += share_b[lane] * ways[lane];
+            double *a = places.positions[members[lane]].at, *b = places.positions[members[slot_size + lane]].at;
+            put_lanes(a, lanes_at<4>(a) - share_a[lane] * ways[lane]);
+            put_lanes(b, lanes_at<4>(b) + share_b[lane] * ways[lane]);
         }
     }
 }
@@ -162,7 +163,7 @@ PDEANIM_INLINE Slot measure(Link &link, const Looked &from, const Looked &to, co
         link.direction.axes[axis] = link.direction.axes[axis] * inverse;
         moved.axes[axis] = to.now.axes[axis] - to.before.axes[axis] - from.now.axes[axis] + from.before.axes[axis];
     }
-    const auto &multiplier = lanes_at<slot_size>(chain.multipliers + i * slot_size);
+    const Slot multiplier = lanes_at<slot_size>(chain.multipliers + i * slot_size);
     link.right = lanes_at<slot_size>(chain.lengths + i * slot_size) - length - scaling.compliance * multiplier -
                  scaling.damping * dot(link.direction, moved);
     const Slot directed = where_positive(length, Slot{} + (1.0 + scaling.damping));
@@ -248,7 +249,8 @@ PDEANIM_INLINE void move_points(const Places &places, const ChainSlot &chain, st
         const Slot inverse_mass = i < chain.links ? row[i].mass : masses(places, particles);
         for (int axis = 0; axis < 3; ++axis) at.axes[axis] += inverse_mass * step.axes[axis];
         if (i < chain.links) {
-            lanes_at<slot_size>(chain.multipliers + i * slot_size) += row[i].coupling;  // Eq. 6
+            double *const multipliers = chain.multipliers + i * slot_size;
+            put_lanes(multipliers, lanes_at<slot_size>(multipliers) + row[i].coupling);  // Eq. 6
             for (int axis = 0; axis < 3; ++axis) {
                 step.axes[axis] = row[i].direction.axes[axis] * row[i].coupling;
                 at.axes[axis] -= inverse_mass * step.axes[axis];

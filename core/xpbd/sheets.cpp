@@ -18,10 +18,10 @@ PDEANIM_MULTIVERSION void predict_again(Place *positions, Place *previous, const
         const Register velocity = (present - lanes_at<4>(previous[i].at)) / substep;
         Register acceleration{};
         for (int axis = 0; axis < 3; ++axis) acceleration[axis] = accelerations[i][axis];
-        lanes_at<4>(previous[i].at) = present;
+        put_lanes(previous[i].at, present);
         previous[i].at[3] = inverse_mass;
         if (inverse_mass > 0.0) present += substep * (keep * velocity + substep * acceleration);
-        lanes_at<4>(positions[i].at) = present;
+        put_lanes(positions[i].at, present);
     }
 }
 
