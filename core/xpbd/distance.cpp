@@ -112,7 +112,9 @@ private:
     std::vector<double> lengths_;
 };
 
-// A link of each chain of a slot, in a matrix that is eliminated from both ends of the chain.
+// A link of each chain of a slot, in a matrix that is eliminated from both ends of the chain. Aligned by its own word, as
+// arrays of them are on the heap: GCC takes a vector for as aligned as the registers are of the variant it compiles, and
+// leaves it at sixteen bytes elsewhere.
 struct alignas(64) Link {
     Vectors direction;
     // coupling: on the way to the link where the ends meet, its share of the next one that is left of it; then Eq. 6's
@@ -121,7 +123,7 @@ struct alignas(64) Link {
 };
 
 // The last link that is eliminated, and the inverse pivot of the one beyond it, to which the other end has come.
-struct Meeting {
+struct alignas(64) Meeting {
     Slot full, diagonal, beyond;
 };
 
