@@ -271,6 +271,7 @@ class Estimate:
         self._fitter, self.basis = fitter, basis
         self._usual_step = grid_step(fitter.first_choice.step)
         self._coefficients: dict[tuple[Displacements, TimeFunctions], Float32Array | Float64Array] = {}
+        self.sample: _Sample
         if part_of:
             self.sample = _Sample(fitter.points, basis, part_of.sample.elements, part_of.sample.weight)
         else:

@@ -116,7 +116,7 @@ def ruled(fitter: GroupFitter, basis: SpaceBasis, *, is_dense: bool) -> list[Fin
 
 def is_dense(fitter: GroupFitter) -> bool:
     """Whether frames have so little in common that a group takes about as many trajectories as there are."""
-    frames, vertices = fitter.points.shape[:2]
+    frames, vertices = fitter.frames, int(fitter.points.shape[1])
     most = min(3 * frames, vertices)
     return frames > DENSE_GROUP and fitter.displacements("reference").count("trajectories") > DENSE * most
 
