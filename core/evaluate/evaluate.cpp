@@ -3,9 +3,9 @@
 #include <cstring>
 #include <type_traits>
 
-#include "evaluate/lanes.hpp"
 #include "evaluate/motion.hpp"
 #include "instructions.hpp"
+#include "lanes.hpp"
 #include "multiversion.hpp"
 
 namespace pdeanim {

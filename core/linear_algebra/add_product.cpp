@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <memory>
 
-#include "evaluate/lanes.hpp"
 #include "instructions.hpp"
+#include "lanes.hpp"
 
 // A block of the right matrix is laid out as panels, each as wide as the registers of a tile, and stays in the cache next
 // to the nearest; a few rows of the left one at a time are laid out in the nearest, and meet all panels. The sums of a

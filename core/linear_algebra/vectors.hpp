@@ -2,7 +2,7 @@
 #pragma once
 
 #include "arithmetic.hpp"
-#include "evaluate/lanes.hpp"
+#include "lanes.hpp"
 
 namespace pdeanim {
 

@@ -10,7 +10,7 @@
 #include <span>
 #include <vector>
 
-#include "evaluate/lanes.hpp"
+#include "lanes.hpp"
 #include "xpbd/sweeps.hpp"
 
 namespace pdeanim::xpbd {
