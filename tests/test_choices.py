@@ -275,7 +275,11 @@ def test_dense_motion_is_encoded_fast_in_cosines_over_short_groups(monkeypatch: 
 
 
 @pytest.mark.usefixtures("without_a_search")
-def test_without_a_search_a_reference_frame_is_made_finer_where_that_takes_next_to_nothing() -> None:
+def test_without_a_search_a_reference_frame_is_made_finer_where_that_takes_next_to_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert reference_step(unlike_frames(), 0.05, "fast") > 0.32
+    monkeypatch.setattr("pdecodec.encoding.modelchoice.FINER_FROM", 0)
     assert reference_step(unlike_frames(), 0.05, "fast") < 0.26
     assert reference_step(turning_pieces(20), 0.05, "fast") > 0.32
 

@@ -40,6 +40,9 @@ LITTLE_MORE = 0.001
 """Bits for each vertex and frame that a reference frame of half the usual step may take more, to be taken without a
 search: on regular meshes of cloths and ropes it takes next to nothing, and the motion 1 to 8 % less."""
 
+FINER_FROM = 2**22
+"""Positions from which on that is looked at: to encode a reference frame twice takes a while of a smaller clip."""
+
 OF_ONE_FRAME = 1.1
 """The same where there is one frame: the largest that keeps the bound (2 / sqrt 3 = 1.15) but for float32."""
 
@@ -284,13 +287,14 @@ class ModelSearch:
         """The reference frame of the usual step, or of half of it where that takes little more."""
         steps, usual = self._reference_steps()
         reference = quantise_reference(self.points[0], steps[usual])
-        if usual + 2 >= len(steps):
+        positions = self.times.size * len(self.points[0])
+        if positions < FINER_FROM or usual + 2 >= len(steps):
             return reference
         finer = quantise_reference(self.points[0], steps[usual + 2])  # steps are halves and thirds of halves
         for one in (finer, reference):
             self.references.begin(one)
         more = 8 * (len(self.references.data(finer)) - len(self.references.data(reference)))
-        return finer if more < LITTLE_MORE * self.times.size * len(self.points[0]) else reference
+        return finer if more < LITTLE_MORE * positions else reference
 
     def _at_this_bound(self, model: FinishedModel) -> FinishedModel:
         """A model of a tighter bound with the residuals that this one leaves."""
