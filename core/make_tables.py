@@ -12,6 +12,9 @@ from pathlib import Path
 LOGISTIC_LIMIT = 2047
 """Largest magnitude of log odds [1/256]: three thousand to one."""
 
+RAREST = 32
+"""Least probability of either bit [1/65536]: no bit costs more than 11 bits."""
+
 HEADER = Path(__file__).parent / "entropy" / "tables.hpp"
 
 PER_LINE = 16
@@ -31,9 +34,8 @@ def array(kind: str, name: str, comment: str, values: list[int]) -> str:
 def main() -> None:
     getcontext().prec = 40
     two = Decimal(2).ln()
-    squash = [
-        rounded(Decimal(65536) / (1 + (-Decimal(x) / 256).exp())) for x in range(-LOGISTIC_LIMIT, LOGISTIC_LIMIT + 1)
-    ]
+    exact = [Decimal(65536) / (1 + (-Decimal(x) / 256).exp()) for x in range(-LOGISTIC_LIMIT, LOGISTIC_LIMIT + 1)]
+    squash = [min(max(rounded(probability), RAREST), 65536 - RAREST) for probability in exact]
     half = Decimal("0.5")
     stretch = [rounded(256 * ((p + half) / (Decimal("4095.5") - p)).ln()) for p in range(4096)]
     costs = [rounded(-65536 * ((p + half) / 4096).ln() / two) for p in range(4096)]
@@ -41,7 +43,8 @@ def main() -> None:
         "// Tables of the range coder. Written by core/make_tables.py; clang-format leaves them alone.\n#pragma once\n",
         "// clang-format off\nnamespace pdeanim::tables {\n",
         f"inline constexpr int logistic_limit = {LOGISTIC_LIMIT};  // largest magnitude [1/256]\n",
-        array("unsigned short", "squash", "Logistic domain to probability [1/65536].", squash),
+        f"inline constexpr int rarest = {RAREST};  // least probability of either bit [1/65536]\n",
+        array("unsigned short", "squash", "Logistic domain to probability [1/65536], none below the least.", squash),
         array("short", "stretch", "Probability [1/4096] to the logistic domain [1/256].", stretch),
         array("int", "costs", "Cost of a bit of a probability [1/4096], in 1/65536 of a bit.", costs),
         "}  // namespace pdeanim::tables\n",

@@ -78,7 +78,6 @@ public:
     static constexpr int range_bits = 48;  // of the interval: its product with a probability stays within 64
     static constexpr u64 top = u64{1} << range_bits, bottom = top >> 8;
     static constexpr int first_bytes = range_bits / 8;
-    static constexpr i32 rarest = 32;  // least probability of either bit, in 1/65536: no bit costs more than 11 bits
     static constexpr int cost_bits = 16;
 
     RangeCoder()
@@ -92,7 +91,7 @@ public:
         for (int i = 0; i < first_bytes; ++i) code_ = code_ << 8 | next();
     }
 
-    // One bit whose probability of being 1 is `probability` / 65536, at least `rarest` from either end.
+    // One bit whose probability of being 1 is `probability` / 65536, at least the rarest from either end.
     bool with(i32 probability, bool bit) {
         if constexpr (mode == Mode::measure) {
             cost_ += tables::costs[(bit ? probability : 65536 - probability) >> 4];
@@ -133,7 +132,7 @@ public:
 
     // One bit with an adaptive bit model, which learns.
     bool bit(BitModel &model, bool bit) {
-        bit = with(clamp(model.probability(), rarest, 65536 - rarest), bit);
+        bit = with(clamp(model.probability(), tables::rarest, 65536 - tables::rarest), bit);
         model.adapt(bit);
         return bit;
     }
@@ -147,14 +146,17 @@ public:
             total += static_cast<i64>(weights[i]) * opinions[i];
         }
         total = clamp<i64>(total >> 16, -tables::logistic_limit, tables::logistic_limit);
-        const i32 probability = clamp<i32>(tables::squash[total + tables::logistic_limit], rarest, 65536 - rarest);
-        bit = with(probability, bit);
-        const i32 miss = (bit ? 65536 : 0) - probability;
-        for (std::size_t i = 0; i < inputs; ++i) {
-            weights[i] += (opinions[i] * miss + (1 << (learning_shift - 1))) >> learning_shift;
-            chosen[i]->adapt(bit);
-        }
-        return bit;
+        const i32 probability = tables::squash[total + tables::logistic_limit];
+        const auto learn = [&](bool found) {
+            const i32 miss = (found ? 65536 : 0) - probability;
+            for (std::size_t i = 0; i < inputs; ++i) {
+                weights[i] += (opinions[i] * miss + (1 << (learning_shift - 1))) >> learning_shift;
+                chosen[i]->adapt(found);
+            }
+            return found;
+        };
+        // A branch, which a processor guesses: it goes on before it has the bit.
+        return with(probability, bit) ? learn(true) : learn(false);
     }
 
     // End encoding: the shortest bytes that, with zeros after them, lie in the interval.

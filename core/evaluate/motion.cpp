@@ -23,12 +23,13 @@ template <class Real> AnchoredReference<Real>::AnchoredReference(const Patches &
 template <class Real> AnchoredReference<Real>::AnchoredReference(const Patches &patches, std::span<const double> points)
     : AnchoredReference(patches) {
     for (i64 e = 0; e < patches.count(); ++e) {
-        const std::span<const i32> vertices = patches.vertices(e);
         for (int axis = 0; axis < 3; ++axis) {
-            const double anchor = points[3 * vertices[0] + axis];
+            const double anchor = points[3 * patches.vertices(e)[0] + axis];
             anchors[3 * e + axis] = anchor;
             Real *to = away.data() + starts[e] + axis * padded<Real>(patches.size(e));
-            for (const i32 vertex : vertices) *to++ = static_cast<Real>(points[3 * vertex + axis] - anchor);
+            for (i64 at = patches.starts[e]; at < patches.starts[e + 1]; ++at) {
+                *to++ = static_cast<Real>(points[3 * patches.ascending[at] + axis] - anchor);
+            }
         }
     }
 }
@@ -43,8 +44,9 @@ template <class Real> void Motion<Real>::choose(std::span<const i64> chosen) {
     chosen_vertices = 0;
     for (const i64 e : chosen) {
         for (i64 at = patches.starts[e]; at < patches.starts[e + 1]; ++at) {
-            chosen_places[at] = static_cast<i32>(chosen_vertices++);
+            chosen_places[at] = static_cast<i32>(chosen_vertices + patches.ascending_places[at]);
         }
+        chosen_vertices += patches.size(e);
     }
 }
 
@@ -86,6 +88,15 @@ template <class Real> void Motion<Real>::take_tree(const QuantisedRows &rows) {
     own.synthesise(values.data(), affine_, channels());
 }
 
+// Keep what a function or a field is at an element's vertices in their order.
+template <class Real> void Motion<Real>::keep_values(i64 element, i64 column, const double *values) {
+    const Patches &patches = *basis->elements().patches;
+    const i64 size = patches.size(element);
+    const i32 *places = patches.ascending_places.data() + patches.starts[element];
+    Real *to = elements[element].values.data() + column * padded<Real>(size);
+    for (i64 k = 0; k < size; ++k) to[k] = static_cast<Real>(values[places[k]]);
+}
+
 // Fields of some of an element's functions; values: of these functions.
 template <class Real> void Motion<Real>::make_fields(i64 element, std::span<const i64> used, const QuantisedRows &rows,
                                                      std::span<const double *const> values) {
@@ -109,9 +120,7 @@ template <class Real> void Motion<Real>::make_fields(i64 element, std::span<cons
     }
     add_product<double>(sums.data(), size, {multiples.data(), 1, width}, counted.data(), size, {width, count, size});
     own.values.resize(width * padded<Real>(size));
-    for (i64 channel = 0; channel < width; ++channel) {
-        std::copy_n(sums.begin() + channel * size, size, own.values.begin() + channel * padded<Real>(size));
-    }
+    for (i64 channel = 0; channel < width; ++channel) keep_values(element, channel, sums.data() + channel * size);
     own.has_fields = true;
     own.columns = functions;
 }
@@ -144,7 +153,7 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, const
         }
         own.values.resize(own.columns * padded<Real>(size));
         for (i64 i = 0; i < own.columns; ++i) {
-            std::copy_n(values[i], size, own.values.begin() + i * padded<Real>(size));
+            keep_values(e, i, values[i]);
             if (used[i] >= affine) append_row<Real>(own.rows, rows, own_row + used[i], axes, step);
         }
     }

@@ -36,7 +36,7 @@ template <class Real> constexpr i64 padded(i64 vertices) {
     return (vertices + lanes - 1) / lanes * lanes;
 }
 
-// The reference frame in the order of the elements.
+// The reference frame in the order of the elements, the vertices of each ascending.
 template <class Real> struct AnchoredReference {
     // points: (vertices, 3) [scene units].
     AnchoredReference(const Patches &patches, std::span<const double> points);
@@ -85,10 +85,10 @@ template <class Real> struct Motion {
     i64 vertices() const { return chosen_rows.empty() ? basis->vertices() : chosen_vertices; }
     bool is_left_out(i64 element) const { return !chosen_rows.empty() && chosen_rows[element] < 0; }
 
-    // Where an element's vertices are among the positions.
+    // Where an element's vertices, ascending, are among the positions.
     const i32 *places(i64 element) const {
         const Patches &patches = *basis->elements().patches;
-        return chosen_rows.empty() ? patches.vertices(element).data() : chosen_places.data() + patches.starts[element];
+        return (chosen_rows.empty() ? patches.ascending.data() : chosen_places.data()) + patches.starts[element];
     }
     i64 bytes() const;
 
@@ -107,7 +107,7 @@ template <class Real> struct Motion {
         i64 columns = 0;  // functions but the constant one that have coefficients, and affine ones; or fields
         bool has_fields = false;
         double constant = 0.0;     // value of its constant function; 0 without
-        std::vector<Real> values;  // (columns, vertices), padded; fields of each axis where they differ
+        std::vector<Real> values;  // (columns, vertices ascending), padded; fields of each axis where they differ
         Rows<Real> rows;           // of its functions that are not affine
     };
 
@@ -128,6 +128,7 @@ private:
         const Elements &all = basis->elements();
         return chosen_rows.empty() ? all.first_function(element) : chosen_rows[element] - all.affine[element];
     }
+    void keep_values(i64 element, i64 column, const double *values);
     void make_fields(i64 element, std::span<const i64> used, const QuantisedRows &rows,
                      std::span<const double *const> values);
 

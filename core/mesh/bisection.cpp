@@ -80,6 +80,7 @@ public:
         for (const i64 node : found.node_of) found.starts.push_back(begins[node]);
         found.starts.push_back(static_cast<i64>(order_.size()));
         found.order = std::move(order_);
+        found.sort_vertices();
         return found;
     }
 
@@ -176,6 +177,25 @@ i64 vertices_of(std::span<const ConnectivityView> objects) {
 
 }  // namespace
 
+void Patches::sort_vertices() {
+    std::vector<i32> patch_of(order.size()), place_of(order.size());
+    for (i64 patch = 0; patch < count(); ++patch) {
+        i32 place = 0;
+        for (const i32 vertex : vertices(patch)) {
+            patch_of[vertex] = static_cast<i32>(patch);
+            place_of[vertex] = place++;
+        }
+    }
+    ascending.resize(order.size());
+    ascending_places.resize(order.size());
+    std::vector<i64> next = starts;
+    for (i32 vertex = 0; vertex < static_cast<i32>(order.size()); ++vertex) {
+        const i64 at = next[patch_of[vertex]]++;
+        ascending[at] = vertex;
+        ascending_places[at] = place_of[vertex];
+    }
+}
+
 std::optional<Patches> early_patches(std::span<const ConnectivityView> objects, i64 points) {
     const Graph graph(edges_of(objects), vertices_of(objects));
     std::vector<i32> order(graph.vertices());
@@ -230,6 +250,7 @@ Patches cut_curves(std::vector<i32> order, std::span<const i64> starts, i64 poin
         begins.insert(begins.end(), {begin, middle});
         ends.insert(ends.end(), {middle, end});
     }
+    found.sort_vertices();
     return found;
 }
 

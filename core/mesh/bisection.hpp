@@ -20,11 +20,17 @@ struct Patches {
         return {order.data() + starts[patch], static_cast<std::size_t>(size(patch))};
     }
 
+    // Say `ascending`, once everything else is there.
+    void sort_vertices();
+
     std::vector<i32> order;     // vertices of the mesh, patch after patch
     std::vector<i64> starts;    // patch p holds order[starts[p]] to order[starts[p + 1] - 1]
     std::vector<i64> begins;    // where in `order` each node of the partition tree begins
     std::vector<i64> children;  // first of the two halves of each node, the second follows it; -1 for a patch
     std::vector<i64> node_of;   // the node that each patch is
+    // The vertices of each patch by their numbers, as what is written goes through memory, and where in the patch each of
+    // them stands: ascending[starts[p] + k] is order[starts[p] + ascending_places[starts[p] + k]].
+    std::vector<i32> ascending, ascending_places;
 };
 
 // Patches of at most `points` vertices: the vertices of all objects, halved along faces and lines. A set of several
