@@ -8,7 +8,6 @@
 
 #include <limits>
 #include <memory>
-#include <vector>
 
 #include "arithmetic.hpp"
 #include "linear_algebra/add_product.hpp"
@@ -22,10 +21,10 @@ public:
 
     i64 count() const { return count_; }
     bool is_complete() const { return count_ == most_; }
-    const double *function(i64 k) const { return rows_[k]; }
+    const double *function(i64 k) const { return functions_.get() + k * width_; }
 
     // A row for each.
-    Strided<double> all() const { return {by_function_.get(), width_, 1}; }
+    Strided<double> all() const { return {functions_.get(), width_, 1}; }
 
     // What `add` adds: a number for each point.
     double *column() { return column_.get(); }
@@ -57,9 +56,8 @@ private:
     };
 
     i64 points_ = 0, most_ = 0, count_ = 0;
-    i64 width_ = 0, height_ = 0;  // of a function and of a point in memory
-    Room column_, weights_, by_function_, by_point_;
-    std::vector<double *> rows_, point_rows_;  // the functions, turned either way
+    i64 width_ = 0;  // of a function in memory, where zeros follow it
+    Room column_, part_, functions_;
 };
 
 }  // namespace pdeanim
