@@ -2,9 +2,9 @@
 
 #include <algorithm>
 
-#include "basis/add_multiples.hpp"
 #include "entropy/range_coder.hpp"
 #include "errors.hpp"
+#include "linear_algebra/add_multiples.hpp"
 
 namespace pdeanim {
 

@@ -9,12 +9,6 @@
 
 namespace pdeanim {
 
-namespace {
-
-constexpr i64 worth_threads = 160;
-
-}  // namespace
-
 Eigen symmetric_eigen(const double *matrix, i64 size, bool with_vectors, int threads) {
     const double scale = scale_of(matrix, size * size), down = 1.0 / scale;
     std::vector<double> scaled(matrix, matrix + size * size);

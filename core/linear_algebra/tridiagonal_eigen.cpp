@@ -20,7 +20,7 @@ namespace pdeanim {
 namespace {
 
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
-constexpr i64 few_rows = 32, worth_threads = 160, rows_at_once = 48;
+constexpr i64 few_rows = 32, rows_at_once = 48;
 constexpr int most_turns = 80;  // of one eigenvalue; two or three are usual
 
 // rows i and i + 1, of so many numbers, are turned.

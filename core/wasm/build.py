@@ -66,7 +66,12 @@ LIBRARY = {
 }
 """Sources of the package's folder ``lib`` that are compiled."""
 
-QUICK = {"basis/add_multiples.cpp", "evaluate/evaluate.cpp", "linear_algebra/add_product.cpp"}
+QUICK = {
+    "evaluate/evaluate.cpp",
+    "linear_algebra/add_multiples.cpp",
+    "linear_algebra/add_product.cpp",
+    "linear_algebra/gram_schmidt.cpp",
+}
 """Sources of the core that are compiled for speed; all others are compiled to be small."""
 
 STACK_BYTES = 1 << 20

@@ -1,4 +1,4 @@
-// The loop that all of this folder's time goes to.
+// Multiples of some rows, added up.
 #pragma once
 
 #include "arithmetic.hpp"
