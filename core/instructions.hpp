@@ -1,6 +1,6 @@
 // Which of the loops that are written for several widths of vector registers are taken: those of the widest that the
 // processor has, or narrower ones where the environment's PDECODEC_INSTRUCTIONS says usual, avx2 or avx512f. All give the
-// same bits; tests compare them. (What PDEANIM_MULTIVERSION compiles goes by the processor alone: the simulator.)
+// same bits; tests compare them.
 #pragma once
 
 #include "multiversion.hpp"

@@ -1,18 +1,9 @@
-// Loops that are compiled once for each width of vector registers; the machine chooses when the library is loaded.
+// Loops that are compiled once for each width of vector registers; instructions.hpp says which are taken.
 //
 // Only for loops whose result does not depend on that width: each lane does what a loop over single numbers would.
 #pragma once
 
-#include <cstddef>  // whatever header it is, with glibc it defines __GLIBC__
-
-#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__) && \
-    !defined(__SANITIZE_ADDRESS__)
-#define PDEANIM_MULTIVERSION __attribute__((target_clones("avx512f", "avx2", "default")))
-#else
-#define PDEANIM_MULTIVERSION
-#endif
-
-// A variant of such a loop by hand, where its form depends on the width; instructions.hpp says which to call.
+// A variant of such a loop.
 #if defined(__GNUC__) && defined(__x86_64__)
 #define PDEANIM_FOR(instructions) __attribute__((target(instructions)))
 #endif

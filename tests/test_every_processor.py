@@ -1,8 +1,9 @@
-"""The same bytes on every processor: whatever kernels numpy and its BLAS, the C library or the core choose for it."""
+"""The same bytes on every processor: whatever kernels numpy, its BLAS, the C library or the core choose for it."""
 
 from __future__ import annotations
 
 import ast
+import hashlib
 import os
 import subprocess
 import sys
@@ -14,7 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pdecodec import encode
+from pdecodec import open as open_animation
 from pdecodec.sequence import ArraySequence, Float64Array, MeshObject
+from pdecodec.xpbd import build
 from tests.mesh_cases import grid
 
 PROCESSORS: dict[str, dict[str, str]] = {
@@ -48,12 +52,12 @@ ENCODES: tuple[tuple[str, dict[str, Any]], ...] = (
 )
 """Clips and settings. Other last bits change few coefficients of a clip: these have so many that some would."""
 
+SCENES = ("cloth",)
+"""Of the simulator's scenes those that take no sine of the C library: its last bits are the processor's."""
+
 SCRIPT = """
-import hashlib
-from pdecodec import encode
-from tests.test_every_processor import CLIPS, ENCODES
-for name, options in ENCODES:
-    print(name, options, hashlib.sha256(encode(CLIPS[name](), **options).data).hexdigest())
+from tests.test_every_processor import print_digests
+print_digests()
 """
 
 
@@ -105,8 +109,24 @@ CLIPS: dict[str, Callable[[], ArraySequence]] = {
 }
 
 
-def encoded_on(processor: str) -> str:
-    """What an encode of every clip gives in a process of its own."""
+def print_digests() -> None:
+    """Print a line for all bytes of each encode, all positions of each decode, and all of each simulation."""
+
+    def print_digest(*words: object, data: bytes) -> None:
+        print(*words, hashlib.sha256(data).hexdigest())
+
+    for name, options in ENCODES:
+        data = encode(CLIPS[name](), **options).data
+        print_digest("encode", name, options, data=data)
+        with open_animation(data) as animation:
+            print_digest("decode", name, options, data=animation.positions(animation.times).tobytes())
+    for name in SCENES:
+        clip = build(name).simulate(frames=6)
+        print_digest("simulate", name, data=clip.read_frames(0, 6).tobytes())
+
+
+def digests_on(processor: str) -> str:
+    """What `print_digests` prints in a process of its own."""
     root = Path(__file__).resolve().parent.parent
     environment = {**os.environ, **PROCESSORS[processor], "PYTHONPATH": str(root)}
     command = [sys.executable, "-c", SCRIPT]
@@ -114,15 +134,15 @@ def encoded_on(processor: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def encoded() -> dict[str, str]:
+def digests() -> dict[str, str]:
     with ThreadPoolExecutor(2) as pool:
-        return dict(zip(PROCESSORS, pool.map(encoded_on, PROCESSORS), strict=True))
+        return dict(zip(PROCESSORS, pool.map(digests_on, PROCESSORS), strict=True))
 
 
 @pytest.mark.parametrize("processor", [name for name in PROCESSORS if name != "this one"])
-def test_encodes_have_the_same_bytes_on_every_processor(processor: str, encoded: dict[str, str]) -> None:
-    assert encoded["this one"].count("\n") == len(ENCODES)
-    assert encoded[processor] == encoded["this one"]
+def test_every_processor_encodes_decodes_and_simulates_alike(processor: str, digests: dict[str, str]) -> None:
+    assert digests["this one"].count("\n") == 2 * len(ENCODES) + len(SCENES)
+    assert digests[processor] == digests["this one"]
 
 
 OTHER_BITS = {"linalg", "einsum", "tensordot", "matmul", "dot", "vdot", "inner"} | {

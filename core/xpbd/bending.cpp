@@ -1,3 +1,4 @@
+#include "instructions.hpp"
 #include "xpbd/slots.hpp"
 
 namespace pdeanim::xpbd {
@@ -11,8 +12,8 @@ struct BendingSlots {
 };
 
 // One constraint after another, the axes side by side; lanes of a slot only give the processor something to do meanwhile.
-template <bool is_damped> PDEANIM_INLINE void solve_slots(const Places &places, const BendingSlots &slots,
-                                                          std::size_t count, const Scaling &scaling) {
+template <bool is_damped>
+PDEANIM_INLINE void solve_slots(Places places, BendingSlots slots, std::size_t count, Scaling scaling) {
     const auto [compliance, damping, relaxation] = scaling;
     for (std::size_t slot = 0; slot < count; ++slot) {
         const i32 *members = slots.members + slot * 4 * slot_size;
@@ -49,13 +50,11 @@ template <bool is_damped> PDEANIM_INLINE void solve_slots(const Places &places, 
     }
 }
 
-PDEANIM_MULTIVERSION void solve_damped(const Places &places, const BendingSlots &slots, std::size_t count,
-                                       const Scaling &scaling) {
-    solve_slots<true>(places, slots, count, scaling);
+void solve_damped(const Places &places, const BendingSlots &slots, std::size_t count, const Scaling &scaling) {
+    in_widest([&]() PDEANIM_INLINE_LAMBDA { solve_slots<true>(places, slots, count, scaling); });
 }
-PDEANIM_MULTIVERSION void solve_undamped(const Places &places, const BendingSlots &slots, std::size_t count,
-                                         const Scaling &scaling) {
-    solve_slots<false>(places, slots, count, scaling);
+void solve_undamped(const Places &places, const BendingSlots &slots, std::size_t count, const Scaling &scaling) {
+    in_widest([&]() PDEANIM_INLINE_LAMBDA { solve_slots<false>(places, slots, count, scaling); });
 }
 
 class Bending : public SlottedBatch {

@@ -1,6 +1,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "instructions.hpp"
 #include "xpbd/slots.hpp"
 
 namespace pdeanim::xpbd {
@@ -50,8 +51,8 @@ PDEANIM_INLINE Slot masses(const Places &places, const i32 *points) {
     return by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places.previous[points[lane]].at[3]; });
 }
 
-template <bool is_damped> PDEANIM_INLINE void solve_pairs(const Places &places, const DistanceSlots &slots,
-                                                          std::size_t count, const Scaling &scaling) {
+template <bool is_damped>
+PDEANIM_INLINE void solve_pairs(Places places, DistanceSlots slots, std::size_t count, Scaling scaling) {
     const auto [compliance, damping, relaxation] = scaling;
     for (std::size_t slot = 0; slot < count; ++slot) {
         const i32 *members = slots.members + slot * 2 * slot_size;
@@ -85,13 +86,11 @@ template <bool is_damped> PDEANIM_INLINE void solve_pairs(const Places &places, 
     }
 }
 
-PDEANIM_MULTIVERSION void solve_damped(const Places &places, const DistanceSlots &slots, std::size_t count,
-                                       const Scaling &scaling) {
-    solve_pairs<true>(places, slots, count, scaling);
+void solve_damped(const Places &places, const DistanceSlots &slots, std::size_t count, const Scaling &scaling) {
+    in_widest([&]() PDEANIM_INLINE_LAMBDA { solve_pairs<true>(places, slots, count, scaling); });
 }
-PDEANIM_MULTIVERSION void solve_undamped(const Places &places, const DistanceSlots &slots, std::size_t count,
-                                         const Scaling &scaling) {
-    solve_pairs<false>(places, slots, count, scaling);
+void solve_undamped(const Places &places, const DistanceSlots &slots, std::size_t count, const Scaling &scaling) {
+    in_widest([&]() PDEANIM_INLINE_LAMBDA { solve_pairs<false>(places, slots, count, scaling); });
 }
 
 class Distances : public SlottedBatch {
@@ -289,15 +288,18 @@ PDEANIM_INLINE void substitute_forwards(const Places &places, const ChainSlot &c
 }
 
 // Eqs. 6 and 7 for chain after chain, by elimination without pivoting: the matrix is positive definite.
-PDEANIM_MULTIVERSION void solve_chains(const Places &places, const DistanceSlots &slots, std::size_t links,
-                                       std::size_t count, const Scaling &scaling, Link *row) {
-    for (std::size_t slot = 0; slot < count; ++slot) {
-        const ChainSlot chain{slots.members + slot * (links + 1) * slot_size, slots.lengths + slot * links * slot_size,
-                              slots.multipliers + slot * links * slot_size, links};
-        Meeting meeting{};
-        eliminate_forwards(places, chain, scaling, row, meeting);
-        substitute_backwards(places, chain, links + 1, row, meet(row[links - 1], nullptr, scaling, meeting));
-    }
+void solve_chains(const Places &places, const DistanceSlots &slots, std::size_t links, std::size_t count,
+                  const Scaling &scaling, Link *row) {
+    in_widest([&]() PDEANIM_INLINE_LAMBDA {
+        for (std::size_t slot = 0; slot < count; ++slot) {
+            const ChainSlot chain{slots.members + slot * (links + 1) * slot_size,
+                                  slots.lengths + slot * links * slot_size,
+                                  slots.multipliers + slot * links * slot_size, links};
+            Meeting meeting{};
+            eliminate_forwards(places, chain, scaling, row, meeting);
+            substitute_backwards(places, chain, links + 1, row, meet(row[links - 1], nullptr, scaling, meeting));
+        }
+    });
 }
 
 // Chains of both halves: `last` is the link across the middle, which is the first half's. What is written stands by halves,
@@ -337,35 +339,39 @@ PDEANIM_INLINE ChainSlot chain_of(Divided &divided, const DistanceSlots &slots, 
 }
 
 // What chains of both halves have of one half: first this, ...
-PDEANIM_MULTIVERSION void eliminate_half(const Places &places, const DistanceSlots &slots, Divided &divided,
-                                         const Scaling &scaling, int half) {
-    Link *row = divided.halves[half].rows.data();
-    for (std::size_t slot = 0; slot < divided.meetings.size(); ++slot) {
-        const ChainSlot chain = chain_of(divided, slots, slot, half);
-        if (half == 0) {
-            eliminate_forwards(places, chain, scaling, row, divided.meetings[slot]);
-        } else {
-            eliminate_backwards(places, chain, scaling, row, divided.meetings[slot]);
+void eliminate_half(const Places &places, const DistanceSlots &slots, Divided &divided, const Scaling &scaling,
+                    int half) {
+    in_widest([&]() PDEANIM_INLINE_LAMBDA {
+        Link *row = divided.halves[half].rows.data();
+        for (std::size_t slot = 0; slot < divided.meetings.size(); ++slot) {
+            const ChainSlot chain = chain_of(divided, slots, slot, half);
+            if (half == 0) {
+                eliminate_forwards(places, chain, scaling, row, divided.meetings[slot]);
+            } else {
+                eliminate_backwards(places, chain, scaling, row, divided.meetings[slot]);
+            }
+            row += chain.links;
         }
-        row += chain.links;
-    }
+    });
 }
 
 // ... and when both halves have done that, this.
-PDEANIM_MULTIVERSION void substitute_half(const Places &places, const DistanceSlots &slots, Divided &divided,
-                                          const Scaling &scaling, int half) {
-    auto &[first, second] = divided.halves;
-    for (std::size_t slot = 0; slot < divided.meetings.size(); ++slot) {
-        const ChainSlot chain = chain_of(divided, slots, slot, half);
-        Link *before = first.rows.data() + slot * first.links, *behind = second.rows.data() + slot * second.links;
-        const Link &link = before[divided.last];
-        const Met met = meet(link, second.links > 0 ? behind : nullptr, scaling, divided.meetings[slot]);
-        if (half == 0) {
-            substitute_backwards(places, chain, chain.links, before, met);
-        } else {
-            substitute_forwards(places, chain, link, behind, met);
+void substitute_half(const Places &places, const DistanceSlots &slots, Divided &divided, const Scaling &scaling,
+                     int half) {
+    in_widest([&]() PDEANIM_INLINE_LAMBDA {
+        auto &[first, second] = divided.halves;
+        for (std::size_t slot = 0; slot < divided.meetings.size(); ++slot) {
+            const ChainSlot chain = chain_of(divided, slots, slot, half);
+            Link *before = first.rows.data() + slot * first.links, *behind = second.rows.data() + slot * second.links;
+            const Link &link = before[divided.last];
+            const Met met = meet(link, second.links > 0 ? behind : nullptr, scaling, divided.meetings[slot]);
+            if (half == 0) {
+                substitute_backwards(places, chain, chain.links, before, met);
+            } else {
+                substitute_forwards(places, chain, link, behind, met);
+            }
         }
-    }
+    });
 }
 
 // The link at which all chains of both halves cross the middle, from the first half.

@@ -4,25 +4,29 @@
 #include <atomic>
 #include <thread>
 
+#include "instructions.hpp"
+
 namespace pdeanim::xpbd {
 
 namespace {
 
 // Eq. 4, from the velocities that the last substep leaves: x^n - x^(n-1) over its length.
-PDEANIM_MULTIVERSION void predict_again(Place *positions, Place *previous, const Point *accelerations,
-                                        std::size_t count, double substep, double keep) {
-    for (std::size_t i = 0; i < count; ++i) {
-        const double inverse_mass = previous[i].at[3];
-        Register present = lanes_at<4>(positions[i].at);
-        present[3] = 0.0;
-        const Register velocity = (present - lanes_at<4>(previous[i].at)) / substep;
-        Register acceleration{};
-        for (int axis = 0; axis < 3; ++axis) acceleration[axis] = accelerations[i][axis];
-        put_lanes(previous[i].at, present);
-        previous[i].at[3] = inverse_mass;
-        if (inverse_mass > 0.0) present += substep * (keep * velocity + substep * acceleration);
-        put_lanes(positions[i].at, present);
-    }
+void predict_again(Place *positions, Place *previous, const Point *accelerations, std::size_t count, double substep,
+                   double keep) {
+    in_widest([&]() PDEANIM_INLINE_LAMBDA {
+        for (std::size_t i = 0; i < count; ++i) {
+            const double inverse_mass = previous[i].at[3];
+            Register present = lanes_at<4>(positions[i].at);
+            present[3] = 0.0;
+            const Register velocity = (present - lanes_at<4>(previous[i].at)) / substep;
+            Register acceleration{};
+            for (int axis = 0; axis < 3; ++axis) acceleration[axis] = accelerations[i][axis];
+            put_lanes(previous[i].at, present);
+            previous[i].at[3] = inverse_mass;
+            if (inverse_mass > 0.0) present += substep * (keep * velocity + substep * acceleration);
+            put_lanes(positions[i].at, present);
+        }
+    });
 }
 
 // Where two threads wait for each other, again and again: stages are short, so that they look for a while before they
