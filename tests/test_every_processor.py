@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from pdecodec import encode
-from pdecodec import open as open_animation
+from pdecodec.decoder import open_animation
 from pdecodec.sequence import ArraySequence, Float64Array, MeshObject
 from pdecodec.xpbd import build
 from tests.mesh_cases import grid
@@ -117,6 +117,7 @@ def print_digests() -> None:
 
     for name, options in ENCODES:
         data = encode(CLIPS[name](), **options).data
+        assert data is not None
         print_digest("encode", name, options, data=data)
         with open_animation(data) as animation:
             print_digest("decode", name, options, data=animation.positions(animation.times).tobytes())
