@@ -34,6 +34,8 @@ constexpr u8 predictors = 4;  // of the reference frame
 // 30 us that a thread takes to begin. So many parts are made, as a power of two.
 constexpr i64 bytes_worth_a_thread = i64{1} << 21, bytes_of_a_position = 24;
 constexpr int part_levels = 3;
+// Groups that are decoded beside each other: they are unlike in size, and who is done with one takes the next.
+constexpr int groups_a_thread = 4;
 
 // Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered through.
 Polygons polygons_of(std::span<const Connectivity> parts) {
@@ -330,14 +332,14 @@ const DecodedGroup &Animation::group(std::size_t index) {
 
 bool Animation::is_kept(std::size_t index) const { return kept_places_.contains(index); }
 
-// Decode the groups that frames at increasing times need first, as many at once as there are threads; fewer where they
-// would not be kept together, or the memory limit has no room for all at once.
+// Decode the groups that frames at increasing times need first, beside each other; fewer where they would not be kept
+// together, or the memory limit has no room for all at once.
 void Animation::decode_ahead(std::span<const double> sorted) {
     std::vector<std::size_t> wanted;
     i64 expected_bytes = 0;
     u64 bytes_at_once = 0;
     for (const double time : sorted) {
-        if (time > times().back() || static_cast<int>(wanted.size()) == threads_) break;
+        if (time > times().back() || static_cast<int>(wanted.size()) == groups_a_thread * threads_) break;
         const std::size_t index = table_->group_of(frame_at(most(time, times().front())));
         if (!wanted.empty() && wanted.back() == index) continue;
         const Group &own = table_->groups()[index];
