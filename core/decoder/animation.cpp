@@ -35,7 +35,7 @@ constexpr u8 predictors = 4;  // of the reference frame
 constexpr i64 bytes_worth_a_thread = i64{1} << 21, bytes_of_a_position = 24;
 constexpr int part_levels = 3;
 // Groups that are decoded beside each other: they are unlike in size, and who is done with one takes the next.
-constexpr int groups_a_thread = 4;
+constexpr int groups_a_thread = 2;
 
 // Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered through.
 Polygons polygons_of(std::span<const Connectivity> parts) {
