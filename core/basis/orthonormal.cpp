@@ -32,9 +32,7 @@ void OrthonormalFunctions::begin(i64 points, i64 most) {
     functions_.grow(most * width_);
 }
 
-double OrthonormalFunctions::squared_norm() const {
-    return sum_of_products(column_.get(), column_.get(), width_);
-}
+double OrthonormalFunctions::squared_norm() const { return sum_of_products(column_.get(), column_.get(), width_); }
 
 bool OrthonormalFunctions::add(double share) {
     double *column = column_.get();
