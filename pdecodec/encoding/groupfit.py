@@ -330,11 +330,14 @@ class GroupFitter:
 
     def put_aside(self) -> None:
         """Forget what is soon found again, while other groups are looked at or coefficients refined."""
+        self._forget()
+        _core.give_back_memory()
+
+    def _forget(self) -> None:
         _ = self.is_single
         self._projection = None
         for moved in self._displacements.values():
             moved.put_aside()
-        _core.give_back_memory()
 
     @cached_property
     def is_single(self) -> bool:
@@ -424,7 +427,7 @@ class GroupFitter:
         entry, quantised, time_functions = group.entry, group.quantised, group.time_functions
         del group  # and with it the values
         if self.is_heavy:
-            self.put_aside()
+            self._forget()  # what holds positions against the group takes that memory at once
         return self.fitted(basis, entry, quantised, time_functions, is_measured=is_measured)
 
     def quantised(self, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone = DEAD_ZONE) -> QuantisedGroup:
