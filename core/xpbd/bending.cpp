@@ -18,7 +18,7 @@ PDEANIM_INLINE void solve_slots(Places places, BendingSlots slots, std::size_t c
     for (std::size_t slot = 0; slot < count; ++slot) {
         const i32 *members = slots.members + slot * 4 * slot_size;
         const double *coefficients = slots.coefficients + slot * 4 * slot_size;
-        double *multipliers = slots.multipliers + slot * 3 * slot_size;
+        double *multipliers = slots.multipliers + slot * 4 * slot_size;
         for (int lane = 0; lane < slot_size; ++lane) {
             const i32 a = members[lane], b = members[slot_size + lane];
             const i32 c = members[2 * slot_size + lane], d = members[3 * slot_size + lane];
@@ -30,8 +30,7 @@ PDEANIM_INLINE void solve_slots(Places places, BendingSlots slots, std::size_t c
             const Place &old_a = places.previous[a], &old_b = places.previous[b];
             const Place &old_c = places.previous[c], &old_d = places.previous[d];
             const Register value = of_a * x_a + of_b * x_b + of_c * x_c + of_d * x_d;
-            Register multiplier{};
-            for (int axis = 0; axis < 3; ++axis) multiplier[axis] = multipliers[axis * slot_size + lane];
+            Register multiplier = lanes_at<4>(multipliers + 4 * lane);
             Register right = -value - compliance * multiplier;
             if constexpr (is_damped) {
                 const Register before = of_a * lanes_at<4>(old_a.at) + of_b * lanes_at<4>(old_b.at) +
@@ -40,7 +39,7 @@ PDEANIM_INLINE void solve_slots(Places places, BendingSlots slots, std::size_t c
             }
             Register change = right * slots.inverses[slot * slot_size + lane];  // Eq. 6
             multiplier += change;
-            for (int axis = 0; axis < 3; ++axis) multipliers[axis * slot_size + lane] = multiplier[axis];
+            put_lanes(multipliers + 4 * lane, multiplier);
             change = change * relaxation;
             put_lanes(now[a].at, x_a + (old_a.at[3] * of_a) * change);  // Eq. 7
             put_lanes(now[b].at, x_b + (old_b.at[3] * of_b) * change);
@@ -61,13 +60,13 @@ class Bending : public SlottedBatch {
 public:
     Bending(std::span<const i32> stencils, const Halves &halves, std::span<const double> coefficients,
             std::span<double> multipliers, std::span<const double> inverses, const Scaling &scaling)
-        : SlottedBatch(stencils, 4, halves, multipliers, 3, scaling), coefficients_(slotted(coefficients, 4, 0.0)),
-          inverses_(slotted(inverses, 1, 0.0)) {}
+        : SlottedBatch(stencils, 4, halves, multipliers, 3, scaling, true),
+          coefficients_(slotted(coefficients, 4, 0.0)), inverses_(slotted(inverses, 1, 0.0)) {}
 
 protected:
     void solve_group(const Places &places, Group group) override {
         const BendingSlots slots{members_.data() + first_of(group, 4), coefficients_.data() + first_of(group, 4),
-                                 inverses_.data() + first_of(group, 1), multipliers_.data() + first_of(group, 3)};
+                                 inverses_.data() + first_of(group, 1), multipliers_of(group)};
         const auto take = scaling_.damping > 0.0 ? solve_damped : solve_undamped;
         take(places, slots, count(group), scaling_);
     }

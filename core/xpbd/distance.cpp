@@ -102,7 +102,7 @@ public:
 protected:
     void solve_group(const Places &places, Group group) override {
         const DistanceSlots slots{members_.data() + first_of(group, 2), lengths_.data() + first_of(group, 1),
-                                  multipliers_.data() + first_of(group, 1)};
+                                  multipliers_of(group)};
         const auto take = scaling_.damping > 0.0 ? solve_damped : solve_undamped;
         take(places, slots, count(group), scaling_);
     }
@@ -435,7 +435,7 @@ private:
     int whole_stages() const { return count(within_first) + count(within_second) > 0 ? 1 : 0; }
     DistanceSlots slots_of(Group group) {
         return {members_.data() + first_of(group, links_ + 1), lengths_.data() + first_of(group, links_),
-                multipliers_.data() + first_of(group, links_)};
+                multipliers_of(group)};
     }
     // For each multiplier of chains of both halves: it, and its place among those of all chains.
     void exchange(const auto &give) {
