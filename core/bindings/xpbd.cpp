@@ -65,7 +65,8 @@ void py_add_distances(Sheets &sheets, const Rows<i32, 2> &pairs, const Flat<doub
     members_of<2>(pairs, sheets.particles());
     const auto rest = items<const double>(lengths, count);
     const auto forces = items<double>(multipliers, count);
-    sheets.add(make_distances({pairs.data(), pairs.size()}, sheets.halves(), rest, forces, scaling_of(scaling)));
+    sheets.add(make_distances({pairs.data(), pairs.size()}, sheets.halves(), rest, forces, sheets.inverse_masses(),
+                              scaling_of(scaling)));
 }
 
 void py_add_chains(Sheets &sheets, const Array<const i32, nb::ndim<2>> &chains,

@@ -12,6 +12,7 @@ struct DistanceSlots {
     const i32 *members;
     const double *lengths;
     double *multipliers;
+    const double *inverse_masses = nullptr;  // of the particles of pairs; chains look their particles' up
 };
 
 // What a function of the lane returns.
@@ -62,11 +63,15 @@ PDEANIM_INLINE void solve_pairs(Places places, DistanceSlots slots, std::size_t 
             const i32 a = members[lane], b = members[slot_size + lane];
             const Register x_a = lanes_at<4>(places.positions[a].at), x_b = lanes_at<4>(places.positions[b].at);
             ways[lane] = x_b - x_a;
-            const Place &old_a = places.previous[a], &old_b = places.previous[b];
-            if constexpr (is_damped) steps[lane] = x_b - lanes_at<4>(old_b.at) - x_a + lanes_at<4>(old_a.at);
+            if constexpr (is_damped) {
+                const Place *const old = places.previous;
+                steps[lane] = x_b - lanes_at<4>(old[b].at) - x_a + lanes_at<4>(old[a].at);
+            }
         }
         const Vectors way = vectors(ways);
-        const Slot weight_a = masses(places, members), weight_b = masses(places, members + slot_size);
+        const double *inverse_masses = slots.inverse_masses + slot * 2 * slot_size;
+        const Slot weight_a = lanes_at<slot_size>(inverse_masses);
+        const Slot weight_b = lanes_at<slot_size>(inverse_masses + slot_size);
         const Slot weight = weight_a + weight_b;
         const Slot length = square_roots(dot(way, way));
         const Slot inverse = 1.0 / length;
@@ -95,20 +100,22 @@ void solve_undamped(const Places &places, const DistanceSlots &slots, std::size_
 
 class Distances : public SlottedBatch {
 public:
+    // inverse_masses: of both particles of each pair.
     Distances(std::span<const i32> pairs, const Halves &halves, std::span<const double> lengths,
-              std::span<double> multipliers, const Scaling &scaling)
-        : SlottedBatch(pairs, 2, halves, multipliers, 1, scaling), lengths_(slotted(lengths, 1, 0.0)) {}
+              std::span<double> multipliers, std::span<const double> inverse_masses, const Scaling &scaling)
+        : SlottedBatch(pairs, 2, halves, multipliers, 1, scaling), lengths_(slotted(lengths, 1, 0.0)),
+          inverse_masses_(slotted(inverse_masses, 2, 0.0)) {}
 
 protected:
     void solve_group(const Places &places, Group group) override {
         const DistanceSlots slots{members_.data() + first_of(group, 2), lengths_.data() + first_of(group, 1),
-                                  multipliers_of(group)};
+                                  multipliers_of(group), inverse_masses_.data() + first_of(group, 2)};
         const auto take = scaling_.damping > 0.0 ? solve_damped : solve_undamped;
         take(places, slots, count(group), scaling_);
     }
 
 private:
-    std::vector<double> lengths_;
+    std::vector<double> lengths_, inverse_masses_;
 };
 
 // A link of each chain of a slot, in a matrix that is eliminated from both ends of the chain. Aligned by its own word, as
@@ -457,8 +464,12 @@ private:
 }  // namespace
 
 std::unique_ptr<Batch> make_distances(std::span<const i32> pairs, const Halves &halves, std::span<const double> lengths,
-                                      std::span<double> multipliers, const Scaling &scaling) {
-    return std::make_unique<Distances>(pairs, halves, lengths, multipliers, scaling);
+                                      std::span<double> multipliers, std::span<const double> inverse_masses,
+                                      const Scaling &scaling) {
+    std::vector<double> own;
+    own.reserve(pairs.size());
+    for (const i32 particle : pairs) own.push_back(inverse_masses[particle]);
+    return std::make_unique<Distances>(pairs, halves, lengths, multipliers, own, scaling);
 }
 
 std::unique_ptr<Batch> make_chains(std::size_t links, std::span<const i32> chains, const Halves &halves,

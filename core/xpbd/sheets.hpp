@@ -56,7 +56,8 @@ public:
 };
 
 std::unique_ptr<Batch> make_distances(std::span<const i32> pairs, const Halves &halves, std::span<const double> lengths,
-                                      std::span<double> multipliers, const Scaling &scaling);
+                                      std::span<double> multipliers, std::span<const double> inverse_masses,
+                                      const Scaling &scaling);
 
 // Chains of `links` links each, all links of one chain at once; relaxation is not used. Those that lie in both halves
 // cross the middle once, from the first half, all at the same link; else std::invalid_argument.
