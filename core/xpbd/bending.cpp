@@ -61,7 +61,7 @@ public:
     Bending(std::span<const i32> stencils, const Halves &halves, std::span<const double> coefficients,
             std::span<const double> shares, std::span<double> multipliers, std::span<const double> inverses,
             const Scaling &scaling)
-        : SlottedBatch(stencils, 4, halves, multipliers, 3, scaling, true),
+        : SlottedBatch(stencils, 4, halves, multipliers, 3, scaling, Multipliers::by_axes),
           coefficients_(slotted(coefficients, 4, 0.0)), shares_(slotted(shares, 4, 0.0)),
           inverses_(slotted(inverses, 1, 0.0)) {}
 

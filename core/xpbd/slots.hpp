@@ -29,17 +29,20 @@ Slots make_slots(std::span<const i32> members, std::size_t each, const Halves &h
 // A number of each constraint of a slot.
 using Slot = Lanes<double, slot_size>;
 
+// How the multipliers of a constraint stand in its slot: each of all constraints side by side, or those of the axes side by
+// side, constraint after constraint, with room for a fourth.
+enum class Multipliers { abreast, by_axes };
+
 // A batch whose constraints have `each` particles and `rows` multipliers. What there are several of in a constraint
-// stands in its slot one behind the other, each of all constraints side by side; but the multipliers of axes stand side by
-// side, constraint after constraint, with room for a fourth. Slots that are not full are filled up with constraints of a
-// particle without mass to move.
+// stands in its slot one behind the other, each of all constraints side by side. Slots that are not full are filled up
+// with constraints of a particle without mass to move.
 class SlottedBatch : public Batch {
 public:
     SlottedBatch(std::span<const i32> members, std::size_t each, const Halves &halves, std::span<double> multipliers,
-                 std::size_t rows, const Scaling &scaling, bool are_axes = false)
+                 std::size_t rows, const Scaling &scaling, Multipliers layout = Multipliers::abreast)
         : slots_(make_slots(members, each, halves)), scaling_(scaling), given_(multipliers), rows_(rows),
-          room_(are_axes ? 4 : rows), are_axes_(are_axes), members_(slotted(members, each, halves.filler(0))),
-          multipliers_(slots_.items.size() * room_) {
+          layout_(layout), members_(slotted(members, each, halves.filler(0))),
+          multipliers_(slots_.items.size() * room()) {
         each_multiplier([&](double &own, double &of_batch) { own = of_batch; });
         const auto begin = members_.begin();
         std::replace(begin + static_cast<std::ptrdiff_t>(slots_.starts[within_second] * each * slot_size),
@@ -88,24 +91,27 @@ protected:
     // Where what there are `each` of in a constraint begins for a group.
     std::size_t first_of(Group group, std::size_t each) const { return slots_.starts[group] * each * slot_size; }
 
-    void clear_group(Group group) { std::fill_n(multipliers_of(group), count(group) * room_ * slot_size, 0.0); }
+    void clear_group(Group group) { std::fill_n(multipliers_of(group), count(group) * room() * slot_size, 0.0); }
 
     // Where a group's multipliers begin.
-    double *multipliers_of(Group group) { return multipliers_.data() + first_of(group, room_); }
+    double *multipliers_of(Group group) { return multipliers_.data() + first_of(group, room()); }
 
     Slots slots_;
     Scaling scaling_;
     std::span<double> given_;
-    std::size_t rows_, room_;  // multipliers of a constraint, and numbers they take in their slot
-    bool are_axes_;
+    std::size_t rows_;
+    Multipliers layout_;
     std::vector<i32> members_;
 
 private:
+    // Numbers that a constraint's multipliers take.
+    std::size_t room() const { return layout_ == Multipliers::by_axes ? 4 : rows_; }
+
     // Call work(multiplier in its slot, the same as it is given) for each.
     template <class Work> void each_multiplier(const Work &work) {
         for (std::size_t place = 0; place < slots_.items.size(); ++place) {
             for (std::size_t k = 0; k < rows_ && slots_.items[place] >= 0; ++k) {
-                work(multipliers_[are_axes_ ? place * room_ + k : position(place, k, rows_)],
+                work(multipliers_[layout_ == Multipliers::by_axes ? place * room() + k : position(place, k, rows_)],
                      given_[slots_.items[place] * rows_ + k]);
             }
         }
