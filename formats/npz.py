@@ -151,6 +151,7 @@ class _StoredArray:
         with read_errors(self._path), self._path.open("rb") as file:
             file.seek(offset)
             numbers = np.empty(count, self.dtype)
+            # IO[bytes], as files are typed here, lacks what every one of them has.
             read = file.readinto(numbers.data.cast("B")) if count else 0  # type: ignore[attr-defined]
         if read < numbers.nbytes:
             raise InputError("the file ends early; write it again", path=self._path, frame=start, offset=offset)

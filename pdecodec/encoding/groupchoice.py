@@ -282,5 +282,5 @@ class _Axis:
     def beside(self, choice: GroupChoice, way: int) -> GroupChoice | None:
         """The choice one stride up (1) or down (-1); None beyond the ends."""
         index = getattr(choice, self.name) + way * self.stride
-        changes: dict[str, int] = {self.name: index}
+        changes: dict[str, int] = {self.name: index}  # of a number among others: mypy asks for the type of each field
         return replace(choice, **changes) if self.first <= index <= self.last else None  # type: ignore[arg-type]

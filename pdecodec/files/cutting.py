@@ -164,7 +164,7 @@ class _Described(MeshSequence):
         self.metadata, self.notices = {}, ()
 
     def read_frames(self, start: int, stop: int) -> Any:
-        raise NotImplementedError
+        raise NotImplementedError  # a header holds no positions: nobody asks
 
 
 def cut_animation(

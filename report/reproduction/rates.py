@@ -91,7 +91,7 @@ class Point:
 def functions_of(model: str, pieces: int, segments: int, points: int) -> Factors:
     """T and U of a model, of as many constants as 4 x 8 functions on so many pieces of a curve and of the clip."""
     if model == SPLINES:
-        return tuple(  # type: ignore[return-value]
+        return tuple(  # type: ignore[return-value]  # two, as there are two pairs below
             np.linalg.qr(
                 BSpline.design_matrix(np.linspace(0, 1, places), uniform_knots(min(count, places)), DEGREE).toarray()
             )[0]
