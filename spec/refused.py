@@ -336,8 +336,8 @@ def _scripts(base: Base) -> Iterator[Refused]:
         ),
     ):
         yield Refused(name, seal(_script(base, kind, bits, says)), reason)
-    # Counts of the first context band; then zero or not, sign, magnitude.
-    beyond = "10" + "1 0" + "1" * 14 + counted(2**40 + 1 - 14)
+    # The count of the first context band; of the one channel: its block is not zero, the sign, the exponent, the digits.
+    beyond = "10" + "1 0" + "1" * 40 + "0" * 39 + "1"
     yield Refused(
         "coefficient_beyond_2_40", seal(_script(base, "COEF", beyond, "a coefficient out of range")), "2^40 + 1 (14)"
     )

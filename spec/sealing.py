@@ -16,7 +16,7 @@ from spec.decoder import contexts
 from spec.decoder.animation import decode
 from spec.decoder.fields import IDENTIFIER, MAJOR_VERSION, OF_RUN, CorruptFileError, Fields
 from spec.decoder.groups import CLOSED_FORM, PRECISE, SHAPES, TRAJECTORIES
-from spec.decoder.rangecoder import NARROWEST, WIDEST, RangeDecoder
+from spec.decoder.rangecoder import FIRST_BYTES, NARROWEST, WIDEST, WORD_BYTES, RangeDecoder
 
 HEADER = struct.Struct("<12sHHIII")
 CHUNKS = ("TIME", "COEF", "CORR")
@@ -225,7 +225,7 @@ class ScriptedCoder(RangeDecoder):
     def __init__(self, bits: str) -> None:
         super().__init__(b"")
         self.bits = iter(bits)
-        self._low, self._interval, self._shifts = 0, WIDEST, 0
+        self._low, self._interval, self._written = 0, WIDEST, 0
 
     def bit_with(self, probability: int) -> int:
         split = (self._interval >> 16) * probability
@@ -234,8 +234,9 @@ class ScriptedCoder(RangeDecoder):
             raise EndOfScriptError
         self._low += 0 if bit == "1" else split
         self._interval = split if bit == "1" else self._interval - split
-        while self._interval < NARROWEST:
-            self._low, self._interval, self._shifts = self._low << 8, self._interval << 8, self._shifts + 1
+        if self._interval < NARROWEST:
+            self._low, self._interval = self._low << 8 * WORD_BYTES, self._interval << 8 * WORD_BYTES
+            self._written += WORD_BYTES
         return int(bit)
 
     def is_finished(self) -> bool:
@@ -246,7 +247,7 @@ class ScriptedCoder(RangeDecoder):
 
     def to_bytes(self) -> bytes:
         """The fewest bytes from which the same bits are read."""
-        sizes = range(self._shifts, self._shifts + 7)
+        sizes = range(self._written, self._written + FIRST_BYTES + 1)
         units = [256 ** (sizes[-1] - size) for size in sizes]
         size, unit = next((s, u) for s, u in zip(sizes, units, strict=True) if -self._low % u < self._interval)
         return (-(-self._low // unit)).to_bytes(size, "big")

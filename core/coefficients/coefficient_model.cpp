@@ -6,13 +6,14 @@ namespace pdeanim {
 
 namespace {
 
-constexpr i32 first_weight = 19661;  // 0.3
+constexpr i32 first_weight = 26214;  // 0.4
 
 [[noreturn]] void broken() { throw CorruptError("section COEF holds levels that cannot be; get the file again"); }
 
 }  // namespace
 
 CoefficientModel::CoefficientModel() {
+    for (auto &weights : block_weights_) weights.fill(first_weight);
     for (auto &weights : nonzero_weights_) weights.fill(first_weight);
     for (auto &weights : larger_weights_) weights.fill(first_weight);
     for (auto &weights : count_weights_) weights.fill(first_weight);
@@ -30,6 +31,11 @@ int CoefficientModel::rank_class(i64 rank) {
     if (rank < 2) return static_cast<int>(rank);
     const int digits = bit_length(rank);
     return least(2 * digits - 2 + static_cast<int>((rank >> (digits - 2)) & 1), ranks - 1);
+}
+
+i64 CoefficientModel::nearest_class(i64 one_row, i64 two_rows, i64 one, i64 two, i64 beside) {
+    const i64 rows = least<i64>(one_row, 3) * 3 + least<i64>(two_rows, 2);
+    return ((rows * 4 + least<i64>(one, 3)) * 3 + least<i64>(two, 2)) * 4 + least<i64>(beside, 3);
 }
 
 template <Mode mode>
@@ -54,53 +60,70 @@ i64 CoefficientModel::code_count(RangeCoder<mode> &coder, int band, i64 before, 
     return value;
 }
 
-template <Mode mode> i64 CoefficientModel::code_coefficient(RangeCoder<mode> &coder, int band, i64 row, i64 rank,
-                                                            const CoefficientsAround &around, i64 coefficient) {
-    const auto &[r1, r2, t1, t2, s1, x1, p1] = around;
-    const int sum = ratio_class(2 * r1 + r2 + 2 * t1 + t2 + 2 * s1 + 2 * x1 + p1);
+template <Mode mode> bool CoefficientModel::code_block(RangeCoder<mode> &coder, int band, i64 row, i64 rank,
+                                                       const BlocksAround &around, bool is_any) {
+    const auto &[one_row, two_rows, one, two, beside, above] = around;
+    const int ratio = ratio_class(2 * one_row + two_rows + 2 * one + two + 2 * beside + above);
+    return coder.template mixed<3>(
+        {&block_by_nearest_[nearest_class(one_row, two_rows, one, two, beside)],
+         &block_by_row_[least<i64>(row, 127)][least<i64>(one + beside, 5)], &block_by_ratio_[ratio][rank_class(rank)]},
+        block_weights_[band].data(), is_any);
+}
+
+template <Mode mode> i64 CoefficientModel::code_coefficient(RangeCoder<mode> &coder, int band, i64 rank,
+                                                            const CoefficientsAround &around, bool is_nonzero,
+                                                            i64 coefficient) {
+    const auto &[one_row, two_rows, one_rank, two_ranks, beside, other_axes, above] = around;
+    const int ratio =
+        ratio_class(2 * one_row + two_rows + 2 * one_rank + two_ranks + 2 * beside + 2 * other_axes + above);
     const int ranked = rank_class(rank);
-    const auto nearest =
-        (((least<i64>(r1, 3) * 3 + least<i64>(r2, 2)) * 4 + least<i64>(t1 + x1, 3)) * 3 + least<i64>(t2, 2)) * 4 +
-        least<i64>(s1, 3);
-    const i64 size = size_of(coefficient);
-    const bool is_nonzero = coder.template mixed<6>(
-        {&nonzero_by_band_[band][ranked], &nonzero_by_nearest_[nearest], &nonzero_by_sum_[sum][band],
-         &nonzero_by_row_[least<i64>(row, 127)][least<i64>(t1 + s1 + x1, 5)],
-         &nonzero_by_rank_[least<i64>(rank, 511)][least<i64>(r1 + s1 + p1, 7)], &nonzero_by_sum_and_rank_[sum][ranked]},
-        nonzero_weights_[band].data(), size != 0);
+    is_nonzero = is_nonzero ||
+                 coder.template mixed<3>(
+                     {&nonzero_by_nearest_[nearest_class(one_row, two_rows, one_rank + other_axes, two_ranks, beside)],
+                      &nonzero_by_rank_[least<i64>(rank, 511)][least<i64>(one_row + beside + above, 7)],
+                      &nonzero_by_ratio_[ratio][ranked]},
+                     nonzero_weights_[band].data(), coefficient != 0);
     if (!is_nonzero) return 0;
     const bool is_negative = coder.bypass(coefficient < 0);
-    const i64 largest_around = least<i64>(most(most(r1, t1), most(s1, x1)), 7);
-    i64 found = 1;
-    for (; found <= modelled; ++found) {
-        const i64 at = found - 1;
-        const bool is_larger = coder.template mixed<4>({&larger_by_sum_[at][sum], &larger_by_band_[at][band][ranked],
-                                                        &larger_by_nearest_[at][largest_around][least<i64>(r1 + p1, 7)],
-                                                        &larger_by_sum_and_rank_[at][sum][ranked]},
-                                                       larger_weights_[at].data(), size > found);
+    const i64 size = code_size(coder, band, ratio, ranked, size_of(coefficient));
+    return is_negative ? -size : size;
+}
+
+template <Mode mode> i64 CoefficientModel::code_size(RangeCoder<mode> &coder, int band, int ratio, int rank, i64 size) {
+    const int wanted = bit_length(size) - 1;
+    int exponent = 0;
+    for (; exponent < largest_exponent; ++exponent) {
+        const int at = least(exponent, exponents - 1);
+        const bool is_larger = coder.template mixed<3>(
+            {&larger_by_ratio_[at][ratio], &larger_by_band_[at][band][rank], &larger_by_both_[at][ratio][rank]},
+            larger_weights_[at].data(), wanted > exponent);
         if (!is_larger) break;
     }
-    if (found > modelled) {
-        const i64 rest = size - modelled;
-        const int wanted = bit_length(rest);
-        int digits = 1;
-        while (digits < escape_digits && coder.bit(escape_[digits], wanted > digits)) ++digits;
-        i64 value = 1;
-        for (int digit = digits - 2; digit >= 0; --digit) value = 2 * value + coder.bypass((rest >> digit) & 1);
-        found = modelled + value;
-        if (found > largest) broken();
+    i64 found = 1;
+    for (int place = exponent - 1; place >= 0; --place) {
+        bool bit = (size >> place) & 1;
+        if (place >= exponent - modelled_digits) {
+            bit = coder.bit(digits_[exponent][found], bit);
+        } else {
+            bit = coder.bypass(bit);
+        }
+        found = 2 * found + bit;
     }
-    return is_negative ? -found : found;
+    if (found > largest) broken();
+    return found;
 }
 
 template i64 CoefficientModel::code_count(RangeCoder<Mode::encode> &, int, i64, i64, i64);
 template i64 CoefficientModel::code_count(RangeCoder<Mode::decode> &, int, i64, i64, i64);
 template i64 CoefficientModel::code_count(RangeCoder<Mode::measure> &, int, i64, i64, i64);
-template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::encode> &, int, i64, i64, const CoefficientsAround &,
+template bool CoefficientModel::code_block(RangeCoder<Mode::encode> &, int, i64, i64, const BlocksAround &, bool);
+template bool CoefficientModel::code_block(RangeCoder<Mode::decode> &, int, i64, i64, const BlocksAround &, bool);
+template bool CoefficientModel::code_block(RangeCoder<Mode::measure> &, int, i64, i64, const BlocksAround &, bool);
+template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::encode> &, int, i64, const CoefficientsAround &, bool,
                                                 i64);
-template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::decode> &, int, i64, i64, const CoefficientsAround &,
+template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::decode> &, int, i64, const CoefficientsAround &, bool,
                                                 i64);
-template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::measure> &, int, i64, i64, const CoefficientsAround &,
+template i64 CoefficientModel::code_coefficient(RangeCoder<Mode::measure> &, int, i64, const CoefficientsAround &, bool,
                                                 i64);
 
 }  // namespace pdeanim

@@ -14,6 +14,9 @@ namespace {
 // Rows of an element, affine ones included, at which its bands end: the numbers of polynomials of two variables.
 constexpr std::array<i64, CoefficientModel::element_bands> band_ends = {6, 10, 15, 21, 28, 36, 48, 64, i64{1} << 62};
 
+// Functions of time that make a block where all axes share their coefficients; else one function does, with its axes.
+constexpr i64 ranks_together = 4;
+
 // Codes the subbands of a group one after another.
 template <Mode mode> class CoefficientCoder {
 public:
@@ -85,35 +88,81 @@ private:
         return needed;
     }
 
+    // Sizes of some coefficients of a row, added up.
+    static i64 sizes_of(const i64 *row, i64 first, i64 end) {
+        i64 sum = 0;
+        for (i64 channel = first; channel < end; ++channel) sum += size_of(row[channel]);
+        return sum;
+    }
+
+    // `row`: its number in the element or subband; `place`: among those that are coded.
     void code_row(int band, i64 row, i64 count, Number *numbers, i64 place, const i64 *beside, const i64 *above) {
-        const i64 channels = layout.channels;
-        const int axes = layout.axes;
-        const i64 *one = place > 0 ? numbers - channels : nullptr, *two = place > 1 ? numbers - 2 * channels : nullptr;
-        i64 other_axes = 0;
-        for (i64 channel = 0, rank = 0, axis = 0; channel < count; ++channel) {
-            const CoefficientsAround around = {
-                .one_row = one ? size_of(one[channel]) : 0,
-                .two_rows = two ? size_of(two[channel]) : 0,
-                .one_rank = rank >= 1 ? size_of(numbers[channel - axes]) : 0,
-                .two_ranks = rank >= 2 ? size_of(numbers[channel - 2 * axes]) : 0,
-                .beside = beside ? size_of(beside[channel]) : 0,
-                .other_axes = other_axes,
-                .above = above ? size_of(above[channel]) : 0,
+        const i64 *const nothing = nothing_.data();
+        const Rows rows = {
+            numbers,
+            place > 0 ? numbers - layout.channels : nothing,
+            place > 1 ? numbers - 2 * layout.channels : nothing,
+            beside ? beside : nothing,
+            above ? above : nothing,
+        };
+        const bool is_shared = layout.axes == 1;
+        const i64 block = is_shared ? ranks_together : layout.axes;
+        i64 one = 0, two = 0;  // sizes of the blocks before
+        for (i64 first = 0, rank = 0; first < count; first += block, rank += is_shared ? ranks_together : 1) {
+            const i64 end = least(first + block, count);
+            const BlocksAround around = {
+                .one_row = sizes_of(rows.one, first, end),
+                .two_rows = sizes_of(rows.two, first, end),
+                .one = one,
+                .two = two,
+                .beside = sizes_of(rows.beside, first, end),
+                .above = sizes_of(rows.above, first, end),
             };
-            // What is decoded is not read before: a page of zeros that is read first is replaced when it is written.
-            const i64 given = mode == Mode::decode ? 0 : numbers[channel];
-            const i64 found = model_->code_coefficient(coder, band, row, rank, around, given);
-            if constexpr (mode == Mode::decode) numbers[channel] = found;
-            other_axes += size_of(found);
-            if (++axis == axes) {
-                axis = other_axes = 0;
-                ++rank;
+            two = one;
+            one = mode == Mode::decode ? 0 : sizes_of(numbers, first, end);
+            if (model_->code_block(coder, band, row, rank, around, one > 0)) {
+                one = code_block(band, rows, rank, first, end);
             }
         }
     }
 
+    struct Rows {
+        Number *own;
+        const i64 *one, *two, *beside, *above;
+    };
+
+    // Code a block of which not all are zero; sizes added up.
+    i64 code_block(int band, const Rows &rows, i64 rank, i64 first, i64 end) {
+        const int axes = layout.axes;
+        i64 sizes = 0, other_axes = 0;
+        for (i64 channel = first; channel < end; ++channel) {
+            const CoefficientsAround around = {
+                .one_row = size_of(rows.one[channel]),
+                .two_rows = size_of(rows.two[channel]),
+                .one_rank = channel >= axes ? size_of(rows.own[channel - axes]) : 0,
+                .two_ranks = channel >= 2 * axes ? size_of(rows.own[channel - 2 * axes]) : 0,
+                .beside = size_of(rows.beside[channel]),
+                .other_axes = other_axes,
+                .above = size_of(rows.above[channel]),
+            };
+            // What is decoded is not read before: a page of zeros that is read first is replaced when it is written.
+            const i64 given = mode == Mode::decode ? 0 : rows.own[channel];
+            const bool is_last_hope = channel + 1 == end && sizes == 0;
+            const i64 found = model_->code_coefficient(coder, band, rank, around, is_last_hope, given);
+            if constexpr (mode == Mode::decode) rows.own[channel] = found;
+            sizes += size_of(found);
+            if (axes == 1) {
+                ++rank;
+            } else {
+                other_axes += size_of(found);
+            }
+        }
+        return sizes;
+    }
+
     Number *coefficients_;
     std::span<i32> used_;
+    std::vector<i64> nothing_ = std::vector<i64>(layout.channels);  // the row that is not there
     std::unique_ptr<CoefficientModel> model_ = std::make_unique<CoefficientModel>();
     std::array<i64, 2> latest_ = {-1, -1};  // latest subband of a node, and that of an element
     i64 next_ = 0;

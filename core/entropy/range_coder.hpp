@@ -75,9 +75,7 @@ template <std::size_t inputs> constexpr Weights<inputs> equal_weights() {
 
 template <Mode mode> class RangeCoder {
 public:
-    static constexpr int range_bits = 48;  // of the interval: its product with a probability stays within 64
-    static constexpr u64 top = u64{1} << range_bits, bottom = top >> 8;
-    static constexpr int first_bytes = range_bits / 8;
+    static constexpr int first_bytes = 8;  // what a reader holds of the bytes
     static constexpr int cost_bits = 16;
 
     RangeCoder()
@@ -88,7 +86,8 @@ public:
     explicit RangeCoder(std::span<const u8> data)
         requires(mode == Mode::decode)
         : data_(data) {
-        for (int i = 0; i < first_bytes; ++i) code_ = code_ << 8 | next();
+        refill();
+        refill();
     }
 
     // One bit whose probability of being 1 is `probability` / 65536, at least the rarest from either end.
@@ -101,10 +100,7 @@ public:
             if constexpr (mode == Mode::encode) {
                 if (!bit) {
                     low_ += split;
-                    if (low_ >= top) {
-                        low_ -= top;
-                        carry();
-                    }
+                    if (low_ < split) carry();
                 }
             } else {
                 bit = code_ < split;
@@ -114,21 +110,30 @@ public:
 #endif
             }
             range_ = bit ? split : range_ - split;
-            while (range_ < bottom) {
-                if constexpr (mode == Mode::encode) {
-                    written_.push_back(static_cast<u8>(low_ >> (range_bits - 8)));
-                    low_ = (low_ & (bottom - 1)) << 8;
-                } else {
-                    code_ = code_ << 8 | next();
-                }
-                range_ <<= 8;
-            }
+            widen();
             return bit;
         }
     }
 
     // A bypass bit: either value is as likely.
-    bool bypass(bool bit) { return with(1 << 15, bit); }
+    bool bypass(bool bit) {
+        constexpr i32 even = 1 << 15;
+        if constexpr (mode != Mode::decode) {
+            return with(even, bit);
+        } else {
+            // No branch, for no processor can guess it.
+            const u64 split = (range_ >> 16) * even;
+            const u64 where_zero = code_ < split ? 0 : ~u64{0};
+            code_ -= split & where_zero;
+            range_ = split + ((range_ - 2 * split) & where_zero);
+            widen();
+            bit = where_zero == 0;
+#if defined(PDEANIM_NOTE_BITS)
+            note_bit(even, bit);
+#endif
+            return bit;
+        }
+    }
 
     // One bit with an adaptive bit model, which learns.
     bool bit(BitModel &model, bool bit) {
@@ -163,29 +168,24 @@ public:
     std::vector<u8> finish()
         requires(mode == Mode::encode)
     {
-        u64 value = 0;
+        // The first number from `low_` on whose last bytes are zeros: as many bytes as that leaves in the interval.
         int kept = 0;
-        for (; kept <= first_bytes; ++kept) {
-            const u64 unit = u64{1} << (range_bits - 8 * kept);
-            value = (low_ + unit - 1) / unit * unit;
-            if (value < low_ + range_) break;
-        }
-        if (value >= top) {
-            value -= top;
-            carry();
-        }
+        const auto beyond_low = [&] { return (0 - low_) & (kept == 0 ? ~u64{0} : ~u64{0} >> 8 * kept); };
+        while (kept < first_bytes && beyond_low() >= range_) ++kept;
+        u64 value = kept == first_bytes ? low_ : low_ + beyond_low();
+        if (value < low_) carry();
         for (; kept > 0; --kept) {
-            written_.push_back(static_cast<u8>(value >> (range_bits - 8)));
-            value = (value << 8) & (top - 1);
+            written_.push_back(static_cast<u8>(value >> 56));
+            value <<= 8;
         }
         return std::move(written_);
     }
 
     // Whether a decoder has come to the end of its bytes, and needed every one of them.
     //
-    // An encoder writes a byte each time the interval is widened, and `finish` up to six more, only as many as it takes to
-    // be in the interval. So no more than six zeros follow the end, and without the last byte of `finish` the number
-    // would be below the interval.
+    // An encoder writes four bytes each time the interval is widened, and `finish` up to eight more, only as many as it
+    // takes to be in the interval. So no more than eight zeros follow the end, and without the last byte of `finish` the
+    // number would be below the interval.
     bool is_finished() const
         requires(mode == Mode::decode)
     {
@@ -201,7 +201,7 @@ public:
         return least(position_, data_.size());
     }
 
-    // Bytes that were taken beyond the end; a sound stream takes six at most.
+    // Bytes that were taken beyond the end; a sound stream takes eight at most.
     std::size_t beyond() const
         requires(mode == Mode::decode)
     {
@@ -234,7 +234,35 @@ public:
 private:
     static constexpr int learning_shift = 14;  // rate at which weights learn, as a power of two
 
-    u64 next() { return position_ < data_.size() ? data_[position_++] : (++position_, 0); }
+    // An interval that has become narrow is widened by whole words: seldom, so that a processor guesses right.
+    static constexpr int word_bytes = 4, word_bits = 8 * word_bytes;
+
+    void widen() {
+        if (range_ >> word_bits != 0) return;
+        if constexpr (mode == Mode::encode) {
+            for (int i = 0; i < word_bytes; ++i) {
+                written_.push_back(static_cast<u8>(low_ >> 56));
+                low_ <<= 8;
+            }
+        } else {
+            refill();
+        }
+        range_ <<= word_bits;
+    }
+
+    // Take the next word, the most significant byte first; zeros follow the end.
+    void refill() {
+        u32 word = 0;
+        if (position_ + word_bytes <= data_.size()) {
+            for (int i = 0; i < word_bytes; ++i) word = word << 8 | data_[position_ + i];
+        } else {
+            for (std::size_t at = position_; at < position_ + word_bytes; ++at) {
+                word = word << 8 | (at < data_.size() ? data_[at] : 0);
+            }
+        }
+        position_ += word_bytes;
+        code_ = code_ << word_bits | word;
+    }
 
     // Add one to the number that the bytes written so far are.
     void carry() {
@@ -243,7 +271,7 @@ private:
         }
     }
 
-    u64 low_ = 0, range_ = top, code_ = 0;
+    u64 low_ = 0, range_ = ~u64{0}, code_ = 0;
     std::span<const u8> data_;
     std::size_t position_ = 0;
     std::vector<u8> written_;

@@ -9,20 +9,30 @@ from spec.decoder.fields import bits, require
 from spec.decoder.space import Subband
 
 BAND_ENDS = (6, 10, 15, 21, 28, 36, 48, 64)
-MOST_MODELLED = 14
-LARGEST = 2**40
-FIRST_WEIGHTS = dict.fromkeys((3, 4, 6), 19661)
+LARGEST_EXPONENT = 40
+TOLD_APART = 13
+"""Exponents from here on share their models."""
+
+DIGITS_END = 4
+"""Numbers below have models of the digits that follow them."""
+
+FIRST_WEIGHTS = {3: 26214}
 
 
 def ratio_class(total: int) -> int:
-    """14.2: 0 to 7 as they are, then four classes an octave."""
+    """14.2, ratio: 0 to 7 as they are, then four classes an octave."""
     octave = bits(total) - 3
     return total if total < 8 else min(4 * octave + (total >> octave) % 4 + 4, 23)
 
 
 def rank_class(k: int) -> int:
-    """14.2: two classes an octave."""
+    """14.2, rank: two classes an octave."""
     return k if k < 2 else min(2 * bits(k) - 2 + (k >> bits(k) - 2) % 2, 19)
+
+
+def nearest_class(r1: int, r2: int, t1: int, t2: int, s1: int) -> tuple[int, ...]:
+    """14.2, near."""
+    return min(r1, 3), min(r2, 2), min(t1, 3), min(t2, 2), min(s1, 3)
 
 
 def bands_of(subband: Subband) -> dict[int, list[int]]:
@@ -39,7 +49,7 @@ def read_coefficients(data: bytes, subbands: list[Subband], width: int, axes: in
     rows = [[0] * width for _ in range(subbands[-1].first + subbands[-1].size)]
     if not data:
         return rows
-    contexts = Contexts(data, FIRST_WEIGHTS)
+    contexts, block = Contexts(data, FIRST_WEIGHTS), 4 if axes == 1 else axes
     counts: dict[int, int] = defaultdict(int)
     """The last count of each context band."""
     latest: dict[bool, Subband] = {}
@@ -51,43 +61,71 @@ def read_coefficients(data: bytes, subbands: list[Subband], width: int, axes: in
             return 0
         return abs(rows[subband.first + place][a])
 
-    def read_coefficient(subband: Subband, band: int, place: int, a: int) -> int:
+    def read_block(subband: Subband, band: int, place: int, first: int, end: int) -> None:
         """14.2."""
+        beside = latest.get(subband.depth < 0)
+        above = subbands[subband.above] if subband is not subbands[0] else None
+
+        def sizes(other: Subband | None, at: int) -> int:
+            return sum(size(other, at, a) for a in range(first, end))
+
+        r1, r2 = (sizes(subband, place - k) for k in (1, 2))
+        t1, t2 = (sum(size(subband, place, first - k * block + j) for j in range(block)) for k in (1, 2))
+        s1, p1 = sizes(beside, place), sizes(above, place)
+        if not contexts.mixed(
+            ("block", band),
+            nearest_class(r1, r2, t1, t2, s1),
+            (min(subband.affine + place, 127), min(t1 + s1, 5)),
+            (ratio_class(2 * r1 + r2 + 2 * t1 + t2 + 2 * s1 + p1), rank_class(first // axes)),
+            of=("block",),
+        ):
+            return
+        row = rows[subband.first + place]
+        for a in range(first, end):
+            is_last_hope = a == end - 1 and not any(row[first:a])
+            row[a] = read_coefficient(subband, band, place, a, beside, above, is_last_hope)
+
+    def read_coefficient(
+        subband: Subband,
+        band: int,
+        place: int,
+        a: int,
+        beside: Subband | None,
+        above: Subband | None,
+        is_nonzero: bool,
+    ) -> int:
+        """14.3."""
         r1, r2 = (size(subband, place - k, a) for k in (1, 2))
         t1, t2 = (size(subband, place, a - k * axes) for k in (1, 2))
-        s1 = size(latest.get(subband.depth < 0), place, a)
         x1 = sum(size(subband, place, other) for other in range(a - a % axes, a))
-        p1 = size(subbands[subband.above], place, a) if subband is not subbands[0] else 0
+        s1, p1 = size(beside, place, a), size(above, place, a)
         ratio, k = ratio_class(2 * r1 + r2 + 2 * t1 + t2 + 2 * s1 + 2 * x1 + p1), a // axes
-        rank, row = rank_class(k), subband.affine + place
-        if not contexts.mixed(
+        rank = rank_class(k)
+        if not is_nonzero and not contexts.mixed(
             ("zero", band),
-            (band, rank),
-            (min(r1, 3), min(r2, 2), min(t1 + x1, 3), min(t2, 2), min(s1, 3)),
-            (ratio, band),
-            (min(row, 127), min(t1 + s1 + x1, 5)),
+            nearest_class(r1, r2, t1 + x1, t2, s1),
             (min(k, 511), min(r1 + s1 + p1, 7)),
             (ratio, rank),
             of=("zero",),
         ):
             return 0
         is_negative = contexts.bypass()
-        inputs = (ratio,), (band, rank), (min(max(r1, t1, s1, x1), 7), min(r1 + p1, 7)), (ratio, rank)
-        m = 1
-        while m <= MOST_MODELLED and contexts.mixed(("size", m), *inputs):
-            m += 1
-        if m > MOST_MODELLED:
-            m = MOST_MODELLED + contexts.counted(41, "escape")
-        require(m <= LARGEST, "a coefficient out of range")
-        return -m if is_negative else m
+        exponent = 0
+        while exponent < LARGEST_EXPONENT and contexts.mixed(
+            ("size", min(exponent, TOLD_APART)), (ratio,), (band, rank), (ratio, rank)
+        ):
+            exponent += 1
+        magnitude = contexts.digits(exponent + 1, DIGITS_END, "size digits")
+        require(magnitude <= 1 << LARGEST_EXPONENT, "a coefficient out of range")
+        return -magnitude if is_negative else magnitude
 
     for subband in subbands:
         before = width
         for band, places in bands_of(subband).items():
             before = counts[band] = read_count(contexts, width, band, before, counts[band])
             for place in places:
-                for a in range(before):
-                    rows[subband.first + place][a] = read_coefficient(subband, band, place, a)
+                for first in range(0, before, block):
+                    read_block(subband, band, place, first, min(first + block, before))
         latest[subband.depth < 0] = subband
     contexts.finish()
     return rows

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-WIDEST = 1 << 48
-NARROWEST = 1 << 40
-FIRST_BYTES = 6
+WIDEST = (1 << 64) - 1
+NARROWEST = 1 << 32
+FIRST_BYTES = 8
+WORD_BYTES = 4
 COUNT_BITS = 10
 EVEN = 1 << 21 << COUNT_BITS
 """A bit model at first: its probability of 22 bits above its count of 10."""
@@ -51,11 +52,11 @@ class RangeDecoder:
         else:
             self._code -= split
             self._width -= split
-        while self._width < NARROWEST:
-            following = self._data[self.taken] if self.taken < len(self._data) else 0
-            self._code = self._code << 8 | following
-            self._width <<= 8
-            self.taken += 1
+        if self._width < NARROWEST:
+            following = self._data[self.taken : self.taken + WORD_BYTES].ljust(WORD_BYTES, b"\0")
+            self._code = self._code << 8 * WORD_BYTES | int.from_bytes(following, "big")
+            self._width <<= 8 * WORD_BYTES
+            self.taken += WORD_BYTES
         return bit
 
     def bit(self, models: list[int], index: int) -> int:
