@@ -336,7 +336,7 @@ def _scripts(base: Base) -> Iterator[Refused]:
         ),
     ):
         yield Refused(name, seal(_script(base, kind, bits, says)), reason)
-    # The count of the first context band; of the one channel: its block is not zero, the sign, the exponent, the digits.
+    # The count of the first context band; of its channel: the block is not zero, sign, exponent, digits.
     beyond = "10" + "1 0" + "1" * 40 + "0" * 39 + "1"
     yield Refused(
         "coefficient_beyond_2_40", seal(_script(base, "COEF", beyond, "a coefficient out of range")), "2^40 + 1 (14)"
