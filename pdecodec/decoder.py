@@ -492,10 +492,10 @@ class Animation(MeshSequence):
     def reference_and_space(self) -> tuple[ReferenceFrame, SpaceBasis]:
         """The reference frame, and the functions of space, that the motion of every group is coded in."""
         with self._naming_the_file():
-            kind, points, most, threshold, rate, is_affine, _, masks = self._core.model
+            kind, points, most, threshold, rate, is_affine, _, layout = self._core.model
             grid, origin, step = self._core.reference()
             form = SpaceForm(SPACE_KINDS[kind], points, most, threshold, rate, is_affine)
-            return ReferenceFrame(grid, np.array(origin), step), decode_space_basis(form, masks, self.meshes, grid)
+            return ReferenceFrame(grid, np.array(origin), step), decode_space_basis(form, layout, self.meshes, grid)
 
     @property
     def sections(self) -> dict[str, int]:

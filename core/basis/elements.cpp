@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "basis/series.hpp"
+#include "basis/space_layout.hpp"
 
 namespace pdeanim {
 
@@ -16,7 +17,7 @@ constexpr std::array<double, sort_count> usual_shares = {0x1p-12, 0x1p-40, 0x1p-
 }  // namespace
 
 Elements::Elements(const SpaceForm &form, std::shared_ptr<const Patches> patches, std::span<const GridPoint> grid)
-    : form(form), patches(std::move(patches)), grid(grid), affine(count()), coefficient_starts(count() + 1) {
+    : form(form), patches(std::move(patches)), grid(grid) {
     for (int sort = 0; sort < sort_count; ++sort) shares[sort] = usual_shares[sort] * (1.0 - form.threshold / 16.0);
     if (form.kind == SpaceKind::patch) return;
     const std::vector<double> u = arc_length_parameters(grid, this->patches->order, this->patches->starts);
@@ -57,12 +58,13 @@ void ElementFunctions::add_polynomials() {
     }
 }
 
-i64 ElementFunctions::describe(i64 element, AffineSums &sums) {
-    sums = {};
-    if (!elements_.form.is_affine) return 0;
+int ElementFunctions::describe(i64 element, int local, AffineSums &sums) {
     const std::span<const i32> vertices = elements_.patches->vertices(element);
     points_ = static_cast<i64>(vertices.size());
-    const i64 count = least(least<i64>(1 + locate(element), elements_.form.functions), points_);
+    const int found = locate(element);
+    if (local < 0) local = found;
+    const i64 count = SpaceLayout::affine_functions(elements_.form, points_, local);
+    sums = {};
     functions_.begin(points_, count);
     add_affine(count);
     const GridPoint &origin = elements_.grid[vertices[0]];
@@ -75,11 +77,12 @@ i64 ElementFunctions::describe(i64 element, AffineSums &sums) {
             for (int c = 0; c < affine_count; ++c) sums[k][c] += own * values[c];
         }
     }
-    return count;
+    return local;
 }
 
-void ElementFunctions::make(i64 element, i64 count) {
-    const i64 begin = elements_.patches->starts[element], affine = least(elements_.affine[element], count);
+void ElementFunctions::make(i64 element, i64 affine, i64 count) {
+    const i64 begin = elements_.patches->starts[element];
+    affine = least(affine, count);
     points_ = elements_.patches->size(element);
     functions_.begin(points_, count);
     if (affine > 1 || elements_.series.empty()) locate(element);

@@ -1,8 +1,7 @@
 // Elements, patches of a mesh or pieces of its curves, and the orthonormal functions on each.
 //
 // The affine four, 1, x, y and z, come first, then polynomials of local coordinates by degree, or the functions of Eqs. 14
-// and 16 along a piece, then unit vectors. How many of them there are is counted in integers: an element's local
-// coordinates decide how many are affine.
+// and 16 along a piece, then unit vectors. How many of them there are is in the file (`SpaceLayout`).
 //
 // A polynomial is made of one that is orthonormal already, times a coordinate (Brubeck, Nakatsukasa and Trefethen 2021,
 // "Vandermonde with Arnoldi"): little of it cancels then, where powers of coordinates are nearly dependent.
@@ -27,20 +26,12 @@ struct Elements {
     Elements(const SpaceForm &form, std::shared_ptr<const Patches> patches, std::span<const GridPoint> grid);
 
     i64 count() const { return patches->count(); }
-    i64 rank(i64 element) const {
-        return affine[element] + coefficient_starts[element + 1] - coefficient_starts[element];
-    }
-
-    // Where an element's functions would begin among those of all, if its affine ones were among them.
-    i64 first_function(i64 element) const { return coefficient_starts[element] - affine[element]; }
 
     SpaceForm form;
     std::shared_ptr<const Patches> patches;
     std::span<const GridPoint> grid;        // the caller's
     std::array<double, sort_count> shares;  // of a column's squared norm that must be new for it to be kept
     std::vector<double> series;             // of pieces: their functions at each vertex in order, not orthonormal yet
-    std::vector<i64> affine;                // how many of an element's functions are affine
-    std::vector<i64> coefficient_starts;    // where an element's other functions begin among those of all
 };
 
 // Sums of an element's affine functions times 1, x, y and z about its first vertex.
@@ -51,11 +42,13 @@ class ElementFunctions {
 public:
     explicit ElementFunctions(const Elements &elements) : elements_(elements) {}
 
-    // The affine functions of an element: how many there are, and their sums.
-    i64 describe(i64 element, AffineSums &sums);
+    // Sums of an element's affine functions. `local`: how many local coordinates these take, -1 for as many as are more than
+    // rounding; returns how many.
+    int describe(i64 element, int local, AffineSums &sums);
 
-    // The first functions of an element, at most its points. Those that are still missing are zero.
-    void make(i64 element, i64 count);
+    // The first functions of an element, at most its points, of which so many are affine. Those that are still missing are
+    // zero.
+    void make(i64 element, i64 affine, i64 count);
 
     const double *function(i64 k) const { return functions_.function(k); }
     Strided<double> functions() const { return functions_.all(); }

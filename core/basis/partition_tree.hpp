@@ -9,11 +9,11 @@
 #include <array>
 #include <limits>
 #include <memory>
-#include <optional>
 #include <span>
 #include <vector>
 
 #include "basis/elements.hpp"
+#include "basis/space_layout.hpp"
 
 namespace pdeanim {
 
@@ -25,30 +25,20 @@ public:
     // then the second's.
     using Matrix = std::array<std::array<double, most_functions>, most_functions>;
 
-    // Over elements whose affine functions are counted, with their sums. `masks`: which of 1, x, y and z the nodes keep,
-    // coded; without it they are chosen. CorruptError where the bytes do not end where the tree does.
+    // Over elements with the sums of their affine functions.
     PartitionTree(const Elements &elements, const std::vector<AffineSums> &sums,
-                  std::optional<std::span<const u8>> masks);
+                  std::shared_ptr<const SpaceLayout> layout);
 
-    i64 nodes() const { return static_cast<i64>(affine_.size()); }
+    // The same, and choose what nodes keep; `local`: local coordinates that each element takes.
+    PartitionTree(const Elements &elements, const std::vector<AffineSums> &sums, std::vector<u8> local);
 
-    // Affine functions of the whole, which are the first of all functions, and wavelets of all nodes, which follow.
-    i64 functions() const { return functions_; }
-    i64 affine() const { return affine_[0]; }
-
-    // Affine functions of a node.
-    i64 affine_of(i64 node) const { return affine_[node]; }
-
-    // Where a node's wavelets begin among the functions.
-    i64 first_wavelet(i64 node) const { return wavelet_starts_[node]; }
+    const std::shared_ptr<const SpaceLayout> &layout() const { return layout_; }
 
     // Of a node that is no element. Two children follow for each such node, in order.
-    const Matrix &matrix(i64 node) const { return matrices_[(patches_->children[node] - 1) / 2]; }
-
-    std::vector<u8> encode_masks() const;
+    const Matrix &matrix(i64 node) const { return matrices_[(layout_->patches()->children[node] - 1) / 2]; }
 
     // From the affine coefficients of elements to those of the whole and of the wavelets, upwards. `affine`: four rows of
-    // `channels` a node, those of elements given; `coefficients`: a row a function, written for `functions()` rows.
+    // `channels` a node, those of elements given; `coefficients`: a row a function, written for `tree_functions()` rows.
     void analyse(std::span<double> affine, double *coefficients, i64 channels) const;
 
     // Undo `analyse`: affine coefficients of every node, downwards.
@@ -58,14 +48,11 @@ public:
     double nearest = std::numeric_limits<double>::infinity();
 
 private:
-    void build_matrices(const Elements &elements, const std::vector<AffineSums> &of_elements, bool chooses);
+    void build_matrices(const Elements &elements, const std::vector<AffineSums> &of_elements, std::vector<i64> affine,
+                        std::vector<u8> &masks, bool chooses);
 
-    std::shared_ptr<const Patches> patches_;
-    std::vector<i64> affine_;  // affine functions of each node
-    std::vector<u8> masks_;    // which of 1, x, y and z a node keeps that is no element: bits 0 to 3
-    std::vector<i64> wavelet_starts_;
+    std::shared_ptr<const SpaceLayout> layout_;
     std::vector<Matrix> matrices_;  // of nodes that are no elements, in order
-    i64 functions_ = 0;
 };
 
 }  // namespace pdeanim

@@ -1,15 +1,11 @@
 // Space bases: orthonormal functions of the reference frame on elements, joined upwards over the whole mesh.
 //
-// How many functions there are, and of what kind, follows from integers and from what the file says. The values of the
-// functions are floating-point numbers, and may be computed in any way: see `SpaceForm::threshold`.
-//
-// Functions stand in this order: the whole's affine functions, the wavelets of each node of the partition tree, and the
-// functions of each element that are not affine.
+// How many functions there are, and of what kind, is in the file (`SpaceLayout`). The values of the functions are
+// floating-point numbers, and may be computed in any way: see `SpaceForm::threshold`.
 #pragma once
 
 #include <atomic>
 #include <mutex>
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -20,25 +16,20 @@
 
 namespace pdeanim {
 
-// Functions as they are coded together: those of the whole, the wavelets of a node, or the others of an element.
-struct SubbandTable {
-    std::vector<i64> starts;   // where each begins among the functions, and where the last ends
-    std::vector<i64> kinds;    // 0 of the whole, a node's depth from 1 on, or -1 - affine functions of an element
-    std::vector<i64> parents;  // the subband of the node above
-};
-
 class SpaceBasis {
 public:
-    // `grid`: of the reference frame, kept by the caller. `masks`: as `encode_masks` gives them; without them they are
-    // chosen. CorruptError if they do not end where the partition tree does.
+    // `grid`: of the reference frame, kept by the caller.
+    SpaceBasis(std::shared_ptr<const SpaceLayout> layout, std::span<const GridPoint> grid, int threads);
+
+    // The same, and choose the layout.
     SpaceBasis(const SpaceForm &form, std::shared_ptr<const Patches> patches, std::span<const GridPoint> grid,
-               std::optional<std::span<const u8>> masks, int threads);
+               int threads);
 
     const Elements &elements() const { return elements_; }
     const PartitionTree &tree() const { return tree_; }
     i64 vertices() const { return static_cast<i64>(elements_.grid.size()); }
-    i64 functions() const { return elements_.coefficient_starts.back(); }
-    SubbandTable subbands() const;
+    i64 functions() const { return layout().functions(); }
+    const SpaceLayout &layout() const { return *tree_.layout(); }
 
     // Make all functions of all elements, which an encoder needs; a decoder makes those that it needs on the way.
     void make_functions(int threads);

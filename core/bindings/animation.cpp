@@ -213,7 +213,7 @@ nb::tuple model(PyAnimation &self) {
     const Model &own = animation->model();
     const SpaceForm &form = own.form;
     return nb::make_tuple(static_cast<int>(form.kind), form.points, form.functions, form.threshold, form.rate,
-                          form.is_affine, own.residual_step, to_bytes(own.masks));
+                          form.is_affine, own.residual_step, to_bytes(own.layout));
 }
 
 nb::list groups(PyAnimation &self) {

@@ -88,16 +88,21 @@ void check_chosen(std::span<const i64> elements, const SpaceBasis &basis) {
 // A space basis, and the array that it looks at.
 struct PySpaceBasis {
     PySpaceBasis(int kind, i64 points, int functions, int threshold, double rate, bool affine,
-                 const std::shared_ptr<Patches> &patches, Grid of_grid, const std::optional<nb::bytes> &masks,
+                 const std::shared_ptr<Patches> &patches, Grid of_grid, const std::optional<nb::bytes> &coded,
                  int threads)
         : grid(std::move(of_grid)) {
         require(0 <= kind && kind <= 1 && functions > 0, "a space basis is of patches or curves, and has functions");
         require(patches && patches->order.size() == grid.shape(0), "the patches are those of another mesh");
         const SpaceForm form{static_cast<SpaceKind>(kind), points, functions, threshold, rate, affine};
-        std::optional<std::span<const u8>> coded;
-        if (masks) coded = view(*masks);
+        std::optional<std::span<const u8>> bytes;
+        if (coded) bytes = view(*coded);
         nb::gil_scoped_release release;
-        basis.emplace(form, patches, points_of(grid), coded, threads);
+        if (bytes) {
+            auto layout = std::make_shared<const SpaceLayout>(SpaceLayout::of_bytes(form, patches, *bytes));
+            basis.emplace(std::move(layout), points_of(grid), threads);
+        } else {
+            basis.emplace(form, patches, points_of(grid), threads);
+        }
     }
 
     nb::object project(const Values<double> &values, int threads) {
@@ -133,7 +138,7 @@ struct PySpaceBasis {
 };
 
 nb::tuple py_subbands(const PySpaceBasis &self) {
-    SubbandTable found = self.basis->subbands();
+    SubbandTable found = self.basis->layout().subbands();
     return nb::make_tuple(to_array(std::move(found.starts)), to_array(std::move(found.kinds)),
                           to_array(std::move(found.parents)));
 }
@@ -254,15 +259,15 @@ void bind_basis(nb::module_ &module) {
         .def(nb::init<int, i64, int, int, double, bool, const std::shared_ptr<Patches> &, Grid,
                       const std::optional<nb::bytes> &, int>(),
              nb::arg("kind"), nb::arg("points"), nb::arg("functions"), nb::arg("threshold"), nb::arg("rate"),
-             nb::arg("affine"), nb::arg("patches"), nb::arg("grid"), nb::arg("masks").none(), nb::arg("threads"))
+             nb::arg("affine"), nb::arg("patches"), nb::arg("grid"), nb::arg("layout").none(), nb::arg("threads"))
         .def_prop_ro("functions", [](const PySpaceBasis &self) { return self.basis->functions(); })
         .def_prop_ro("coefficient_starts",
                      [](nb::handle self) {
-                         return inside(self, nb::cast<PySpaceBasis &>(self).basis->elements().coefficient_starts);
+                         return inside(self, nb::cast<PySpaceBasis &>(self).basis->layout().coefficient_starts());
                      })
         .def_prop_ro("nearest", [](const PySpaceBasis &self) { return self.basis->nearest(); })
         .def("subbands", &py_subbands)
-        .def("encode_masks", [](const PySpaceBasis &self) { return to_bytes(self.basis->tree().encode_masks()); })
+        .def("encode_layout", [](const PySpaceBasis &self) { return to_bytes(self.basis->layout().to_bytes()); })
         .def(
             "make_functions",
             [](PySpaceBasis &self, int threads) {

@@ -220,8 +220,8 @@ const SpaceBasis &Animation::space() {
             Curves curves = extract_curves(parts, reference().grid);
             patches = std::make_shared<const Patches>(cut_curves(std::move(curves.order), curves.starts, form.points));
         }
-        space_ =
-            std::make_unique<SpaceBasis>(form, patches, reference().grid, std::span<const u8>(model_.masks), threads_);
+        auto layout = std::make_shared<const SpaceLayout>(SpaceLayout::of_bytes(form, patches, model_.layout));
+        space_ = std::make_unique<SpaceBasis>(std::move(layout), reference().grid, threads_);
     }
     return *space_;
 }

@@ -73,7 +73,7 @@ Subbands view_of(const SubbandTable &table) { return {table.starts, table.kinds,
 template <class Real> class CoefficientPipeline {
 public:
     CoefficientPipeline(const Group &group, std::span<const u8> chunk, const SpaceBasis &space)
-        : motion(space, group.functions, group.axes(), group.step), space_(space), subbands_(space.subbands()),
+        : motion(space, group.functions, group.axes(), group.step), space_(space), subbands_(space.layout().subbands()),
           quantised_(space.functions() * group.channels()), used_(space.functions()),
           rows_{quantised_.data(), group.channels(), used_},
           decoder_({view_of(subbands_), space.functions(), group.channels(), group.axes()}, chunk, quantised_.all(),
@@ -204,7 +204,7 @@ DecodedGroup decode_group(const Group &group, const Chunks &chunks, const SpaceB
 }
 
 std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space) {
-    const SubbandTable subbands = space.subbands();
+    const SubbandTable subbands = space.layout().subbands();
     std::vector<i64> quantised(space.functions() * group.channels());
     CoefficientDecoder decoder({view_of(subbands), space.functions(), group.channels(), group.axes()}, chunk,
                                quantised);

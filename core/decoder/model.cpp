@@ -41,8 +41,8 @@ Model Model::of_bytes(std::span<const u8> data) {
     if (!(model.residual_step > 0.0 && model.residual_step <= limits::largest_step)) {
         throw CorruptError("section MODL has a quantisation step out of range");
     }
-    const std::span<const u8> masks = fields.rest();
-    model.masks.assign(masks.begin(), masks.end());
+    const std::span<const u8> layout = fields.rest();
+    model.layout.assign(layout.begin(), layout.end());
     return model;
 }
 

@@ -12,7 +12,7 @@ namespace pdeanim {
 struct Model {
     SpaceForm form;
     double residual_step = 0.0;  // quantisation step of residuals [scene units]
-    std::vector<u8> masks;       // of the partition tree's nodes: which affine functions they have
+    std::vector<u8> layout;      // of its functions, coded (`SpaceLayout`)
 
     // Read section MODL; CorruptError where a field is out of range.
     static Model of_bytes(std::span<const u8> data);

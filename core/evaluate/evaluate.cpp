@@ -328,11 +328,11 @@ template <int frames> struct Node {
 template <int bytes, int frames, class Real> class Descent {
 public:
     PDEANIM_INLINE Descent(const Motion<Real> &motion, const TimeRows<frames, double> &time, VertexShare share)
-        : motion_(motion), tree_(motion.basis->tree()), patches_(*motion.basis->elements().patches), time_(time),
-          share_(share), waiting_(1) {
+        : motion_(motion), tree_(motion.basis->tree()), layout_(motion.basis->layout()), patches_(*layout_.patches()),
+          time_(time), share_(share), waiting_(1) {
         waiting_[0].number = 0;
         waiting_[0].level = 0;
-        for (i64 k = 0; k < tree_.affine(); ++k) add_up_row(k, waiting_[0].affine + k * columns);
+        for (i64 k = 0; k < layout_.affine_of_node(0); ++k) add_up_row(k, waiting_[0].affine + k * columns);
     }
 
     // The next element of the share; nothing after the last one. It is there until the next call.
@@ -371,8 +371,8 @@ private:
         Node<frames> *nodes = waiting_.data() + place;
         const i64 number = nodes[0].number, half = patches_.children[number];
         const int level = nodes[0].level;
-        const i64 own = tree_.affine_of(number), split = tree_.affine_of(half);
-        const i64 total = split + tree_.affine_of(half + 1);
+        const i64 own = layout_.affine_of_node(number), split = layout_.affine_of_node(half);
+        const i64 total = split + layout_.affine_of_node(half + 1);
         const PartitionTree::Matrix &matrix = tree_.matrix(number);
         // What the node's functions count, as far as they do, and the rows of the matrix for them.
         double wavelets[most_functions][columns], ignored[columns];
@@ -384,7 +384,7 @@ private:
             multiples[k] = matrix[k].data();
         }
         for (i64 k = own; k < total; ++k) {
-            const i64 function = tree_.first_wavelet(number) + k - own;
+            const i64 function = layout_.first_wavelet(number) + k - own;
             if (!has_row(function)) continue;
             add_up_row(function, wavelets[k]);
             rows[used] = wavelets[k];
@@ -413,6 +413,7 @@ private:
 
     const Motion<Real> &motion_;
     const PartitionTree &tree_;
+    const SpaceLayout &layout_;
     const Patches &patches_;
     const TimeRows<frames, double> &time_;
     VertexShare share_;
@@ -442,7 +443,7 @@ public:
                 ++element_;
             }
         } while (motion_.is_left_out(element_));
-        affine_ = motion_.basis->tree().affine_of(node_->number);
+        affine_ = motion_.basis->layout().affine_of_node(node_->number);
         return true;
     }
 

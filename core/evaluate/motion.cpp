@@ -79,13 +79,13 @@ void append_row(Rows &rows, const QuantisedRows &quantised, i64 function, int ax
 }  // namespace
 
 template <class Real> void Motion<Real>::take_tree(const QuantisedRows &rows) {
-    const PartitionTree &own = basis->tree();
-    for (i64 row = 0; row < own.functions(); ++row) append_row<double>(tree, rows, row, axes, step);
+    const i64 count = basis->layout().tree_functions();
+    for (i64 row = 0; row < count; ++row) append_row<double>(tree, rows, row, axes, step);
     if (functions > most_fields) return;
-    std::vector<double> values(own.functions() * channels());
+    std::vector<double> values(count * channels());
     for (std::size_t i = 0; i < values.size(); ++i) values[i] = static_cast<double>(rows.numbers[i]) * step;
-    affine_.resize(affine_count * own.nodes() * channels());
-    own.synthesise(values.data(), affine_, channels());
+    affine_.resize(affine_count * basis->layout().nodes() * channels());
+    basis->tree().synthesise(values.data(), affine_, channels());
 }
 
 // Keep what a function or a field is at an element's vertices in their order.
@@ -102,7 +102,7 @@ template <class Real> void Motion<Real>::make_fields(i64 element, std::span<cons
                                                      std::span<const double *const> values) {
     Element &own = elements[element];
     const Elements &all = basis->elements();
-    const i64 affine = all.affine[element], size = all.patches->size(element), width = channels();
+    const i64 affine = basis->layout().affine(element), size = all.patches->size(element), width = channels();
     const i64 node = all.patches->node_of[element];
     const i64 count = static_cast<i64>(used.size());
     std::vector<double> multiples(count * width), counted, sums(width * size);
@@ -133,15 +133,15 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, const
     for (i64 e = first; e < end; ++e) {
         if (is_left_out(e)) continue;
         Element &own = elements[e];
-        const i64 affine = all.affine[e], size = all.patches->size(e), own_row = first_row(e);
+        const i64 affine = basis->layout().affine(e), size = all.patches->size(e), own_row = first_row(e);
         used.clear();
-        for (i64 k = affine > 0; k < all.rank(e); ++k) {
+        for (i64 k = affine > 0; k < basis->layout().rank(e); ++k) {
             if (k < affine || !rows.is_zero(own_row + k)) used.push_back(k);
         }
         // Functions are made as far as there are coefficients for them: mostly a fraction.
         const i64 rank = most(affine, used.empty() ? 0 : used.back() + 1);
         const std::span<const double> given = basis->functions_of(e);
-        if (given.empty()) made.make(e, rank);
+        if (given.empty()) made.make(e, affine, rank);
         const auto function = [&](i64 k) { return given.empty() ? made.function(k) : given.data() + k * size; };
         values.clear();
         for (const i64 k : used) values.push_back(function(k));

@@ -125,8 +125,8 @@ template <class Real> struct Motion {
 private:
     // The row that its first function has, or would have.
     i64 first_row(i64 element) const {
-        const Elements &all = basis->elements();
-        return chosen_rows.empty() ? all.first_function(element) : chosen_rows[element] - all.affine[element];
+        const SpaceLayout &layout = basis->layout();
+        return chosen_rows.empty() ? layout.first_function(element) : chosen_rows[element] - layout.affine(element);
     }
     void keep_values(i64 element, i64 column, const double *values);
     void make_fields(i64 element, std::span<const i64> used, const QuantisedRows &rows,

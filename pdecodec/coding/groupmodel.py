@@ -16,13 +16,13 @@ class GroupModelDescription:
     ----------
     form : SpaceForm
     residual_step : float [scene units]
-    masks : bytes
-        Of the partition tree's nodes, see :meth:`pdecodec.coding.spacebasis.SpaceBasis.masks`.
+    layout : bytes
+        Of the functions, see :meth:`pdecodec.coding.spacebasis.SpaceBasis.layout`.
     """
 
     form: SpaceForm
     residual_step: float
-    masks: bytes
+    layout: bytes
 
     def to_bytes(self) -> bytes:
         writer, form = FieldWriter(), self.form
@@ -32,4 +32,4 @@ class GroupModelDescription:
         if form.kind == "curve":
             writer.numbers("dB", form.rate, form.affine)
         writer.numbers("d", self.residual_step)
-        return writer.to_bytes() + self.masks
+        return writer.to_bytes() + self.layout

@@ -93,14 +93,14 @@ class SpaceBasis:
         The elements, and the partition tree.
     reference : (vertices, 3) int64
         Grid coordinates of the reference frame.
-    masks : bytes, optional
-        Which of 1, x, y, z the nodes of the partition tree keep, as :attr:`masks` are; chosen where there
-        is none.
+    layout : bytes, optional
+        How many local coordinates each element takes, and which of 1, x, y, z the nodes of the partition tree
+        keep, as :attr:`layout` is; chosen where there is none.
 
     Raises
     ------
     CorruptFileError
-        If the masks do not end where the partition tree does.
+        If the layout does not end where the partition tree does.
 
     Attributes
     ----------
@@ -116,12 +116,12 @@ class SpaceBasis:
         Where each element's functions that are not affine begin among those of all.
     """
 
-    def __init__(self, form: SpaceForm, patches: Patches, reference: Int64Array, masks: bytes | None = None) -> None:
+    def __init__(self, form: SpaceForm, patches: Patches, reference: Int64Array, layout: bytes | None = None) -> None:
         self.form, self.patches = form, patches
         with core_errors():
             self.core = _core.SpaceBasis(
                 SPACE_KINDS.index(form.kind), form.points, form.functions, form.threshold, form.rate, form.affine,
-                patches, reference, masks, thread_count(),
+                patches, reference, layout, thread_count(),
             )  # fmt: skip
         self.order, self.starts = patches.order, patches.starts
         self.functions, self.coefficient_starts = self.core.functions, self.core.coefficient_starts
@@ -173,9 +173,9 @@ class SpaceBasis:
         return self.core.project_some(values, elements, thread_count())
 
     @cached_property
-    def masks(self) -> bytes:
-        """Which of 1, x, y, z the nodes keep, as a decoder needs it: a coded stream."""
-        return self.core.encode_masks()
+    def layout(self) -> bytes:
+        """Local coordinates that elements take, and which of 1, x, y, z the nodes keep: a coded stream."""
+        return self.core.encode_layout()
 
 
 def build_space_basis(
@@ -235,15 +235,15 @@ def trial_space_basis(
 
 
 def decode_space_basis(
-    form: SpaceForm, masks: bytes, objects: Sequence[MeshObject], reference: Int64Array, early: Patches | None = None
+    form: SpaceForm, layout: bytes, objects: Sequence[MeshObject], reference: Int64Array, early: Patches | None = None
 ) -> SpaceBasis:
     """The space basis of a file.
 
     Parameters
     ----------
     form : SpaceForm
-    masks : bytes
-        :attr:`SpaceBasis.masks`.
+    layout : bytes
+        :attr:`SpaceBasis.layout`.
     objects : sequence of MeshObject
     reference : (vertices, 3) int64
         Grid coordinates of the reference frame.
@@ -253,9 +253,9 @@ def decode_space_basis(
     Raises
     ------
     CorruptFileError
-        If the masks do not end where the partition tree does.
+        If the layout does not end where the partition tree does.
     """
-    return SpaceBasis(form, _elements(form, objects, reference, early), reference, masks)
+    return SpaceBasis(form, _elements(form, objects, reference, early), reference, layout)
 
 
 def _elements(form: SpaceForm, objects: Sequence[MeshObject], reference: Int64Array, early: Patches | None) -> Patches:

@@ -157,7 +157,7 @@ class Encoder(ABC):
             order=self._settings.order,
         )
         space = self._space
-        model = GroupModelDescription(form=space.form, residual_step=self._residual_step, masks=space.masks)
+        model = GroupModelDescription(form=space.form, residual_step=self._residual_step, layout=space.layout)
         return [
             Section("META", encode_remarks(remarks), required=False),
             Section("SEQN", encode_sequence_description(sequence, self._jumps())),

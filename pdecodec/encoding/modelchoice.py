@@ -370,12 +370,12 @@ class ModelSearch:
     def _cost(self, model: _Model) -> float:
         """Bits of the first frames, with their share of what is there once."""
         bits = sum(group.bits for group in model.groups)
-        return self._share_of(self.references.data(model.reference), model.basis.masks) + bits
+        return self._share_of(self.references.data(model.reference), model.basis.layout) + bits
 
     def _finished_cost(self, model: FinishedModel) -> float:
         bits = sum(group.fitted.measured(model.basis).bits + BITS_OF_A_GROUP for group in model.groups)
         bits += 0.0 if model.effort else BITS_OF_AN_EFFORT
-        return self._share_of(model.reference_data, model.basis.masks) + bits
+        return self._share_of(model.reference_data, model.basis.layout) + bits
 
     def _share_of(self, *once: bytes) -> float:
         """The first frames' share of the bits of what is there once for all frames."""
@@ -432,7 +432,7 @@ class ModelSearch:
 
         def cost(space: tuple[SpaceKind, int]) -> float:
             bits = sum(spaces.search(fitter, space).bits(choice) for fitter, choice in moving)
-            bits += self._share_of(spaces.basis(space).masks)
+            bits += self._share_of(spaces.basis(space).layout)
             is_dear = self._is_large and space[1] > kinds[0][1]
             return bits / (1.0 - self.effort.larger_must_save) if is_dear else bits
 

@@ -26,7 +26,7 @@ class Model:
     rate: float
     has_affine: bool
     step: float
-    masks: bytes
+    layout: bytes
 
 
 def read_model(data: bytes) -> Model:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spec.decoder.contexts import Contexts
+from spec.decoder.contexts import Contexts, chosen
 from spec.decoder.curves import Points
 from spec.decoder.fields import bits
 from spec.decoder.groups import PATCH, Model
@@ -23,7 +24,7 @@ Floats = NDArray[np.float64]
 
 
 def local_coordinates(grid: Ints) -> Ints:
-    """11.1: (coordinates, vertices), of the axes that are more than rounding."""
+    """11.1: (3, vertices)."""
     n = len(grid)
     away = (grid - grid[0]).T
     x: Ints = n * away - away.sum(axis=1, keepdims=True)
@@ -52,7 +53,7 @@ def local_coordinates(grid: Ints) -> Ints:
     for j in (0, 1, 0):
         if m(j, j) < m(j + 1, j + 1):
             x[[j, j + 1]] = x[[j + 1, j]]
-    return x[: next((j for j in range(3) if m(j, j) >> scale < 1024), 3)]
+    return x
 
 
 def series_functions(x: Floats, rate: float, order: int) -> Floats:
@@ -115,12 +116,11 @@ def exponents() -> list[tuple[int, int, int]]:
 EXPONENTS = exponents()
 
 
-def functions_of_element(model: Model, grid: Ints) -> tuple[Floats, int]:
-    """11.3: (functions, vertices), and how many are affine."""
+def functions_of_element(model: Model, grid: Ints, affine: int) -> Floats:
+    """11.3: (functions, vertices), of which so many are affine."""
     size, threshold = len(grid), 1.0 - model.threshold / 16.0
     functions = Functions(size, min(size, model.functions if model.has_affine else min(model.functions, SERIES)))
     local = local_coordinates(grid).astype(np.float64)
-    affine = min(1 + len(local), functions.most) if model.has_affine else 0
     for column in [np.ones(size), *local][:affine]:
         functions.add(column)
     if model.kind == PATCH:
@@ -136,7 +136,7 @@ def functions_of_element(model: Model, grid: Ints) -> tuple[Floats, int]:
             functions.add(column, SHARE_OF_PIECES * threshold)
     if model.has_affine:
         functions.complete(SHARE * threshold)
-    return functions.filled(), affine
+    return functions.filled()
 
 
 def parameters(grid: Ints) -> Floats:
@@ -192,17 +192,16 @@ def build_space(model: Model, patches: Patches, grid: Points) -> Space:
     """Functions of all elements and nodes."""
     points = np.array(grid, np.int64).reshape(-1, 3)
     share = SHARE * (1.0 - model.threshold / 16.0)
-    counts = [0] * len(patches.children)
+    counts, kept = read_layout(model, patches)
     coordinates: dict[int, Floats] = {}
     found = []
     for element, node in zip(patches.elements, patches.node_of, strict=True):
         own = points[element]
-        functions, counts[node] = functions_of_element(model, own)
+        functions = functions_of_element(model, own, counts[node])
         found.append(functions)
         monomials = np.vstack([np.ones(len(own)), (own - own[0]).T.astype(np.float64)])
         coordinates[node] = functions[: counts[node]] @ monomials.T
     affine = [counts[node] for node in patches.node_of]
-    kept = read_masks(model.masks, patches.children, counts)
     origins = points[patches.order][patches.begins]
     matrices = {}
     for node, child in reversed(list(enumerate(patches.children))):
@@ -215,20 +214,29 @@ def build_space(model: Model, patches: Patches, grid: Points) -> Space:
     return Space(patches, found, matrices, counts, build_subbands(patches, found, affine, counts))
 
 
-def read_masks(data: bytes, children: list[int], counts: list[int]) -> dict[int, list[int]]:
-    """11.4: which of 1, x, y, z each node keeps; fills in `counts`."""
-    contexts = Contexts(data)
+def read_layout(model: Model, patches: Patches) -> tuple[list[int], dict[int, list[int]]]:
+    """11.4: how many affine functions each node has, elements included, and which of 1, x, y, z the others keep."""
+    contexts, counts, before = Contexts(model.layout), [0] * len(patches.children), 3
+    for element, node in zip(patches.elements, patches.node_of, strict=True):
+        if model.has_affine:
+            before = chosen(4, partial(_ends_at, contexts, before))
+            counts[node] = min(1 + before, len(element), model.functions)
     kept = {}
-    for node, child in reversed(list(enumerate(children))):
+    for node, child in reversed(list(enumerate(patches.children))):
         if child != NONE:
             halves = counts[child], counts[child + 1]
             kept[node] = [0] if sum(halves) else []
             for c in (1, 2, 3):
-                if len(kept[node]) < sum(halves) and contexts.bit(c, halves.count(4)):
+                if len(kept[node]) < sum(halves) and contexts.bit("mask", c, halves.count(4)):
                     kept[node].append(c)
             counts[node] = len(kept[node])
     contexts.finish()
-    return kept
+    return counts, kept
+
+
+def _ends_at(contexts: Contexts, before: int, local: int) -> bool:
+    """Whether an element takes no more local coordinates than these."""
+    return not contexts.bit("local", before, local)
 
 
 def two_scale_matrix(stacked: Floats, kept: list[int], share: float) -> Floats:
