@@ -115,8 +115,8 @@ def test_a_looser_bound_never_takes_more_bytes(make: Callable[[], ArraySequence]
 
 def test_what_nodes_keep_counts_where_the_motion_takes_next_to_nothing() -> None:
     rope = build("cube-rope").simulate(frames=24)
-    loose, closer = (encode(rope, tolerance=tolerance) for tolerance in (0.0527, 0.04))
-    assert loose.sections["MODL"] < 100
+    loose, closer = (encode(rope, tolerance=tolerance) for tolerance in (0.06, 0.04))
+    assert loose.sections["MODL"] < 130
     assert size(loose) < size(closer)
 
 

@@ -184,14 +184,16 @@ public:
     // Whether a decoder has come to the end of its bytes, and needed every one of them.
     //
     // An encoder writes four bytes each time the interval is widened, and `finish` up to eight more, only as many as it
-    // takes to be in the interval. So no more than eight zeros follow the end, and without the last byte of `finish` the
-    // number would be below the interval.
+    // takes to be in the interval: no other bytes are what it would have written.
     bool is_finished() const
         requires(mode == Mode::decode)
     {
         const std::size_t size = data_.size();
         if (position_ < size || position_ - size >= first_bytes) return position_ == size + first_bytes;
-        return code_ < static_cast<u64>(data_[size - 1]) << 8 * (position_ - size);
+        // A number with so many zeros at its end is the first one in the interval, and none in it has a zero more.
+        const int zeros = 8 * static_cast<int>(position_ - size);
+        const u64 last = static_cast<u64>(data_[size - 1]) << zeros;
+        return code_ >> zeros == 0 && ((code_ - last) & ~u64{0} >> (56 - zeros)) >= range_;
     }
 
     // Where damage is noticed: the decoder has looked at the bytes up to this one.

@@ -84,7 +84,10 @@ class RangeDecoder:
     def is_finished(self) -> bool:
         """3.7: whether the stream ends where what is coded does."""
         beyond = self.taken - len(self._data)
-        return beyond == FIRST_BYTES or (0 <= beyond < FIRST_BYTES and self._code < self._data[-1] << 8 * beyond)
+        if not 0 <= beyond < FIRST_BYTES:
+            return beyond == FIRST_BYTES
+        unit = 256**beyond
+        return self._code < unit and (self._code - self._data[-1] * unit) % (256 * unit) >= self._width
 
 
 class Rehearsal(RangeDecoder):
