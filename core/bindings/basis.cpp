@@ -50,8 +50,7 @@ std::shared_ptr<Patches> py_early_patches(const nb::list &objects, i64 points) {
     require(points > 0, "patches have points");
     const std::vector<ConnectivityView> views = views_of(objects);
     nb::gil_scoped_release release;
-    std::optional<Patches> found = early_patches(views, points);
-    return found ? std::make_shared<Patches>(std::move(*found)) : nullptr;
+    return early_patches(views, points);
 }
 
 std::shared_ptr<Patches> py_build_patches(const nb::list &objects, const Grid &grid, i64 points,
@@ -61,7 +60,7 @@ std::shared_ptr<Patches> py_build_patches(const nb::list &objects, const Grid &g
     check_vertices(views, grid);
     require(!early || early->order.size() == grid.shape(0), "the early patches are of another mesh");
     nb::gil_scoped_release release;
-    return std::make_shared<Patches>(build_patches(views, points_of(grid), points, early.get()));
+    return build_patches(views, points_of(grid), points, early);
 }
 
 std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &starts, i64 points) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <future>
 #include <thread>
 
 #include "decoder/fields.hpp"
@@ -191,36 +192,82 @@ std::shared_ptr<const std::vector<std::vector<Attribute>>> Animation::shared_att
     return attributes_;
 }
 
-const SpaceBasis &Animation::space() {
+// Whether section REST says which vertices coincide; some may where it does not.
+bool Animation::says_welds() const {
+    constexpr u64 predictor_offset = 32;
+    const SectionEntry &entry = container_.entry("REST");
+    std::vector<u8> predictor;
+    if (entry.length > predictor_offset) container_.read_range(entry.offset + predictor_offset, 1, predictor);
+    return !predictor.empty() && predictor[0] % 2 == 1;
+}
+
+std::shared_ptr<const SpaceLayout> Animation::layout_of(std::shared_ptr<const Patches> patches) const {
+    return std::make_shared<const SpaceLayout>(SpaceLayout::of_bytes(model_.form, std::move(patches), model_.layout));
+}
+
+// Patches as they are unless vertices coincide, made beside the reference frame; then go on with coefficients.
+struct Animation::Early {
+    std::shared_ptr<Patches> patches;  // none where a vertex has no neighbour
+    std::shared_ptr<const SpaceLayout> layout;
+    std::exception_ptr failure;
+    std::promise<void> is_made;
+    std::jthread thread;  // where nothing else is decoded ahead
+};
+
+// Begin with them; nothing where they would not be the patches, or there is no thread for it.
+std::shared_ptr<Animation::Early> Animation::begin_early(GroupsAhead *ahead) {
+    if (threads_ < 2 || reference_ || says_welds()) return nullptr;
+    auto early = std::make_shared<Early>();
+    const auto make = [this, ahead, own = early.get(), parts = views()] {
+        GroupCoefficients *coefficients = nullptr;
+        try {
+            own->patches = early_patches(parts, model_.form.points);
+            if (own->patches) own->layout = layout_of(own->patches);
+            if (own->layout && ahead) coefficients = ahead->make_coefficients(own->layout);
+        } catch (const CorruptError &) {
+            // They may not be the patches.
+        } catch (...) {
+            own->failure = std::current_exception();
+        }
+        own->is_made.set_value();
+        if (coefficients) coefficients->decode();
+    };
+    if (ahead) {
+        ahead->insert([make, early] { make(); });
+    } else {
+        early->thread = std::jthread(make);
+    }
+    return early;
+}
+
+// `ahead`: goes on with coefficients as soon as it is known where they belong.
+const SpaceBasis &Animation::space(GroupsAhead *ahead) {
     const std::lock_guard guard(lock_);
     if (!space_) {
         take_motion();
         const SpaceForm &form = model_.form;
         const std::vector<ConnectivityView> parts = views();
-        std::shared_ptr<const Patches> patches;
+        std::shared_ptr<const SpaceLayout> layout;
         if (form.kind == SpaceKind::patch) {
-            // The patches of most meshes follow from connectivity alone: they are made while the reference is decoded.
-            std::optional<Patches> early;
-            std::exception_ptr failure;
-            {
-                const auto make = [&] {
-                    try {
-                        early = early_patches(parts, form.points);
-                    } catch (...) {
-                        failure = std::current_exception();
-                    }
-                };
-                const std::jthread other = threads_ > 1 && !reference_ ? std::jthread(make) : std::jthread();
-                reference();
+            // Unless vertices coincide, patches follow from connectivity alone: they are made while the reference frame is
+            // decoded, and so are coefficients.
+            const std::shared_ptr<Early> early = begin_early(ahead);
+            reference();
+            if (early) early->is_made.get_future().wait();
+            if (early && early->failure) std::rethrow_exception(early->failure);
+            std::shared_ptr<Patches> patches =
+                build_patches(parts, reference().grid, form.points, early ? early->patches : nullptr);
+            if (early && early->layout && patches == early->patches) {
+                layout = early->layout;
+            } else {
+                if (ahead) ahead->drop_coefficients();
+                layout = layout_of(std::move(patches));
             }
-            if (failure) std::rethrow_exception(failure);
-            patches = std::make_shared<const Patches>(
-                build_patches(parts, reference().grid, form.points, early ? &*early : nullptr));
         } else {
             Curves curves = extract_curves(parts, reference().grid);
-            patches = std::make_shared<const Patches>(cut_curves(std::move(curves.order), curves.starts, form.points));
+            layout = layout_of(
+                std::make_shared<const Patches>(cut_curves(std::move(curves.order), curves.starts, form.points)));
         }
-        auto layout = std::make_shared<const SpaceLayout>(SpaceLayout::of_bytes(form, patches, model_.layout));
         space_ = std::make_unique<SpaceBasis>(std::move(layout), reference().grid, threads_);
     }
     return *space_;
@@ -280,7 +327,8 @@ DecodedGroup Animation::decode(std::span<const std::size_t> groups, std::size_t 
             return found ? std::move(*found) : decode_group_times(group, (*chunks)[0]);
         };
         return decode_group(group, *chunks, *space_, own,
-                            static_cast<i64>(least<u64>(left_ / groups.size(), INT64_MAX)), threads, values);
+                            static_cast<i64>(least<u64>(left_ / groups.size(), INT64_MAX)), threads,
+                            {values, ahead.coefficients(k)});
     } catch (const CorruptError &error) {
         if (error.frame >= 0) throw;
         throw CorruptError(error.what(), error.offset, group.first);
@@ -315,7 +363,7 @@ const DecodedGroup &Animation::group(std::size_t index) {
     check_cancelled();
     const std::span<const std::size_t> wanted(&index, 1);
     const std::unique_ptr<GroupsAhead> ahead = begin_ahead(wanted);
-    space();
+    space(ahead.get());
     keep(index, decode(wanted, 0, *ahead, threads_));
     return kept_.front().second;
 }
@@ -345,7 +393,7 @@ void Animation::decode_ahead(std::span<const double> sorted) {
     }
     if (wanted.size() < 2) return;
     const std::unique_ptr<GroupsAhead> ahead = begin_ahead(wanted);
-    space();
+    space(ahead.get());
     std::vector<std::optional<DecodedGroup>> found(wanted.size());
     in_shares(static_cast<i64>(wanted.size()), threads_, [&](i64 first, i64 end) {
         for (i64 k = first; k < end; ++k) found[k] = decode(wanted, k, *ahead, 1);

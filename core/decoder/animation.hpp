@@ -85,7 +85,7 @@ public:
     const std::vector<Connectivity> &connectivity() { return *shared_connectivity(); }
     const Reference &reference();
     const std::vector<std::vector<Attribute>> &attributes() { return *shared_attributes(); }
-    const SpaceBasis &space();
+    const SpaceBasis &space() { return space(nullptr); }
     const std::vector<u8> &remarks();  // section META as it is
 
     // For those who look at them longer than the animation is open.
@@ -143,6 +143,11 @@ private:
     void decode_ahead(std::span<const double> sorted);
     bool is_kept(std::size_t index) const;
     const DecodedGroup &group(std::size_t index);
+    struct Early;
+    bool says_welds() const;
+    std::shared_ptr<const SpaceLayout> layout_of(std::shared_ptr<const Patches> patches) const;
+    std::shared_ptr<Early> begin_early(GroupsAhead *ahead);
+    const SpaceBasis &space(GroupsAhead *ahead);
     std::unique_ptr<GroupsAhead> begin_ahead(std::span<const std::size_t> groups);
     DecodedGroup decode(std::span<const std::size_t> groups, std::size_t k, GroupsAhead &ahead, int threads) const;
     void keep(std::size_t index, DecodedGroup group);

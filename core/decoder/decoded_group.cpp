@@ -2,12 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <condition_variable>
-#include <cstdlib>
 #include <exception>
-#include <memory>
-#include <mutex>
-#include <new>
 #include <thread>
 
 #include "coefficients/coefficients.hpp"
@@ -18,9 +13,6 @@
 namespace pdeanim {
 
 namespace {
-
-// In which coefficients are decoded: enough for another thread to have work soon, few enough to cost nothing.
-constexpr i64 parts = 12;
 
 // Each function divided by its length over all frames and axes; those that are all zero stay so. Squares are added up
 // frame after frame, axis after axis.
@@ -46,127 +38,48 @@ std::vector<double> cosines(i64 frames, i64 functions) {
     return values;
 }
 
-// Numbers that are zero at first. Memory that is never written to is never there: most rows of coefficients are all zero.
-class Zeros {
-public:
-    explicit Zeros(i64 count)
-        : count_(count), values_(static_cast<i64 *>(std::calloc(most<i64>(count, 1), sizeof(i64)))) {
-        if (!values_) throw std::bad_alloc();
-    }
-
-    const i64 *data() const { return values_.get(); }
-    std::span<i64> all() const { return {values_.get(), static_cast<std::size_t>(count_)}; }
-
-private:
-    struct Free {
-        void operator()(i64 *values) const { std::free(values); }
-    };
-
-    i64 count_;
-    std::unique_ptr<i64, Free> values_;
-};
-
-Subbands view_of(const SubbandTable &table) { return {table.starts, table.kinds, table.parents}; }
-
-// Decodes the coefficients part by part, and makes motion of what is there: this thread decodes, others take over, and this
-// one, too, when it is done.
-template <class Real> class CoefficientPipeline {
-public:
-    CoefficientPipeline(const Group &group, std::span<const u8> chunk, const SpaceBasis &space)
-        : motion(space, group.functions, group.axes(), group.step), space_(space), subbands_(space.layout().subbands()),
-          quantised_(space.functions() * group.channels()), used_(space.functions()),
-          rows_{quantised_.data(), group.channels(), used_},
-          decoder_({view_of(subbands_), space.functions(), group.channels(), group.axes()}, chunk, quantised_.all(),
-                   used_) {}
-
-    // Decode everything.
-    void decode() {
-        const i64 elements = space_.elements().count();
-        const i64 nodes = static_cast<i64>(subbands_.kinds.size()) - elements;
-        const i64 cuts = std::min(parts, elements);
-        try {
-            for (i64 part = 0; part < cuts; ++part) {
-                const i64 first = elements * part / cuts, end = elements * (part + 1) / cuts;
-                decoder_.decode(nodes + end);
-                if (part == 0) motion.take_tree(rows_);
-                const std::lock_guard guard(lock_);
-                ready_.push_back({first, end});
-                changed_.notify_one();
-            }
-            decoder_.finish();
-        } catch (...) {
-            finish();
-            throw;
-        }
-        finish();
-    }
-
-    // Take over parts until there are no more to come.
-    void take() {
-        while (true) {
-            std::pair<i64, i64> part;
-            {
-                std::unique_lock guard(lock_);
-                changed_.wait(guard, [&] { return !ready_.empty() || is_done_; });
-                if (ready_.empty()) return;
-                part = ready_.back();
-                ready_.pop_back();
-            }
-            motion.take_elements(part.first, part.second, rows_);
-        }
-    }
-
-    Motion<Real> motion;
-
-private:
-    void finish() {
-        const std::lock_guard guard(lock_);
-        is_done_ = true;
-        changed_.notify_all();
-    }
-
-    const SpaceBasis &space_;
-    SubbandTable subbands_;
-    Zeros quantised_;
-    std::vector<i32> used_;
-    QuantisedRows rows_;
-    CoefficientDecoder decoder_;
-    std::mutex lock_;
-    std::condition_variable changed_;
-    std::vector<std::pair<i64, i64>> ready_;
-    bool is_done_ = false;
-};
-
 template <class Real> DecodedGroup decode_in(const Group &group, const Chunks &chunks, const SpaceBasis &space,
                                              std::span<const double> times, i64 most_bytes, int threads,
-                                             const std::function<std::vector<double>()> &values) {
-    CoefficientPipeline<Real> pipeline(group, chunks[1], space);
+                                             const GroupBegun &begun) {
+    std::optional<GroupCoefficients> own;
+    if (!begun.coefficients) own.emplace(group, chunks[1], space.tree().layout());
+    GroupCoefficients &coefficients = own ? *own : *begun.coefficients;
+    Motion<Real> motion(space, group.functions, group.axes(), group.step);
     std::vector<double> time;
     Residuals residuals;
     const auto decode_rest = [&] {
-        time = functions_of_time(group, times, values());
+        time = functions_of_time(group, times, begun.values());
         residuals = decode_residuals(chunks[2], group.frames, space.elements().patches->starts, most_bytes);
     };
     std::exception_ptr failure;
     if (threads < 2) {
         // Those of TIME last: another thread may still be at them.
-        pipeline.decode();
-        pipeline.take();
+        if (own) own->decode();
+        coefficients.take(motion);
         decode_rest();
     } else {
+        // No more than two threads have work at a time: one more than there are processors would hold up the others.
         std::jthread other([&] {
             try {
-                decode_rest();
-                pipeline.take();
+                if (own) {
+                    decode_rest();
+                } else {
+                    coefficients.wait();
+                }
+                coefficients.take(motion);
             } catch (...) {
                 failure = std::current_exception();
             }
         });
-        pipeline.decode();
-        pipeline.take();
+        if (own) {
+            own->decode();
+        } else {
+            decode_rest();
+        }
+        coefficients.take(motion);
     }
     if (failure) std::rethrow_exception(failure);
-    return {group, std::move(time), std::move(pipeline.motion), std::move(residuals)};
+    return {group, std::move(time), std::move(motion), std::move(residuals)};
 }
 
 }  // namespace
@@ -197,10 +110,9 @@ std::vector<double> decode_group_times(const Group &group, std::span<const u8> c
 }
 
 DecodedGroup decode_group(const Group &group, const Chunks &chunks, const SpaceBasis &space,
-                          std::span<const double> times, i64 most_bytes, int threads,
-                          const std::function<std::vector<double>()> &values) {
+                          std::span<const double> times, i64 most_bytes, int threads, const GroupBegun &begun) {
     const auto decode = group.is_single ? &decode_in<float> : &decode_in<double>;
-    return decode(group, chunks, space, times, most_bytes, threads, values);
+    return decode(group, chunks, space, times, most_bytes, threads, begun);
 }
 
 std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "basis/space_basis.hpp"
+#include "decoder/group_coefficients.hpp"
 #include "decoder/group_table.hpp"
 #include "evaluate/motion.hpp"
 #include "residuals/residuals.hpp"
@@ -29,12 +30,16 @@ std::vector<double> functions_of_time(const Group &group, std::span<const double
 // What functions of time a group's chunk in TIME holds, for sampled bases; CorruptError where it is damaged.
 std::vector<double> decode_group_times(const Group &group, std::span<const u8> chunk);
 
-// Decode the chunks of a group; values: hands over those of `decode_group_times`, and may wait for them. CorruptError
-// where a chunk is damaged, LimitError where residuals take more than `most_bytes`. Coefficients are decoded while another
-// thread is busy with the rest.
+// What of a group others have begun with.
+struct GroupBegun {
+    std::function<std::vector<double>()> values;  // hands over those of `decode_group_times`, and may wait for them
+    GroupCoefficients *coefficients = nullptr;    // which another thread decodes; none where nobody does
+};
+
+// Decode the chunks of a group. CorruptError where one is damaged, LimitError where residuals take more than `most_bytes`.
+// Coefficients are decoded while another thread is busy with the rest.
 DecodedGroup decode_group(const Group &group, const Chunks &chunks, const SpaceBasis &space,
-                          std::span<const double> times, i64 most_bytes, int threads,
-                          const std::function<std::vector<double>()> &values);
+                          std::span<const double> times, i64 most_bytes, int threads, const GroupBegun &begun);
 
 // The coefficients of a group [scene units]: (functions of space, functions of time, axes).
 std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space);

@@ -7,7 +7,7 @@
 namespace pdeanim {
 
 GroupsAhead::GroupsAhead(const Container &container, const GroupTable &table, std::span<const std::size_t> groups)
-    : groups_(groups.begin(), groups.end()), found_(groups.size()), is_over_(false),
+    : table_(&table), groups_(groups.begin(), groups.end()), found_(groups.size()), is_over_(false),
       thread_([&container, &table, this] { work(container, table); }) {}
 
 void GroupsAhead::work(const Container &container, const GroupTable &table) {
@@ -19,13 +19,19 @@ void GroupsAhead::work(const Container &container, const GroupTable &table) {
         for (std::size_t k = 0; k < groups_.size(); ++k) {
             found_[k].values = decode_group_times(table.groups()[groups_[k]], found_[k].chunks[0]);
             count(decoded_);
+            do_inserted();
         }
     } catch (...) {
         // Who does it again comes upon it.
     }
-    const std::lock_guard guard(lock_);
-    is_over_ = true;
-    changed_.notify_all();
+    std::function<void()> last;
+    {
+        const std::lock_guard guard(lock_);
+        is_over_ = true;
+        changed_.notify_all();
+        std::swap(last, inserted_);
+    }
+    if (last) last();
 }
 
 void GroupsAhead::count(std::size_t &done) {
@@ -42,6 +48,39 @@ bool GroupsAhead::wait(const std::size_t &done, std::size_t k) {
 }
 
 const Chunks *GroupsAhead::chunks(std::size_t k) { return wait(read_, k) ? &found_[k].chunks : nullptr; }
+
+void GroupsAhead::insert(std::function<void()> task) {
+    {
+        const std::lock_guard guard(lock_);
+        if (!is_over_) {
+            inserted_ = std::move(task);
+            return;
+        }
+    }
+    later_ = std::jthread(std::move(task));
+}
+
+void GroupsAhead::do_inserted() {
+    std::function<void()> task;
+    {
+        const std::lock_guard guard(lock_);
+        std::swap(task, inserted_);
+    }
+    if (task) task();
+}
+
+GroupCoefficients *GroupsAhead::make_coefficients(std::shared_ptr<const SpaceLayout> layout) {
+    const Chunks *read = chunks(0);
+    if (!read) return nullptr;
+    const std::span<const u8> chunk = (*read)[1];
+    coefficients_ = std::make_unique<GroupCoefficients>(table_->groups()[groups_[0]], chunk, std::move(layout));
+    return coefficients_.get();
+}
+
+void GroupsAhead::drop_coefficients() {
+    is_dropped_ = true;
+    if (coefficients_) coefficients_->stop();
+}
 
 std::optional<std::vector<double>> GroupsAhead::values(std::size_t k) {
     if (!wait(decoded_, k)) return {};

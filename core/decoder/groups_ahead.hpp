@@ -1,13 +1,17 @@
-// What of groups is read and decoded before the space basis is there: their functions of time need no other section.
+// What of groups is read and decoded before the space basis is there: their functions of time need no other section,
+// coefficients the patches alone.
 #pragma once
 
 #include <condition_variable>
+#include <functional>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <span>
 #include <thread>
 #include <vector>
 
+#include "decoder/group_coefficients.hpp"
 #include "decoder/group_table.hpp"
 
 namespace pdeanim {
@@ -25,6 +29,21 @@ public:
     // Of the k-th of the groups its chunks, and what `decode_group_times` makes of them, which is handed over once. Nothing
     // where nothing is decoded ahead, or it failed: who does it again comes upon the error, and says where it is.
     const Chunks *chunks(std::size_t k);
+
+    // Do something else in the same thread, when it is done with a group. What it looks at must outlive this.
+    void insert(std::function<void()> task);
+
+    // The coefficients of the first group, which whoever calls this, from a task, then decodes; nothing where it cannot be
+    // read.
+    GroupCoefficients *make_coefficients(std::shared_ptr<const SpaceLayout> layout);
+
+    // Those of the k-th group, if they have been made.
+    GroupCoefficients *coefficients(std::size_t k) const {
+        return k == 0 && !is_dropped_ ? coefficients_.get() : nullptr;
+    }
+
+    // Give them up: the layout is another one.
+    void drop_coefficients();
     std::optional<std::vector<double>> values(std::size_t k);
 
 private:
@@ -34,16 +53,22 @@ private:
     };
 
     void work(const Container &container, const GroupTable &table);
+    void do_inserted();
     void count(std::size_t &done);
     bool wait(const std::size_t &done, std::size_t k);
 
+    const GroupTable *table_ = nullptr;
     std::vector<std::size_t> groups_;
     std::vector<Ahead> found_;
     std::size_t read_ = 0, decoded_ = 0;  // groups that are there, from the first on
     bool is_over_ = true;                 // no more will be
     std::mutex lock_;
     std::condition_variable changed_;
-    std::jthread thread_;  // last, for it writes to the others until it ends
+    std::function<void()> inserted_;
+    std::unique_ptr<GroupCoefficients> coefficients_;
+    bool is_dropped_ = false;
+    std::jthread thread_,
+        later_;  // last, for they write to the others until they end; the second where the first has ended
 };
 
 }  // namespace pdeanim

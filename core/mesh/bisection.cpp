@@ -196,18 +196,18 @@ void Patches::sort_vertices() {
     }
 }
 
-std::optional<Patches> early_patches(std::span<const ConnectivityView> objects, i64 points) {
+std::shared_ptr<Patches> early_patches(std::span<const ConnectivityView> objects, i64 points) {
     const Graph graph(edges_of(objects), vertices_of(objects));
     std::vector<i32> order(graph.vertices());
     std::iota(order.begin(), order.end(), 0);
     if (std::any_of(order.begin(), order.end(), [&](i32 vertex) { return graph.degree(vertex) == 0; })) return {};
-    return Bisection(graph, std::move(order)).halve(points);
+    return std::make_shared<Patches>(Bisection(graph, std::move(order)).halve(points));
 }
 
-Patches build_patches(std::span<const ConnectivityView> objects, std::span<const GridPoint> grid, i64 points,
-                      const Patches *early) {
+std::shared_ptr<Patches> build_patches(std::span<const ConnectivityView> objects, std::span<const GridPoint> grid,
+                                       i64 points, std::shared_ptr<Patches> early) {
     const std::vector<Edge> coincident = coincident_vertices(grid);
-    if (early && coincident.empty()) return *early;
+    if (early && coincident.empty()) return early;
     std::vector<Edge> edges = edges_of(objects);
     edges.insert(edges.end(), coincident.begin(), coincident.end());
     const Graph graph(edges, static_cast<i64>(grid.size()));
@@ -222,7 +222,7 @@ Patches build_patches(std::span<const ConnectivityView> objects, std::span<const
         }
     }
     for (const i32 k : z_order(places)) order.push_back(isolated[k]);
-    return Bisection(graph, std::move(order)).halve(points);
+    return std::make_shared<Patches>(Bisection(graph, std::move(order)).halve(points));
 }
 
 Patches cut_curves(std::vector<i32> order, std::span<const i64> starts, i64 points) {

@@ -3,7 +3,7 @@
 // All of it is arithmetic in integers, and the same everywhere.
 #pragma once
 
-#include <optional>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -39,12 +39,12 @@ struct Patches {
 // to a than to b, and the nearer half goes first.
 //
 // This is before the reference frame is known; none where a vertex has no neighbour.
-std::optional<Patches> early_patches(std::span<const ConnectivityView> objects, i64 points);
+std::shared_ptr<Patches> early_patches(std::span<const ConnectivityView> objects, i64 points);
 
 // Patches of a mesh whose vertices at one place of the grid are neighbours, too. Vertices without neighbours come last, in
-// Z-order. `early`: what `early_patches` found, which holds unless vertices coincide.
-Patches build_patches(std::span<const ConnectivityView> objects, std::span<const GridPoint> grid, i64 points,
-                      const Patches *early = nullptr);
+// Z-order. `early`: what `early_patches` found, which is given back unless vertices coincide.
+std::shared_ptr<Patches> build_patches(std::span<const ConnectivityView> objects, std::span<const GridPoint> grid,
+                                       i64 points, std::shared_ptr<Patches> early = nullptr);
 
 // Pieces of about `points` vertices of curves that stand one after the other in `order`, from each of `starts` on.
 Patches cut_curves(std::vector<i32> order, std::span<const i64> starts, i64 points);

@@ -1,0 +1,93 @@
+#include "decoder/group_coefficients.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+// In which coefficients are decoded: enough for another thread to have work soon, few enough to cost nothing.
+constexpr i64 parts = 12;
+constexpr i64 subbands_at_once = 16;  // before it looks whether they are still wanted
+
+}  // namespace
+
+Subbands view_of(const SubbandTable &table) { return {table.starts, table.kinds, table.parents}; }
+
+GroupCoefficients::GroupCoefficients(const Group &group, std::span<const u8> chunk,
+                                     std::shared_ptr<const SpaceLayout> layout)
+    : layout_(std::move(layout)), subbands_(layout_->subbands()), quantised_(layout_->functions() * group.channels()),
+      used_(layout_->functions()), rows_{quantised_.data(), group.channels(), used_},
+      decoder_({view_of(subbands_), layout_->functions(), group.channels(), group.axes()}, chunk, quantised_.all(),
+               used_) {}
+
+void GroupCoefficients::decode() noexcept {
+    const i64 elements = layout_->elements();
+    const i64 others = static_cast<i64>(subbands_.kinds.size()) - elements;
+    const i64 cuts = least(parts, elements);
+    try {
+        for (i64 part = 0; part < cuts; ++part) {
+            const i64 first = elements * part / cuts, end = elements * (part + 1) / cuts;
+            for (i64 done = first == 0 ? 0 : others + first; done < others + end;) {
+                if (is_stopped_) return finish(nullptr);
+                done = least(done + subbands_at_once, others + end);
+                decoder_.decode(done);
+            }
+            const std::lock_guard guard(lock_);
+            ready_.emplace_back(first, end);
+            changed_.notify_one();
+        }
+        decoder_.finish();
+    } catch (...) {
+        finish(std::current_exception());
+        return;
+    }
+    finish(nullptr);
+}
+
+void GroupCoefficients::finish(std::exception_ptr failure) {
+    const std::lock_guard guard(lock_);
+    if (failure) {
+        failure_ = failure;
+        ready_.clear();
+    }
+    is_done_ = true;
+    changed_.notify_all();
+}
+
+void GroupCoefficients::wait() {
+    std::unique_lock guard(lock_);
+    changed_.wait(guard, [&] { return is_done_; });
+}
+
+template <class Real> void GroupCoefficients::take(Motion<Real> &motion) {
+    std::unique_lock guard(lock_);
+    while (true) {
+        changed_.wait(guard, [&] { return tree_ != Tree::being_taken && (is_done_ || !ready_.empty()); });
+        if (failure_) std::rethrow_exception(failure_);
+        if (ready_.empty()) return;
+        if (tree_ == Tree::not_taken) {
+            tree_ = Tree::being_taken;
+            guard.unlock();
+            std::exception_ptr failure;
+            try {
+                motion.take_tree(rows_);
+            } catch (...) {
+                failure = std::current_exception();
+            }
+            guard.lock();
+            tree_ = Tree::taken;
+            if (failure) failure_ = failure;
+            changed_.notify_all();
+            continue;
+        }
+        const auto [first, end] = ready_.back();
+        ready_.pop_back();
+        guard.unlock();
+        motion.take_elements(first, end, rows_);
+        guard.lock();
+    }
+}
+
+template void GroupCoefficients::take(Motion<float> &);
+template void GroupCoefficients::take(Motion<double> &);
+
+}  // namespace pdeanim
