@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <future>
+#include <condition_variable>
 #include <thread>
 
 #include "decoder/fields.hpp"
@@ -210,8 +210,21 @@ struct Animation::Early {
     std::shared_ptr<Patches> patches;  // none where a vertex has no neighbour
     std::shared_ptr<const SpaceLayout> layout;
     std::exception_ptr failure;
-    std::promise<void> is_made;
+    std::mutex lock;
+    std::condition_variable changed;
+    bool is_made = false;
     std::jthread thread;  // where nothing else is decoded ahead
+
+    void finish() {
+        const std::lock_guard guard(lock);
+        is_made = true;
+        changed.notify_all();
+    }
+
+    void wait() {
+        std::unique_lock guard(lock);
+        changed.wait(guard, [&] { return is_made; });
+    }
 };
 
 // Begin with them; nothing where they would not be the patches, or there is no thread for it.
@@ -229,7 +242,7 @@ std::shared_ptr<Animation::Early> Animation::begin_early(GroupsAhead *ahead) {
         } catch (...) {
             own->failure = std::current_exception();
         }
-        own->is_made.set_value();
+        own->finish();
         if (coefficients) coefficients->decode();
     };
     if (ahead) {
@@ -253,7 +266,7 @@ const SpaceBasis &Animation::space(GroupsAhead *ahead) {
             // decoded, and so are coefficients.
             const std::shared_ptr<Early> early = begin_early(ahead);
             reference();
-            if (early) early->is_made.get_future().wait();
+            if (early) early->wait();
             if (early && early->failure) std::rethrow_exception(early->failure);
             std::shared_ptr<Patches> patches =
                 build_patches(parts, reference().grid, form.points, early ? early->patches : nullptr);

@@ -58,32 +58,41 @@ void GroupCoefficients::wait() {
     changed_.wait(guard, [&] { return is_done_; });
 }
 
+template <class Real> void GroupCoefficients::take_tree(Motion<Real> &motion) {
+    std::exception_ptr failure;
+    try {
+        motion.take_tree(rows_);
+    } catch (...) {
+        failure = std::current_exception();
+    }
+    const std::lock_guard guard(lock_);
+    if (failure) failure_ = failure;
+    tree_ = Tree::taken;
+    changed_.notify_all();
+}
+
 template <class Real> void GroupCoefficients::take(Motion<Real> &motion) {
-    std::unique_lock guard(lock_);
     while (true) {
-        changed_.wait(guard, [&] { return tree_ != Tree::being_taken && (is_done_ || !ready_.empty()); });
-        if (failure_) std::rethrow_exception(failure_);
-        if (ready_.empty()) return;
-        if (tree_ == Tree::not_taken) {
-            tree_ = Tree::being_taken;
-            guard.unlock();
-            std::exception_ptr failure;
-            try {
-                motion.take_tree(rows_);
-            } catch (...) {
-                failure = std::current_exception();
+        std::pair<i64, i64> part;
+        bool is_tree = false;
+        {
+            std::unique_lock guard(lock_);
+            changed_.wait(guard, [&] { return tree_ != Tree::being_taken && (is_done_ || !ready_.empty()); });
+            if (failure_) std::rethrow_exception(failure_);
+            if (ready_.empty()) return;
+            is_tree = tree_ == Tree::not_taken;
+            if (is_tree) {
+                tree_ = Tree::being_taken;
+            } else {
+                part = ready_.back();
+                ready_.pop_back();
             }
-            guard.lock();
-            tree_ = Tree::taken;
-            if (failure) failure_ = failure;
-            changed_.notify_all();
-            continue;
         }
-        const auto [first, end] = ready_.back();
-        ready_.pop_back();
-        guard.unlock();
-        motion.take_elements(first, end, rows_);
-        guard.lock();
+        if (is_tree) {
+            take_tree(motion);
+        } else {
+            motion.take_elements(part.first, part.second, rows_);
+        }
     }
 }
 

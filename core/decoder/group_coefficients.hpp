@@ -63,6 +63,7 @@ private:
     enum class Tree { not_taken, being_taken, taken };  // what of the partition tree motion must have first
 
     void finish(std::exception_ptr failure);
+    template <class Real> void take_tree(Motion<Real> &motion);
 
     std::shared_ptr<const SpaceLayout> layout_;
     SubbandTable subbands_;
