@@ -52,7 +52,7 @@ def test_the_same_faces_come_back_under_other_numbers(name: str) -> None:
     assert free.sections["CONN"] <= kept.sections["CONN"] + kept.sections.get("ORDR", 0)
     with open_animation(free.data) as animation:
         assert [item.name for item in animation.objects] == [item.name for item in sequence.objects]
-        step = 20 * free.scale * 1e-4
+        step = 50 * free.scale * 1e-4
         frame = animation.read_frames(3, 4)[0]
         assert len(frame) == sequence.vertex_count
         # The bound is far below the step, but a place may lie on the edge of a cell: most faces are found as they were.
