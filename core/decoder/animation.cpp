@@ -2,12 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <condition_variable>
 #include <thread>
 
 #include "decoder/fields.hpp"
 #include "decoder/limits.hpp"
-#include "mesh/curves.hpp"
 #include "parallel.hpp"
 #include "reference/reference.hpp"
 
@@ -190,100 +188,6 @@ std::shared_ptr<const std::vector<std::vector<Attribute>>> Animation::shared_att
         attributes_ = std::make_shared<const std::vector<std::vector<Attribute>>>(std::move(found));
     }
     return attributes_;
-}
-
-// Whether section REST says which vertices coincide; some may where it does not.
-bool Animation::says_welds() const {
-    constexpr u64 predictor_offset = 32;
-    const SectionEntry &entry = container_.entry("REST");
-    std::vector<u8> predictor;
-    if (entry.length > predictor_offset) container_.read_range(entry.offset + predictor_offset, 1, predictor);
-    return !predictor.empty() && predictor[0] % 2 == 1;
-}
-
-std::shared_ptr<const SpaceLayout> Animation::layout_of(std::shared_ptr<const Patches> patches) const {
-    return std::make_shared<const SpaceLayout>(SpaceLayout::of_bytes(model_.form, std::move(patches), model_.layout));
-}
-
-// Patches as they are unless vertices coincide, made beside the reference frame; then go on with coefficients.
-struct Animation::Early {
-    std::shared_ptr<Patches> patches;  // none where a vertex has no neighbour
-    std::shared_ptr<const SpaceLayout> layout;
-    std::exception_ptr failure;
-    std::mutex lock;
-    std::condition_variable changed;
-    bool is_made = false;
-    std::jthread thread;  // where nothing else is decoded ahead
-
-    void finish() {
-        const std::lock_guard guard(lock);
-        is_made = true;
-        changed.notify_all();
-    }
-
-    void wait() {
-        std::unique_lock guard(lock);
-        changed.wait(guard, [&] { return is_made; });
-    }
-};
-
-// Begin with them; nothing where they would not be the patches, or there is no thread for it.
-std::shared_ptr<Animation::Early> Animation::begin_early(GroupsAhead *ahead) {
-    if (threads_ < 2 || reference_ || says_welds()) return nullptr;
-    auto early = std::make_shared<Early>();
-    const auto make = [this, ahead, own = early.get(), parts = views()] {
-        GroupCoefficients *coefficients = nullptr;
-        try {
-            own->patches = early_patches(parts, model_.form.points);
-            if (own->patches) own->layout = layout_of(own->patches);
-            if (own->layout && ahead) coefficients = ahead->make_coefficients(own->layout);
-        } catch (const CorruptError &) {
-            // They may not be the patches.
-        } catch (...) {
-            own->failure = std::current_exception();
-        }
-        own->finish();
-        if (coefficients) coefficients->decode();
-    };
-    if (ahead) {
-        ahead->insert([make, early] { make(); });
-    } else {
-        early->thread = std::jthread(make);
-    }
-    return early;
-}
-
-// `ahead`: goes on with coefficients as soon as it is known where they belong.
-const SpaceBasis &Animation::space(GroupsAhead *ahead) {
-    const std::lock_guard guard(lock_);
-    if (!space_) {
-        take_motion();
-        const SpaceForm &form = model_.form;
-        const std::vector<ConnectivityView> parts = views();
-        std::shared_ptr<const SpaceLayout> layout;
-        if (form.kind == SpaceKind::patch) {
-            // Unless vertices coincide, patches follow from connectivity alone: they are made while the reference frame is
-            // decoded, and so are coefficients.
-            const std::shared_ptr<Early> early = begin_early(ahead);
-            reference();
-            if (early) early->wait();
-            if (early && early->failure) std::rethrow_exception(early->failure);
-            std::shared_ptr<Patches> patches =
-                build_patches(parts, reference().grid, form.points, early ? early->patches : nullptr);
-            if (early && early->layout && patches == early->patches) {
-                layout = early->layout;
-            } else {
-                if (ahead) ahead->drop_coefficients();
-                layout = layout_of(std::move(patches));
-            }
-        } else {
-            Curves curves = extract_curves(parts, reference().grid);
-            layout = layout_of(
-                std::make_shared<const Patches>(cut_curves(std::move(curves.order), curves.starts, form.points)));
-        }
-        space_ = std::make_unique<SpaceBasis>(std::move(layout), reference().grid, threads_);
-    }
-    return *space_;
 }
 
 // What it takes at most to decode so many coefficients of a function of space, and values of functions of time. Both are
