@@ -17,27 +17,21 @@ constexpr double dependent = 0x1p-16;
 PartitionTree::PartitionTree(const Elements &elements, const std::vector<AffineSums> &sums,
                              std::shared_ptr<const SpaceLayout> layout)
     : layout_(std::move(layout)) {
-    std::vector<i64> affine;
-    std::vector<u8> masks;
-    for (i64 node = 0; node < layout_->nodes(); ++node) {
-        affine.push_back(layout_->affine_of_node(node));
-        masks.push_back(layout_->mask(node));
-    }
-    build_matrices(elements, sums, std::move(affine), masks, false);
+    std::vector<u8> masks = layout_->masks();
+    build_matrices(elements, sums, layout_->local(), masks, false);
 }
 
 PartitionTree::PartitionTree(const Elements &elements, const std::vector<AffineSums> &sums, std::vector<u8> local) {
-    std::vector<i64> affine = SpaceLayout::affine_of_elements(elements.form, *elements.patches, local);
-    std::vector<u8> masks(affine.size());
-    build_matrices(elements, sums, std::move(affine), masks, true);
+    std::vector<u8> masks(elements.patches->children.size());
+    build_matrices(elements, sums, local, masks, true);
     layout_ = std::make_shared<SpaceLayout>(elements.form, elements.patches, std::move(local), std::move(masks));
 }
 
-// `affine`: affine functions of each node, at least those of elements; of the others they are counted. `masks`: what nodes
-// keep, or where it is found.
+// `local`: local coordinates that each element takes. `masks`: what nodes keep, or where it is found.
 void PartitionTree::build_matrices(const Elements &elements, const std::vector<AffineSums> &of_elements,
-                                   std::vector<i64> affine, std::vector<u8> &masks, bool chooses) {
+                                   const std::vector<u8> &local, std::vector<u8> &masks, bool chooses) {
     const Patches &patches = *elements.patches;
+    std::vector<i64> affine = SpaceLayout::affine_of_elements(elements.form, patches, local);  // of nodes, upwards
     const std::vector<i64> &children = patches.children;
     const i64 nodes = static_cast<i64>(children.size());
     std::vector<AffineSums> sums(nodes);

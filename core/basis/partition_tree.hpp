@@ -48,8 +48,8 @@ public:
     double nearest = std::numeric_limits<double>::infinity();
 
 private:
-    void build_matrices(const Elements &elements, const std::vector<AffineSums> &of_elements, std::vector<i64> affine,
-                        std::vector<u8> &masks, bool chooses);
+    void build_matrices(const Elements &elements, const std::vector<AffineSums> &of_elements,
+                        const std::vector<u8> &local, std::vector<u8> &masks, bool chooses);
 
     std::shared_ptr<const SpaceLayout> layout_;
     std::vector<Matrix> matrices_;  // of nodes that are no elements, in order

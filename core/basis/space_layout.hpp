@@ -53,7 +53,7 @@ public:
     // Affine functions of a node, or of an element.
     i64 affine_of_node(i64 node) const { return affine_[node]; }
     i64 affine(i64 element) const { return affine_[patches_->node_of[element]]; }
-    u8 mask(i64 node) const { return masks_[node]; }
+    const std::vector<u8> &masks() const { return masks_; }
     const std::vector<u8> &local() const { return local_; }
 
     // All functions of an element.

@@ -40,10 +40,10 @@ public:
 private:
     Number *row_at(i64 row) const { return coefficients_ + row * layout.channels; }
 
-    // A place of a subband that is known, or nothing.
+    // A place of a subband that is known, or zeros.
     const i64 *row_of(i64 subband, i64 place) const {
         const std::span<const i64> starts = layout.subbands.starts;
-        if (subband < 0 || place >= starts[subband + 1] - starts[subband]) return nullptr;
+        if (subband < 0 || place >= starts[subband + 1] - starts[subband]) return nothing_.data();
         return row_at(starts[subband] + place);
     }
 
@@ -102,8 +102,8 @@ private:
             numbers,
             place > 0 ? numbers - layout.channels : nothing,
             place > 1 ? numbers - 2 * layout.channels : nothing,
-            beside ? beside : nothing,
-            above ? above : nothing,
+            beside,
+            above,
         };
         const bool is_shared = layout.axes == 1;
         const i64 block = is_shared ? ranks_together : layout.axes;

@@ -29,6 +29,7 @@ public:
     // Of the k-th of the groups its chunks, and what `decode_group_times` makes of them, which is handed over once. Nothing
     // where nothing is decoded ahead, or it failed: who does it again comes upon the error, and says where it is.
     const Chunks *chunks(std::size_t k);
+    std::optional<std::vector<double>> values(std::size_t k);
 
     // Do something else in the same thread, when it is done with a group. What it looks at must outlive this.
     void insert(std::function<void()> task);
@@ -44,7 +45,6 @@ public:
 
     // Give them up: the layout is another one.
     void drop_coefficients();
-    std::optional<std::vector<double>> values(std::size_t k);
 
 private:
     struct Ahead {
@@ -67,8 +67,8 @@ private:
     std::function<void()> inserted_;
     std::unique_ptr<GroupCoefficients> coefficients_;
     bool is_dropped_ = false;
-    std::jthread thread_,
-        later_;  // last, for they write to the others until they end; the second where the first has ended
+    // Last, for they write to the others until they end; the second does what is inserted when the first has ended.
+    std::jthread thread_, later_;
 };
 
 }  // namespace pdeanim
