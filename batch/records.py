@@ -46,6 +46,7 @@ def digest_of(path: Place) -> str:
     """Of the bytes of a file; InputError where it cannot be read."""
     try:
         with path.open("rb") as file:
+            # IO[bytes], as places open files, lacks what file_digest reads by; every file of theirs has it.
             return hashlib.file_digest(file, _ALGORITHM).hexdigest()  # type: ignore[arg-type]
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error})", path=path) from error

@@ -129,6 +129,7 @@ def broken_rules(path: Path) -> list[str]:
 def written(clip: MeshSequence, path: Path, **options: str) -> MeshSequence:
     """A sequence that was written and is opened again."""
     write_sequence(clip, path)
+    # Options of any reader: mypy asks for the type of each parameter.
     return open_sequence(path, **options)  # type: ignore[arg-type]
 
 
