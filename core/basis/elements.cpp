@@ -43,18 +43,45 @@ void ElementFunctions::add_affine(i64 count) {
     }
 }
 
+// A polynomial's column is number k of the next ones; false where nothing is added for it.
+bool ElementFunctions::set_column(int polynomial, i64 k) {
+    const Polynomial &own = polynomials[polynomial];
+    made_[polynomial] = -1;
+    // A multiple of a dropped polynomial is nothing new.
+    const auto is_dropped = [&](int lower) { return lower >= 0 && made_[lower] < 0; };
+    if (std::any_of(own.lower.begin(), own.lower.end(), is_dropped)) return false;
+    const double *lower = functions_.function(made_[own.lower[own.along]]);
+    const std::vector<double> &axis = axes_[own.along];
+    double *column = functions_.column(k);
+    for (i64 i = 0; i < points_; ++i) column[i] = lower[i] * axis[i];
+    return true;
+}
+
+// Those of a degree beside each other. The product of x p with a function q is that of p with x q: nothing, where x q is of
+// lower degree than p and made of functions that there are (Stieltjes' recurrence, in several coordinates). So x p has parts
+// along functions of the last two degrees and of its own alone, unless a factor of x or y was dropped.
 void ElementFunctions::add_polynomials() {
-    for (int j = affine_count; j < polynomial_count && !functions_.is_complete(); ++j) {
-        const Polynomial &polynomial = polynomials[j];
-        made_[j] = -1;
-        // A multiple of a dropped polynomial is nothing new.
-        const auto is_dropped = [&](int lower) { return lower >= 0 && made_[lower] < 0; };
-        if (std::any_of(polynomial.lower.begin(), polynomial.lower.end(), is_dropped)) continue;
-        const double *lower = functions_.function(made_[polynomial.lower[polynomial.along]]);
-        const std::vector<double> &axis = axes_[polynomial.along];
-        double *column = functions_.column();
-        for (i64 i = 0; i < points_; ++i) column[i] = lower[i] * axis[i];
-        if (functions_.add(elements_.shares[polynomial_column])) made_[j] = functions_.count() - 1;
+    constexpr int normal = 2;
+    std::array<i64, largest_degree + 1> first = {
+        0, 1, least<i64>(affine_count - 1, functions_.count())};  // function of each degree
+    bool is_closed = true;  // functions times x or y are made of functions, as far as their degree was reached
+    for (int j = affine_count; j < polynomial_count && !functions_.is_complete();) {
+        const int degree = polynomials[j].degree();
+        const bool is_normal = polynomials[j].along == normal;
+        if (polynomials[j - 1].degree() < degree) first[degree] = functions_.count();
+        std::array<int, OrthonormalFunctions::columns_at_once> chosen;
+        const i64 most = least(functions_.missing(), OrthonormalFunctions::columns_at_once);
+        i64 count = 0;
+        for (; j < polynomial_count && count < most; ++j) {
+            if (polynomials[j].degree() != degree || (polynomials[j].along == normal) != is_normal) break;
+            if (set_column(j, count)) chosen[count++] = j;
+        }
+        const i64 from = is_closed && !is_normal ? first[degree - 2] : 0;
+        const auto added = functions_.add(count, elements_.shares[polynomial_column], from);
+        for (i64 k = 0; k < count; ++k) {
+            made_[chosen[k]] = added[k];
+            is_closed &= added[k] >= 0 || is_normal;
+        }
     }
 }
 

@@ -57,6 +57,7 @@ public:
 private:
     int locate(i64 element);
     void add_affine(i64 count);
+    bool set_column(int polynomial, i64 k);
     void add_polynomials();
 
     const Elements &elements_;

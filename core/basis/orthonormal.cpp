@@ -27,39 +27,77 @@ void OrthonormalFunctions::begin(i64 points, i64 most) {
     most_ = most;
     count_ = 0;
     width_ = row_width(points);
-    column_.grow(width_);
-    part_.grow(width_);
+    columns_.grow(columns_at_once * width_);
     functions_.grow(most * width_);
 }
 
-double OrthonormalFunctions::squared_norm() const { return sum_of_products(column_.get(), column_.get(), width_); }
+double OrthonormalFunctions::squared_norm(const double *column) const {
+    return sum_of_products(column, column, width_);
+}
 
-bool OrthonormalFunctions::add(double share) {
-    double *column = column_.get();
-    std::fill(column + points_, column + width_, 0.0);
-    const double before = squared_norm();
-    double after = before;
-    if (count_ > 0) {
-        for (int pass = 0; pass < 2; ++pass) {
-            take_away_parts(column, functions_.get(), count_, width_, part_.get());
-            after = squared_norm();
-            if (after > once_is_enough * before) break;
+// Take away from columns what lies along functions `first` to `end` - 1.
+void OrthonormalFunctions::take_away(std::span<Column *const> columns, i64 first, i64 end) {
+    std::array<double *, columns_at_once> values;
+    for (std::size_t k = 0; k < columns.size(); ++k) values[k] = columns[k]->values;
+    take_away_parts({values.data(), columns.size()}, function(first), end - first, width_);
+    for (Column *own : columns) own->left = squared_norm(own->values);
+}
+
+// A second time, along all of the first `end` functions, from those of which little was left.
+void OrthonormalFunctions::take_away_again(std::span<Column *const> columns, i64 end) {
+    std::array<Column *, columns_at_once> again;
+    std::size_t count = 0;
+    for (Column *own : columns) {
+        if (own->left > once_is_enough * own->begun) continue;
+        own->begun = own->left;
+        again[count++] = own;
+    }
+    take_away({again.data(), count}, 0, end);
+}
+
+std::array<i64, OrthonormalFunctions::columns_at_once> OrthonormalFunctions::add(i64 columns, double share, i64 first) {
+    const i64 known = count_;
+    std::array<Column, columns_at_once> own;
+    std::array<Column *, columns_at_once> all;
+    for (i64 k = 0; k < columns; ++k) {
+        double *values = column(k);
+        std::fill(values + points_, values + width_, 0.0);
+        const double norm = squared_norm(values);
+        own[k] = {values, norm, norm, norm};
+        all[k] = &own[k];
+    }
+    const std::span<Column *const> given{all.data(), static_cast<std::size_t>(columns)};
+    take_away(given, first, known);
+    take_away_again(given, known);
+    std::array<i64, columns_at_once> added{};
+    for (i64 k = 0; k < columns; ++k) {
+        const std::span<Column *const> one = given.subspan(k, 1);
+        if (count_ > known) {
+            take_away(one, known, count_);
+            take_away_again(one, count_);
         }
+        added[k] = keep(own[k], share);
     }
+    return added;
+}
+
+// Add what is left of a column.
+i64 OrthonormalFunctions::keep(const Column &column, double share) {
     if (share > 0.0) {
-        if (before > 0.0) nearest = std::min(nearest, std::abs(after / (share * before) - 1.0));
-        if (!(after > share * before)) return false;
+        const double least_left = share * column.before;
+        if (column.before > 0.0) nearest = std::min(nearest, std::abs(column.left / least_left - 1.0));
+        if (!(column.left > least_left)) return -1;
     }
-    const double scale = after > 0.0 ? 1.0 / std::sqrt(after) : 0.0;
-    double *found = functions_.get() + count_++ * width_;
-    for (i64 i = 0; i < width_; ++i) found[i] = column[i] * scale;
-    return true;
+    const double scale = column.left > 0.0 ? 1.0 / std::sqrt(column.left) : 0.0;
+    double *found = functions_.get() + count_ * width_;
+    for (i64 i = 0; i < width_; ++i) found[i] = column.values[i] * scale;
+    return count_++;
 }
 
 void OrthonormalFunctions::add_unit_vectors(double share) {
     for (i64 j = 0; j < points_ && !is_complete(); ++j) {
-        std::fill_n(column_.get(), points_, 0.0);
-        column_.get()[j] = 1.0;
+        std::fill_n(column(), points_, 0.0);
+        column()[j] = 1.0;
         add(share);
     }
 }

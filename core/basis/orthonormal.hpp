@@ -1,13 +1,16 @@
-// Orthonormal functions on the points of an element, made one after another.
+// Orthonormal functions on the points of an element, made some at a time.
 //
-// Classical Gram-Schmidt, a second time where the first cancels, is as orthogonal as the modified one (Giraud, Langou and
-// Rozloznik 2005, "The loss of orthogonality in the Gram-Schmidt orthogonalization process"), and runs along all functions
-// at once. The functions are floating-point numbers that no decision hangs on but one, whether a column is dropped, and the
+// Gram-Schmidt, a second time where the first cancels, which is as orthogonal as rounding allows (Giraud, Langou and
+// Rozloznik 2005, "The loss of orthogonality in the Gram-Schmidt orthogonalization process"); where products with the first
+// functions are known to be nothing but rounding, and not computed, that rounding grows along with the degree, to 1e-8 at
+// worst. The functions are floating-point numbers that no decision hangs on but one, whether a column is dropped, and the
 // encoder keeps clear of it (`nearest`).
 #pragma once
 
+#include <array>
 #include <limits>
 #include <memory>
+#include <span>
 
 #include "arithmetic.hpp"
 #include "linear_algebra/add_product.hpp"
@@ -16,23 +19,30 @@ namespace pdeanim {
 
 class OrthonormalFunctions {
 public:
+    static constexpr i64 columns_at_once = 8;
+
     // Begin anew, for so many points and functions at most.
     void begin(i64 points, i64 most);
 
     i64 count() const { return count_; }
-    bool is_complete() const { return count_ == most_; }
+    i64 missing() const { return most_ - count_; }
+    bool is_complete() const { return missing() == 0; }
     const double *function(i64 k) const { return functions_.get() + k * width_; }
 
     // A row for each.
     Strided<double> all() const { return {functions_.get(), width_, 1}; }
 
-    // What `add` adds: a number for each point.
-    double *column() { return column_.get(); }
+    // What is added next: a number for each point.
+    double *column(i64 k = 0) { return columns_.get() + k * width_; }
 
-    // Orthonormalise the column on the functions that there are; false where too little of it is new. `share`: that of
-    // its squared norm that must be new; 0 where the column is one that the file names. Of such a column that is all old
-    // the function is zero.
-    bool add(double share);
+    // Orthonormalise columns on the functions that there are and on each other, and add them; which function each has
+    // become, -1 where too little of it is new. `share`: that of its squared norm that must be; 0 where the column is one
+    // that the file names. Of such a column that is all old the function is zero. `first`: the functions before it have no
+    // part in any of the columns, but for rounding.
+    std::array<i64, columns_at_once> add(i64 columns, double share, i64 first);
+
+    // Add one; whether it was.
+    bool add(double share) { return add(1, share, 0)[0] >= 0; }
 
     // Add unit vectors, point after point, as long as functions are missing. None are then, where `share` is below
     // 1 / points: as long as one is, some point has not been looked at or has more than that to add.
@@ -45,7 +55,17 @@ public:
     double nearest = std::numeric_limits<double>::infinity();
 
 private:
-    double squared_norm() const;
+    // One that is being orthonormalised, and squared norms: as it was given, when what was taken away last began to be, and
+    // now.
+    struct Column {
+        double *values;
+        double before, begun, left;
+    };
+
+    double squared_norm(const double *column) const;
+    void take_away(std::span<Column *const> columns, i64 first, i64 end);
+    void take_away_again(std::span<Column *const> columns, i64 end);
+    i64 keep(const Column &column, double share);
 
     // Room that grows, without values.
     struct Room {
@@ -57,7 +77,7 @@ private:
 
     i64 points_ = 0, most_ = 0, count_ = 0;
     i64 width_ = 0;  // of a function in memory, where zeros follow it
-    Room column_, part_, functions_;
+    Room columns_, functions_;
 };
 
 }  // namespace pdeanim

@@ -20,6 +20,8 @@ struct Polynomial {
     std::array<int, 3> exponents{};
     std::array<int, 3> lower = {-1, -1, -1};  // the polynomial of a degree less along each axis, -1 for none
     int along = -1;                           // the first of these axes: it is that polynomial times this coordinate
+
+    constexpr int degree() const { return exponents[0] + exponents[1] + normal_degree * exponents[2]; }
 };
 
 constexpr int polynomial_count = [] {

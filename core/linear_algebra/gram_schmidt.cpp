@@ -1,7 +1,5 @@
 #include "linear_algebra/gram_schmidt.hpp"
 
-#include <algorithm>
-
 #include "instructions.hpp"
 #include "linear_algebra/vectors.hpp"
 
@@ -9,37 +7,54 @@ namespace pdeanim {
 
 namespace {
 
-constexpr int rows_at_once = 4;  // their sums wait for each other less
+// Their sums wait for each other less, and what is read is used for several.
+constexpr int rows_at_once = 4, columns_at_once = 4;
 
-// Add up, in `part`, what of a column lies along some rows: these are read once, for their shares and for their sum.
-template <int rows>
-PDEANIM_INLINE void add_part_along(const double *column, const double *first, i64 width, double *part) {
-    Eight sums[rows] = {};
+template <int columns, int rows> PDEANIM_INLINE void take_away(double *const *column, const double *first, i64 width) {
+    Eight sums[columns][rows] = {};
     for (i64 i = 0; i < width; i += abreast) {
-        const Eight own = lanes_at<abreast>(column + i);
-        for (int k = 0; k < rows; ++k) sums[k] += own * lanes_at<abreast>(first + k * width + i);
+        Eight row[rows];
+        for (int r = 0; r < rows; ++r) row[r] = lanes_at<abreast>(first + r * width + i);
+        for (int c = 0; c < columns; ++c) {
+            const Eight own = lanes_at<abreast>(column[c] + i);
+            for (int r = 0; r < rows; ++r) sums[c][r] += own * row[r];
+        }
     }
-    double shares[rows];
-    for (int k = 0; k < rows; ++k) shares[k] = sum_of(sums[k]);
+    double shares[columns][rows];
+    for (int c = 0; c < columns; ++c) {
+        for (int r = 0; r < rows; ++r) shares[c][r] = sum_of(sums[c][r]);
+    }
     for (i64 i = 0; i < width; i += abreast) {
-        Eight own = lanes_at<abreast>(part + i);
-        for (int k = 0; k < rows; ++k) own += shares[k] * lanes_at<abreast>(first + k * width + i);
-        put_lanes(part + i, own);
+        Eight row[rows];
+        for (int r = 0; r < rows; ++r) row[r] = lanes_at<abreast>(first + r * width + i);
+        for (int c = 0; c < columns; ++c) {
+            Eight own = lanes_at<abreast>(column[c] + i);
+            for (int r = 0; r < rows; ++r) own -= shares[c][r] * row[r];
+            put_lanes(column[c] + i, own);
+        }
     }
+}
+
+template <int columns>
+PDEANIM_INLINE void take_away_all(double *const *column, const double *rows, i64 count, i64 width) {
+    i64 k = 0;
+    for (; k + rows_at_once <= count; k += rows_at_once)
+        take_away<columns, rows_at_once>(column, rows + k * width, width);
+    for (; k < count; ++k) take_away<columns, 1>(column, rows + k * width, width);
 }
 
 }  // namespace
 
 i64 row_width(i64 numbers) { return whole_eights(numbers); }
 
-void take_away_parts(double *column, const double *rows, i64 count, i64 width, double *part) {
-    std::fill_n(part, width, 0.0);
+void take_away_parts(std::span<double *const> columns, const double *rows, i64 count, i64 width) {
     in_widest([&]() PDEANIM_INLINE_LAMBDA {
-        i64 k = 0;
-        for (; k + rows_at_once <= count; k += rows_at_once)
-            add_part_along<rows_at_once>(column, rows + k * width, width, part);
-        for (; k < count; ++k) add_part_along<1>(column, rows + k * width, width, part);
-        add_multiple(column, -1.0, part, width);
+        const i64 total = static_cast<i64>(columns.size());
+        i64 c = 0;
+        for (; c + columns_at_once <= total; c += columns_at_once)
+            take_away_all<columns_at_once>(columns.data() + c, rows, count, width);
+        for (; c + 2 <= total; c += 2) take_away_all<2>(columns.data() + c, rows, count, width);
+        for (; c < total; ++c) take_away_all<1>(columns.data() + c, rows, count, width);
     });
 }
 

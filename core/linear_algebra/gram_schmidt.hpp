@@ -1,5 +1,7 @@
-// A pass of the classical Gram-Schmidt process.
+// A pass of the Gram-Schmidt process.
 #pragma once
+
+#include <span>
 
 #include "arithmetic.hpp"
 
@@ -8,8 +10,7 @@ namespace pdeanim {
 // So wide is a row of so many numbers, zeros after them.
 i64 row_width(i64 numbers);
 
-// Take away from a column what of it lies along `count` orthonormal rows, each as wide as the column; `part`: room for
-// one more.
-void take_away_parts(double *column, const double *rows, i64 count, i64 width, double *part);
+// Take away from each column what of it lies along `count` orthonormal rows; all are as wide.
+void take_away_parts(std::span<double *const> columns, const double *rows, i64 count, i64 width);
 
 }  // namespace pdeanim
