@@ -31,11 +31,7 @@ std::vector<i32> Codes::full() const {
 
 ValueModel::ValueModel()
     : by_channel_(rows * sizes * most_channels), by_prediction_(rows * predictions * sizes),
-      by_spread_(rows * sizes * sizes) {
-    for (auto &of_kind : length_weights_) {
-        for (auto &of_step : of_kind) of_step.fill(equal_weights<3>());
-    }
-}
+      by_spread_(rows * sizes * sizes) {}
 
 // Its length, the digits below the first, the sign.
 template <Mode mode>

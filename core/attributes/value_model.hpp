@@ -70,7 +70,7 @@ private:
     std::array<BitModel, most_channels> alike_;  // whether a channel equals the one before
     // Of lengths of residuals of values and of places in a table, by the step and the way; of whether a value is common.
     std::array<std::array<std::array<Weights<3>, WedgeField::ways + 1>, steps>, 2> length_weights_;
-    Weights<3> common_weights_ = equal_weights<3>();
+    Weights<3> common_weights_;
     int history_ = 0;  // of the last 4 values, which were common
 };
 

@@ -18,9 +18,7 @@ std::pair<i32, i32> across(const CornerTable &corners, i32 edge, i32 vertex) {
 
 WedgeModel::WedgeModel()
     : by_ends_(kinds * likenesses * likenesses * 3), by_bend_(kinds * bends * likenesses * likenesses),
-      by_history_(histories * kinds * likenesses) {
-    weights_.fill(equal_weights<3>());
-}
+      by_history_(histories * kinds * likenesses) {}
 
 // 0 unknown, 1 at 90 degrees or more, up to 7 flat.
 int WedgeModel::bend_of(const GridPoint &one, const GridPoint &another) {

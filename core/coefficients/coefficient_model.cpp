@@ -6,18 +6,9 @@ namespace pdeanim {
 
 namespace {
 
-constexpr i32 first_weight = 26214;  // 0.4
-
 [[noreturn]] void broken() { throw CorruptError("section COEF holds levels that cannot be; get the file again"); }
 
 }  // namespace
-
-CoefficientModel::CoefficientModel() {
-    for (auto &weights : block_weights_) weights.fill(first_weight);
-    for (auto &weights : nonzero_weights_) weights.fill(first_weight);
-    for (auto &weights : larger_weights_) weights.fill(first_weight);
-    for (auto &weights : count_weights_) weights.fill(first_weight);
-}
 
 // 0 to 7 as they are, then four to an octave.
 int CoefficientModel::ratio_class(i64 total) {

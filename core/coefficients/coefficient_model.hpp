@@ -36,8 +36,6 @@ public:
     static constexpr i64 largest = i64{1} << largest_exponent;  // magnitude of a coefficient
     static constexpr i64 most_channels = (1 << 19) - 1;
 
-    CoefficientModel();
-
     // Code how many channels, at most `most`, a band needs; `before` is how many the band before it in the subband
     // does. CorruptError where the bits hold more.
     template <Mode mode> i64 code_count(RangeCoder<mode> &coder, int band, i64 before, i64 most, i64 count);

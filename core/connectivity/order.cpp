@@ -483,7 +483,6 @@ OrderModel::OrderModel()
     first_slot_.fill(Models(64 * slots));
     proposal_.fill(Models(64 * slots));
     proposal_around_.fill(Models(8 * (farthest + 1)));
-    proposal_weights_.fill(equal_weights<2>());
 }
 
 template <Mode mode> void OrderModel::encode(RangeCoder<mode> &coder, const CodedSurface &surface,

@@ -59,8 +59,7 @@ private:
     NumberModel corner_number_;
     std::array<SignedModel, jump_classes> jump_;
     SignedModel place_;
-    Weights<2> found_weights_ = equal_weights<2>(), side_weights_ = found_weights_, corner_weights_ = found_weights_,
-               list_weights_ = found_weights_, first_weights_ = found_weights_;
+    Weights<2> found_weights_, side_weights_, corner_weights_, list_weights_, first_weights_;
     MatchModel to_face_;  // from the last face to a vertex of the next
     int found_history_ = 0, corner_history_ = 0, list_history_ = 0, first_history_ = 0;
     int slot_now_ = 0, slot_before_ = 0, slot_long_before_ = 0;

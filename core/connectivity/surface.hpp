@@ -89,16 +89,16 @@ private:
     struct SizeModels {
         std::vector<BitModel> angles = std::vector<BitModel>(A * A), recent = std::vector<BitModel>(S * S),
                               faces = std::vector<BitModel>(F * F * S);
-        Weights<3> weights = equal_weights<3>();
+        Weights<3> weights;
     };
     struct ClosingModels {
         std::vector<BitModel> beyond = std::vector<BitModel>(F * F * 2), opposite = std::vector<BitModel>(F * F * F),
                               recent = std::vector<BitModel>(A * S * 64);
-        Weights<3> weights = equal_weights<3>();
+        Weights<3> weights;
     };
 
     std::vector<BitModel> border_, border_recent_, border_beside_;
-    Weights<3> border_weights_ = equal_weights<3>();
+    Weights<3> border_weights_;
     std::array<SizeModels, told_sizes> sizes_;
     std::array<ClosingModels, 2> closings_;
     std::array<BitModel, 8> new_vertex_;

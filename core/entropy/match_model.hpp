@@ -102,7 +102,7 @@ private:
     i64 count_ = 0, long_place_ = -1, short_place_ = -1, run_ = 0;
     i32 long_slot_ = -1, short_slot_ = -1;
     int long_history_ = 0, short_history_ = 0;  // which of the last 8 matches were right, the latest in bit 0
-    Weights<2> long_weights_ = equal_weights<2>(), short_weights_ = equal_weights<2>();
+    Weights<2> long_weights_, short_weights_;
     std::array<std::array<std::array<BitModel, 3>, phases>, longest_run + 1> of_run_;
     std::array<std::array<BitModel, 3>, 256> long_recent_;
     std::array<std::array<BitModel, phases>, 256> short_recent_;

@@ -63,15 +63,11 @@ private:
     u32 state_ = 1u << (probability_bits - 1 + count_bits);
 };
 
-// Weights of the inputs of a mixed bit, in 1/65536.
-template <std::size_t inputs> using Weights = std::array<i32, inputs>;
-
-// Weights that trust all inputs alike: together more than one, for where they agree they know more than each.
-template <std::size_t inputs> constexpr Weights<inputs> equal_weights() {
-    Weights<inputs> weights{};
-    weights.fill(static_cast<i32>(6 * 65536 / (5 * inputs)));
-    return weights;
-}
+// Weights of the inputs of a mixed bit, in 1/65536. At first they trust all alike: together more than one, for where inputs
+// agree they know more than each.
+template <std::size_t inputs> struct Weights : std::array<i32, inputs> {
+    constexpr Weights() { this->fill(static_cast<i32>(6 * 65536 / (5 * inputs))); }
+};
 
 template <Mode mode> class RangeCoder {
 public:

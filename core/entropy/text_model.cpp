@@ -44,7 +44,6 @@ bool is_utf8(std::string_view text) {
 
 TextModel::TextModel(bool has_read_words)
     : one_(1 << slot_bits), two_(1 << slot_bits), three_(1 << slot_bits), places_(1 << place_bits), past_(past_size) {
-    weights_.fill(equal_weights<4>());
     if (!has_read_words) return;
     RangeCoder<Mode::measure> coder;
     for (const char byte : words) code(coder, static_cast<u8>(byte));

@@ -13,7 +13,6 @@ constexpr int nearnesses = 4;
 // has each length from 2 to 12; and longer ones.
 constexpr int rows = 16;
 constexpr int sizes = 48;  // sizes that are told apart, two to an octave
-constexpr i32 first_weight = (1 << 16) / 3;
 constexpr i64 half = 1 << (fraction_bits - 1);
 
 // Size of a number that is not negative, two to an octave: 0, 1, 2, 3, 4 for 4 and 5, 5 for 6 and 7, ...
@@ -32,12 +31,7 @@ PointModel::PointModel(bool repeats)
     : by_size_(rows * sizes * 3 * ways), by_kind_(rows * sizes * kind_count), by_spread_(rows * sizes * 4 * ways) {
     signs_ = {std::vector<BitModel>(sign_kinds * (1 << fraction_bits) * 3), std::vector<BitModel>(sign_kinds * 25),
               std::vector<BitModel>(sign_kinds * 25)};
-    first_.fill(first_weight);
     if (repeats) matches_.emplace();
-    for (auto *each : {&up_, &down_}) {
-        for (Weights<3> &weights : *each) weights.fill(first_weight);
-    }
-    for (Weights<3> &weights : sign_weights_) weights.fill(first_weight);
 }
 
 template <Mode mode> void PointModel::code_weights(RangeCoder<mode> &coder, TermWeights &weights) {

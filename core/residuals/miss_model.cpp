@@ -5,13 +5,6 @@
 
 namespace pdeanim {
 
-MissModel::MissModel() {
-    for (auto &of_count : count_weights_) {
-        for (Weights<3> &weights : of_count) weights.fill(first_residual_weight);
-    }
-    for (Weights<3> &weights : sign_weights_) weights.fill(first_residual_weight);
-}
-
 template <Mode mode> i64 MissModel::code(RangeCoder<mode> &coder, const MissContext &known, i64 miss) {
     const i64 size_in_time = size_of(known.in_time), size_in_space = size_of(known.in_space);
     const i64 beside = 2 * known.one_before + known.two_before;

@@ -13,9 +13,6 @@ namespace pdeanim {
 // Misses are remembered within 32 bits: they only say what size is expected.
 constexpr i64 largest_remembered_miss = (i64{1} << 31) - 1;
 
-// Weights of every mixed bit of CORR before anything is learnt.
-constexpr i32 first_residual_weight = 28000;
-
 // What is known of a miss before it is coded.
 struct MissContext {
     int axis = 0;
@@ -31,8 +28,6 @@ constexpr int sign_of(i64 number) { return (number > 0) - (number < 0); }
 
 class MissModel {
 public:
-    MissModel();
-
     // CorruptError where the bytes hold what is out of range.
     template <Mode mode> i64 code(RangeCoder<mode> &coder, const MissContext &known, i64 miss);
 

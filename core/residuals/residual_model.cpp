@@ -8,9 +8,6 @@ template <Mode mode> ResidualModel<mode>::ResidualModel(RangeCoder<mode> &coder,
                                                         bool is_predicted, Values &residuals, i64 count)
     : coder_(coder), patches_(patches), is_predicted_(is_predicted), residuals_(residuals), count_(count) {
     begin_again();
-    for (Weights<3> *weights : {&patch_weights_, &span_weights_, &vertex_weights_[0], &vertex_weights_[1]}) {
-        weights->fill(first_residual_weight);
-    }
     if constexpr (mode == Mode::decode) {
         residuals.places.reserve(count);
         residuals.quantised.reserve(count);

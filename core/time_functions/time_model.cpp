@@ -28,15 +28,13 @@ int sign_class(i64 number) { return number == 0 ? 0 : number < 0 ? 1 : 2; }
 
 // What a number is coded with: where its inputs begin, and the exponent to begin with.
 struct Expected {
-    std::array<BitModel *, 4> inputs;
+    std::array<BitModel *, 3> inputs;
     int exponent;
 };
 
 class TimeModel {
 public:
     explicit TimeModel(i64 frames) {
-        for (auto &weights : weights_) weights.fill((1 << 16) / 4);
-        sign_weights_.fill((1 << 16) / 3);
         for (auto &sizes : sizes_) sizes.resize(frames + 2 * margin);
     }
 
@@ -56,17 +54,19 @@ public:
                     if (functions_back > function || places_back > place) return 0;
                     return numbers[axis - (functions_back * frames + places_back) * axes];
                 };
-                BitModel *const of_place = by_place_[grade(place)][grade((2 * same + around) / 3)].data();
+                auto &of_place = by_place_[grade(place)];
                 i64 here = 0;
                 for (i64 axis = 0; axis < axes; ++axis) {
                     const i64 size = axis == 0   ? wide
                                      : axis == 1 ? (3 * wide + 48 * here) >> 2
                                                  : (wide + 8 * here) >> 1;
                     const i64 one = at(0, 1, axis), two = at(0, 2, axis), four = at(0, 4, axis);
+                    const i64 earlier = size_of(two) + (size_of(four) >> 1);
+                    const i64 of_functions =
+                        size_of(at(1, 0, axis)) + size_of(at(2, 0, axis)) + (size_of(at(3, 0, axis)) >> 1);
                     const Expected expected = {
-                        {by_size_[grade(size / 24)][axis].data(), of_place,
-                         by_last_[grade(size_of(one))][grade((last + second_last) >> 1)][axis].data(),
-                         by_functions_[grade(size_of(at(1, 0, axis)))][grade(size_of(at(2, 0, axis)))].data()},
+                        {by_size_[grade(size / 24)][axis].data(), of_place[grade(of_functions)].data(),
+                         by_last_[grade(size_of(one))][grade(earlier)].data()},
                         least(bit_length(size / 136 + 1) - 1, most_exponent - 1)};
                     const i64 wanted = mode == Mode::decode ? 0 : numbers[axis];
                     const i64 magnitude = code_magnitude(coder, expected, size_of(wanted));
@@ -82,9 +82,8 @@ public:
 private:
     template <Mode mode> bool decide(RangeCoder<mode> &coder, const Expected &expected, int decision, bool bit) {
         const auto &inputs = expected.inputs;
-        return coder.template mixed<4>(
-            {inputs[0] + decision, inputs[1] + decision, inputs[2] + decision, inputs[3] + decision},
-            weights_[decision].data(), bit);
+        return coder.template mixed<3>({inputs[0] + decision, inputs[1] + decision, inputs[2] + decision},
+                                       weights_[decision].data(), bit);
     }
 
     template <Mode mode> i64 code_magnitude(RangeCoder<mode> &coder, const Expected &expected, i64 magnitude) {
@@ -115,8 +114,7 @@ private:
         const int one_sign = sign_class(one), two_sign = sign_class(two), four_sign = sign_class(four);
         const int one_size = size_class(size_of(one)), two_size = size_class(size_of(two));
         const int size = least(bit_length(magnitude + 1) - 1, sign_sizes - 1);
-        return coder.template mixed<3>({&sign_by_three_[one_sign][two_sign][four_sign][two_size >> 1][size >> 1],
-                                        &sign_by_second_[two_sign][two_size][four_sign][size],
+        return coder.template mixed<2>({&sign_by_three_[one_sign][two_sign][four_sign][two_size >> 1][size >> 1],
                                         &sign_by_first_[one_sign][one_size][two_sign][size]},
                                        sign_weights_.data(), is_negative);
     }
@@ -124,14 +122,13 @@ private:
     using Decisions = std::array<BitModel, decisions>;
     template <class T, std::size_t rows, std::size_t columns> using Table = std::array<std::array<T, columns>, rows>;
 
-    Table<Decisions, grades, 3> by_size_;  // sizes of all neighbours, and the axis
-    Table<Decisions, grades, grades> by_place_;
-    std::array<Table<Decisions, grades, 3>, grades> by_last_;
-    Table<Decisions, grades, grades> by_functions_;  // those before at the same place
-    std::array<Weights<4>, decisions> weights_;
+    Table<Decisions, grades, 3> by_size_;        // sizes of all neighbours, and the axis
+    Table<Decisions, grades, grades> by_place_;  // and the functions before
+    Table<Decisions, grades, grades> by_last_;   // places before
+    std::array<Weights<3>, decisions> weights_;
     Table<std::array<Table<BitModel, 3, 3>, 3>, 3, 3> sign_by_three_;
-    Table<Table<BitModel, 3, sign_sizes>, 3, sign_sizes> sign_by_second_, sign_by_first_;
-    Weights<3> sign_weights_;
+    Table<Table<BitModel, 3, sign_sizes>, 3, sign_sizes> sign_by_first_;
+    Weights<2> sign_weights_;
     std::array<std::vector<i64>, 3> sizes_;
 };
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from spec.decoder.attributes import read_attributes
 from spec.decoder.connectivity import read_faces_and_lines
-from spec.decoder.contexts import PRIMER, TEXT_WEIGHTS, ByteModel, Contexts
+from spec.decoder.contexts import PRIMER, ByteModel, Contexts
 from spec.decoder.fields import CorruptFileError, Fields, decompress, read_container, read_runs, require
 from spec.decoder.groups import read_groups, read_model
 from spec.decoder.mesh import Mesh, read_vertex_counts
@@ -59,7 +59,7 @@ def decode_runs(data: bytes) -> list[Animation]:
     runs, found, end = read_runs(sections["RUNS"], sections["RDAT"], len(frames)), [], 0
     for run, count in zip(runs, frames, strict=True):
         end += count
-        names = Contexts(run.sections["NAME"], TEXT_WEIGHTS)
+        names = Contexts(run.sections["NAME"])
         begin, inside = end - count, [jump - (end - count) for jump in jumps if end - count < jump < end]
         own = decode_run(run.sections | {"META": sections["META"]}, fps, times[begin:end], inside, names)
         require(sum(mesh.vertices for mesh in own.meshes) == run.vertices, "another number of vertices than in RUNS")
@@ -126,7 +126,7 @@ def read_sequence(data: bytes) -> tuple[float, list[int], list[float], list[int]
         rules = {0: lambda i: start + i / rate, 1: lambda i: (start + i) / rate, 3: lambda i: start + i * (1 / rate)}
         times = [rules[rule](i) for i in range(frames)]
     jumps = read_jumps(fields, frames) if has_jumps else []
-    contexts = Contexts(fields.rest(), TEXT_WEIGHTS)
+    contexts = Contexts(fields.rest())
     if rule == LISTED:
         times = times_of(ByteModel(contexts, "bytes").read_bytes(8 * frames), frames)
     require(all(abs(time) <= 2.0**53 for time in times), "a time is out of range")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from spec.decoder.contexts import PRIMER, TEXT_WEIGHTS, ByteModel, Contexts, MatchModel
+from spec.decoder.contexts import PRIMER, ByteModel, Contexts, MatchModel
 from spec.decoder.fields import require
 from spec.decoder.mesh import LARGEST_INDEX, Attribute, Mesh
 from spec.decoder.wedges import COMPLEMENT, FLOAT, Body, Channel, Elements, Values, Vector, WedgeReader
@@ -26,7 +26,7 @@ def read_attributes(data: bytes, meshes: list[Mesh], grid: list[list[int]]) -> N
     """Fill in the attributes of `meshes`, whose vertices have these grid coordinates."""
     if not data:
         return
-    contexts = Contexts(data, TEXT_WEIGHTS)
+    contexts = Contexts(data)
     reader = AttributeReader(contexts)
     first = 0
     for mesh in meshes:

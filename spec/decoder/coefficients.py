@@ -16,8 +16,6 @@ TOLD_APART = 13
 DIGITS_END = 4
 """Numbers below have models of the digits that follow them."""
 
-FIRST_WEIGHTS = {3: 26214}
-
 
 def ratio_class(total: int) -> int:
     """14.2, ratio: 0 to 7 as they are, then four classes an octave."""
@@ -49,7 +47,7 @@ def read_coefficients(data: bytes, subbands: list[Subband], width: int, axes: in
     rows = [[0] * width for _ in range(subbands[-1].first + subbands[-1].size)]
     if not data:
         return rows
-    contexts, block = Contexts(data, FIRST_WEIGHTS), 4 if axes == 1 else axes
+    contexts, block = Contexts(data), 4 if axes == 1 else axes
     counts: dict[int, int] = defaultdict(int)
     """The last count of each context band."""
     latest: dict[bool, Subband] = {}

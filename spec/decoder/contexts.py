@@ -21,8 +21,7 @@ PRIMER = (
     b"Material.001\xffinitialShadingGroup\xfflambert1SG\xffmesh\xff/root/Armature/BodyShape\xff/World/Geometry/Cube\xff"
     b"Sphere_002/SphereShape_003\xffdefault\xffpCube1|pCubeShape1\xffPlane_0001\xffCylinder_10\xff"
 )
-CONNECTIVITY_WEIGHTS = {2: 39321, 3: 26214}
-TEXT_WEIGHTS = CONNECTIVITY_WEIGHTS | {4: 19660}
+FIRST_WEIGHTS = {2: 39321, 3: 26214, 4: 19660}
 
 Name = tuple[object, ...]
 
@@ -39,11 +38,10 @@ class History:
 
 
 class Contexts:
-    """A coded stream whose bit models and weights have names; `first_weights` go by the number of inputs (3.5)."""
+    """A coded stream whose bit models and weights have names."""
 
-    def __init__(self, data: bytes, first_weights: dict[int, int] = CONNECTIVITY_WEIGHTS) -> None:
+    def __init__(self, data: bytes) -> None:
         self._coder = RangeDecoder(data)
-        self._first_weights = first_weights
         self._models: list[int] = []
         self._numbers: dict[Name, int] = {}
         self._weights: dict[Name, list[int]] = {}
@@ -66,7 +64,7 @@ class Contexts:
     def mixed(self, weights: Name, *names: Name, of: Name | None = None, into: History | None = None) -> int:
         """A mixed bit, which goes into a history; inputs' names follow on `of` if common, else on the weights'."""
         if weights not in self._weights:
-            self._weights[weights] = [self._first_weights[len(names)]] * len(names)
+            self._weights[weights] = [FIRST_WEIGHTS[len(names)]] * len(names)
         family = weights if of is None else of
         inputs = [self._model((*family, place, *name)) for place, name in enumerate(names)]
         bit = self._sound(self._coder.mixed(self._models, inputs, self._weights[weights]))

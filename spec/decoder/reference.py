@@ -19,7 +19,6 @@ LARGEST_TURNED = 2**32
 KINDS = 9
 TERMS = 4
 MOST_GRADE = 47
-FIRST_WEIGHTS = {2: 39321, 3: 21845}
 
 Vector = NDArray[np.int64]
 Points = list[list[int]]
@@ -40,7 +39,7 @@ def read_reference(data: bytes, meshes: list[Mesh]) -> ReferenceFrame:
     predictor = fields.u8()
     require(predictor <= WELDED + MATCHED, "an unknown predictor")
     require(0 < step <= LARGEST_REAL and max(map(abs, origin)) <= LARGEST_REAL, "a step or an origin out of range")
-    contexts = Contexts(fields.rest(), FIRST_WEIGHTS)
+    contexts = Contexts(fields.rest())
     mesh = CornerTable(polygons_of(meshes), sum(item.vertices for item in meshes))
     matches = MatchModel(contexts, "residual") if predictor & MATCHED else None
     if predictor & WELDED:

@@ -18,7 +18,6 @@ LARGEST_MISS = 2**31 - 1
 MOST_MODELLED = 18
 SPAN = 8
 LARGEST_WEIGHT = 2**18
-FIRST_WEIGHTS = {3: 28000}
 
 
 @dataclass
@@ -50,7 +49,7 @@ class ResidualReader:
     """Reads the residuals of one group."""
 
     def __init__(self, data: bytes, starts: list[int]) -> None:
-        self._contexts = Contexts(data, FIRST_WEIGHTS)
+        self._contexts = Contexts(data)
         self._bytes, self._vertices = len(data), starts[-1]
         self._elements = [range(begin, end) for begin, end in pairwise(starts)]
         self._weights: dict[tuple[bool, bool, bool, int], list[int]] = defaultdict(lambda: [0] * 5)

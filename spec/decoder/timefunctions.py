@@ -11,7 +11,6 @@ from spec.decoder.space import Floats, Ints, series_functions
 MOST_EXPONENT = 39
 MOST_GRADE = 23
 GROWTH = 1.0 + 1.0 / 512.0
-FIRST_WEIGHTS = {3: 21845, 4: 16384}
 LEAST_LENGTH = 2.0**-52
 
 Inputs = tuple[tuple[int, ...], ...]
@@ -38,7 +37,7 @@ def read_time_functions(data: bytes, frames: int, count: int, step: float, axes:
 
 def read_quantised(data: bytes, frames: int, count: int, axes: int) -> Ints:
     """13.2: q[k, f, x]."""
-    contexts = Contexts(data, FIRST_WEIGHTS)
+    contexts = Contexts(data)
     q = np.zeros((count, frames, axes), np.int64)
 
     def at(k: int, f: int, x: int) -> int:
@@ -58,11 +57,12 @@ def read_quantised(data: bytes, frames: int, count: int, axes: int) -> Ints:
             here = 0
             for x in range(axes):
                 size = (wide, (3 * wide + 48 * here) // 4, (wide + 8 * here) // 2)[x]
+                of_functions = abs(at(k - 1, f, x)) + abs(at(k - 2, f, x)) + abs(at(k - 3, f, x)) // 2
+                earlier = abs(at(k, f - 2, x)) + abs(at(k, f - 4, x)) // 2
                 inputs = (
                     (coarse(size // 24), x),
-                    (coarse(f), coarse((2 * same + around) // 3)),
-                    (coarse(at(k, f - 1, x)), coarse((last + second) // 2), x),
-                    (coarse(at(k - 1, f, x)), coarse(at(k - 2, f, x))),
+                    (coarse(f), coarse(of_functions)),
+                    (coarse(at(k, f - 1, x)), coarse(earlier)),
                 )
                 magnitude = read_magnitude(contexts, inputs, bits(size // 136 + 1) - 1)
                 here += magnitude
@@ -90,7 +90,7 @@ def read_sign(contexts: Contexts, a: int, b: int, c: int, magnitude: int) -> int
     """13.2: 1 for negative."""
     y, za, zb = min(bits(magnitude + 1) - 1, 5), min(bits(a), 5), min(bits(b), 5)
     sa, sb, sc = ((n < 0) + 2 * (n > 0) for n in (a, b, c))
-    return contexts.mixed(("sign",), (sa, sb, sc, zb // 2, y // 2), (sb, zb, sc, y), (sa, za, sb, y))
+    return contexts.mixed(("sign",), (sa, sb, sc, zb // 2, y // 2), (sa, za, sb, y))
 
 
 class Prediction:
