@@ -32,7 +32,7 @@ from pdecodec.shares import side_by_side
 
 Float32Array = NDArray[np.float32]
 
-SEARCHED_GROUPS = 8
+SEARCHED_GROUPS = 3
 """Groups at the beginning of a clip, then one in twice as many, that are searched for how to divide and encode them.
 Others are taken as the one before was, unless they cost more by `WORTH_SEARCHING`: the search is most of the time."""
 
