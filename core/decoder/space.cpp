@@ -1,5 +1,5 @@
 // An animation's space basis, and what is made beside the reference frame that it stands on.
-#include <condition_variable>
+#include <future>
 #include <thread>
 
 #include "decoder/animation.hpp"
@@ -24,22 +24,8 @@ std::shared_ptr<const SpaceLayout> Animation::layout_of(std::shared_ptr<const Pa
 struct Animation::Early {
     std::shared_ptr<Patches> patches;  // none where a vertex has no neighbour
     std::shared_ptr<const SpaceLayout> layout;
-    std::exception_ptr failure;
-    std::mutex lock;
-    std::condition_variable changed;
-    bool is_made = false;
+    std::promise<void> made;
     std::jthread thread;  // where nothing else is decoded ahead
-
-    void finish() {
-        const std::lock_guard guard(lock);
-        is_made = true;
-        changed.notify_all();
-    }
-
-    void wait() {
-        std::unique_lock guard(lock);
-        changed.wait(guard, [&] { return is_made; });
-    }
 };
 
 // Begin with them; nothing where they would not be the patches, or there is no thread for it.
@@ -55,9 +41,10 @@ std::shared_ptr<Animation::Early> Animation::begin_early(GroupsAhead *ahead) {
         } catch (const CorruptError &) {
             // They may not be the patches.
         } catch (...) {
-            own->failure = std::current_exception();
+            own->made.set_exception(std::current_exception());
+            return;
         }
-        own->finish();
+        own->made.set_value();
         if (coefficients) coefficients->decode();
     };
     if (ahead) {
@@ -81,8 +68,7 @@ const SpaceBasis &Animation::space(GroupsAhead *ahead) {
             // decoded, and so are coefficients.
             const std::shared_ptr<Early> early = begin_early(ahead);
             reference();
-            if (early) early->wait();
-            if (early && early->failure) std::rethrow_exception(early->failure);
+            if (early) early->made.get_future().get();
             std::shared_ptr<Patches> patches =
                 build_patches(parts, reference().grid, form.points, early ? early->patches : nullptr);
             if (early && early->layout && patches == early->patches) {

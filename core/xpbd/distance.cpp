@@ -12,7 +12,10 @@ struct DistanceSlots {
     const i32 *members;
     const double *lengths;
     double *multipliers;
-    const double *inverse_masses = nullptr;  // of the particles of pairs; chains look their particles' up
+};
+
+struct PairSlots : DistanceSlots {
+    const double *inverse_masses;  // of both particles of each pair
 };
 
 // What a function of the lane returns.
@@ -53,7 +56,7 @@ PDEANIM_INLINE Slot masses(const Places &places, const i32 *points) {
 }
 
 template <bool is_damped>
-PDEANIM_INLINE void solve_pairs(Places places, DistanceSlots slots, std::size_t count, Scaling scaling) {
+PDEANIM_INLINE void solve_pairs(Places places, PairSlots slots, std::size_t count, Scaling scaling) {
     const auto [compliance, damping, relaxation] = scaling;
     for (std::size_t slot = 0; slot < count; ++slot) {
         const i32 *members = slots.members + slot * 2 * slot_size;
@@ -91,10 +94,10 @@ PDEANIM_INLINE void solve_pairs(Places places, DistanceSlots slots, std::size_t 
     }
 }
 
-void solve_damped(const Places &places, const DistanceSlots &slots, std::size_t count, const Scaling &scaling) {
+void solve_damped(const Places &places, const PairSlots &slots, std::size_t count, const Scaling &scaling) {
     in_widest([&]() PDEANIM_INLINE_LAMBDA { solve_pairs<true>(places, slots, count, scaling); });
 }
-void solve_undamped(const Places &places, const DistanceSlots &slots, std::size_t count, const Scaling &scaling) {
+void solve_undamped(const Places &places, const PairSlots &slots, std::size_t count, const Scaling &scaling) {
     in_widest([&]() PDEANIM_INLINE_LAMBDA { solve_pairs<false>(places, slots, count, scaling); });
 }
 
@@ -108,8 +111,9 @@ public:
 
 protected:
     void solve_group(const Places &places, Group group) override {
-        const DistanceSlots slots{members_.data() + first_of(group, 2), lengths_.data() + first_of(group, 1),
-                                  multipliers_of(group), inverse_masses_.data() + first_of(group, 2)};
+        const PairSlots slots{
+            {members_.data() + first_of(group, 2), lengths_.data() + first_of(group, 1), multipliers_of(group)},
+            inverse_masses_.data() + first_of(group, 2)};
         const auto take = scaling_.damping > 0.0 ? solve_damped : solve_undamped;
         take(places, slots, count(group), scaling_);
     }
