@@ -253,6 +253,6 @@ def test_a_long_clip_is_searched_at_its_beginning_and_where_it_costs_more(monkey
     _, animation = round_trip(sequence, max_error=0.01)
     assert distances(sequence, animation).max() <= 0.01
     groups = [time // 16 for time in searched]
-    assert groups[:7] == [1, 2, 3, 4, 5, 6, 7]
-    assert {16, 30, 32} <= set(groups)  # one in sixteen, and the first of those that move farther
+    assert groups[:2] == [1, 2]
+    assert {6, 12, 18, 24, 30, 36} <= set(groups)  # one in six, and the first of those that move farther
     assert len(groups) < 16
