@@ -13,9 +13,9 @@
 
 namespace pdeanim {
 
-// Call work(first, end) for runs of the items 0 to count - 1 that cover each once, from so many threads.
-template <class Work> void in_shares(i64 count, int threads, const Work &work) {
-    constexpr i64 shares_a_thread = 4;  // shares are alike in size, not in work: who is done with one takes the next
+// Call work(first, end) for runs of the items 0 to count - 1 that cover each once, from so many threads. Shares are alike in
+// size, not in work: who is done with one takes the next.
+template <class Work> void in_shares(i64 count, int threads, const Work &work, i64 shares_a_thread = 4) {
     const i64 workers = least<i64>(threads, count);
     if (workers < 2) {
         if (count > 0) work(i64{0}, count);

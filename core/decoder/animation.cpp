@@ -27,8 +27,8 @@ constexpr u64 bytes_per_group = 1536, bytes_per_object = 4096;
 constexpr u64 bytes_per_name_byte = 6;
 
 constexpr u8 predictors = 4;  // of the reference frame
-// Groups that are decoded beside each other: they are unlike in size, and who is done with one takes the next.
-constexpr int groups_a_thread = 2;
+// Groups that are decoded beside each other at most: they are unlike in size, and who is done with one takes the next.
+constexpr int groups_a_thread = 16;
 
 // Faces of all objects, then lines cut into pieces of two corners; vertices of all objects numbered through.
 Polygons polygons_of(std::span<const Connectivity> parts) {
@@ -304,17 +304,25 @@ void Animation::decode_ahead(std::span<const double> sorted) {
         if (!wanted.empty()) {  // the first one has the memory that the largest group needs
             bytes_at_once +=
                 motion_bytes(static_cast<u64>(own.channels()), static_cast<u64>(own.frames * own.functions));
-            if (expected_bytes > most_kept_ || bytes_at_once > left_) break;
+            // One that is not kept until its frames are evaluated would be decoded twice.
+            if (expected_bytes > most_kept_ - most_kept_ / 4 || bytes_at_once > left_) break;
         }
         wanted.push_back(index);
     }
     if (wanted.size() < 2) return;
+    // Whoever came to the largest one last would be waited for.
+    const auto bytes_of = [&](std::size_t index) { return table_->groups()[index].sizes[1]; };
+    std::stable_sort(wanted.begin(), wanted.end(), [&](auto a, auto b) { return bytes_of(a) > bytes_of(b); });
     const std::unique_ptr<GroupsAhead> ahead = begin_ahead(wanted);
     space(ahead.get());
     std::vector<std::optional<DecodedGroup>> found(wanted.size());
-    in_shares(static_cast<i64>(wanted.size()), threads_, [&](i64 first, i64 end) {
-        for (i64 k = first; k < end; ++k) found[k] = decode(wanted, k, *ahead, 1);
-    });
+    const auto decode_some = [&](i64 first, i64 end) {
+        for (i64 k = first; k < end; ++k) {
+            check_cancelled();
+            found[k] = decode(wanted, k, *ahead, 1);
+        }
+    };
+    in_shares(static_cast<i64>(wanted.size()), threads_, decode_some, groups_a_thread);
     for (std::size_t k = wanted.size(); k-- > 0;) keep(wanted[k], std::move(*found[k]));
 }
 

@@ -14,11 +14,17 @@ void GroupsAhead::work(const Container &container, const GroupTable &table) {
     try {
         for (std::size_t k = 0; k < groups_.size(); ++k) {
             found_[k].chunks = table.chunks(container, groups_[k]);
-            count(read_);
+            const std::lock_guard guard(lock_);
+            ++read_;
+            changed_.notify_all();
         }
         for (std::size_t k = 0; k < groups_.size(); ++k) {
-            found_[k].values = decode_group_times(table.groups()[groups_[k]], found_[k].chunks[0]);
-            count(decoded_);
+            if (takes_over(k)) {
+                found_[k].values = decode_group_times(table.groups()[groups_[k]], found_[k].chunks[0]);
+                const std::lock_guard guard(lock_);
+                found_[k].is_decoded = true;
+                changed_.notify_all();
+            }
             do_inserted();
         }
     } catch (...) {
@@ -34,20 +40,17 @@ void GroupsAhead::work(const Container &container, const GroupTable &table) {
     if (last) last();
 }
 
-void GroupsAhead::count(std::size_t &done) {
+// Whether who asks is the first one to decode the functions of time of the k-th.
+bool GroupsAhead::takes_over(std::size_t k) {
     const std::lock_guard guard(lock_);
-    ++done;
-    changed_.notify_all();
+    return !std::exchange(found_[k].is_taken_over, true);
 }
 
-// Whether the k-th is there, or, after a wait, has come.
-bool GroupsAhead::wait(const std::size_t &done, std::size_t k) {
+const Chunks *GroupsAhead::chunks(std::size_t k) {
     std::unique_lock guard(lock_);
-    changed_.wait(guard, [&] { return done > k || is_over_; });
-    return done > k;
+    changed_.wait(guard, [&] { return read_ > k || is_over_; });
+    return read_ > k ? &found_[k].chunks : nullptr;
 }
-
-const Chunks *GroupsAhead::chunks(std::size_t k) { return wait(read_, k) ? &found_[k].chunks : nullptr; }
 
 void GroupsAhead::insert(std::function<void()> task) {
     {
@@ -83,7 +86,10 @@ void GroupsAhead::drop_coefficients() {
 }
 
 std::optional<std::vector<double>> GroupsAhead::values(std::size_t k) {
-    if (!wait(decoded_, k)) return {};
+    if (found_.empty() || takes_over(k)) return {};
+    std::unique_lock guard(lock_);
+    changed_.wait(guard, [&] { return found_[k].is_decoded || is_over_; });
+    if (!found_[k].is_decoded) return {};
     return std::move(found_[k].values);
 }
 

@@ -27,7 +27,8 @@ public:
     GroupsAhead(const Container &container, const GroupTable &table, std::span<const std::size_t> groups);
 
     // Of the k-th of the groups its chunks, and what `decode_group_times` makes of them, which is handed over once. Nothing
-    // where nothing is decoded ahead, or it failed: who does it again comes upon the error, and says where it is.
+    // where nothing is decoded ahead, or it failed: who does it again comes upon the error, and says where it is. No values
+    // either where nobody has begun with them: then who asks does.
     const Chunks *chunks(std::size_t k);
     std::optional<std::vector<double>> values(std::size_t k);
 
@@ -50,18 +51,18 @@ private:
     struct Ahead {
         Chunks chunks;
         std::vector<double> values;
+        bool is_taken_over = false, is_decoded = false;
     };
 
     void work(const Container &container, const GroupTable &table);
     void do_inserted();
-    void count(std::size_t &done);
-    bool wait(const std::size_t &done, std::size_t k);
+    bool takes_over(std::size_t k);
 
     const GroupTable *table_ = nullptr;
     std::vector<std::size_t> groups_;
     std::vector<Ahead> found_;
-    std::size_t read_ = 0, decoded_ = 0;  // groups that are there, from the first on
-    bool is_over_ = true;                 // no more will be
+    std::size_t read_ = 0;  // groups whose chunks are there, from the first on
+    bool is_over_ = true;   // no more will be, nor will values
     std::mutex lock_;
     std::condition_variable changed_;
     std::function<void()> inserted_;

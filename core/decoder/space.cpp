@@ -1,5 +1,5 @@
 // An animation's space basis, and what is made beside the reference frame that it stands on.
-#include <future>
+#include <latch>
 #include <thread>
 
 #include "decoder/animation.hpp"
@@ -24,7 +24,8 @@ std::shared_ptr<const SpaceLayout> Animation::layout_of(std::shared_ptr<const Pa
 struct Animation::Early {
     std::shared_ptr<Patches> patches;  // none where a vertex has no neighbour
     std::shared_ptr<const SpaceLayout> layout;
-    std::promise<void> made;
+    std::exception_ptr failure;
+    std::latch made{1};
     std::jthread thread;  // where nothing else is decoded ahead
 };
 
@@ -41,10 +42,9 @@ std::shared_ptr<Animation::Early> Animation::begin_early(GroupsAhead *ahead) {
         } catch (const CorruptError &) {
             // They may not be the patches.
         } catch (...) {
-            own->made.set_exception(std::current_exception());
-            return;
+            own->failure = std::current_exception();
         }
-        own->made.set_value();
+        own->made.count_down();
         if (coefficients) coefficients->decode();
     };
     if (ahead) {
@@ -68,7 +68,8 @@ const SpaceBasis &Animation::space(GroupsAhead *ahead) {
             // decoded, and so are coefficients.
             const std::shared_ptr<Early> early = begin_early(ahead);
             reference();
-            if (early) early->made.get_future().get();
+            if (early) early->made.wait();
+            if (early && early->failure) std::rethrow_exception(early->failure);
             std::shared_ptr<Patches> patches =
                 build_patches(parts, reference().grid, form.points, early ? early->patches : nullptr);
             if (early && early->layout && patches == early->patches) {

@@ -22,6 +22,14 @@ public:
     template <class Lock, class Predicate> void wait(Lock &, const Predicate &) {}
 };
 
+// What it waits for was done at once.
+class latch {
+public:
+    explicit latch(long) {}
+    void count_down() {}
+    void wait() const {}
+};
+
 // Does its work at once.
 class jthread {
 public:
