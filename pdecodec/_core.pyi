@@ -42,7 +42,7 @@ def measure_coefficients(
     kinds: Int64Array,
     parents: Int64Array,
     axes: int,
-    copies: float = 1.0,
+    copies: Float64Array | None = None,
 ) -> float: ...
 
 class CoefficientDecoder:
@@ -350,7 +350,7 @@ class SpaceBasis:
     def make_functions(self, threads: int) -> None: ...
     def functions_of(self, element: int) -> Float64Array: ...
     def project(self, values: Float64Array, threads: int) -> Float64Array: ...
-    def project_some(self, values: FloatArray, elements: Int64Array, threads: int) -> Float64Array: ...
+    def project_some(self, values: FloatArray, subbands: Int64Array, threads: int) -> Float64Array: ...
 
 class Motion:
     """What moves the vertices in a group of frames (core/evaluate/motion.hpp), or those of some elements alone."""
@@ -362,7 +362,7 @@ class Motion:
         axes: int,
         step: float,
         single: bool,
-        elements: Int64Array | None,
+        subbands: Int64Array | None,
         threads: int,
     ) -> None: ...
     def evaluate(self, time: Float64Array, reference: Float64Array | None, out: FloatArray, threads: int) -> None: ...

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pdecodec.coding.groups import GroupEntry, cosines
 from pdecodec.coding.reference import quantise_reference
 from pdecodec.coding.residuals import residual_step
-from pdecodec.coding.spacebasis import MOST_FUNCTIONS, SpaceBasis, build_space_basis
+from pdecodec.coding.spacebasis import MOST_DEPTH, MOST_FUNCTIONS, SpaceBasis, build_space_basis
 from pdecodec.decoder import open_animation
 from pdecodec.encoding.displacements import ORIGINS, TIME_FUNCTIONS, Displacements, Origin, Sight, TimeFunctions
 from pdecodec.encoding.effort import EFFORTS
@@ -180,6 +180,20 @@ def test_estimates_of_a_large_mesh_are_near_to_what_fits_take(time: TimeFunction
         assert counter.bits(choice) == pytest.approx(fitter.fit(basis, choice).bits, rel=0.15)
 
 
+def test_estimates_from_some_nodes_are_near_to_those_from_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitter, basis = fitter_of(waving_sheet(rows=120), 0.02)
+    choice = fitter.first_choice
+    counters = []
+    for depth in (MOST_DEPTH, 4):
+        monkeypatch.setattr("pdecodec.encoding.estimate.WHOLE_DEPTHS", depth)
+        counters.append(bit_counter(fitter, basis))
+    whole, some = counters
+    assert isinstance(some, Estimate)
+    assert isinstance(whole, Estimate)
+    assert some.sample.chosen.size < 0.75 * whole.sample.chosen.size
+    assert some.bits(choice) == pytest.approx(whole.bits(choice), rel=0.1)
+
+
 def test_space_bases_are_compared_on_the_same_vertices() -> None:
     sequence = waving_sheet()
     fitter, basis = fitter_of(sequence, 0.02)
@@ -316,17 +330,36 @@ def test_displacements_from_another_shape_have_the_principal_functions_of_their_
 
 
 @pytest.mark.parametrize("origin", ORIGINS)
+def test_parts_of_displacements_have_what_they_would_find_themselves(origin: Origin) -> None:
+    fitter, basis = fitter_of(waving_sheet(), 0.02)
+    frames = slice(5, 16)
+    part, alone = (each.displacements(origin) for each in (fitter.part_of_found(frames), fitter.part(frames)))
+    assert part.part_of is not None
+    project = partial(basis.project_some, subbands=basis.subbands_of(np.arange(0, basis.element_count, 3)))
+    longer = Sight(project)
+    kinds: tuple[TimeFunctions, ...] = ("trajectories", "shapes", "cosines")
+    for kind in kinds:
+        found = part.some_coefficients(kind, sight=Sight(project, longer))
+        assert found == pytest.approx(alone.some_coefficients(kind, sight=Sight(project)), abs=1e-3 * fitter.unit)
+        if kind != "cosines":
+            assert part.functions(kind)[0] == pytest.approx(alone.functions(kind)[0], rel=1e-6)
+    part.put_aside()
+    assert part.part_of is None
+    assert part.some_coefficients("shapes") == pytest.approx(alone.some_coefficients("shapes"), abs=1e-3 * fitter.unit)
+
+
+@pytest.mark.parametrize("origin", ORIGINS)
 @pytest.mark.parametrize(
     "frames", [12, 200]
 )  # of few frames all functions are looked for, of many those that they need
 def test_what_some_elements_see_of_displacements_is_what_they_see_of_coefficients(origin: Origin, frames: int) -> None:
     fitter, basis = fitter_of(waving_sheet(frames=frames), 0.02)
-    moved, elements = fitter.displacements(origin), np.arange(0, basis.element_count, 3)
-    sight = Sight(partial(basis.project_some, elements=elements))
+    moved, subbands = fitter.displacements(origin), basis.subbands_of(np.arange(0, basis.element_count, 3))
+    sight = Sight(partial(basis.project_some, subbands=subbands))
     kinds: tuple[TimeFunctions, ...] = ("trajectories", "shapes", "cosines")
     for kind in kinds:
         some = slice(1, None, 2)
-        wanted = basis.project_some(moved.some_coefficients(kind, some), elements)
+        wanted = basis.project_some(moved.some_coefficients(kind, some), subbands)
         assert moved.some_coefficients(kind, some, sight) == pytest.approx(wanted, abs=1e-3 * fitter.unit)
 
 

@@ -68,6 +68,23 @@ def test_what_is_measured_is_what_is_written(basis: SpaceBasis) -> None:
     )
 
 
+def test_copies_of_subbands_are_measured_as_more_of_what_the_models_have_learned(basis: SpaceBasis) -> None:
+    coefficients = falling(basis, 30, 60.0)
+
+    def measured(copies: NDArray[np.float64] | None) -> float:
+        return _core.measure_coefficients(coefficients, *basis.subbands, 1, copies)
+
+    once, ones = measured(None), np.ones(basis.subband_count)
+    assert measured(ones) == once
+    nodes = ones + (basis.subbands[1] >= 0)
+    elements = ones + (basis.subbands[1] < 0)
+    both = measured(2.0 * ones)
+    assert 1.5 * once < both < 2.0 * once
+    assert once < min(measured(nodes), measured(elements))
+    assert measured(nodes) + measured(elements) == pytest.approx(both + once, rel=0.01)
+    assert measured(3.0 * ones) > both
+
+
 def test_coefficients_take_far_less_than_with_zstandard(basis: SpaceBasis) -> None:
     coefficients = falling(basis, 30, 30.0)
     assert len(encode_coefficients(coefficients, basis, axes=1)) < 0.8 * len(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pdecodec.coding.groups import GroupEntry, TimeBasis, evaluate_group, group_functions
 from pdecodec.coding.patches import build_patches, early_patches
-from pdecodec.coding.spacebasis import SpaceBasis, SpaceKind, build_space_basis, trial_space_basis
+from pdecodec.coding.spacebasis import MOST_DEPTH, SpaceBasis, SpaceKind, build_space_basis, trial_space_basis
 from pdecodec.sequence import Connectivity, MeshObject
 
 RNG_SEED = 20
@@ -98,25 +98,42 @@ def test_motion_without_functions_of_time_has_coefficients_of_no_channel() -> No
     assert expanded(basis, found).shape == (20, 0)
 
 
+@pytest.mark.parametrize("depth", [0, 3, MOST_DEPTH])
 @pytest.mark.parametrize("kind", ["patch", "curve"])
-def test_some_elements_are_projected_to_as_all_are_whether_their_functions_are_made_or_not(kind: SpaceKind) -> None:
+def test_some_subbands_are_projected_to_as_all_are_whether_functions_are_made_or_not(
+    kind: SpaceKind, depth: int
+) -> None:
     item, rest = grid(23, 17)
     values = np.random.default_rng(RNG_SEED).normal(size=(len(rest), 5))
     basis = build_space_basis(kind, [item], rest, points=16, functions=12)
     unmade = trial_space_basis(kind, [item], rest, points=16, functions=12)
-    elements = np.array([0, 3, basis.element_count - 1])
-    edges = basis.coefficient_starts
-    rows = [np.arange(edges[0]), *(np.arange(edges[e], edges[e + 1]) for e in elements)]
-    wanted = basis.project(values)[np.concatenate(rows)]
-    np.testing.assert_array_equal(basis.project_some(values, elements), wanted)
-    np.testing.assert_array_equal(unmade.project_some(values, elements), wanted)
+    subbands = basis.subbands_of(np.array([0, 3, basis.element_count - 1]), least_depth=depth)
+    starts = basis.subbands[0]
+    rows = np.concatenate([np.arange(starts[k], starts[k + 1]) for k in subbands])
+    wanted = basis.project(values)[rows]
+    np.testing.assert_array_equal(basis.project_some(values, subbands), wanted)
+    np.testing.assert_array_equal(unmade.project_some(values, subbands), wanted)
     single = values.astype(np.float32)
-    of_single = basis.project(single.astype(np.float64))[np.concatenate(rows)]
-    np.testing.assert_array_equal(unmade.project_some(single, elements), of_single)
-    assert unmade.project_some(np.zeros((len(rest), 0)), elements).shape == (len(wanted), 0)
-    for wrong in ([3, 0], [0, basis.element_count], [-1]):
-        with pytest.raises(ValueError, match="elements ascend"):
-            basis.project_some(values, np.array(wrong))
+    of_single = basis.project(single.astype(np.float64))[rows]
+    np.testing.assert_array_equal(unmade.project_some(single, subbands), of_single)
+    assert unmade.project_some(np.zeros((len(rest), 0)), subbands).shape == (len(wanted), 0)
+    for wrong in ([], [3, 4], [0, 4, 3], [0, 0], [0, basis.subband_count], [-1, 0]):
+        with pytest.raises(ValueError, match="subbands ascend"):
+            basis.project_some(values, np.array(wrong, np.int64))
+
+
+def test_subbands_of_elements_come_with_those_of_all_nodes_above_them() -> None:
+    item, rest = grid(23, 17)
+    basis = build_space_basis("patch", [item], rest, points=16, functions=12)
+    _, kinds, parents = basis.subbands
+    nodes = basis.subband_count - basis.element_count
+    assert basis.subbands_of(np.zeros(0, np.int64), least_depth=0).tolist() == [0]
+    assert basis.subbands_of(np.array([2])).tolist() == [*range(nodes), nodes + 2]
+    for depth in (0, 2):
+        found = basis.subbands_of(np.array([2, 7]), least_depth=depth)
+        assert set(found[found >= nodes]) == {nodes + 2, nodes + 7}
+        assert set(parents[found[found > 0]]) <= set(found)
+        assert set(np.flatnonzero(kinds[:nodes] <= depth)) <= set(found)
 
 
 def test_an_affine_motion_needs_four_functions_however_many_patches_there_are() -> None:
@@ -191,6 +208,13 @@ def test_positions_are_the_sum_over_functions_of_time_and_space(
     size = np.abs(expected - reference).max(initial=1.0)
     np.testing.assert_allclose(found, expected, rtol=0, atol=(2e-6 if single else 1e-12) * size + 1e-12 * 1000)
     assert np.array_equal(rounded, found.astype(np.float32))
+    subbands = basis.subbands_of(np.array([1, basis.element_count - 2]), least_depth=2)
+    rows = np.concatenate([np.arange(*basis.subbands[0][k : k + 2]) for k in subbands])
+    vertices = np.concatenate([basis.order[slice(*basis.starts[e : e + 2])] for e in (1, basis.element_count - 2)])
+    some = group_functions(entry, time, np.rint(coefficients[rows] / STEP).astype(np.int64), basis, subbands)
+    of_some = np.empty((11, vertices.size, 3))
+    evaluate_group(some, slice(None), reference, of_some)
+    np.testing.assert_allclose(of_some, found[:, vertices], rtol=0, atol=(1e-6 if single else 1e-12) * size)
     for frame in (0, 7, 10):
         alone = np.empty((1, len(rest), 3), np.float32)
         evaluate_group(motion, slice(frame, frame + 1), reference, alone)

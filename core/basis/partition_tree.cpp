@@ -92,7 +92,8 @@ void PartitionTree::build_matrices(const Elements &elements, const std::vector<A
     }
 }
 
-void PartitionTree::analyse(std::span<double> affine, double *coefficients, i64 channels) const {
+void PartitionTree::analyse(std::span<double> affine, double *coefficients, i64 channels,
+                            const SpaceSelection *selection) const {
     i64 place = static_cast<i64>(matrices_.size());
     std::array<const double *, most_functions> rows;
     for (i64 node = layout_->nodes(); node-- > 0;) {
@@ -106,8 +107,12 @@ void PartitionTree::analyse(std::span<double> affine, double *coefficients, i64 
             rows[i] = affine.data() + row * channels;
         }
         for (i64 k = 0; k < size; ++k) {
-            double *row = k < own ? affine.data() + (affine_count * node + k) * channels
-                                  : coefficients + (wavelet + k - own) * channels;
+            double *row = affine.data() + (affine_count * node + k) * channels;
+            if (k >= own) {
+                const i64 function = wavelet + k - own, place = selection ? selection->tree_rows[function] : function;
+                if (place < 0) break;  // none of the node's is selected
+                row = coefficients + place * channels;
+            }
             std::fill_n(row, channels, 0.0);
             add_multiples(row, channels, rows.data(), matrix[k].data(), size);
         }

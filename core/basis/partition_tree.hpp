@@ -14,6 +14,7 @@
 
 #include "basis/elements.hpp"
 #include "basis/space_layout.hpp"
+#include "basis/space_selection.hpp"
 
 namespace pdeanim {
 
@@ -38,8 +39,10 @@ public:
     const Matrix &matrix(i64 node) const { return matrices_[(layout_->patches()->children[node] - 1) / 2]; }
 
     // From the affine coefficients of elements to those of the whole and of the wavelets, upwards. `affine`: four rows of
-    // `channels` a node, those of elements given; `coefficients`: a row a function, written for `tree_functions()` rows.
-    void analyse(std::span<double> affine, double *coefficients, i64 channels) const;
+    // `channels` a node, those of elements given; `coefficients`: a row a function, of all or of a selection, written for
+    // those of the whole and of nodes.
+    void analyse(std::span<double> affine, double *coefficients, i64 channels,
+                 const SpaceSelection *selection = nullptr) const;
 
     // Undo `analyse`: affine coefficients of every node, downwards.
     void synthesise(const double *coefficients, std::span<double> affine, i64 channels) const;

@@ -105,32 +105,14 @@ LargeArray<double> SpaceBasis::project(std::span<const double> values, i64 chann
     return coefficients;
 }
 
-i64 SpaceBasis::functions_with(std::span<const i64> chosen) const {
-    i64 count = layout().tree_functions();
-    for (const i64 e : chosen) count += layout().others(e);
-    return count;
-}
-
-std::vector<i64> SpaceBasis::places_with(std::span<const i64> chosen) const {
-    std::vector<i64> places(elements_.count(), -1);
-    i64 place = layout().tree_functions();
-    for (const i64 e : chosen) {
-        places[e] = place;
-        place += layout().others(e);
-    }
-    return places;
-}
-
 template <class Real> LargeArray<double> SpaceBasis::project_some(std::span<const Real> values, i64 channels,
-                                                                  std::span<const i64> chosen, int threads) const {
-    const std::vector<i64> places = places_with(chosen);
-    LargeArray<double> affine(affine_count * layout().nodes() * channels),
-        coefficients(functions_with(chosen) * channels);
+                                                                  const SpaceSelection &selection, int threads) const {
+    LargeArray<double> affine(affine_count * layout().nodes() * channels), coefficients(selection.functions * channels);
     in_shares(elements_.count(), threads, [&](i64 first, i64 end) {
         ElementFunctions functions(elements_);
         RowsOfVertices rows(values.data(), channels);
         for (i64 e = first; e < end; ++e) {
-            const bool is_chosen = places[e] >= 0;
+            const bool is_chosen = selection.has_element(e);
             const i64 count = is_chosen ? layout().rank(e) : layout().affine(e);
             Strided<double> made{functions_of(e).data(), elements_.patches->size(e), 1};
             if (!is_made_) {
@@ -138,15 +120,15 @@ template <class Real> LargeArray<double> SpaceBasis::project_some(std::span<cons
                 made = functions.functions();
             }
             project(e, made, count, rows.of(elements_.patches->vertices(e)), channels, affine.data(),
-                    is_chosen ? coefficients.data() + places[e] * channels : nullptr);
+                    is_chosen ? coefficients.data() + selection.element_rows[e] * channels : nullptr);
         }
     });
-    tree_.analyse(affine, coefficients.data(), channels);
+    tree_.analyse(affine, coefficients.data(), channels, &selection);
     return coefficients;
 }
 
-template LargeArray<double> SpaceBasis::project_some(std::span<const float>, i64, std::span<const i64>, int) const;
-template LargeArray<double> SpaceBasis::project_some(std::span<const double>, i64, std::span<const i64>, int) const;
+template LargeArray<double> SpaceBasis::project_some(std::span<const float>, i64, const SpaceSelection &, int) const;
+template LargeArray<double> SpaceBasis::project_some(std::span<const double>, i64, const SpaceSelection &, int) const;
 
 // `functions`: so many of the element. `rows`: of its points. `others`: where the coefficients of its functions that are
 // not affine go.

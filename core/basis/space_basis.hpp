@@ -44,14 +44,9 @@ public:
     // Coefficients of values on vertices, both with a row of `channels` each. The functions are made.
     LargeArray<double> project(std::span<const double> values, i64 channels, int threads) const;
 
-    // The same of the whole's affine functions, the nodes' wavelets and the functions of some elements alone, ascending,
-    // which follow each other. Functions are made on the way unless they are. Of float or double.
+    // The same of some functions alone. Functions are made on the way unless they are. Of float or double.
     template <class Real> LargeArray<double> project_some(std::span<const Real> values, i64 channels,
-                                                          std::span<const i64> chosen, int threads) const;
-    i64 functions_with(std::span<const i64> chosen) const;
-
-    // Where among these the functions of each element begin that are not affine; -1 of one that is not chosen.
-    std::vector<i64> places_with(std::span<const i64> chosen) const;
+                                                          const SpaceSelection &selection, int threads) const;
 
 private:
     void project(i64 element, const Strided<double> &functions, i64 count, const double *rows, i64 channels,

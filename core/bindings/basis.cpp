@@ -3,6 +3,7 @@
 #include <nanobind/stl/shared_ptr.h>
 
 #include <algorithm>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <variant>
@@ -76,12 +77,13 @@ std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &
     return std::make_shared<Patches>(cut_curves({order.data(), order.data() + vertices}, bounds, points));
 }
 
-void check_chosen(std::span<const i64> elements, const SpaceBasis &basis) {
-    i64 before = -1;
-    for (const i64 element : elements) {
-        require(element > before && element < basis.elements().count(), "elements ascend, and are there");
-        before = element;
-    }
+// Some of the functions of a basis; ValueError unless the subbands are there.
+SpaceSelection selected(std::span<const i64> subbands, const SpaceBasis &basis) {
+    const i64 count = static_cast<i64>(basis.layout().subbands().kinds.size());
+    require(!subbands.empty() && subbands.front() == 0 && subbands.back() < count &&
+                std::adjacent_find(subbands.begin(), subbands.end(), std::greater_equal()) == subbands.end(),
+            "subbands ascend from 0, and are there");
+    return SpaceSelection(basis.layout(), subbands);
 }
 
 // A space basis, and the array that it looks at.
@@ -115,16 +117,15 @@ struct PySpaceBasis {
         return to_matrix(std::move(found), static_cast<std::size_t>(basis->functions()), values.shape(1));
     }
 
-    template <class Real> nb::object project_some(const Values<Real> &values, const Flat<i64> &elements, int threads) {
+    template <class Real> nb::object project_some(const Values<Real> &values, const Flat<i64> &subbands, int threads) {
         const auto [all, channels] = checked(values);
-        check_chosen(view(elements), *basis);
+        const SpaceSelection selection = selected(view(subbands), *basis);
         LargeArray<double> found;
         {
             nb::gil_scoped_release release;
-            found = basis->project_some(all, channels, view(elements), threads);
+            found = basis->project_some(all, channels, selection, threads);
         }
-        return to_matrix(std::move(found), static_cast<std::size_t>(basis->functions_with(view(elements))),
-                         values.shape(1));
+        return to_matrix(std::move(found), static_cast<std::size_t>(selection.functions), values.shape(1));
     }
 
     template <class Real> std::pair<std::span<const Real>, i64> checked(const Values<Real> &values) const {
@@ -184,10 +185,10 @@ template <class Out> void py_evaluate(const PyMotion &self, const Cube<const dou
 }
 
 template <class Real> Motion<Real> take(const SpaceBasis &basis, const Quantised &quantised, int axes, double step,
-                                        const std::optional<Flat<i64>> &elements, int threads) {
+                                        std::optional<SpaceSelection> selection, int threads) {
     nb::gil_scoped_release release;
     Motion<Real> found(basis, static_cast<i64>(quantised.shape(1)) / axes, axes, step);
-    if (elements) found.choose(view(*elements));
+    if (selection) found.choose(std::move(*selection));
     const QuantisedRows rows{quantised.data(), found.channels(), {}};
     found.take_tree(rows);
     in_shares(basis.elements().count(), threads, [&](i64 first, i64 end) { found.take_elements(first, end, rows); });
@@ -195,18 +196,19 @@ template <class Real> Motion<Real> take(const SpaceBasis &basis, const Quantised
 }
 
 void make_motion(PyMotion *made, const PySpaceBasis &of_basis, const Quantised &quantised, int axes, double step,
-                 bool single, const std::optional<Flat<i64>> &elements, int threads) {
+                 bool single, const std::optional<Flat<i64>> &subbands, int threads) {
     const SpaceBasis &basis = *of_basis.basis;
-    if (elements) check_chosen(view(*elements), basis);
-    const i64 functions = elements ? basis.functions_with(view(*elements)) : basis.functions();
+    std::optional<SpaceSelection> selection;
+    if (subbands) selection.emplace(selected(view(*subbands), basis));
+    const i64 functions = selection ? selection->functions : basis.functions();
     require((axes == 1 || axes == 3) && static_cast<i64>(quantised.shape(0)) == functions &&
                 quantised.shape(1) % axes == 0 &&
                 static_cast<i64>(quantised.shape(1)) / axes <= Motion<float>::most_functions,
             "one row of coefficients a function of space");
     if (single) {
-        new (made) PyMotion{take<float>(basis, quantised, axes, step, elements, threads)};
+        new (made) PyMotion{take<float>(basis, quantised, axes, step, std::move(selection), threads)};
     } else {
-        new (made) PyMotion{take<double>(basis, quantised, axes, step, elements, threads)};
+        new (made) PyMotion{take<double>(basis, quantised, axes, step, std::move(selection), threads)};
     }
 }
 
@@ -276,13 +278,13 @@ void bind_basis(nb::module_ &module) {
             nb::arg("threads"))
         .def("functions_of", &py_functions_of, nb::arg("element"))
         .def("project", &PySpaceBasis::project, nb::arg("values"), nb::arg("threads"))
-        .def("project_some", &PySpaceBasis::project_some<float>, nb::arg("values").noconvert(), nb::arg("elements"),
+        .def("project_some", &PySpaceBasis::project_some<float>, nb::arg("values").noconvert(), nb::arg("subbands"),
              nb::arg("threads"))
-        .def("project_some", &PySpaceBasis::project_some<double>, nb::arg("values").noconvert(), nb::arg("elements"),
+        .def("project_some", &PySpaceBasis::project_some<double>, nb::arg("values").noconvert(), nb::arg("subbands"),
              nb::arg("threads"));
     nb::class_<PyMotion>(module, "Motion")
         .def("__init__", &make_motion, nb::arg("basis"), nb::arg("quantised").noconvert(), nb::arg("axes"),
-             nb::arg("step"), nb::arg("single"), nb::arg("elements").none(), nb::arg("threads"), nb::keep_alive<1, 2>())
+             nb::arg("step"), nb::arg("single"), nb::arg("subbands").none(), nb::arg("threads"), nb::keep_alive<1, 2>())
         .def("evaluate", &py_evaluate<float>, nb::arg("time"), nb::arg("reference").none(), nb::arg("out").noconvert(),
              nb::arg("threads"))
         .def("evaluate", &py_evaluate<double>, nb::arg("time"), nb::arg("reference").none(), nb::arg("out").noconvert(),

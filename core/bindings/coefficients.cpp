@@ -1,6 +1,8 @@
 // Python's view of section COEF.
 #include "coefficients/coefficients.hpp"
 
+#include <nanobind/stl/optional.h>
+
 #include "bindings/bindings.hpp"
 
 namespace pdeanim::bindings {
@@ -29,10 +31,11 @@ nb::bytes py_encode_coefficients(const Grid<const i64> &coefficients, const Flat
 }
 
 double py_measure_coefficients(const Grid<const i64> &coefficients, const Flat<i64> &starts, const Flat<i64> &kinds,
-                               const Flat<i64> &parents, int axes, double copies) {
+                               const Flat<i64> &parents, int axes, const std::optional<Flat<double>> &copies) {
     nb::gil_scoped_release release;
     return measure_coefficients(layout_of(coefficients, starts, kinds, parents, axes),
-                                {coefficients.data(), coefficients.size()}, copies);
+                                {coefficients.data(), coefficients.size()},
+                                copies ? view(*copies) : std::span<const double>());
 }
 
 // The decoder with what it looks at.
@@ -62,7 +65,7 @@ void bind_coefficients(nb::module_ &module) {
                nb::arg("kinds"), nb::arg("parents"), nb::arg("axes"),
                "Quantised coefficients, (functions, channels) int64 of subbands, as bytes; none where all are zero.");
     module.def("measure_coefficients", &py_measure_coefficients, nb::arg("coefficients"), nb::arg("starts"),
-               nb::arg("kinds"), nb::arg("parents"), nb::arg("axes"), nb::arg("copies") = 1.0,
+               nb::arg("kinds"), nb::arg("parents"), nb::arg("axes"), nb::arg("copies") = nb::none(),
                "Bits that encode_coefficients would take with so many times as many elements that are like these.");
     nb::class_<PyCoefficientDecoder>(module, "CoefficientDecoder",
                                      "Writes quantised coefficients into an array of zeros, some subbands at a time.")

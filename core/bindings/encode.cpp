@@ -57,6 +57,7 @@ public:
                  Cube<const float> points, Flat<i32> order, double bound, double step)
         : motion_(motion), time_(std::move(time)), points_(std::move(points)), order_(std::move(order)) {
         const std::size_t frames = points_.shape(0);
+        nb::gil_scoped_release release;
         std::visit(
             [&]<class Real>(const Motion<Real> &own) {
                 require(time_.shape(0) == frames && static_cast<i64>(time_.shape(1)) == own.time_axes() &&
@@ -68,8 +69,9 @@ public:
                 for (const i32 vertex : view(order_)) {
                     require(vertex >= 0 && vertex < own.vertices(), "an order must be of the vertices that there are");
                 }
-                reference_.emplace<AnchoredReference<Real>>(
-                    *own.basis->elements().patches, std::span<const double>(reference.data(), reference.size()));
+                reference_.emplace<AnchoredReference<Real>>(*own.basis->elements().patches,
+                                                            std::span<const double>(reference.data(), reference.size()),
+                                                            own.selection ? &*own.selection : nullptr);
             },
             motion.motion);
         wanted_ = {.points = {reinterpret_cast<const Position *>(points_.data()), points_.size() / 3},

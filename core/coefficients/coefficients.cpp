@@ -198,15 +198,15 @@ std::vector<u8> encode_coefficients(const CoefficientLayout &layout, std::span<c
     return all.coder.finish();
 }
 
-double measure_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients, double copies) {
+double measure_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients,
+                            std::span<const double> copies) {
     check_size(layout, coefficients.size());
     CoefficientCoder<Mode::measure> all(layout, coefficients);
     all.code(layout.subbands.count());
-    if (copies > 1.0) {
-        const std::span<const i64> kinds = layout.subbands.kinds;
-        const auto first = std::find_if(kinds.begin(), kinds.end(), [](i64 kind) { return kind < 0; });
-        all.go_back(first - kinds.begin());
-        all.coder.count_more(copies - 1.0, [&] { all.code(layout.subbands.count()); });
+    for (std::size_t subband = 0; subband < copies.size(); ++subband) {
+        if (copies[subband] <= 1.0) continue;
+        all.go_back(static_cast<i64>(subband));
+        all.coder.count_more(copies[subband] - 1.0, [&] { all.code(static_cast<i64>(subband) + 1); });
     }
     return all.coder.bits();
 }

@@ -38,7 +38,8 @@ std::vector<u8> encode_coefficients(const CoefficientLayout &layout, std::span<c
 
 // Bits that `encode_coefficients` would take; with so many times as many elements that are like these: only the first
 // teach the models.
-double measure_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients, double copies = 1.0);
+double measure_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients,
+                            std::span<const double> copies = {});
 
 // Undoes `encode_coefficients` some subbands at a time, so that others may go on with those while the next are decoded.
 class CoefficientDecoder {

@@ -394,6 +394,7 @@ private:
         waiting_count_ = place;
         for (const int side : {1, 0}) {
             if (level < share_.levels && (share_.number >> level & 1) != side) continue;
+            if (motion_.is_node_left_out(half + side)) continue;
             Node<frames> &child = waiting_[waiting_count_++];
             child.number = half + side;
             child.level = level + 1;
@@ -434,8 +435,8 @@ public:
         do {
             node_ = descent_.next();
             if (!node_) return false;
-            // Elements come in their order, as the halves of a node do.
-            if (element_ < 0) {
+            // Elements come in their order, as the halves of a node do, one after the other unless some are left out.
+            if (element_ < 0 || motion_.selection) {
                 const auto found =
                     std::lower_bound(patches.starts.begin(), patches.starts.end(), patches.begins[node_->number]);
                 element_ = found - patches.starts.begin();

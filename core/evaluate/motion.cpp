@@ -6,23 +6,21 @@
 
 namespace pdeanim {
 
-namespace {
-
-// Of so many functions of time at most, an element may keep fields: it never has more functions than twice that. To make
-// fields costs what some frames do, so that they are made only where there are half as many functions again.
-constexpr i64 most_fields = 64;
-
-}  // namespace
-
-template <class Real> AnchoredReference<Real>::AnchoredReference(const Patches &patches)
+template <class Real>
+AnchoredReference<Real>::AnchoredReference(const Patches &patches, const SpaceSelection *selection)
     : anchors(3 * patches.count()), starts(patches.count() + 1) {
-    for (i64 e = 0; e < patches.count(); ++e) starts[e + 1] = starts[e] + 3 * padded<Real>(patches.size(e));
+    for (i64 e = 0; e < patches.count(); ++e) {
+        const bool is_there = !selection || selection->has_element(e);
+        starts[e + 1] = starts[e] + (is_there ? 3 * padded<Real>(patches.size(e)) : 0);
+    }
     away.resize(starts.back());
 }
 
-template <class Real> AnchoredReference<Real>::AnchoredReference(const Patches &patches, std::span<const double> points)
-    : AnchoredReference(patches) {
+template <class Real> AnchoredReference<Real>::AnchoredReference(const Patches &patches, std::span<const double> points,
+                                                                 const SpaceSelection *selection)
+    : AnchoredReference(patches, selection) {
     for (i64 e = 0; e < patches.count(); ++e) {
+        if (selection && !selection->has_element(e)) continue;
         for (int axis = 0; axis < 3; ++axis) {
             const double anchor = points[3 * patches.vertices(e)[0] + axis];
             anchors[3 * e + axis] = anchor;
@@ -37,16 +35,17 @@ template <class Real> AnchoredReference<Real>::AnchoredReference(const Patches &
 template <class Real> Motion<Real>::Motion(const SpaceBasis &basis, i64 functions, int axes, double step)
     : basis(&basis), functions(functions), axes(axes), step(step), elements(basis.elements().count()) {}
 
-template <class Real> void Motion<Real>::choose(std::span<const i64> chosen) {
+template <class Real> void Motion<Real>::choose(SpaceSelection selected) {
     const Patches &patches = *basis->elements().patches;
-    chosen_rows = basis->places_with(chosen);
-    chosen_places.assign(basis->vertices(), 0);
-    chosen_vertices = 0;
-    for (const i64 e : chosen) {
+    selection = std::move(selected);
+    selected_starts.assign(patches.count(), 0);
+    selected_places.clear();
+    for (const i64 e : selection->elements) {
+        const i64 begin = static_cast<i64>(selected_places.size());
+        selected_starts[e] = begin;
         for (i64 at = patches.starts[e]; at < patches.starts[e + 1]; ++at) {
-            chosen_places[at] = static_cast<i32>(chosen_vertices + patches.ascending_places[at]);
+            selected_places.push_back(static_cast<i32>(begin + patches.ascending_places[at]));
         }
-        chosen_vertices += patches.size(e);
     }
 }
 
@@ -80,8 +79,15 @@ void append_row(Rows &rows, const QuantisedRows &quantised, i64 function, int ax
 
 template <class Real> void Motion<Real>::take_tree(const QuantisedRows &rows) {
     const i64 count = basis->layout().tree_functions();
-    for (i64 row = 0; row < count; ++row) append_row<double>(tree, rows, row, axes, step);
-    if (functions > most_fields) return;
+    for (i64 function = 0; function < count; ++function) {
+        const i64 row = selection ? selection->tree_rows[function] : function;
+        if (row >= 0) {
+            append_row<double>(tree, rows, row, axes, step);
+        } else {
+            tree.starts.insert(tree.starts.end(), axes, tree.starts.back());
+        }
+    }
+    if (!may_have_fields()) return;
     std::vector<double> values(count * channels());
     for (std::size_t i = 0; i < values.size(); ++i) values[i] = static_cast<double>(rows.numbers[i]) * step;
     affine_.resize(affine_count * basis->layout().nodes() * channels());
@@ -147,7 +153,7 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, const
         for (const i64 k : used) values.push_back(function(k));
         own.constant = affine > 0 ? function(0)[0] : 0.0;
         own.columns = static_cast<i64>(used.size());
-        if (2 * own.columns > 3 * functions && functions <= most_fields) {
+        if (2 * own.columns > 3 * functions && may_have_fields()) {
             make_fields(e, used, rows, values);
             continue;
         }

@@ -15,6 +15,7 @@
 #pragma once
 
 #include <algorithm>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -36,13 +37,15 @@ template <class Real> constexpr i64 padded(i64 vertices) {
     return (vertices + lanes - 1) / lanes * lanes;
 }
 
-// The reference frame in the order of the elements, the vertices of each ascending.
+// The reference frame in the order of the elements, the vertices of each ascending; of a selection's elements alone where
+// there is one.
 template <class Real> struct AnchoredReference {
     // points: (vertices, 3) [scene units].
-    AnchoredReference(const Patches &patches, std::span<const double> points);
+    AnchoredReference(const Patches &patches, std::span<const double> points,
+                      const SpaceSelection *selection = nullptr);
 
     // All at the origin.
-    explicit AnchoredReference(const Patches &patches);
+    explicit AnchoredReference(const Patches &patches, const SpaceSelection *selection = nullptr);
 
     std::vector<double> anchors;  // (elements, 3): of the first vertex of each
     std::vector<Real> away;       // of each element: three axes of its vertices less the first, padded
@@ -70,9 +73,9 @@ template <class Real> struct Motion {
     // caller's.
     Motion(const SpaceBasis &basis, i64 functions, int axes, double step);
 
-    // Positions shall be those of some elements alone, ascending: their vertices follow each other, and so do the rows of
-    // their functions that are taken over.
-    void choose(std::span<const i64> chosen);
+    // Positions shall be those of some elements alone, whose vertices follow each other, moved by some functions; rows
+    // that are taken over are those of these.
+    void choose(SpaceSelection selected);
 
     // Take over coefficients: those of the tree first.
     void take_tree(const QuantisedRows &rows);
@@ -82,13 +85,15 @@ template <class Real> struct Motion {
 
     i64 channels() const { return functions * axes; }
     int time_axes() const { return axes == 1 ? 3 : 1; }
-    i64 vertices() const { return chosen_rows.empty() ? basis->vertices() : chosen_vertices; }
-    bool is_left_out(i64 element) const { return !chosen_rows.empty() && chosen_rows[element] < 0; }
+    i64 vertices() const { return selection ? static_cast<i64>(selected_places.size()) : basis->vertices(); }
+    bool is_left_out(i64 element) const { return selection && !selection->has_element(element); }
+    bool is_node_left_out(i64 node) const { return selection && !selection->has_elements[node]; }
 
     // Where an element's vertices, ascending, are among the positions.
     const i32 *places(i64 element) const {
         const Patches &patches = *basis->elements().patches;
-        return (chosen_rows.empty() ? patches.ascending.data() : chosen_places.data()) + patches.starts[element];
+        if (selection) return selected_places.data() + selected_starts[element];
+        return patches.ascending.data() + patches.starts[element];
     }
     i64 bytes() const;
 
@@ -117,16 +122,22 @@ template <class Real> struct Motion {
     double step;
     Rows<double> tree;
     std::vector<Element> elements;
-    std::vector<i64>
-        chosen_rows;  // of each element, its first one that is not affine, or -1; empty where all are chosen
-    std::vector<i32> chosen_places;
-    i64 chosen_vertices = 0;
+    std::optional<SpaceSelection> selection;  // nothing where all functions move all vertices
+    std::vector<i32> selected_places;
+    std::vector<i64> selected_starts;  // of each element that is selected, among the places
 
 private:
+    // Of so many functions of time at most, an element may keep fields: it never has more functions than twice that. To
+    // make fields costs what some frames do, so that they are made only where there are half as many functions again, and
+    // not where some elements alone are looked at.
+    static constexpr i64 most_fields = 64;
+
+    bool may_have_fields() const { return functions <= most_fields && !selection; }
+
     // The row that its first function has, or would have.
     i64 first_row(i64 element) const {
         const SpaceLayout &layout = basis->layout();
-        return chosen_rows.empty() ? layout.first_function(element) : chosen_rows[element] - layout.affine(element);
+        return selection ? selection->element_rows[element] - layout.affine(element) : layout.first_function(element);
     }
     void keep_values(i64 element, i64 column, const double *values);
     void make_fields(i64 element, std::span<const i64> used, const QuantisedRows &rows,

@@ -208,7 +208,7 @@ def group_functions(
     time: Float64Array,
     quantised: Int64Array,
     basis: SpaceBasis,
-    elements: Int64Array | None = None,
+    subbands: Int64Array | None = None,
 ) -> GroupFunctions:
     """Functions of time and what they move.
 
@@ -218,13 +218,14 @@ def group_functions(
     time : (frames, 3 or 1, functions) float64
         Of :func:`functions_of_time`.
     quantised : (functions of space, channels) int64
-        Quantised coefficients; with `elements` those alone that :meth:`SpaceBasis.project` gives for them.
+        Quantised coefficients; with `subbands` those of their functions alone.
     basis : SpaceBasis
-    elements : (n,) int64, optional
-        Ascending: positions are those of their vertices alone, element after element.
+    subbands : (n,) int64, optional
+        As :meth:`SpaceBasis.subbands_of` gives them: positions are those of the vertices of their elements alone,
+        element after element.
     """
     coefficients = np.ascontiguousarray(quantised)
-    motion = _core.Motion(basis.core, coefficients, entry.axes, entry.step, entry.single, elements, thread_count())
+    motion = _core.Motion(basis.core, coefficients, entry.axes, entry.step, entry.single, subbands, thread_count())
     return GroupFunctions(time, motion)
 
 

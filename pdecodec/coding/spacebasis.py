@@ -48,6 +48,9 @@ MOST_POINTS = {"patch": 256, "curve": 65535}
 MOST_FUNCTIONS = 128
 """Functions of an element at most: building them costs the square of their number."""
 
+MOST_DEPTH = 64
+"""Of a node of the partition tree."""
+
 THRESHOLDS = 8
 """Thresholds that an encoder has to choose from: each is the usual one less k sixteenths."""
 
@@ -165,12 +168,24 @@ class SpaceBasis:
         """Coefficients of values on vertices: (vertices, channels), mesh order, to (functions, channels) float64."""
         return self.core.project(np.ascontiguousarray(values, np.float64), thread_count())
 
-    def project_some(self, values: FloatArray, elements: Int64Array) -> Float64Array:
-        """The same of the whole's affine functions, the nodes' wavelets and the functions of some elements alone.
+    def project_some(self, values: FloatArray, subbands: Int64Array) -> Float64Array:
+        """The same of the functions of some subbands alone, which follow one after another.
 
-        Values are contiguous; elements ascend, and their functions follow one after another.
+        Values are contiguous; subbands ascend, the first of them 0.
         """
-        return self.core.project_some(values, elements, thread_count())
+        return self.core.project_some(values, subbands, thread_count())
+
+    def subbands_of(self, elements: Int64Array, *, least_depth: int = MOST_DEPTH) -> Int64Array:
+        """Subbands of the whole, some elements, the nodes above them, and all nodes down to a depth: ascending."""
+        _, kinds, parents = self.subbands
+        nodes = kinds.size - self.element_count
+        is_chosen = np.zeros(kinds.size, bool)
+        is_chosen[:nodes] = kinds[:nodes] <= least_depth
+        above = nodes + elements
+        while above.size:
+            is_chosen[above] = True
+            above = np.unique(parents[above[above > 0]])
+        return np.flatnonzero(is_chosen)
 
     @cached_property
     def layout(self) -> bytes:

@@ -197,7 +197,7 @@ class AutoEncoder(Encoder):
         choices = candidates(search, usual)
         groups = divided(search, choices) if self._effort.division else [search.choose(choices)]
         if self._effort.fine_steps:
-            groups = [group.tuned() for group in groups]
+            groups = side_by_side(*(group.tuned for group in groups))
         chosen = [(item.fitter, item.choice) for item in groups]
         del search, groups  # and with them all that was found out on the way
         return self._all_finished(chosen)

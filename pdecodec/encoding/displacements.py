@@ -80,6 +80,11 @@ def time_basis_of(functions: TimeFunctions) -> TimeBasis:
     return "shapes" if functions == "poses" else functions
 
 
+Seen = Literal["moved", "span", "shift"]
+"""What displacements have that is looked at: themselves, coefficients of a span that they are in, how far the shape that
+they are measured from is from another one."""
+
+
 class Sight:
     """What a linear map of vertices makes of displacements: mapped once, they serve all functions of time.
 
@@ -87,17 +92,26 @@ class Sight:
     ----------
     project : callable
         Of values on vertices, (vertices, n) float32 or float64, makes (rows, n) float64.
+    longer : Sight, optional
+        The same map, that has seen displacements which these are part of.
     """
 
-    def __init__(self, project: Callable[[Rows], Float64Array]) -> None:
-        self._project = project
-        self._seen: dict[tuple[Displacements, str], Rows] = {}
+    def __init__(self, project: Callable[[Rows], Float64Array], longer: Sight | None = None) -> None:
+        self._project, self._longer = project, longer
+        self._seen: dict[tuple[Displacements, Seen], Rows] = {}
 
-    def of(self, owner: Displacements, name: str, values: Rows) -> Rows:
+    def of(self, owner: Displacements, name: Seen) -> Rows:
         """What the map makes of what an owner has by a name."""
         if (owner, name) not in self._seen:
-            self._seen[owner, name] = self._project(values)
+            self._seen[owner, name] = self._look(owner, name)
         return self._seen[owner, name]
+
+    def _look(self, owner: Displacements, name: Seen) -> Rows:
+        if self._longer and owner.part_of:
+            whole, frames = owner.part_of
+            rows = self._longer.of(whole, name)
+            return rows[:, 3 * frames.start : 3 * frames.stop] if name == "moved" else rows
+        return self._project(owner.values(name))
 
 
 class Displacements:
@@ -113,6 +127,9 @@ class Displacements:
         Of the same points from nearly the same shape, whose functions of time will do here too.
     beside : Displacements, optional
         Of the same points from another shape, whose sums of squares tell what these are here.
+    part_of : (Displacements, slice), optional
+        Of more frames from the same shape, and which of them these are: what is found of those is not looked for again,
+        as long as these are not put aside.
     """
 
     def __init__(
@@ -123,9 +140,11 @@ class Displacements:
         *,
         alike: Displacements | None = None,
         beside: Displacements | None = None,
+        part_of: tuple[Displacements, slice] | None = None,
     ) -> None:
         self._points, self._shape, self._unit = points, np.ascontiguousarray(shape), unit
         self._alike, self._beside = alike, beside
+        self.part_of = part_of if part_of and part_of[0]._span is None and not part_of[0]._is_wide else None
         self._frames, self._vertices = len(points), len(shape)
         self._least = (TAIL * unit) ** 2 * self._vertices * self._frames
         self._taken: tuple[Rows, float] | None = None
@@ -142,9 +161,11 @@ class Displacements:
 
     @cached_property
     def largest(self) -> float:
-        """The largest magnitude of a coordinate, or of displacements from a shape that is all but the same."""
-        other = self._alike or self._beside
-        if other is not None:
+        """The largest magnitude of a coordinate, or of displacements from a shape that is all but the same, or of those
+        that these are part of.
+        """
+        other = self._alike or self._beside or (self.part_of and self.part_of[0])
+        if other:
             return other.largest
         if self._taken is None:
             self._taken = self._take()
@@ -183,6 +204,8 @@ class Displacements:
         """Few trajectories and their coefficients, whose product displacements are but for little; None where it takes
         many.
         """
+        if self.part_of:
+            return None
         if self._beside is None:
             return leading_span(self._moved, self._least)
         if self._beside._span is None:
@@ -194,6 +217,10 @@ class Displacements:
     @cached_property
     def _squares(self) -> Float64Array:
         """(3 frames, 3 frames) float64: sums over all vertices."""
+        if self.part_of:
+            whole, frames = self.part_of
+            own = slice(3 * frames.start, 3 * frames.stop)
+            return np.ascontiguousarray(whole._squares[own, own])
         if self._beside is not None:
             off = self._beside._shape - self._shape
             moved = self._beside._moved
@@ -205,6 +232,9 @@ class Displacements:
     @cached_property
     def _squares_by_axis(self) -> Float64Array:
         """(frames, frames) float64: sums over all vertices and axes."""
+        if self.part_of:
+            whole, frames = self.part_of
+            return np.ascontiguousarray(whole._squares_by_axis[frames, frames])
         if self._span is not None:
             coefficients, axes = self._span
             between, squares = sums_of_squares(coefficients), np.zeros((self._frames,) * 2)
@@ -270,7 +300,7 @@ class Displacements:
         _ = self._total, self.largest
         item: Displacements | None = self
         while item is not None:
-            item._coefficients, item._taken = {}, None
+            item._coefficients, item._taken, item.part_of = {}, None, None
             item.__dict__.pop("_span", None)
             item = item._alike or item._beside
 
@@ -345,6 +375,17 @@ class Displacements:
         functions = self.functions(kind)[1]
         return dual_functions(functions) if kind == "poses" else functions
 
+    def values(self, name: Seen) -> Rows:
+        """What a :class:`Sight` looks at, vertex by vertex."""
+        if name == "moved":
+            return self._moved
+        if name == "span":
+            assert self._span is not None  # looked at where there is one
+            return self._span[0]
+        other = self._alike or self._beside
+        assert other is not None  # the shape that the shift is from
+        return other._shape - self._shape
+
     def along(self, functions: Float64Array, kind: TimeFunctions) -> Float64Array:
         """Coefficients of unit functions of time by least squares: one each, or one for each axis after another.
 
@@ -360,8 +401,7 @@ class Displacements:
             sums = dual.reshape(self._frames, 3, -1).sum(axis=0)
         else:
             sums = np.kron(dual.sum(axis=0), np.eye(3))
-        shift = other._shape - self._shape
-        return product(shift if sight is None else sight.of(self, "shift", shift), sums)
+        return product(other._shape - self._shape if sight is None else sight.of(self, "shift"), sums)
 
     def _along(self, dual: Float64Array, kind: TimeFunctions, sight: Sight | None = None) -> Float64Array:
         """Sums of displacements times functions."""
@@ -369,13 +409,13 @@ class Displacements:
         if self._alike is None and self._span is not None:
             coefficients, axes = self._span
             if sight is not None:
-                coefficients = sight.of(self, "span", coefficients)
+                coefficients = sight.of(self, "span")
             if kind == "trajectories":
                 return products(coefficients, product(axes.T, dual))
             return products(coefficients, products(axes.T, dual, 3))
         if other is not None:
             return other._along(dual, kind, sight) + self._shifted(other, dual, kind, sight)
-        rows = self._moved if sight is None else sight.of(self, "moved", self._moved)
+        rows = self._moved if sight is None else sight.of(self, "moved")
         return products(rows, dual, 1 if kind == "trajectories" else 3)
 
     def spread(self, kind: TimeFunctions, step: float) -> float:

@@ -1,8 +1,8 @@
 """What ways to encode a group of frames would take, on large meshes without fitting all of it.
 
 Functions of time are coded once and their bits at other steps follow from that. Coefficients and residuals are those of
-some elements from all over the mesh, and counted as many times as those are part of it. Small meshes, where that is
-quick, are fitted in full.
+some elements from all over the mesh and of the nodes of the partition tree above them, and counted as many times as
+those are part of it. Small meshes, where that is quick, are fitted in full.
 """
 
 from __future__ import annotations
@@ -49,6 +49,9 @@ RUN, RUNS = 8, 2
 
 FEWEST_FRAMES = 128
 """Frames up to which all are looked at."""
+
+WHOLE_DEPTHS = 8
+"""Nodes of the partition tree down to this depth are looked at whatever elements are below them: they are few."""
 
 ROWS_AT_ONCE = 256
 """Rows of coefficients that are weighed at once: as many as caches hold."""
@@ -120,9 +123,12 @@ class _Sample:
     points : (l, m, 3) float32 [scene units]
     copies, weight : float
         How many times as many positions there are, and how many times as much all elements' coefficients take, about.
+    chosen : (n,) int64
+        Subbands of these elements, and of the nodes above them.
     subbands : (starts, kinds, parents)
-        Of the functions of space that are not of other elements; see
-        :attr:`pdecodec.coding.spacebasis.SpaceBasis.subbands`.
+        As :attr:`pdecodec.coding.spacebasis.SpaceBasis.subbands`, of these.
+    subband_copies : (n,) float64
+        How many times as much the coefficients of all take that each stands for, about.
     """
 
     def __init__(
@@ -151,10 +157,18 @@ class _Sample:
             in_shares(take, self.frames.size)
         self.copies = basis.order.size / self.vertices.size * (runs.size / self.frames.size)
         starts, kinds, parents = basis.subbands
-        nodes = kinds.size - basis.element_count
-        subbands = np.concatenate([np.arange(nodes), nodes + elements])
-        sizes = np.diff(starts)[subbands]
-        self.subbands = np.concatenate([[0], np.cumsum(sizes)]), kinds[subbands], parents[subbands]
+        self.chosen = basis.subbands_of(elements, least_depth=WHOLE_DEPTHS)
+        sizes, depths = np.diff(starts), np.maximum(kinds, -1)
+        own_sizes, own_depths = sizes[self.chosen], depths[self.chosen]
+        self.subbands = (
+            np.concatenate([[0], np.cumsum(own_sizes)]),
+            kinds[self.chosen],
+            np.searchsorted(self.chosen, parents[self.chosen]),
+        )
+        # Nodes of a depth are all but equal; elements are not.
+        of_all, of_chosen = np.bincount(depths + 1, sizes), np.bincount(own_depths + 1, own_sizes)
+        self.subband_copies = of_all[own_depths + 1] / np.maximum(of_chosen[own_depths + 1], 1.0)
+        self.subband_copies[own_depths < 0] = weight
 
 
 def _vertices(basis: SpaceBasis, elements: Int64Array) -> Int32Array:
@@ -276,7 +290,9 @@ class Estimate:
             self.sample = _Sample(fitter.points, basis, part_of.sample.elements, part_of.sample.weight)
         else:
             self.sample = self._looked_at(like, whole_parts)
-        self._sight = Sight(partial(basis.project_some, elements=self.sample.elements))
+        self._sight = Sight(
+            partial(basis.project_some, subbands=self.sample.chosen), part_of._sight if part_of else None
+        )
 
     def _looked_at(self, like: Estimate | None, whole_parts: bool) -> _Sample:
         fitter, basis = self._fitter, self.basis
@@ -301,7 +317,7 @@ class Estimate:
             self._coefficients[moved, time] = (
                 moved.some_coefficients(time, sight=self._sight).astype(np.float32)
                 if self._fitter.is_heavy
-                else self.basis.project_some(moved.coefficients(time), self.sample.elements)
+                else self.basis.project_some(moved.coefficients(time), self.sample.chosen)
             )
         return self._coefficients[moved, time].astype(np.float64, copy=False)
 
@@ -332,7 +348,9 @@ class Estimate:
             time_step=time_step,
         )
         coefficient_bits, residual_bits = side_by_side(
-            partial(_core.measure_coefficients, quantised, *sample.subbands, axes, sample.weight) if count else float,
+            partial(_core.measure_coefficients, quantised, *sample.subbands, axes, sample.subband_copies)
+            if count
+            else float,
             partial(self._residual_bits, entry, functions, quantised, largest),
         )
         return time_bits + coefficient_bits + residual_bits
@@ -342,7 +360,7 @@ class Estimate:
     ) -> float:
         fitter, sample = self._fitter, self.sample
         time = functions_of_time(entry, functions, fitter.times)
-        moved = group_functions(entry, time[sample.frames], quantised, self.basis, sample.elements)
+        moved = group_functions(entry, time[sample.frames], quantised, self.basis, sample.chosen)
         model = fitter.held(moved, sample.points, sample.order)
         limits = margins(entry, time, largest, fitter.residual_step)[sample.frames]
         residuals = model.missing(limits, None, None, thread_count())

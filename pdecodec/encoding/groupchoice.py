@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -109,7 +110,7 @@ class GroupSearch:
 
     def part(self, frames: slice) -> GroupSearch:
         """A search of some of the frames, as a group of their own."""
-        return GroupSearch(self.fitter.part(frames), self.basis, part_of=self)
+        return GroupSearch(self.fitter.part_of_found(frames), self.basis, part_of=self)
 
     def choose(self, candidates: Sequence[GroupChoice]) -> ChosenGroup:
         """The candidate that costs least, its step walked downhill; others than the first begin with its best one."""
@@ -175,17 +176,15 @@ def divided(search: GroupSearch, choices: Sequence[GroupChoice]) -> list[ChosenG
         return [search.choose(choices)]
     usual = replace(fitter.first_choice, origin=choices[0].origin)
     whole = _untuned(search, usual, UNTUNED)
-    divided, lengths = _division(search, usual, whole)
+    divided, lengths = _division(search, whole, usual)
     if len(lengths) == 1:
         return [search.choose(choices)]
     parts: list[ChosenGroup] = []
-    begin = 0
-    for length in lengths:
-        part = search.part(slice(begin, begin + length))
-        like = parts[-1].choice if parts else part.fitter.first_choice
+    for span in itertools.pairwise(itertools.accumulate(lengths, initial=0)):
+        part = search.part(slice(*span))
+        like = parts[-1].choice if parts else fitter.first_choice
         parts.append(part.choose(candidates(part, like, (usual.origin,))))
         part.fitter.put_aside()
-        begin += length
     if divided < SURELY_LESS * whole.bits:
         return parts
     group = search.choose(choices)
@@ -201,7 +200,7 @@ class _Untuned:
     near: tuple[TimeFunctions, ...]
 
 
-def _division(search: GroupSearch, usual: GroupChoice, whole: _Untuned) -> tuple[float, list[int]]:
+def _division(search: GroupSearch, whole: _Untuned, usual: GroupChoice) -> tuple[float, list[int]]:
     """The division that costs least with untuned steps, in which the whole takes so much: bits, lengths of the parts.
 
     Halves are divided further only where they cost little more than the whole.
@@ -210,15 +209,14 @@ def _division(search: GroupSearch, usual: GroupChoice, whole: _Untuned) -> tuple
     middle = frames // 2
     if middle < SHORTEST_PART:
         return whole.bits, [frames]
-    spans = slice(0, middle), slice(middle, frames)
-    # What is found of a part is several times as large as its positions: it is let go of before the next one's.
-    costs = [_untuned(search.part(span), usual, whole.near) for span in spans]
+    halves = [search.part(slice(*span)) for span in ((0, middle), (middle, frames))]
+    costs = side_by_side(*(partial(_untuned, half, usual, whole.near) for half in halves))
     if sum(cost.bits for cost in costs) > WORTH_DIVIDING_ON * whole.bits:
         return whole.bits, [frames]
-    halves = [_division(search.part(span), usual, cost) for span, cost in zip(spans, costs, strict=True)]
-    together = halves[0][0] + halves[1][0]
+    divisions = side_by_side(*(partial(_division, *half, usual) for half in zip(halves, costs, strict=True)))
+    together = divisions[0][0] + divisions[1][0]
     if together < WORTH_PARTS * whole.bits:
-        return together, halves[0][1] + halves[1][1]
+        return together, divisions[0][1] + divisions[1][1]
     return whole.bits, [frames]
 
 

@@ -260,6 +260,7 @@ class GroupFitter:
         self.bound, self.unit, self.residual_step = bound, unit, residual_step
         self.is_heavy = points.nbytes >= HEAVY
         self._displacements: dict[Origin, Displacements] = {}
+        self._part_of: tuple[GroupFitter, slice] | None = None
         self._projection: tuple[tuple[SpaceBasis, TimeFunctions, Origin], Float64Array] | None = None
 
     def displacements(self, origin: Origin) -> Displacements:
@@ -268,7 +269,8 @@ class GroupFitter:
             shape, beside = self._reference, None
             if origin == "first":
                 shape, beside = self._first.astype(np.float64), self.displacements("reference")
-            self._displacements[origin] = Displacements(self.points, shape, self.unit, beside=beside)
+            part_of = (self._part_of[0].displacements(origin), self._part_of[1]) if self._part_of else None
+            self._displacements[origin] = Displacements(self.points, shape, self.unit, beside=beside, part_of=part_of)
         return self._displacements[origin]
 
     @property
@@ -287,6 +289,12 @@ class GroupFitter:
     def part(self, frames: slice) -> GroupFitter:
         """Some of its frames, as a group of their own."""
         return self._with(self.points[frames], self.times[frames], self._reference, self._first)
+
+    def part_of_found(self, frames: slice) -> GroupFitter:
+        """The same; what is found of all frames is not looked for again, until the part is put aside or settles."""
+        other = self.part(frames)
+        other._part_of = self, frames
+        return other
 
     def from_reference(self, reference: Float64Array) -> GroupFitter:
         """The same with another decoded reference frame, so alike that functions of time will do as they are."""
@@ -330,12 +338,8 @@ class GroupFitter:
 
     def put_aside(self) -> None:
         """Forget what is soon found again, while other groups are looked at or coefficients refined."""
-        self._forget()
-        _core.give_back_memory()
-
-    def _forget(self) -> None:
         _ = self.is_single
-        self._projection = None
+        self._projection, self._part_of = None, None
         for moved in self._displacements.values():
             moved.put_aside()
 
@@ -377,10 +381,10 @@ class GroupFitter:
         if not self.is_heavy:
             return self._projected(basis, choice)[::stride]
         elements_stride = min(stride, ELEMENTS_STRIDE)
-        elements = np.arange(0, basis.element_count, elements_stride)
+        subbands = basis.subbands_of(np.arange(0, basis.element_count, elements_stride))
 
         def thinned(values: FloatArray) -> Float64Array:
-            found = basis.project_some(values, elements)
+            found = basis.project_some(values, subbands)
             joined = basis.coefficient_starts[0]
             return np.concatenate([found[:joined:stride], found[joined :: stride // elements_stride]])
 
@@ -412,8 +416,8 @@ class GroupFitter:
         moved, axes, step = self.displacements(choice.origin), axes_of(choice.time), grid_step(choice.step)
         if not self.is_heavy:
             return quantise_sparsely(self._projected(basis, choice), step, axes, zone)
-        elements = np.arange(0, basis.element_count, ELEMENTS_STRIDE)
-        sight = Sight(partial(basis.project_some, elements=elements))
+        subbands = basis.subbands_of(np.arange(0, basis.element_count, ELEMENTS_STRIDE))
+        sight = Sight(partial(basis.project_some, subbands=subbands))
         return None, quantise_sparsely(moved.some_coefficients(choice.time, sight=sight), step, axes, zone)[1]
 
     @property
@@ -427,7 +431,7 @@ class GroupFitter:
         entry, quantised, time_functions = group.entry, group.quantised, group.time_functions
         del group  # and with it the values
         if self.is_heavy:
-            self._forget()  # what holds positions against the group takes that memory at once
+            self.put_aside()  # what holds positions against the group takes that memory at once
         return self.fitted(basis, entry, quantised, time_functions, is_measured=is_measured)
 
     def quantised(self, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone = DEAD_ZONE) -> QuantisedGroup:

@@ -312,7 +312,7 @@ class ModelSearch:
             model = self._with_better_reference(model, steps, usual)
         made = self.beside.submit(clear_space_basis, model.basis, model.reference.grid)
         if self.effort.fine_steps:
-            model = replace(model, groups=[group.tuned() for group in model.groups])
+            model = replace(model, groups=side_by_side(*(group.tuned for group in model.groups)))
         reference, groups = model.reference, [(group.fitter, group.choice) for group in model.groups]
         del model  # and with it all that was found out on the way
         basis = made.result()
@@ -399,7 +399,11 @@ class ModelSearch:
             other = self._choose_space([(group.fitter, group.choice) for group in groups], spaces)
             if other != space:
                 space = other
-                groups = [GroupSearch(group.fitter, spaces.basis(space)).choose([group.choice]) for group in groups]
+
+                def again(group: ChosenGroup) -> ChosenGroup:
+                    return spaces.search(group.fitter, space).choose([group.choice])
+
+                groups = side_by_side(*(partial(again, group) for group in groups))
         return _Model(reference, spaces.basis(space), space, groups)
 
     def _with_other_reference(self, model: _Model, step: float) -> _Model:
@@ -407,11 +411,12 @@ class ModelSearch:
         reference = quantise_reference(self.points[0], step)
         self.references.begin(reference)
         basis = self._basis(model.space, reference)
-        searches = [
-            GroupSearch(group.fitter.from_reference(reference.points), basis, group.search) for group in model.groups
-        ]
-        groups = [search.chosen(group.choice) for search, group in zip(searches, model.groups, strict=True)]
-        return _Model(reference, basis, model.space, groups)
+
+        def moved(group: ChosenGroup) -> ChosenGroup:
+            fitter = group.fitter.from_reference(reference.points)
+            return GroupSearch(fitter, basis, group.search).chosen(group.choice)
+
+        return _Model(reference, basis, model.space, side_by_side(*(partial(moved, group) for group in model.groups)))
 
     def _basis(self, space: tuple[SpaceKind, int], reference: ReferenceFrame) -> SpaceBasis:
         kind, points = space
@@ -430,16 +435,21 @@ class ModelSearch:
         if not moving or len(kinds) == 1:
             return kinds[0]
 
-        def cost(space: tuple[SpaceKind, int]) -> float:
-            bits = sum(spaces.search(fitter, space).bits(choice) for fitter, choice in moving)
-            bits += self._share_of(spaces.basis(space).layout)
-            is_dear = self._is_large and space[1] > kinds[0][1]
-            return bits / (1.0 - self.effort.larger_must_save) if is_dear else bits
-
-        for fitter, choice in moving:
+        def prepare(fitter: GroupFitter, choice: GroupChoice) -> None:
             fitter.prepare(choice)
             spaces.search(fitter, kinds[0])  # whose vertices the others look at
-        costs = side_by_side(*(partial(cost, space) for space in kinds))
+
+        def bits(fitter: GroupFitter, choice: GroupChoice, space: tuple[SpaceKind, int]) -> float:
+            return spaces.search(fitter, space).bits(choice)
+
+        def cost(space: tuple[SpaceKind, int], of_groups: Sequence[float]) -> float:
+            whole = sum(of_groups) + self._share_of(spaces.basis(space).layout)
+            is_dear = self._is_large and space[1] > kinds[0][1]
+            return whole / (1.0 - self.effort.larger_must_save) if is_dear else whole
+
+        side_by_side(*(partial(prepare, *group) for group in moving))
+        found = side_by_side(*(partial(bits, *group, space) for space in kinds for group in moving))
+        costs = [cost(space, found[k * len(moving) : (k + 1) * len(moving)]) for k, space in enumerate(kinds)]
         return kinds[costs.index(min(costs))]
 
 
