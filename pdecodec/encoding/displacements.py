@@ -81,8 +81,8 @@ def time_basis_of(functions: TimeFunctions) -> TimeBasis:
 
 
 Seen = Literal["moved", "span", "shift"]
-"""What displacements have that is looked at: themselves, coefficients of a span that they are in, how far the shape that
-they are measured from is from another one."""
+"""What displacements have that is looked at: themselves, coefficients of a span that they are in, how far the shape
+that they are measured from is from another one."""
 
 
 class Sight:
