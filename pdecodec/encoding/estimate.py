@@ -290,9 +290,8 @@ class Estimate:
             self.sample = _Sample(fitter.points, basis, part_of.sample.elements, part_of.sample.weight)
         else:
             self.sample = self._looked_at(like, whole_parts)
-        self._sight = Sight(
-            partial(basis.project_some, subbands=self.sample.chosen), part_of._sight if part_of else None
-        )
+        project = partial(basis.project_some, subbands=self.sample.chosen)
+        self._sight: Sight = Sight(project, part_of._sight if part_of else None)
 
     def _looked_at(self, like: Estimate | None, whole_parts: bool) -> _Sample:
         fitter, basis = self._fitter, self.basis
