@@ -425,10 +425,10 @@ class GroupModel:
         aim: tuple[float, float, float] | None,
         excess: Excess | None,
         threads: int,
-    ) -> Residuals:
-        """Residuals of the vertices that may miss the bound; with an aim, `excess` is filled."""
-    def errors(self, residuals: Residuals, threads: int) -> tuple[float, float]:
-        """The largest, and the sum, of the squared distances of what a decoder gives."""
+    ) -> tuple[Residuals, float, float]:
+        """Residuals of the vertices that may miss the bound; with them, the largest and the sum of squared distances
+        as a decoder has them. With an aim, `excess` is filled.
+        """
     def farthest_from(self, other: GroupModel, threads: int) -> float:
         """Largest difference of a coordinate before residuals."""
 

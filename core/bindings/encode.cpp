@@ -94,26 +94,19 @@ private:
     }
 
 public:
-    Residuals missing(const Flat<double> &margins, const std::optional<nb::tuple> &aim, Excess *excess,
+    nb::tuple missing(const Flat<double> &margins, const std::optional<nb::tuple> &aim, Excess *excess,
                       int threads) const {
         require(margins.size() == points_.shape(0), "one margin a frame");
         Aim beyond{};
         if (aim) beyond = {nb::cast<double>((*aim)[0]), nb::cast<double>((*aim)[1]), nb::cast<double>((*aim)[2])};
-        nb::gil_scoped_release release;
-        return with_model([&](const auto &model) {
-            return pdeanim::missing(model, wanted_, view(margins), beyond, excess, threads);
-        });
-    }
-
-    nb::tuple errors(const Residuals &residuals, int threads) const {
-        require(residuals.frames() == static_cast<i64>(points_.shape(0)), "residuals are of other frames");
-        check_residuals(residuals, static_cast<i64>(points_.shape(1)));
-        Errors found;
+        Missing found;
         {
             nb::gil_scoped_release release;
-            found = with_model([&](const auto &model) { return pdeanim::errors(model, wanted_, residuals, threads); });
+            found = with_model([&](const auto &model) {
+                return pdeanim::missing(model, wanted_, view(margins), beyond, excess, threads);
+            });
         }
-        return nb::make_tuple(found.largest_square, found.sum_of_squares);
+        return nb::make_tuple(std::move(found.residuals), found.errors.largest_square, found.errors.sum_of_squares);
     }
 
     double farthest_from(const PyGroupModel &other, int threads) const {
@@ -182,7 +175,6 @@ void bind_encode(nb::module_ &module) {
              nb::arg("order").noconvert(), nb::arg("bound"), nb::arg("step"), nb::keep_alive<1, 2>())
         .def("missing", &PyGroupModel::missing, nb::arg("margins"), nb::arg("aim").none(), nb::arg("excess").none(),
              nb::arg("threads"))
-        .def("errors", &PyGroupModel::errors, nb::arg("residuals"), nb::arg("threads"))
         .def("farthest_from", &PyGroupModel::farthest_from, nb::arg("other"), nb::arg("threads"));
 }
 

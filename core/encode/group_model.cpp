@@ -1,5 +1,6 @@
 #include "encode/group_model.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <mutex>
 
@@ -42,6 +43,25 @@ void find_excess(std::span<const Position> points, std::span<const Exact> base, 
     }
 }
 
+// Errors of a frame whose residuals are known, the given one of these; `decoded` is room for its positions.
+void add_errors(std::span<const Position> points, std::span<const Exact> base, const Residuals &residuals, i64 frame,
+                const ResidualScale &scale, std::vector<Position> &decoded, Errors &found) {
+    decoded.resize(points.size());
+    std::transform(base.begin(), base.end(), decoded.begin(), [](const Exact &at) {
+        return Position{static_cast<float>(at[0]), static_cast<float>(at[1]), static_cast<float>(at[2])};
+    });
+    add_residuals(residuals, frame, scale, 1.0, {}, decoded);
+    for (std::size_t vertex = 0; vertex < points.size(); ++vertex) {
+        double square = 0.0;
+        for (int axis = 0; axis < 3; ++axis) {
+            const double off = static_cast<double>(points[vertex][axis]) - static_cast<double>(decoded[vertex][axis]);
+            square += off * off;
+        }
+        found.largest_square = most(found.largest_square, square);
+        found.sum_of_squares += square;
+    }
+}
+
 template <class T> void append(std::vector<T> &all, const std::vector<T> &more) {
     all.insert(all.end(), more.begin(), more.end());
 }
@@ -60,13 +80,15 @@ void Excess::add_to(std::span<double> values, std::span<const double> functions,
     }
 }
 
-template <class Real> Residuals missing(const GroupModel<Real> &model, const Wanted &wanted,
-                                        std::span<const double> margins, const Aim &aim, Excess *excess, int threads) {
+template <class Real> Missing missing(const GroupModel<Real> &model, const Wanted &wanted,
+                                      std::span<const double> margins, const Aim &aim, Excess *excess, int threads) {
     const i64 vertices = model.motion.vertices(), tiles = tiles_of(model.frames);
     std::vector<Residuals> parts(tiles);
+    std::vector<Errors> errors(tiles);
     std::vector<Excess> beyond(tiles);
     in_shares(tiles, threads, [&](i64 first, i64 end) {
         LargeArray<double> positions;
+        std::vector<Position> decoded;
         for (i64 tile = first; tile < end; ++tile) {
             const i64 frame = tile * frames_at_once, count = least(frames_at_once, model.frames - frame);
             evaluate_frames(model, frame, count, positions);
@@ -74,61 +96,26 @@ template <class Real> Residuals missing(const GroupModel<Real> &model, const Wan
             const std::span<const Position> points = wanted.points.subspan(frame * vertices, count * vertices);
             parts[tile] = quantise_residuals(points, base, wanted.order, margins.subspan(frame, count), wanted.bound,
                                              wanted.step);
-            for (i64 k = 0; excess && k < count; ++k) {
-                find_excess(points.subspan(k * vertices, vertices), base.subspan(k * vertices, vertices), frame + k,
-                            wanted.bound, aim, beyond[tile]);
+            for (i64 k = 0; k < count; ++k) {
+                const auto own_points = points.subspan(k * vertices, vertices);
+                const auto own_base = base.subspan(k * vertices, vertices);
+                add_errors(own_points, own_base, parts[tile], k, {wanted.order, wanted.step}, decoded, errors[tile]);
+                if (excess) find_excess(own_points, own_base, frame + k, wanted.bound, aim, beyond[tile]);
             }
         }
     });
+    Missing all;
     std::vector<const Residuals *> joined;
     for (i64 tile = 0; tile < tiles; ++tile) {
         joined.push_back(&parts[tile]);
+        all.errors.largest_square = most(all.errors.largest_square, errors[tile].largest_square);
+        all.errors.sum_of_squares += errors[tile].sum_of_squares;
         if (!excess) continue;
         append(excess->frames, beyond[tile].frames);
         append(excess->vertices, beyond[tile].vertices);
         append(excess->excess, beyond[tile].excess);
     }
-    return join_residuals(joined);
-}
-
-template <class Real>
-Errors errors(const GroupModel<Real> &model, const Wanted &wanted, const Residuals &residuals, int threads) {
-    const i64 vertices = model.motion.vertices(), tiles = tiles_of(model.frames);
-    std::vector<Errors> parts(tiles);
-    in_shares(tiles, threads, [&](i64 first, i64 end) {
-        LargeArray<double> positions;
-        std::vector<Position> decoded(vertices);
-        for (i64 tile = first; tile < end; ++tile) {
-            const i64 frame = tile * frames_at_once, count = least(frames_at_once, model.frames - frame);
-            evaluate_frames(model, frame, count, positions);
-            Errors &part = parts[tile];
-            for (i64 k = 0; k < count; ++k) {
-                const double *base = positions.data() + 3 * k * vertices;
-                const Position *points = &wanted.points[(frame + k) * vertices];
-                for (i64 vertex = 0; vertex < vertices; ++vertex) {
-                    for (i64 axis = 0; axis < 3; ++axis) {
-                        decoded[vertex][axis] = static_cast<float>(base[3 * vertex + axis]);
-                    }
-                }
-                add_residuals(residuals, frame + k, {wanted.order, wanted.step}, 1.0, {}, decoded);
-                for (i64 vertex = 0; vertex < vertices; ++vertex) {
-                    double square = 0.0;
-                    for (i64 axis = 0; axis < 3; ++axis) {
-                        const double off =
-                            static_cast<double>(points[vertex][axis]) - static_cast<double>(decoded[vertex][axis]);
-                        square += off * off;
-                    }
-                    part.largest_square = most(part.largest_square, square);
-                    part.sum_of_squares += square;
-                }
-            }
-        }
-    });
-    Errors all;
-    for (const Errors &part : parts) {
-        all.largest_square = most(all.largest_square, part.largest_square);
-        all.sum_of_squares += part.sum_of_squares;
-    }
+    all.residuals = join_residuals(joined);
     return all;
 }
 
@@ -151,15 +138,13 @@ double farthest_apart(const GroupModel<One> &single, const GroupModel<Other> &ex
     return farthest;
 }
 
-template Residuals missing(const GroupModel<float> &, const Wanted &, std::span<const double>, const Aim &, Excess *,
-                           int);
-template Residuals missing(const GroupModel<double> &, const Wanted &, std::span<const double>, const Aim &, Excess *,
-                           int);
+template Missing missing(const GroupModel<float> &, const Wanted &, std::span<const double>, const Aim &, Excess *,
+                         int);
+template Missing missing(const GroupModel<double> &, const Wanted &, std::span<const double>, const Aim &, Excess *,
+                         int);
 template double farthest_apart(const GroupModel<float> &, const GroupModel<float> &, int);
 template double farthest_apart(const GroupModel<float> &, const GroupModel<double> &, int);
 template double farthest_apart(const GroupModel<double> &, const GroupModel<float> &, int);
 template double farthest_apart(const GroupModel<double> &, const GroupModel<double> &, int);
-template Errors errors(const GroupModel<float> &, const Wanted &, const Residuals &, int);
-template Errors errors(const GroupModel<double> &, const Wanted &, const Residuals &, int);
 
 }  // namespace pdeanim

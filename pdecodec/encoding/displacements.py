@@ -55,7 +55,7 @@ FARTHEST_STEPS = 2.0**26
 MOST_POSES = 0.25
 """Share of the frames that may be poses: with more there is nothing to tell apart."""
 
-SINGLE_ROWS = 2.0**-10
+SINGLE_ROWS = 2.0**-13
 """Displacements are kept in float32 where the bound is at least this share of the largest."""
 
 FRAMES_LOOKED_AT = 8

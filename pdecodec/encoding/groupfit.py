@@ -172,8 +172,10 @@ class FittedGroup:
     packed : (functions of space, channels) int16, int32 or int64
         Coefficients, of a heavy group in the smallest of these types that has them.
     functions : GroupFunctions or None
-        What they decode to; not kept of a heavy group.
+        What they decode to; not kept where they take much memory.
     residuals : Residuals
+    largest_square, sum_of_squares : float [scene units^2]
+        Of the distances of what a decoder makes of them.
     plan : ResidualPlan
     bits : float
         Of all three chunks, measured; infinite where they were not.
@@ -184,6 +186,8 @@ class FittedGroup:
     packed: NDArray[np.signedinteger[Any]]
     functions: GroupFunctions | None
     residuals: Residuals
+    largest_square: float
+    sum_of_squares: float
     plan: ResidualPlan
     bits: float
 
@@ -479,22 +483,22 @@ class GroupFitter:
         """
         largest = magnitudes(quantised)
 
-        def fit() -> tuple[GroupFunctions | None, Residuals, ResidualPlan]:
+        def held() -> tuple[GroupFunctions, tuple[Residuals, float, float], ResidualPlan]:
             functions = self._functions(basis, entry, quantised, time_functions)
             limits = margins(entry, functions.time, largest, self.residual_step)
             aim = (AIM, AIM_FROM, FARTHEST_PUSH)
-            residuals = self._model(functions, basis).missing(limits, aim, excess, thread_count())
-            return None if self.is_heavy else functions, residuals, plan_residuals(residuals, basis.starts)
+            missing = self._model(functions, basis).missing(limits, aim, excess, thread_count())
+            return functions, missing, plan_residuals(missing[0], basis.starts)
 
         with ThreadPoolExecutor(1) as beside:
-            fitted = beside.submit(fit)
+            against_input = beside.submit(held)
             bits = _bits(basis, entry, quantised, time_functions) if is_measured else math.inf
-            functions, residuals, plan = fitted.result()
-        bits += plan.bits
+            functions, missing, plan = against_input.result()
         packed: NDArray[np.signedinteger[Any]] = quantised
         if self.is_heavy:
             packed = quantised.astype(np.result_type(np.int16, np.min_scalar_type(-int(largest.max(initial=0)) - 1)))
-        return FittedGroup(entry, time_functions, packed, functions, residuals, plan, bits)
+        kept = functions if self.points.nbytes < HEAVY else None
+        return FittedGroup(entry, time_functions, packed, kept, *missing, plan, bits + plan.bits)
 
     def encode(self, fitted: FittedGroup, basis: SpaceBasis) -> EncodedGroup:
         """A fit as bytes.
@@ -510,20 +514,22 @@ class GroupFitter:
 
         with ThreadPoolExecutor(1) as helper:
             encoded = helper.submit(beside)
-            functions = fitted.functions or self._functions(basis, entry, quantised, time_functions)
             if entry.single:
+                single = fitted.functions or self._functions(basis, entry, quantised, time_functions)
                 exact = self._functions(basis, replace(entry, single=False), quantised, time_functions)
-                if not self._is_single_enough(functions, exact, basis):
-                    entry, functions = replace(entry, single=False), exact
+                if not self._is_single_enough(single, exact, basis):
+                    entry = replace(entry, single=False)
                     fitted = self.fitted(basis, entry, quantised, time_functions, is_measured=False)
-                del exact
-            residuals = fitted.residuals
-            residual_bytes = encode_residuals(residuals, basis.starts, fitted.plan)
-            largest_square, sum_of_squares = self._model(functions, basis).errors(residuals, thread_count())
+                del single, exact
+            residual_bytes = encode_residuals(fitted.residuals, basis.starts, fitted.plan)
             chunks = *encoded.result(), residual_bytes
-        coefficients = int(np.count_nonzero(quantised)) + (time_functions.decoded.size if time_functions else 0)
         return EncodedGroup(
-            entry.with_chunks(chunks), chunks, largest_square, sum_of_squares, residuals.count, coefficients
+            entry.with_chunks(chunks),
+            chunks,
+            fitted.largest_square,
+            fitted.sum_of_squares,
+            fitted.residuals.count,
+            int(np.count_nonzero(quantised)) + (time_functions.decoded.size if time_functions else 0),
         )
 
     def _is_single_enough(self, single: GroupFunctions, exact: GroupFunctions, basis: SpaceBasis) -> bool:
