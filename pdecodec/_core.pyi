@@ -406,6 +406,9 @@ class Excess:
     def add_to(self, values: Float64Array, functions: Float64Array, axes: int, push: float) -> None:
         """Add it, `push` times, in functions of time to values on vertices."""
 
+def farthest_apart(one: Motion, other: Motion, time: Float64Array, reference: Float64Array, threads: int) -> float:
+    """How far two motions of the same vertices are apart at most, in a coordinate before residuals."""
+
 class GroupModel:
     """A motion held against the positions that it is to give; residuals are those of the bound."""
 
@@ -429,8 +432,6 @@ class GroupModel:
         """Residuals of the vertices that may miss the bound; with them, the largest and the sum of squared distances
         as a decoder has them. With an aim, `excess` is filled.
         """
-    def farthest_from(self, other: GroupModel, threads: int) -> float:
-        """Largest difference of a coordinate before residuals."""
 
 POLYNOMIAL_EXPONENTS: list[tuple[int, int, int]]
 

@@ -13,6 +13,7 @@ import pytest
 from mesh_cases import connectivity_of, grid
 from numpy.typing import NDArray
 
+from pdecodec import _core
 from pdecodec.coding.groups import GroupEntry, cosines
 from pdecodec.coding.reference import quantise_reference
 from pdecodec.coding.residuals import residual_step
@@ -244,6 +245,34 @@ def test_what_is_not_measured_at_once_takes_as_much_when_it_is() -> None:
     later = fitter.fit(basis, fitter.first_choice, is_measured=False)
     assert later.bits == np.inf
     assert later.measured(basis).bits == fitter.fit(basis, fitter.first_choice).bits
+
+
+def test_positions_are_added_up_in_float64_where_float32_takes_too_much_of_its_margin(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fitter, basis = fitter_of(waving_sheet(), 0.02)
+    fitted = fitter.fit(basis, fitter.first_choice)
+    single = fitter.encode(fitted, basis)
+    monkeypatch.setattr("pdecodec.encoding.groupfit.SINGLE_MARGIN", 1e-9)
+    exact = fitter.encode(fitted, basis)
+    assert (single.entry.single, exact.entry.single) == (True, False)
+    assert exact.chunks[1] == single.chunks[1]
+    assert 0.0 < exact.largest_square <= fitter.bound**2
+    assert exact.largest_square == pytest.approx(single.largest_square, rel=1e-3)
+
+
+def test_motions_of_other_functions_are_not_compared() -> None:
+    fitter, basis = fitter_of(waving_sheet(), 0.02)
+    time, reference = np.ones((2, 3, 1)), np.zeros((basis.order.size, 3))
+    one, other = (
+        _core.Motion(basis.core, np.zeros((basis.functions, axes), np.int64), axes, 1.0, True, None, 1)
+        for axes in (1, 3)
+    )
+    assert _core.farthest_apart(one, one, time, reference, 1) == 0.0
+    with pytest.raises(ValueError, match="the same functions and vertices"):
+        _core.farthest_apart(one, other, time, reference, 1)
+    with pytest.raises(ValueError, match="do not fit together"):
+        _core.farthest_apart(one, one, time[:, :1], reference, 1)
 
 
 def test_parts_of_a_group_are_compared_with_it_on_the_same_elements() -> None:

@@ -110,6 +110,7 @@ def test_some_subbands_are_projected_to_as_all_are_whether_functions_are_made_or
     subbands = basis.subbands_of(np.array([0, 3, basis.element_count - 1]), least_depth=depth)
     starts = basis.subbands[0]
     rows = np.concatenate([np.arange(starts[k], starts[k + 1]) for k in subbands])
+    assert np.array_equal(basis.functions_in(subbands), rows)
     wanted = basis.project(values)[rows]
     np.testing.assert_array_equal(basis.project_some(values, subbands), wanted)
     np.testing.assert_array_equal(unmade.project_some(values, subbands), wanted)
@@ -209,7 +210,7 @@ def test_positions_are_the_sum_over_functions_of_time_and_space(
     np.testing.assert_allclose(found, expected, rtol=0, atol=(2e-6 if single else 1e-12) * size + 1e-12 * 1000)
     assert np.array_equal(rounded, found.astype(np.float32))
     subbands = basis.subbands_of(np.array([1, basis.element_count - 2]), least_depth=2)
-    rows = np.concatenate([np.arange(*basis.subbands[0][k : k + 2]) for k in subbands])
+    rows = basis.functions_in(subbands)
     vertices = np.concatenate([basis.order[slice(*basis.starts[e : e + 2])] for e in (1, basis.element_count - 2)])
     some = group_functions(entry, time, np.rint(coefficients[rows] / STEP).astype(np.int64), basis, subbands)
     of_some = np.empty((11, vertices.size, 3))

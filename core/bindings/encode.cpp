@@ -80,20 +80,6 @@ public:
                    .step = step};
     }
 
-private:
-    // What some work on the model returns, in the precision of its sums.
-    template <class Work> auto with_model(const Work &work) const {
-        return std::visit(
-            [&]<class Real>(const Motion<Real> &own) {
-                return work(GroupModel<Real>{.motion = own,
-                                             .time = all_of(time_),
-                                             .reference = std::get<AnchoredReference<Real>>(reference_),
-                                             .frames = static_cast<i64>(points_.shape(0))});
-            },
-            motion_.motion);
-    }
-
-public:
     nb::tuple missing(const Flat<double> &margins, const std::optional<nb::tuple> &aim, Excess *excess,
                       int threads) const {
         require(margins.size() == points_.shape(0), "one margin a frame");
@@ -102,20 +88,17 @@ public:
         Missing found;
         {
             nb::gil_scoped_release release;
-            found = with_model([&](const auto &model) {
-                return pdeanim::missing(model, wanted_, view(margins), beyond, excess, threads);
-            });
+            found = std::visit(
+                [&]<class Real>(const Motion<Real> &own) {
+                    const GroupModel<Real> model{.motion = own,
+                                                 .time = all_of(time_),
+                                                 .reference = std::get<AnchoredReference<Real>>(reference_),
+                                                 .frames = static_cast<i64>(points_.shape(0))};
+                    return pdeanim::missing(model, wanted_, view(margins), beyond, excess, threads);
+                },
+                motion_.motion);
         }
         return nb::make_tuple(std::move(found.residuals), found.errors.largest_square, found.errors.sum_of_squares);
-    }
-
-    double farthest_from(const PyGroupModel &other, int threads) const {
-        require(points_.shape(0) == other.points_.shape(0) && points_.shape(1) == other.points_.shape(1),
-                "two models of the same frames and vertices");
-        nb::gil_scoped_release release;
-        return with_model([&](const auto &one) {
-            return other.with_model([&](const auto &second) { return farthest_apart(one, second, threads); });
-        });
     }
 
 private:
@@ -126,6 +109,33 @@ private:
     std::variant<std::monostate, AnchoredReference<float>, AnchoredReference<double>> reference_;
     Wanted wanted_;
 };
+
+// How far two motions of the same vertices are apart at most, in a coordinate before residuals.
+double py_farthest_apart(const PyMotion &one, const PyMotion &other, const Cube<const double> &time,
+                         const Rows<double, 3> &reference, int threads) {
+    return std::visit(
+        [&]<class One, class Other>(const Motion<One> &first, const Motion<Other> &second) {
+            require(first.basis == second.basis && first.vertices() == second.vertices() &&
+                        first.functions == second.functions && first.axes == second.axes,
+                    "two motions of the same functions and vertices");
+            require(static_cast<i64>(time.shape(1)) == first.time_axes() &&
+                        static_cast<i64>(time.shape(2)) == first.functions &&
+                        static_cast<i64>(reference.shape(0)) == first.basis->vertices(),
+                    "motions, functions of time and reference frame do not fit together");
+            nb::gil_scoped_release release;
+            const auto model = [&]<class Real>(const Motion<Real> &own, const AnchoredReference<Real> &anchored) {
+                return GroupModel<Real>{own, all_of(time), anchored, static_cast<i64>(time.shape(0))};
+            };
+            const auto anchored = [&]<class Real>(const Motion<Real> &own) {
+                return AnchoredReference<Real>(*own.basis->elements().patches, {reference.data(), reference.size()},
+                                               own.selection ? &*own.selection : nullptr);
+            };
+            const AnchoredReference<One> of_first = anchored(first);
+            const AnchoredReference<Other> of_second = anchored(second);
+            return farthest_apart(model(first, of_first), model(second, of_second), threads);
+        },
+        one.motion, other.motion);
+}
 
 void py_add_to(const Excess &excess, const Matrix<double> &values, const Matrix<const double> &functions, int axes,
                double push) {
@@ -168,14 +178,15 @@ void bind_encode(nb::module_ &module) {
         .def("__len__", [](const Excess &self) { return self.frames.size(); })
         .def("add_to", &py_add_to, nb::arg("values").noconvert(), nb::arg("functions"), nb::arg("axes"),
              nb::arg("push"));
+    module.def("farthest_apart", &py_farthest_apart, nb::arg("one"), nb::arg("other"), nb::arg("time"),
+               nb::arg("reference"), nb::arg("threads"));
     nb::class_<PyGroupModel>(module, "GroupModel", "A motion held against the positions that it is to give.")
         .def(nb::init<const PyMotion &, Cube<const double>, const Rows<double, 3> &, Cube<const float>, Flat<i32>,
                       double, double>(),
              nb::arg("motion"), nb::arg("time"), nb::arg("reference"), nb::arg("points").noconvert(),
              nb::arg("order").noconvert(), nb::arg("bound"), nb::arg("step"), nb::keep_alive<1, 2>())
         .def("missing", &PyGroupModel::missing, nb::arg("margins"), nb::arg("aim").none(), nb::arg("excess").none(),
-             nb::arg("threads"))
-        .def("farthest_from", &PyGroupModel::farthest_from, nb::arg("other"), nb::arg("threads"));
+             nb::arg("threads"));
 }
 
 }  // namespace pdeanim::bindings

@@ -187,6 +187,12 @@ class SpaceBasis:
             above = np.unique(parents[above[above > 0]])
         return np.flatnonzero(is_chosen)
 
+    def functions_in(self, subbands: Int64Array) -> Int64Array:
+        """(n,) int64: the functions of some subbands, among those of all."""
+        starts, sizes = self.subbands[0][subbands], np.diff(self.subbands[0])[subbands]
+        ends = np.cumsum(sizes)
+        return np.repeat(starts - (ends - sizes), sizes) + np.arange(int(sizes.sum()))
+
     @cached_property
     def layout(self) -> bytes:
         """Local coordinates that elements take, and which of 1, x, y, z the nodes keep: a coded stream."""

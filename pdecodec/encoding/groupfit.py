@@ -92,8 +92,8 @@ CELL = ROUND_UP_AT**3 / 3.0 + (1.0 - ROUND_UP_AT) ** 3 / 3.0
 """Mean square of what rounding takes from a coefficient that does not become zero, in steps."""
 
 SPARSE_LOOK = 8
-"""One in so many frames tells whether positions may be added up in float32, and where it is close those halfway between
-two of them as well."""
+"""One in so many elements of a large mesh tells whether positions may be added up in float32, and where it is close
+those halfway between two of them as well."""
 
 WELL_BELOW = 0.8
 """Share of a limit below which that is not close."""
@@ -171,8 +171,6 @@ class FittedGroup:
         None where there is none to code.
     packed : (functions of space, channels) int16, int32 or int64
         Coefficients, of a heavy group in the smallest of these types that has them.
-    functions : GroupFunctions or None
-        What they decode to; not kept where they take much memory.
     residuals : Residuals
     largest_square, sum_of_squares : float [scene units^2]
         Of the distances of what a decoder makes of them.
@@ -184,7 +182,6 @@ class FittedGroup:
     entry: GroupEntry
     time_functions: QuantisedTimeFunctions | None
     packed: NDArray[np.signedinteger[Any]]
-    functions: GroupFunctions | None
     residuals: Residuals
     largest_square: float
     sum_of_squares: float
@@ -483,22 +480,21 @@ class GroupFitter:
         """
         largest = magnitudes(quantised)
 
-        def held() -> tuple[GroupFunctions, tuple[Residuals, float, float], ResidualPlan]:
-            functions = self._functions(basis, entry, quantised, time_functions)
+        def held() -> tuple[tuple[Residuals, float, float], ResidualPlan]:
+            functions = group_functions(entry, self._time(entry, time_functions), quantised, basis)
             limits = margins(entry, functions.time, largest, self.residual_step)
             aim = (AIM, AIM_FROM, FARTHEST_PUSH)
-            missing = self._model(functions, basis).missing(limits, aim, excess, thread_count())
-            return functions, missing, plan_residuals(missing[0], basis.starts)
+            missing = self.held(functions, self.points, basis.order).missing(limits, aim, excess, thread_count())
+            return missing, plan_residuals(missing[0], basis.starts)
 
         with ThreadPoolExecutor(1) as beside:
             against_input = beside.submit(held)
             bits = _bits(basis, entry, quantised, time_functions) if is_measured else math.inf
-            functions, missing, plan = against_input.result()
+            missing, plan = against_input.result()
         packed: NDArray[np.signedinteger[Any]] = quantised
         if self.is_heavy:
             packed = quantised.astype(np.result_type(np.int16, np.min_scalar_type(-int(largest.max(initial=0)) - 1)))
-        kept = functions if self.points.nbytes < HEAVY else None
-        return FittedGroup(entry, time_functions, packed, kept, *missing, plan, bits + plan.bits)
+        return FittedGroup(entry, time_functions, packed, *missing, plan, bits + plan.bits)
 
     def encode(self, fitted: FittedGroup, basis: SpaceBasis) -> EncodedGroup:
         """A fit as bytes.
@@ -514,13 +510,9 @@ class GroupFitter:
 
         with ThreadPoolExecutor(1) as helper:
             encoded = helper.submit(beside)
-            if entry.single:
-                single = fitted.functions or self._functions(basis, entry, quantised, time_functions)
-                exact = self._functions(basis, replace(entry, single=False), quantised, time_functions)
-                if not self._is_single_enough(single, exact, basis):
-                    entry = replace(entry, single=False)
-                    fitted = self.fitted(basis, entry, quantised, time_functions, is_measured=False)
-                del single, exact
+            if entry.single and not self._is_single_enough(basis, entry, quantised, time_functions):
+                entry = replace(entry, single=False)
+                fitted = self.fitted(basis, entry, quantised, time_functions, is_measured=False)
             residual_bytes = encode_residuals(fitted.residuals, basis.starts, fitted.plan)
             chunks = *encoded.result(), residual_bytes
         return EncodedGroup(
@@ -532,31 +524,30 @@ class GroupFitter:
             int(np.count_nonzero(quantised)) + (time_functions.decoded.size if time_functions else 0),
         )
 
-    def _is_single_enough(self, single: GroupFunctions, exact: GroupFunctions, basis: SpaceBasis) -> bool:
+    def _is_single_enough(
+        self, basis: SpaceBasis, entry: GroupEntry, quantised: Int64Array, time_functions: QuantisedTimeFunctions | None
+    ) -> bool:
         """Whether adding up in float32 takes at most half of the margin for it."""
         limit = 0.5 * SINGLE_MARGIN * self.residual_step
+        time = np.ascontiguousarray(self._time(entry, time_functions))
+        stride = max(1, min(SPARSE_LOOK, basis.element_count // SPARSE_LOOK))
 
-        def farthest(frames: slice) -> float:
-            points = np.ascontiguousarray(self.points[frames])
+        def farthest(first: int) -> float:
+            subbands = basis.subbands_of(np.arange(first, basis.element_count, stride), least_depth=0)
+            some = quantised[basis.functions_in(subbands)]
             one, other = (
-                self.held(replace(functions, time=functions.time[frames]), points, basis.order)
-                for functions in (single, exact)
+                group_functions(replace(entry, single=single), time, some, basis, subbands).motion
+                for single in (True, False)
             )
-            return one.farthest_from(other, thread_count())
+            return _core.farthest_apart(one, other, time, np.ascontiguousarray(self._reference), thread_count())
 
-        some = farthest(slice(None, None, SPARSE_LOOK))
-        between = slice(SPARSE_LOOK // 2, None, SPARSE_LOOK)
-        return some <= limit and (some <= WELL_BELOW * limit or farthest(between) <= limit)
+        found = farthest(0)
+        return found <= limit and (found <= WELL_BELOW * limit or farthest(stride // 2) <= limit)
 
-    def _functions(
-        self, basis: SpaceBasis, entry: GroupEntry, quantised: Int64Array, time_functions: QuantisedTimeFunctions | None
-    ) -> GroupFunctions:
+    def _time(self, entry: GroupEntry, time_functions: QuantisedTimeFunctions | None) -> Float64Array:
+        """Decoded functions of time, (frames, 3 or 1, functions)."""
         decoded = time_functions.decoded if time_functions else np.zeros((self.frames, entry.time_axes, 0))
-        return group_functions(entry, functions_of_time(entry, decoded, self.times), quantised, basis)
-
-    def _model(self, functions: GroupFunctions, basis: SpaceBasis) -> GroupModel:
-        """Functions held against all positions."""
-        return self.held(functions, self.points, basis.order)
+        return functions_of_time(entry, decoded, self.times)
 
     def held(self, functions: GroupFunctions, points: Float32Array, order: Int32Array) -> GroupModel:
         """Functions held against positions of the vertices that they move, those in places of an order."""
