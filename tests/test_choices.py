@@ -262,7 +262,7 @@ def test_positions_are_added_up_in_float64_where_float32_takes_too_much_of_its_m
 
 
 def test_motions_of_other_functions_are_not_compared() -> None:
-    fitter, basis = fitter_of(waving_sheet(), 0.02)
+    _, basis = fitter_of(waving_sheet(), 0.02)
     time, reference = np.ones((2, 3, 1)), np.zeros((basis.order.size, 3))
     one, other = (
         _core.Motion(basis.core, np.zeros((basis.functions, axes), np.int64), axes, 1.0, True, None, 1)

@@ -112,6 +112,10 @@ class GroupSearch:
         """A search of some of the frames, as a group of their own."""
         return GroupSearch(self.fitter.part_of_found(frames), self.basis, part_of=self)
 
+    def prepare(self, choice: GroupChoice) -> None:
+        """Compute what all choices of a time basis and origin share."""
+        self._counter.prepare(choice)
+
     def choose(self, candidates: Sequence[GroupChoice]) -> ChosenGroup:
         """The candidate that costs least, its step walked downhill; others than the first begin with its best one."""
         choice = self._walk(candidates[0], self._steps)
@@ -179,9 +183,11 @@ def divided(search: GroupSearch, choices: Sequence[GroupChoice]) -> list[ChosenG
     divided, lengths = _division(search, whole, usual)
     if len(lengths) == 1:
         return [search.choose(choices)]
+    spans = itertools.pairwise(itertools.accumulate(lengths, initial=0))
+    searches = [search.part(slice(*span)) for span in spans]
+    side_by_side(*(partial(part.prepare, usual) for part in searches))
     parts: list[ChosenGroup] = []
-    for span in itertools.pairwise(itertools.accumulate(lengths, initial=0)):
-        part = search.part(slice(*span))
+    for part in searches:
         like = parts[-1].choice if parts else fitter.first_choice
         parts.append(part.choose(candidates(part, like, (usual.origin,))))
         part.fitter.put_aside()
