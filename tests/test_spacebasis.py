@@ -90,6 +90,29 @@ def test_any_points_get_an_orthonormal_basis(rest: list[tuple[int, int, int]], p
     np.testing.assert_allclose(again, coefficients, atol=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_positions_of_some_elements_are_those_that_all_have_however_vertices_are_numbered(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    item, rest = grid(40, 30)
+    numbers = rng.permutation(len(rest)).astype(np.int32)
+    faces = Connectivity(
+        len(rest), face_counts=item.connectivity.face_counts, face_indices=numbers[item.connectivity.face_indices]
+    )
+    shuffled = np.empty_like(rest)
+    shuffled[numbers] = rest
+    basis = build_space_basis("patch", [MeshObject("sheet", faces)], shuffled, points=64, functions=24)
+    entry, time = entry_of(9, 5, "trajectories", single=True), rng.normal(size=(9, 3, 5))
+    quantised = np.rint(rng.normal(size=(basis.functions, 5)) / STEP).astype(np.int64)
+    elements = np.arange(0, basis.element_count, 2)
+    subbands = basis.subbands_of(elements, least_depth=0)
+    whole, some = np.empty((9, len(rest), 3)), np.empty((9, int(np.diff(basis.starts)[elements].sum()), 3))
+    evaluate_group(group_functions(entry, time, quantised, basis), slice(None), None, whole)
+    selected = np.ascontiguousarray(quantised[basis.functions_in(subbands)])
+    evaluate_group(group_functions(entry, time, selected, basis, subbands), slice(None), None, some)
+    vertices = np.concatenate([basis.order[slice(*basis.starts[e : e + 2])] for e in elements])
+    np.testing.assert_allclose(some, whole[:, vertices], rtol=0, atol=1e-5 * np.abs(whole).max())
+
+
 def test_motion_without_functions_of_time_has_coefficients_of_no_channel() -> None:
     item, rest = grid(5, 4)
     basis = build_space_basis("patch", [item], rest, points=7, functions=9)

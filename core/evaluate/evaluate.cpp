@@ -206,9 +206,6 @@ PDEANIM_INLINE void add_mean(Real *added, Real mean, Real rest, Out *found) {
     }
 }
 
-// Vertices that are written at once where their numbers follow each other.
-constexpr int in_a_run = 4;
-
 // `packs` times as many vertices as a register holds, at frames `first` to `first` + `together` - 1.
 template <int bytes, int frames, int packs, int together, class Real, class Out>
 PDEANIM_INLINE void add_columns(const Target<Real> &to, i64 first, i64 vertices, Out *out) {
@@ -230,25 +227,21 @@ PDEANIM_INLINE void add_columns(const Target<Real> &to, i64 first, i64 vertices,
         }
     }
     for (int t = 0; t < together && first + t < to.frames; ++t) {
-        Out found[3][points], triples[points][3];
+        Out found[3][points], pairs[points][2];
         for (int axis = 0; axis < 3; ++axis) {
             const i64 at = axis * frames + first + t;
             add_mean<size, points>(added[t][axis], to.means[at], to.rests[at], found[axis]);
         }
         for (int i = 0; i < points; ++i) {
-            for (int axis = 0; axis < 3; ++axis) triples[i][axis] = found[axis][i];
+            pairs[i][0] = found[0][i];
+            pairs[i][1] = found[1][i];
         }
         Out *row = out + (first + t) * 3 * vertices;
         const i64 count = least<i64>(points, to.size);
-        for (i64 i = 0; i < count;) {
+        for (i64 i = 0; i < count; ++i) {
             Out *own = row + 3 * static_cast<i64>(to.vertices[i]);
-            if (i + in_a_run <= count && to.vertices[i + in_a_run - 1] - to.vertices[i] == in_a_run - 1) {
-                std::memcpy(own, triples[i], in_a_run * sizeof triples[i]);
-                i += in_a_run;
-            } else {
-                std::memcpy(own, triples[i], sizeof triples[i]);
-                ++i;
-            }
+            std::memcpy(own, pairs[i], sizeof pairs[i]);
+            own[2] = found[2][i];
         }
     }
 }
