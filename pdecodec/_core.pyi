@@ -427,10 +427,11 @@ class GroupModel:
         margins: Float64Array,
         aim: tuple[float, float, float] | None,
         excess: Excess | None,
+        has_errors: bool,
         threads: int,
     ) -> tuple[Residuals, float, float]:
-        """Residuals of the vertices that may miss the bound; with them, the largest and the sum of squared distances
-        as a decoder has them. With an aim, `excess` is filled.
+        """Residuals of the vertices that may miss the bound; where errors are wanted, the largest and the sum of the
+        squared distances as a decoder has them. With an aim, `excess` is filled.
         """
 
 POLYNOMIAL_EXPONENTS: list[tuple[int, int, int]]

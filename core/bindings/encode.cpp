@@ -80,12 +80,13 @@ public:
                    .step = step};
     }
 
-    nb::tuple missing(const Flat<double> &margins, const std::optional<nb::tuple> &aim, Excess *excess,
+    nb::tuple missing(const Flat<double> &margins, const std::optional<nb::tuple> &aim, Excess *excess, bool has_errors,
                       int threads) const {
         require(margins.size() == points_.shape(0), "one margin a frame");
         Aim beyond{};
         if (aim) beyond = {nb::cast<double>((*aim)[0]), nb::cast<double>((*aim)[1]), nb::cast<double>((*aim)[2])};
-        Missing found;
+        Residuals found;
+        Errors errors;
         {
             nb::gil_scoped_release release;
             found = std::visit(
@@ -94,11 +95,12 @@ public:
                                                  .time = all_of(time_),
                                                  .reference = std::get<AnchoredReference<Real>>(reference_),
                                                  .frames = static_cast<i64>(points_.shape(0))};
-                    return pdeanim::missing(model, wanted_, view(margins), beyond, excess, threads);
+                    return pdeanim::missing(model, wanted_, view(margins), beyond, excess,
+                                            has_errors ? &errors : nullptr, threads);
                 },
                 motion_.motion);
         }
-        return nb::make_tuple(std::move(found.residuals), found.errors.largest_square, found.errors.sum_of_squares);
+        return nb::make_tuple(std::move(found), errors.largest_square, errors.sum_of_squares);
     }
 
 private:
@@ -186,7 +188,7 @@ void bind_encode(nb::module_ &module) {
              nb::arg("motion"), nb::arg("time"), nb::arg("reference"), nb::arg("points").noconvert(),
              nb::arg("order").noconvert(), nb::arg("bound"), nb::arg("step"), nb::keep_alive<1, 2>())
         .def("missing", &PyGroupModel::missing, nb::arg("margins"), nb::arg("aim").none(), nb::arg("excess").none(),
-             nb::arg("threads"));
+             nb::arg("has_errors"), nb::arg("threads"));
 }
 
 }  // namespace pdeanim::bindings

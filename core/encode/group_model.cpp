@@ -80,11 +80,12 @@ void Excess::add_to(std::span<double> values, std::span<const double> functions,
     }
 }
 
-template <class Real> Missing missing(const GroupModel<Real> &model, const Wanted &wanted,
-                                      std::span<const double> margins, const Aim &aim, Excess *excess, int threads) {
+template <class Real> Residuals missing(const GroupModel<Real> &model, const Wanted &wanted,
+                                        std::span<const double> margins, const Aim &aim, Excess *excess, Errors *errors,
+                                        int threads) {
     const i64 vertices = model.motion.vertices(), tiles = tiles_of(model.frames);
     std::vector<Residuals> parts(tiles);
-    std::vector<Errors> errors(tiles);
+    std::vector<Errors> off(tiles);
     std::vector<Excess> beyond(tiles);
     in_shares(tiles, threads, [&](i64 first, i64 end) {
         LargeArray<double> positions;
@@ -99,24 +100,26 @@ template <class Real> Missing missing(const GroupModel<Real> &model, const Wante
             for (i64 k = 0; k < count; ++k) {
                 const auto own_points = points.subspan(k * vertices, vertices);
                 const auto own_base = base.subspan(k * vertices, vertices);
-                add_errors(own_points, own_base, parts[tile], k, {wanted.order, wanted.step}, decoded, errors[tile]);
+                if (errors) {
+                    add_errors(own_points, own_base, parts[tile], k, {wanted.order, wanted.step}, decoded, off[tile]);
+                }
                 if (excess) find_excess(own_points, own_base, frame + k, wanted.bound, aim, beyond[tile]);
             }
         }
     });
-    Missing all;
     std::vector<const Residuals *> joined;
     for (i64 tile = 0; tile < tiles; ++tile) {
         joined.push_back(&parts[tile]);
-        all.errors.largest_square = most(all.errors.largest_square, errors[tile].largest_square);
-        all.errors.sum_of_squares += errors[tile].sum_of_squares;
+        if (errors) {
+            errors->largest_square = most(errors->largest_square, off[tile].largest_square);
+            errors->sum_of_squares += off[tile].sum_of_squares;
+        }
         if (!excess) continue;
         append(excess->frames, beyond[tile].frames);
         append(excess->vertices, beyond[tile].vertices);
         append(excess->excess, beyond[tile].excess);
     }
-    all.residuals = join_residuals(joined);
-    return all;
+    return join_residuals(joined);
 }
 
 template <class One, class Other>
@@ -138,10 +141,10 @@ double farthest_apart(const GroupModel<One> &single, const GroupModel<Other> &ex
     return farthest;
 }
 
-template Missing missing(const GroupModel<float> &, const Wanted &, std::span<const double>, const Aim &, Excess *,
-                         int);
-template Missing missing(const GroupModel<double> &, const Wanted &, std::span<const double>, const Aim &, Excess *,
-                         int);
+template Residuals missing(const GroupModel<float> &, const Wanted &, std::span<const double>, const Aim &, Excess *,
+                           Errors *, int);
+template Residuals missing(const GroupModel<double> &, const Wanted &, std::span<const double>, const Aim &, Excess *,
+                           Errors *, int);
 template double farthest_apart(const GroupModel<float> &, const GroupModel<float> &, int);
 template double farthest_apart(const GroupModel<float> &, const GroupModel<double> &, int);
 template double farthest_apart(const GroupModel<double> &, const GroupModel<float> &, int);

@@ -43,15 +43,11 @@ struct Errors {
     double largest_square = 0.0, sum_of_squares = 0.0;
 };
 
-// Residuals, and the errors of the float32 positions that a decoder gives with them.
-struct Missing {
-    Residuals residuals;
-    Errors errors;
-};
-
-// margins: of each frame, see `quantise_residuals`. `excess`, where it is given, is added to.
-template <class Real> Missing missing(const GroupModel<Real> &model, const Wanted &wanted,
-                                      std::span<const double> margins, const Aim &aim, Excess *excess, int threads);
+// Residuals; margins: of each frame, see `quantise_residuals`. `excess` and the errors of the float32 positions that a
+// decoder gives with the residuals, where they are given, are added to.
+template <class Real> Residuals missing(const GroupModel<Real> &model, const Wanted &wanted,
+                                        std::span<const double> margins, const Aim &aim, Excess *excess, Errors *errors,
+                                        int threads);
 
 // How far two ways to add up the same sums are apart at most, in a coordinate.
 template <class One, class Other>

@@ -92,7 +92,7 @@ class FitCounter:
         self._fitter.prepare(choice)
 
     def bits(self, choice: GroupChoice) -> float:
-        return self._fitter.fit(self._basis, choice).bits
+        return self._fitter.fit(self._basis, choice, is_trial=True).bits
 
 
 class _Sample:
@@ -362,7 +362,7 @@ class Estimate:
         moved = group_functions(entry, time[sample.frames], quantised, self.basis, sample.chosen)
         model = fitter.held(moved, sample.points, sample.order)
         limits = margins(entry, time, largest, fitter.residual_step)[sample.frames]
-        residuals, _, _ = model.missing(limits, None, None, thread_count())
+        residuals, _, _ = model.missing(limits, None, None, False, thread_count())
         near = np.ones(sample.frames.size, np.int64)
 
         ways = residual_ways(residuals, sample.order.size)

@@ -91,9 +91,9 @@ HALF_WAY = (0.5452538663326288, 0.6484197773255048, 0.7711054127039704, 0.917004
 CELL = ROUND_UP_AT**3 / 3.0 + (1.0 - ROUND_UP_AT) ** 3 / 3.0
 """Mean square of what rounding takes from a coefficient that does not become zero, in steps."""
 
-SPARSE_LOOK = 8
-"""One in so many elements of a large mesh tells whether positions may be added up in float32, and where it is close
-those halfway between two of them as well."""
+SPARSE_LOOK, FEWEST_ELEMENTS = 8, 4
+"""One in so many positions tells whether they may be added up in float32, and where it is close those halfway between
+two of them as well: of one in so many elements at all frames, or of more where there would be fewer than these."""
 
 WELL_BELOW = 0.8
 """Share of a limit below which that is not close."""
@@ -173,7 +173,7 @@ class FittedGroup:
         Coefficients, of a heavy group in the smallest of these types that has them.
     residuals : Residuals
     largest_square, sum_of_squares : float [scene units^2]
-        Of the distances of what a decoder makes of them.
+        Of the distances of what a decoder makes of them; of a trial 0.
     plan : ResidualPlan
     bits : float
         Of all three chunks, measured; infinite where they were not.
@@ -426,14 +426,16 @@ class GroupFitter:
         """Whether there is a trajectory that is worth looking at."""
         return self.displacements("reference").functions("trajectories")[0].size > 0
 
-    def fit(self, basis: SpaceBasis, choice: GroupChoice, *, is_measured: bool = True) -> FittedGroup:
-        """Fit, and measure what it costs where that is wanted."""
+    def fit(
+        self, basis: SpaceBasis, choice: GroupChoice, *, is_measured: bool = True, is_trial: bool = False
+    ) -> FittedGroup:
+        """Fit, and measure what it costs where that is wanted; a trial is not to be encoded."""
         group = self.quantised(basis, choice)
         entry, quantised, time_functions = group.entry, group.quantised, group.time_functions
         del group  # and with it the values
         if self.is_heavy:
             self.put_aside()  # what holds positions against the group takes that memory at once
-        return self.fitted(basis, entry, quantised, time_functions, is_measured=is_measured)
+        return self.fitted(basis, entry, quantised, time_functions, is_measured=is_measured, is_trial=is_trial)
 
     def quantised(self, basis: SpaceBasis, choice: GroupChoice, zone: DeadZone = DEAD_ZONE) -> QuantisedGroup:
         """Functions of time and coefficients, quantised."""
@@ -473,6 +475,7 @@ class GroupFitter:
         excess: Excess | None = None,
         *,
         is_measured: bool = True,
+        is_trial: bool = False,
     ) -> FittedGroup:
         """What coefficients in given functions decode to and cost, residuals included.
 
@@ -484,7 +487,9 @@ class GroupFitter:
             functions = group_functions(entry, self._time(entry, time_functions), quantised, basis)
             limits = margins(entry, functions.time, largest, self.residual_step)
             aim = (AIM, AIM_FROM, FARTHEST_PUSH)
-            missing = self.held(functions, self.points, basis.order).missing(limits, aim, excess, thread_count())
+            missing = self.held(functions, self.points, basis.order).missing(
+                limits, aim, excess, not is_trial, thread_count()
+            )
             return missing, plan_residuals(missing[0], basis.starts)
 
         with ThreadPoolExecutor(1) as beside:
@@ -529,8 +534,8 @@ class GroupFitter:
     ) -> bool:
         """Whether adding up in float32 takes at most half of the margin for it."""
         limit = 0.5 * SINGLE_MARGIN * self.residual_step
-        time = np.ascontiguousarray(self._time(entry, time_functions))
-        stride = max(1, min(SPARSE_LOOK, basis.element_count // SPARSE_LOOK))
+        stride = max(1, min(SPARSE_LOOK, basis.element_count // FEWEST_ELEMENTS))
+        time = np.ascontiguousarray(self._time(entry, time_functions)[:: SPARSE_LOOK // stride])
 
         def farthest(first: int) -> float:
             subbands = basis.subbands_of(np.arange(first, basis.element_count, stride), least_depth=0)
