@@ -63,6 +63,9 @@ DENSE, DENSE_GROUP = 0.7, 12
 a group then. Of cloths of 20,000 and 100,000 vertices groups of 8 to 16 frames in cosines took 4 to 15 % fewer bytes
 than longer ones in trajectories, and half the time; where it took up to 0.58 of them, they took more bytes."""
 
+HARDLY_MORE = 1.01
+"""Space bases that are estimated at less than this many times the best one may well be better."""
+
 WORTH_A_NEW_LOOK = 0.9
 """Where another reference frame costs less than this many times the usual one, all else is chosen anew."""
 
@@ -137,6 +140,8 @@ class FinishedModel:
     groups : list of FinishedGroup
     effort : str or None
         Another effort that finds the very same.
+    rivals : tuple of (kind, points)
+        Space bases that were estimated to take hardly more.
     """
 
     reference: ReferenceFrame
@@ -144,6 +149,7 @@ class FinishedModel:
     basis: SpaceBasis
     groups: list[FinishedGroup]
     effort: EffortName | None = None
+    rivals: SpaceBases = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +160,7 @@ class _Model:
     basis: SpaceBasis
     space: tuple[SpaceKind, int]
     groups: list[ChosenGroup]
+    rivals: SpaceBases = ()
 
     @property
     def moves(self) -> bool:
@@ -256,6 +263,8 @@ class ModelSearch:
                 steps = {name: getattr(self, name) / ratio for name in ("bound", "unit", "residual_step")}
                 found.append(self._at_this_bound(replace(self, **steps)._for_this_bound()))
         if self.effort.also:
+            for space in found[0].rivals:
+                found.append(replace(self, effort=replace(self.effort, space_bases=(space,)))._for_this_bound())
             other = EFFORTS[self.effort.also]
             found.append(replace(replace(self, effort=other).run(), effort=self.effort.also))
             found.append(replace(self, effort=other.refined_like(self.effort)).run())
@@ -314,10 +323,11 @@ class ModelSearch:
         if self.effort.fine_steps:
             model = replace(model, groups=side_by_side(*(group.tuned for group in model.groups)))
         reference, groups = model.reference, [(group.fitter, group.choice) for group in model.groups]
+        rivals = model.rivals
         del model  # and with it all that was found out on the way
         basis = made.result()
         finished_groups = side_by_side(*(partial(finished, group, basis, self.effort) for group in groups))
-        return FinishedModel(reference, self.references.data(reference), basis, finished_groups)
+        return FinishedModel(reference, self.references.data(reference), basis, finished_groups, rivals=rivals)
 
     def _reference_steps(self) -> tuple[list[float], int]:
         """Steps of the reference frame that are worth trying, and which of them is the usual one."""
@@ -391,12 +401,12 @@ class ModelSearch:
         fitter.prepare(fitter.first_choice)
         usual = fitter.with_usual_step(spaces.basis(first)) if self._is_large else fitter.first_choice
         choices = candidates(spaces.search(fitter, first), usual)
-        space = self._choose_space([(fitter, choices[0])], spaces)
+        space, *rivals = self._ranked_spaces([(fitter, choices[0])], spaces)
         search = GroupSearch(fitter, spaces.basis(space))
         groups = divided(search, choices) if self.effort.division else [search.choose(choices)]
         if len(groups) > 1 or groups[0].choice.time != choices[0].time:
             # What is left to space is another thing now.
-            other = self._choose_space([(group.fitter, group.choice) for group in groups], spaces)
+            other, *rivals = self._ranked_spaces([(group.fitter, group.choice) for group in groups], spaces)
             if other != space:
                 space = other
 
@@ -404,7 +414,7 @@ class ModelSearch:
                     return spaces.search(group.fitter, space).choose([group.choice])
 
                 groups = side_by_side(*(partial(again, group) for group in groups))
-        return _Model(reference, spaces.basis(space), space, groups)
+        return _Model(reference, spaces.basis(space), space, groups, tuple(rivals))
 
     def _with_other_reference(self, model: _Model, step: float) -> _Model:
         """A model with another reference frame and all else as it is, functions of time included."""
@@ -416,7 +426,8 @@ class ModelSearch:
             fitter = group.fitter.from_reference(reference.points)
             return GroupSearch(fitter, basis, group.search).chosen(group.choice)
 
-        return _Model(reference, basis, model.space, side_by_side(*(partial(moved, group) for group in model.groups)))
+        groups = side_by_side(*(partial(moved, group) for group in model.groups))
+        return _Model(reference, basis, model.space, groups, model.rivals)
 
     def _basis(self, space: tuple[SpaceKind, int], reference: ReferenceFrame) -> SpaceBasis:
         kind, points = space
@@ -426,14 +437,12 @@ class ModelSearch:
     def _space_kinds(self) -> SpaceBases:
         return self.effort.space_bases + (() if self._is_large else self.effort.more_of_small)
 
-    def _choose_space(
-        self, groups: Sequence[tuple[GroupFitter, GroupChoice]], spaces: _Spaces
-    ) -> tuple[SpaceKind, int]:
-        """Kind and size of the space basis in which the groups take fewest bits."""
+    def _ranked_spaces(self, groups: Sequence[tuple[GroupFitter, GroupChoice]], spaces: _Spaces) -> SpaceBases:
+        """Kind and size of the space basis in which the groups take fewest bits, and of those that take hardly more."""
         moving = [(fitter, choice) for fitter, choice in groups if fitter.moves]
         kinds = self._space_kinds
         if not moving or len(kinds) == 1:
-            return kinds[0]
+            return kinds[:1]
 
         def prepare(fitter: GroupFitter, choice: GroupChoice) -> None:
             fitter.prepare(choice)
@@ -450,7 +459,8 @@ class ModelSearch:
         side_by_side(*(partial(prepare, *group) for group in moving))
         found = side_by_side(*(partial(bits, *group, space) for space in kinds for group in moving))
         costs = [cost(space, found[k * len(moving) : (k + 1) * len(moving)]) for k, space in enumerate(kinds)]
-        return kinds[costs.index(min(costs))]
+        close = [k for k in range(len(kinds)) if costs[k] <= HARDLY_MORE * min(costs)]
+        return tuple(kinds[k] for k in sorted(close, key=costs.__getitem__))
 
 
 def reference_steps(points: Float32Array, unit: float) -> list[float]:
