@@ -263,8 +263,8 @@ class ModelSearch:
                 steps = {name: getattr(self, name) / ratio for name in ("bound", "unit", "residual_step")}
                 found.append(self._at_this_bound(replace(self, **steps)._for_this_bound()))
         if self.effort.also:
-            for space in found[0].rivals:
-                found.append(replace(self, effort=replace(self.effort, space_bases=(space,)))._for_this_bound())
+            alone = [replace(self.effort, space_bases=(space,)) for space in found[0].rivals]
+            found.extend(replace(self, effort=effort)._for_this_bound() for effort in alone)
             other = EFFORTS[self.effort.also]
             found.append(replace(replace(self, effort=other).run(), effort=self.effort.also))
             found.append(replace(self, effort=other.refined_like(self.effort)).run())
