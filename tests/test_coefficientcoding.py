@@ -83,6 +83,8 @@ def test_copies_of_subbands_are_measured_as_more_of_what_the_models_have_learned
     assert once < min(measured(nodes), measured(elements))
     assert measured(nodes) + measured(elements) == pytest.approx(both + once, rel=0.01)
     assert measured(3.0 * ones) > both
+    with pytest.raises(ValueError, match="as many copies as subbands"):
+        measured(np.ones(basis.subband_count + 1))
 
 
 def test_coefficients_take_far_less_than_with_zstandard(basis: SpaceBasis) -> None:

@@ -66,7 +66,7 @@ void bind_coefficients(nb::module_ &module) {
                "Quantised coefficients, (functions, channels) int64 of subbands, as bytes; none where all are zero.");
     module.def("measure_coefficients", &py_measure_coefficients, nb::arg("coefficients"), nb::arg("starts"),
                nb::arg("kinds"), nb::arg("parents"), nb::arg("axes"), nb::arg("copies") = nb::none(),
-               "Bits that encode_coefficients would take with so many times as many elements that are like these.");
+               "Bits that encode_coefficients would take with so many copies of each subband.");
     nb::class_<PyCoefficientDecoder>(module, "CoefficientDecoder",
                                      "Writes quantised coefficients into an array of zeros, some subbands at a time.")
         .def(nb::init<nb::bytes, Grid<i64>, Flat<i64>, Flat<i64>, Flat<i64>, int>(), nb::arg("data"),

@@ -201,6 +201,9 @@ std::vector<u8> encode_coefficients(const CoefficientLayout &layout, std::span<c
 double measure_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients,
                             std::span<const double> copies) {
     check_size(layout, coefficients.size());
+    if (!copies.empty() && static_cast<i64>(copies.size()) != layout.subbands.count()) {
+        throw std::invalid_argument("as many copies as subbands");
+    }
     CoefficientCoder<Mode::measure> all(layout, coefficients);
     all.code(layout.subbands.count());
     for (std::size_t subband = 0; subband < copies.size(); ++subband) {

@@ -36,8 +36,8 @@ struct CoefficientLayout {
 // The coefficients as bytes; none where all are zero. Magnitudes are 2^40 at most.
 std::vector<u8> encode_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients);
 
-// Bits that `encode_coefficients` would take; with so many times as many elements that are like these: only the first
-// teach the models.
+// Bits that `encode_coefficients` would take. `copies`, where it is not empty: of each subband, how many there are that are
+// like it, of which only the first teaches the models.
 double measure_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients,
                             std::span<const double> copies = {});
 

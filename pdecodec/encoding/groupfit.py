@@ -292,7 +292,7 @@ class GroupFitter:
         return self._with(self.points[frames], self.times[frames], self._reference, self._first)
 
     def part_of_found(self, frames: slice) -> GroupFitter:
-        """The same; what is found of all frames is not looked for again, until the part is put aside or settles."""
+        """The same; what is found of all frames is not looked for again, until the part is put aside."""
         other = self.part(frames)
         other._part_of = self, frames
         return other
