@@ -199,7 +199,7 @@ def test_space_bases_are_compared_on_the_same_vertices() -> None:
     sequence = waving_sheet()
     fitter, basis = fitter_of(sequence, 0.02)
     grid_points = quantise_reference(sequence.read_frames(0, 1)[0], 0.4 * 0.02).grid
-    first = Estimate(fitter, basis, whole_parts=True)
+    first = Estimate(fitter, basis, compares_bases=True)
     assert first.sample.vertices.size < 0.7 * basis.order.size
     for points in (32, 128):
         other = build_space_basis("patch", sequence.objects, grid_points, points=points, functions=MOST_FUNCTIONS)

@@ -34,10 +34,14 @@ Float64Array = NDArray[np.float64]
 Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 
-SAMPLED_SHARE, FEWEST_VERTICES, ENOUGH_VERTICES, LEAST_SHARE = 1 / 8, 1024, 4096, 1 / 32
+SAMPLED_SHARE, FEWEST_VERTICES, LEAST_SHARE = 1 / 8, 1024, 1 / 32
 """Of a larger mesh, elements are looked at that have this share of the vertices, but so many at least, and no more than
 are enough, or the least share of a mesh that is larger still: of cloths of 100,000 vertices a thirtieth chose as an
 eighth did, to 0.8 % of the bytes."""
+
+ENOUGH_VERTICES, ENOUGH_TO_COMPARE = 3072, 4096
+"""How many are enough, and how many where space bases are compared: patches that differed by 2 to 4 % of the bytes came
+out the wrong way round by fewer."""
 
 PART = 128
 """Vertices at most of parts of the partition tree that are looked at as a whole, where space bases are compared: those
@@ -73,13 +77,13 @@ def bit_counter(
     like: BitCounter | None = None,
     *,
     part_of: BitCounter | None = None,
-    whole_parts: bool = False,
+    compares_bases: bool = False,
 ) -> BitCounter:
     """Fits of all of a small mesh, estimates of a large one."""
     if not fitter.is_large:
         return FitCounter(fitter, basis)
     alike, longer = (other if isinstance(other, Estimate) else None for other in (like, part_of))
-    return Estimate(fitter, basis, alike, part_of=longer, whole_parts=whole_parts)
+    return Estimate(fitter, basis, alike, part_of=longer, compares_bases=compares_bases)
 
 
 class FitCounter:
@@ -201,7 +205,7 @@ def _weights(basis: SpaceBasis, coefficients: Float64Array, step: float) -> Floa
     return weights
 
 
-def _chosen(basis: SpaceBasis, weights: Float64Array, *, whole_parts: bool) -> Int64Array:
+def _chosen(basis: SpaceBasis, weights: Float64Array, *, compares_bases: bool) -> Int64Array:
     """Elements from all over the mesh, of those that take little as of those that take much.
 
     Parameters
@@ -209,14 +213,15 @@ def _chosen(basis: SpaceBasis, weights: Float64Array, *, whole_parts: bool) -> I
     basis : SpaceBasis
     weights : (elements,) float64
         About what each takes.
-    whole_parts : bool
+    compares_bases : bool
         Whether all elements of a part of the partition tree are taken, or none: smaller and larger ones are of the same
-        vertices then.
+        vertices then. More are enough.
     """
-    part_of = np.unique(_parts(basis), return_inverse=True)[1] if whole_parts else np.arange(basis.element_count)
+    part_of = np.unique(_parts(basis), return_inverse=True)[1] if compares_bases else np.arange(basis.element_count)
     part_weights = np.bincount(part_of, weights)
     vertices = basis.order.size
-    enough = max(FEWEST_VERTICES, min(SAMPLED_SHARE * vertices, ENOUGH_VERTICES), LEAST_SHARE * vertices)
+    most = ENOUGH_TO_COMPARE if compares_bases else ENOUGH_VERTICES
+    enough = max(FEWEST_VERTICES, min(SAMPLED_SHARE * vertices, most), LEAST_SHARE * vertices)
     share = min(enough / vertices, 1.0)
     sampled = max(1, round(share * part_weights.size))
     places = ((np.arange(sampled) + 0.5) * part_weights.size / sampled).astype(np.int64)
@@ -264,8 +269,8 @@ class Estimate:
     part_of : Estimate, optional
         Of more frames in the same space basis: the same elements are looked at, and taken for as much of all, so that
         what parts take is compared with what the whole takes on the same vertices.
-    whole_parts : bool
-        Whether estimates in other space bases will look at the same vertices.
+    compares_bases : bool
+        Whether space bases are compared: estimates in other ones will look at the same vertices.
 
     Attributes
     ----------
@@ -280,7 +285,7 @@ class Estimate:
         like: Estimate | None = None,
         *,
         part_of: Estimate | None = None,
-        whole_parts: bool = False,
+        compares_bases: bool = False,
     ) -> None:
         self._fitter, self.basis = fitter, basis
         self._usual_step = grid_step(fitter.first_choice.step)
@@ -289,18 +294,18 @@ class Estimate:
         if part_of:
             self.sample = _Sample(fitter.points, basis, part_of.sample.elements, part_of.sample.weight)
         else:
-            self.sample = self._looked_at(like, whole_parts)
+            self.sample = self._looked_at(like, compares_bases)
         project = partial(basis.project_some, subbands=self.sample.chosen)
         self._sight: Sight = Sight(project, part_of._sight if part_of else None)
 
-    def _looked_at(self, like: Estimate | None, whole_parts: bool) -> _Sample:
+    def _looked_at(self, like: Estimate | None, compares_bases: bool) -> _Sample:
         fitter, basis = self._fitter, self.basis
         elements = _of_vertices(basis, like.sample.vertices) if like else np.zeros(0, np.int64)
         if like and np.array_equal(np.sort(_vertices(basis, elements)), np.sort(like.sample.vertices)):
             return _Sample(fitter.points, basis, elements, like.sample.weight, like.sample)
         weights = _weights(basis, fitter.weighed(basis), self._usual_step)
         if not elements.size:
-            elements = _chosen(basis, weights, whole_parts=whole_parts)
+            elements = _chosen(basis, weights, compares_bases=compares_bases)
         sampled = float(weights[elements].sum())
         return _Sample(fitter.points, basis, elements, float(weights.sum()) / sampled if sampled else 1.0)
 

@@ -102,7 +102,7 @@ class GroupSearch:
     ) -> None:
         self.fitter, self.basis = fitter, basis
         alike, longer = (other._counter if other else None for other in (like, part_of))
-        self._counter: BitCounter = bit_counter(fitter, basis, alike, part_of=longer, whole_parts=compares_bases)
+        self._counter: BitCounter = bit_counter(fitter, basis, alike, part_of=longer, compares_bases=compares_bases)
         self._found: dict[GroupChoice, float] = {}
         first, last = grid_index(FINEST * fitter.unit), grid_index(COARSEST * fitter.unit)
         self._steps, self._closer_steps = _Axis("step", first, last, STRIDE), _Axis("step", first, last, 1)
@@ -130,9 +130,10 @@ class GroupSearch:
 
     def tune(self, choice: GroupChoice) -> ChosenGroup:
         """A choice with the steps that cost least nearby, those of functions of time included."""
+        choice = self._halfway(choice)
         if choice.time != "cosines":
             choice = self._walk(choice, self._time_steps)
-        return self.chosen(self._walk(choice, self._closer_steps))
+        return self.chosen(choice)
 
     def chosen(self, choice: GroupChoice) -> ChosenGroup:
         """A choice with what it takes."""
@@ -157,6 +158,15 @@ class GroupSearch:
         """What a choice takes."""
         self.look([choice])
         return self._found[choice]
+
+    def _halfway(self, choice: GroupChoice) -> GroupChoice:
+        """The better one of a choice and the one between it and the better of those beside it; walked where these have
+        not been looked at.
+        """
+        found = {way: self._found.get(other) for way in (1, -1) if (other := self._steps.beside(choice, way))}
+        costs = {way: bits for way, bits in found.items() if bits is not None}
+        between = self._closer_steps.beside(choice, min(costs, key=costs.__getitem__)) if len(costs) == 2 else None
+        return min(choice, between, key=self.bits) if between else self._walk(choice, self._closer_steps)
 
     def _walk(self, start: GroupChoice, axis: _Axis) -> GroupChoice:
         """Walk both ways along one of a choice's numbers while the next costs less."""
