@@ -30,7 +30,7 @@ from pdecodec.coding.residuals import ResidualPlan, encode_residuals, plan_resid
 from pdecodec.coding.spacebasis import SpaceBasis
 from pdecodec.coding.timefunctions import QuantisedTimeFunctions, quantise_time_functions
 from pdecodec.encoding.displacements import Displacements, Origin, Sight, TimeFunctions, time_basis_of
-from pdecodec.shares import thread_count
+from pdecodec.shares import in_shares, thread_count
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -642,7 +642,23 @@ Columns = Callable[[slice], Float64Array]
 
 def columns_of(values: Float64Array, axes: int) -> Columns:
     """Those that an array has, each function of time `axes` channels."""
-    return lambda some: np.ascontiguousarray(values[:, axes * some.start : axes * some.stop])
+    return lambda some: some_channels(values, slice(axes * some.start, axes * some.stop))
+
+
+def some_channels(values: Float64Array, channels: slice) -> Float64Array:
+    """A copy of some channels of values (vertices, channels)."""
+    found = np.empty((len(values), channels.stop - channels.start))
+    _copy_rows(found, values[:, channels])
+    return found
+
+
+def _copy_rows(to: NDArray[Any], rows: NDArray[Any]) -> None:
+    """Copy rows in shares: memory that is written for the first time takes as long to be had as to be filled."""
+
+    def copy(first: int, end: int) -> None:
+        to[first:end] = rows[first:end]
+
+    in_shares(copy, len(rows))
 
 
 def quantise_on(
@@ -653,7 +669,8 @@ def quantise_on(
         return quantise_sparsely(basis.project(values(slice(0, count))), step, axes, zone)
     quantised, largest = np.empty((basis.functions, axes * count), np.int64), np.zeros(axes * count, np.int64)
     for channels, some, some_largest in _blocks(basis, values, count, axes, step, zone):
-        quantised[:, channels], largest[channels] = some, some_largest
+        _copy_rows(quantised[:, channels], some)
+        largest[channels] = some_largest
     return quantised, largest
 
 

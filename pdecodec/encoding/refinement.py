@@ -16,6 +16,7 @@ from pdecodec.encoding.groupfit import (
     GroupChoice,
     GroupFitter,
     quantise_on,
+    some_channels,
     unit_functions,
 )
 
@@ -107,6 +108,6 @@ class Refinement:
     def _pushed(self, some: slice) -> Float64Array:
         """What coefficients of some functions of time are to describe next."""
         axes = self._entry.axes
-        values = self._values[:, axes * some.start : axes * some.stop].copy()
+        values = some_channels(self._values, slice(axes * some.start, axes * some.stop))
         self._excess.add_to(values, np.ascontiguousarray(self._dual[:, some]), axes, self._push)
         return values
