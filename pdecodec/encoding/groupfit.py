@@ -358,8 +358,11 @@ class GroupFitter:
         """What is fitted before anything is known."""
         return GroupChoice("trajectories", "reference", grid_index(USUAL_STEP * self.unit))
 
-    def with_usual_step(self, basis: SpaceBasis, time: TimeFunctions = "trajectories") -> GroupChoice:
-        """What is fitted where nothing is tried: functions of time with the step that leaves the usual mean error."""
+    def with_usual_step(self, basis: SpaceBasis, time: TimeFunctions = "trajectories", coarser: int = 0) -> GroupChoice:
+        """What is fitted where nothing is tried: functions of time with the step that leaves the usual mean error.
+
+        `coarser` is by how many indices another step is taken.
+        """
         choice = replace(self.first_choice, time=time)
         some = self._some_rows(basis, choice)
         positions = self.frames * len(self._reference) * len(some) / max(1, basis.functions)
@@ -373,7 +376,8 @@ class GroupFitter:
             return error > (MEAN_ERROR + MORE_OF_DENSE * math.sqrt(kept / positions)) * self.unit
 
         steps = range(grid_index(FINEST * self.unit), grid_index(COARSEST_UNTRIED * self.unit) + 1)
-        return replace(choice, step=steps[max(0, bisect.bisect_left(steps, True, key=is_too_coarse) - 1)])
+        usual = bisect.bisect_left(steps, True, key=is_too_coarse) - 1
+        return replace(choice, step=steps[min(max(0, usual + coarser), len(steps) - 1)])
 
     def _some_rows(self, basis: SpaceBasis, choice: GroupChoice) -> Float64Array:
         """Coefficients of all functions of time of a kind and functions of space from all over the mesh."""

@@ -104,16 +104,16 @@ def finished(group: tuple[GroupFitter, GroupChoice], basis: SpaceBasis, effort: 
     return FinishedGroup(fitter, best.choice, best.best)
 
 
-def ruled(fitter: GroupFitter, basis: SpaceBasis, *, is_dense: bool) -> list[FinishedGroup]:
-    """A group fitted in full with the steps that leave the usual mean error: in trajectories, or where motion is dense
-    in cosines, as short groups.
+def ruled(fitter: GroupFitter, basis: SpaceBasis, *, is_dense: bool, coarser: int = 0) -> list[FinishedGroup]:
+    """A group fitted in full with the steps that leave the usual mean error, or so many indices coarser ones: in
+    trajectories, or where motion is dense in cosines, as short groups.
     """
     time: TimeFunctions = "cosines" if is_dense else "trajectories"
     count = -(-fitter.frames // DENSE_GROUP) if is_dense else 1
     edges = [fitter.frames * k // count for k in range(count + 1)]
 
     def fitted(part: GroupFitter) -> FinishedGroup:
-        choice = part.with_usual_step(basis, time)
+        choice = part.with_usual_step(basis, time, coarser)
         return FinishedGroup(part, choice, part.fit(basis, choice, is_measured=False))
 
     parts = [fitter.part(slice(*span)) for span in itertools.pairwise(edges)] if is_dense else [fitter]
