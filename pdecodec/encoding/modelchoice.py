@@ -254,7 +254,7 @@ class ModelSearch:
         finds something else at every bound, and a looser one should not cost more. Nor should more
         effort, to which what less found is therefore another candidate.
         """
-        if self.times.size * len(self.points[0]) > self.effort.searched_clip:
+        if self._is_ruled:
             return self._by_rule()
         found = [self._for_this_bound()]
         if self.times.size * len(self.points[0]) <= SMALL_CLIP:
@@ -272,10 +272,16 @@ class ModelSearch:
 
     def usual_bits(self) -> float:
         """What the first frames take about, encoded as suits most clips."""
-        steps, usual = self._reference_steps()
-        reference = quantise_reference(self.points[0], steps[usual])
-        fitter, basis = self._fitter(reference), self._basis(self.effort.space_bases[0], reference)
+        usual, *finer = self._usual_references()
+        for reference in (usual, *finer) if self._is_ruled else (usual,):
+            self.references.begin(reference)
+        fitter, basis = self._fitter(usual), self._basis(self.effort.space_bases[0], usual)
         return GroupSearch(fitter, basis).bits(fitter.with_usual_step(basis))
+
+    @property
+    def _is_ruled(self) -> bool:
+        """Whether nothing is tried."""
+        return self.times.size * len(self.points[0]) > self.effort.searched_clip
 
     def _by_rule(self) -> FinishedModel:
         """What suits most clips, without a search."""
@@ -294,16 +300,21 @@ class ModelSearch:
 
     def _ruled_reference(self) -> ReferenceFrame:
         """The reference frame of the usual step, or of half of it where that takes little more."""
+        usual, *others = self._usual_references()
+        for reference in (usual, *others):
+            self.references.begin(reference)
+        for finer in others:
+            more = 8 * (len(self.references.data(finer)) - len(self.references.data(usual)))
+            if more < LITTLE_MORE * self.times.size * len(self.points[0]):
+                return finer
+        return usual
+
+    def _usual_references(self) -> list[ReferenceFrame]:
+        """The reference frame of the usual step, and of a clip that is worth it that of half the step."""
         steps, usual = self._reference_steps()
-        reference = quantise_reference(self.points[0], steps[usual])
-        positions = self.times.size * len(self.points[0])
-        if positions < FINER_FROM or usual + 2 >= len(steps):
-            return reference
-        finer = quantise_reference(self.points[0], steps[usual + 2])  # steps are halves and thirds of halves
-        for one in (finer, reference):
-            self.references.begin(one)
-        more = 8 * (len(self.references.data(finer)) - len(self.references.data(reference)))
-        return finer if more < LITTLE_MORE * positions else reference
+        finer = usual + 2  # steps are halves and thirds of halves
+        is_worth_it = self.times.size * len(self.points[0]) >= FINER_FROM and finer < len(steps)
+        return [quantise_reference(self.points[0], steps[k]) for k in ((usual, finer) if is_worth_it else (usual,))]
 
     def _at_this_bound(self, model: FinishedModel) -> FinishedModel:
         """A model of a tighter bound with the residuals that this one leaves."""
