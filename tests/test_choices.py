@@ -25,8 +25,9 @@ from pdecodec.encoding.encoder import encode
 from pdecodec.encoding.encodereport import EncodeReport
 from pdecodec.encoding.estimate import Estimate, bit_counter
 from pdecodec.encoding.groupchoice import GroupSearch
-from pdecodec.encoding.groupfit import FittedGroup, GroupChoice, GroupFitter, columns_of, quantise_on, quantise_sparsely
+from pdecodec.encoding.groupfit import FittedGroup, GroupChoice, GroupFitter
 from pdecodec.encoding.principal import principal_axes, principal_energies
+from pdecodec.encoding.quantisation import columns_of, quantise_on, quantise_sparsely
 from pdecodec.encoding.refinement import Refinement
 from pdecodec.sequence import ArraySequence, MeshObject
 from pdecodec.settings import EffortName
@@ -448,7 +449,7 @@ def test_what_some_elements_see_of_displacements_is_what_they_see_of_coefficient
 def test_channels_quantised_in_blocks_are_as_all_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     _, basis = fitter_of(waving_sheet(), 0.02)
     values = np.random.default_rng(1).normal(size=(basis.order.size, 150))
-    monkeypatch.setattr("pdecodec.encoding.groupfit.BLOCK_BYTES", 8 * 48 * basis.functions)
+    monkeypatch.setattr("pdecodec.encoding.quantisation.BLOCK_BYTES", 8 * 48 * basis.functions)
     step, zone = 1.0, (0.6, 0.95)
     wanted, largest = quantise_sparsely(basis.project(values), step, 3, zone)
     found, found_largest = quantise_on(basis, columns_of(values, 3), 50, 3, step, zone)
@@ -482,7 +483,7 @@ def test_what_is_made_of_a_heavy_group_is_heavy() -> None:
 def test_groups_that_are_heavy_are_encoded_nearly_alike(effort: EffortName, monkeypatch: pytest.MonkeyPatch) -> None:
     usual = size(encode(waving_sheet(), tolerance=1e-3, effort=effort))
     monkeypatch.setattr("pdecodec.encoding.groupfit.HEAVY", 0)
-    monkeypatch.setattr("pdecodec.encoding.groupfit.BLOCK_BYTES", 0)
+    monkeypatch.setattr("pdecodec.encoding.quantisation.BLOCK_BYTES", 0)
     report = encode(waving_sheet(), tolerance=1e-3, effort=effort)
     assert report.bound is not None
     assert report.max_error <= report.bound

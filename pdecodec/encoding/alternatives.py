@@ -25,8 +25,9 @@ from pdecodec.encoding.encodememory import memory_plan
 from pdecodec.encoding.encoder import encode
 from pdecodec.encoding.encodereport import CONSTANT_SECTIONS, Alternative, EncodeReport, Question
 from pdecodec.encoding.groupchoice import BITS_OF_A_GROUP, SHORTEST_PART, GroupSearch, candidates
-from pdecodec.encoding.groupfit import GroupChoice, GroupFitter, grid_index
+from pdecodec.encoding.groupfit import GroupChoice, GroupFitter
 from pdecodec.encoding.modelchoice import reference_steps
+from pdecodec.encoding.quantisation import grid_index
 from pdecodec.errors import InputError
 from pdecodec.sequence import ArraySequence, Float32Array, MeshObject, MeshSequence
 from pdecodec.settings import Profile

@@ -12,7 +12,8 @@ from pdecodec.coding.residuals import LAST_BINADE, SAFETY
 from pdecodec.coding.spacebasis import SpaceBasis
 from pdecodec.decoder import Animation
 from pdecodec.encoding.autoprofile import AutoEncoder, EncodedPart
-from pdecodec.encoding.groupfit import EncodedGroup, GroupChoice, grid_index
+from pdecodec.encoding.groupfit import EncodedGroup, GroupChoice
+from pdecodec.encoding.quantisation import grid_index
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EffortName, EncodeSettings
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from pdecodec.coding.spacebasis import SpaceKind
-from pdecodec.encoding.groupfit import DEAD_ZONE, DeadZone
+from pdecodec.encoding.quantisation import DEAD_ZONE, DeadZone
 from pdecodec.settings import EffortName
 
 SpaceBases = tuple[tuple[SpaceKind, int], ...]

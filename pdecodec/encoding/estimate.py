@@ -18,15 +18,8 @@ from pdecodec.coding.groups import GroupEntry, functions_of_time, group_function
 from pdecodec.coding.residuals import residual_ways
 from pdecodec.coding.spacebasis import SpaceBasis
 from pdecodec.encoding.displacements import Displacements, Sight, TimeFunctions, time_basis_of
-from pdecodec.encoding.groupfit import (
-    GroupChoice,
-    GroupFitter,
-    axes_of,
-    cosines_needed,
-    grid_step,
-    needed_functions,
-    quantise_sparsely,
-)
+from pdecodec.encoding.groupfit import GroupChoice, GroupFitter
+from pdecodec.encoding.quantisation import axes_of, cosines_needed, grid_step, needed_functions, quantise_sparsely
 from pdecodec.shares import in_shares, side_by_side, thread_count
 
 Float32Array = NDArray[np.float32]

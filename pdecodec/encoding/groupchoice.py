@@ -10,7 +10,8 @@ from functools import partial
 from pdecodec.coding.spacebasis import SpaceBasis
 from pdecodec.encoding.displacements import ORIGINS, TIME_FUNCTIONS, Origin, TimeFunctions
 from pdecodec.encoding.estimate import BitCounter, bit_counter
-from pdecodec.encoding.groupfit import COARSEST, FINEST, GroupChoice, GroupFitter, grid_index, grid_step
+from pdecodec.encoding.groupfit import COARSEST, FINEST, GroupChoice, GroupFitter
+from pdecodec.encoding.quantisation import grid_index, grid_step
 from pdecodec.shares import side_by_side
 
 TIME_STEPS = (-2, 2)

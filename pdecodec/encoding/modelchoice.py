@@ -22,7 +22,8 @@ from pdecodec.coding.spacebasis import SpaceBasis, SpaceKind, clear_space_basis,
 from pdecodec.encoding.displacements import TimeFunctions
 from pdecodec.encoding.effort import EFFORTS, SMALL_CLIP, Effort, SpaceBases
 from pdecodec.encoding.groupchoice import BITS_OF_A_GROUP, ChosenGroup, GroupSearch, candidates, divided
-from pdecodec.encoding.groupfit import SMALL_MESH, DeadZone, FittedGroup, GroupChoice, GroupFitter
+from pdecodec.encoding.groupfit import SMALL_MESH, FittedGroup, GroupChoice, GroupFitter
+from pdecodec.encoding.quantisation import DeadZone
 from pdecodec.encoding.refinement import Refinement
 from pdecodec.sequence import MeshObject
 from pdecodec.settings import EffortName

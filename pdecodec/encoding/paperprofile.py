@@ -26,8 +26,9 @@ from pdecodec.coding.reference import quantise_reference
 from pdecodec.coding.spacebasis import MOST_POINTS, SpaceBasis, build_space_basis
 from pdecodec.encoding.displacements import FARTHEST_STEPS
 from pdecodec.encoding.groupencoder import FINEST_STEP, Encoder
-from pdecodec.encoding.groupfit import QUARTERS, EncodedGroup, FittedGroup, GroupFitter, quantise
+from pdecodec.encoding.groupfit import EncodedGroup, FittedGroup, GroupFitter
 from pdecodec.encoding.principal import product
+from pdecodec.encoding.quantisation import QUARTERS, quantise
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
 

@@ -9,16 +9,8 @@ from pdecodec._core import Excess
 from pdecodec.coding.groups import cosines
 from pdecodec.coding.spacebasis import SpaceBasis
 from pdecodec.encoding.displacements import dual_functions
-from pdecodec.encoding.groupfit import (
-    DEAD_ZONE,
-    DeadZone,
-    FittedGroup,
-    GroupChoice,
-    GroupFitter,
-    quantise_on,
-    some_channels,
-    unit_functions,
-)
+from pdecodec.encoding.groupfit import FittedGroup, GroupChoice, GroupFitter, unit_functions
+from pdecodec.encoding.quantisation import DEAD_ZONE, DeadZone, quantise_on, some_channels
 
 Float64Array = NDArray[np.float64]
 
