@@ -264,7 +264,7 @@ class ModelSearch:
                 steps = {name: getattr(self, name) / ratio for name in ("bound", "unit", "residual_step")}
                 found.append(self._at_this_bound(replace(self, **steps)._for_this_bound()))
         if self.effort.also:
-            alone = [replace(self.effort, space_bases=(space,)) for space in found[0].rivals]
+            alone = [replace(self.effort, space_bases=(space,), more_of_small=()) for space in found[0].rivals]
             found.extend(replace(self, effort=effort)._for_this_bound() for effort in alone)
             other = EFFORTS[self.effort.also]
             found.append(replace(replace(self, effort=other).run(), effort=self.effort.also))
