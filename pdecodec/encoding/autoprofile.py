@@ -145,11 +145,12 @@ class AutoEncoder(Encoder):
                 references=References(self._sequence.objects, beside),
                 beside=beside,
             )
-            if len(longer) < len(self._ranges) and search.usual_bits() < SMOOTH * points[..., 0].size:
-                self._ranges = longer
+            look = search.first_look() if len(longer) < len(self._ranges) else None
+            if look and look.bits < SMOOTH * points[..., 0].size:
+                self._ranges, look = longer, None
                 points = np.concatenate([points, self._read(len(points), longer[0][1])])
                 search = replace(search, points=points, is_smooth=True)
-            self._model = search.run()
+            self._model = search.run(look)
         self._reference, self._reference_bytes = self._model.reference, self._model.reference_data
         groups = self._model.groups
         first = groups[0]
@@ -158,7 +159,7 @@ class AutoEncoder(Encoder):
             self._explained = moved.explained(first.fitted.entry.functions, first.choice.time)
         if self._settings.why:
             self._questions = self._alternatives(points, steps)
-        del search, points, first
+        del search, look, points, first
         # None is kept: the next group takes as much memory again.
         waiting = dict(enumerate(groups))
         groups.clear()

@@ -168,6 +168,17 @@ class _Model:
         return any(group.fitter.moves for group in self.groups)
 
 
+@dataclass(frozen=True, eq=False)
+class FirstLook:
+    """What a clip's first frames take about, encoded as suits most clips [bits].
+
+    Where nothing else is tried, also what was found of their motion: a search takes its memory for more.
+    """
+
+    bits: float
+    fitter: GroupFitter | None
+
+
 class _Spaces:
     """Space bases to try on one reference frame, made beside other work, and searches in them; each made once."""
 
@@ -248,15 +259,20 @@ class ModelSearch:
     beside: ThreadPoolExecutor
     is_smooth: bool = False
 
-    def run(self) -> FinishedModel:
+    def run(self, look: FirstLook | None = None) -> FinishedModel:
         """The reference frame, space basis and first groups that cost least together.
 
         Of a small clip those too that tighter bounds have: a search that stops at the first step that does not pay
         finds something else at every bound, and a looser one should not cost more. Nor should more
         effort, to which what less found is therefore another candidate.
+
+        Parameters
+        ----------
+        look : FirstLook, optional
+            At these frames.
         """
         if self._is_ruled:
-            return self._by_rule()
+            return self._by_rule(look)
         found = [self._for_this_bound()]
         if self.times.size * len(self.points[0]) <= SMALL_CLIP:
             moves = any(group.fitter.moves for group in found[0].groups)
@@ -271,23 +287,25 @@ class ModelSearch:
             found.append(replace(self, effort=other.refined_like(self.effort)).run())
         return min(found, key=self._finished_cost)
 
-    def usual_bits(self) -> float:
+    def first_look(self) -> FirstLook:
         """What the first frames take about, encoded as suits most clips."""
         usual, *finer = self._usual_references()
         for reference in (usual, *finer) if self._is_ruled else (usual,):
             self.references.begin(reference)
         fitter, basis = self._fitter(usual), self._basis(self.effort.space_bases[0], usual)
-        return GroupSearch(fitter, basis).bits(fitter.with_usual_step(basis))
+        bits = GroupSearch(fitter, basis).bits(fitter.with_usual_step(basis))
+        return FirstLook(bits, fitter if self._is_ruled else None)
 
     @property
     def _is_ruled(self) -> bool:
         """Whether nothing is tried."""
         return self.times.size * len(self.points[0]) > self.effort.searched_clip
 
-    def _by_rule(self) -> FinishedModel:
+    def _by_rule(self, look: FirstLook | None) -> FinishedModel:
         """What suits most clips, without a search."""
         reference = self._ruled_reference()
-        fitter = self._fitter(reference)
+        known = look.fitter if look else None
+        fitter = known.from_reference(reference.points) if known else self._fitter(reference)
 
         def clear_basis() -> SpaceBasis:
             return clear_space_basis(self._basis(self.effort.space_bases[-1], reference), reference.grid)
