@@ -63,7 +63,7 @@ def in_shares(work: Callable[[int, int], None], count: int) -> None:
     threads = min(thread_count(), count)
     shares = min(SHARES_A_THREAD * threads, count) if threads > 1 else min(count, 1)
     cuts = [count * k // max(shares, 1) for k in range(shares + 1)]
-    left = deque(pairwise(cuts))
+    left, works = deque(pairwise(cuts)), [work]
 
     def take() -> None:
         while left:
@@ -71,7 +71,7 @@ def in_shares(work: Callable[[int, int], None], count: int) -> None:
                 share = left.popleft()
             except IndexError:  # another thread took the last one
                 return
-            work(*share)
+            works[0](*share)
 
     if threads < 2:
         take()
@@ -84,5 +84,7 @@ def in_shares(work: Callable[[int, int], None], count: int) -> None:
         # Helpers that are busy elsewhere have not begun; there is nothing left for them here.
         begun = [other for other in others if not other.cancel()]
         wait(begun)
+        # A helper keeps what was cancelled until it has time to throw it away: not with the arrays that the work holds.
+        works.clear()
     for other in begun:
         other.result()

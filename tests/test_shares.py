@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 import threading
+import weakref
 from functools import partial
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from pdecodec import shares
 
@@ -64,6 +67,25 @@ def test_shares_within_shares_end(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+def test_what_work_holds_is_let_go_while_helpers_are_busy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shares, "thread_count", lambda: 2)
+    is_done = threading.Event()
+
+    def hold_array() -> bool:
+        array = np.zeros(8)
+        held = weakref.ref(array)
+
+        def work(first: int, end: int, array: NDArray[np.float64] = array) -> None:
+            array[first:end] = 1.0
+
+        shares.in_shares(work, 8)
+        del array, work
+        is_done.set()
+        return held() is None
+
+    assert shares.side_by_side(hold_array, lambda: is_done.wait(60.0)) == [True, True]
+
+
 def test_a_process_that_was_forked_off_has_helpers_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shares, "thread_count", lambda: 2)
     both = threading.Barrier(2, timeout=20)

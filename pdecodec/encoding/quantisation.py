@@ -98,8 +98,14 @@ Columns = Callable[[slice], Float64Array]
 
 
 def columns_of(values: Float64Array, axes: int) -> Columns:
-    """Those that an array has, each function of time `axes` channels."""
-    return lambda some: some_channels(values, slice(axes * some.start, axes * some.stop))
+    """Those that an array has, each function of time `axes` channels; all of them as they are."""
+
+    def columns(some: slice) -> Float64Array:
+        channels = slice(axes * some.start, axes * some.stop)
+        is_whole = (channels.start, channels.stop) == (0, values.shape[1])
+        return np.ascontiguousarray(values) if is_whole else some_channels(values, channels)
+
+    return columns
 
 
 def some_channels(values: Float64Array, channels: slice) -> Float64Array:
