@@ -365,7 +365,7 @@ def test_without_a_search_steps_follow_what_residuals_take(monkeypatch: pytest.M
 
     size, followed = steps()
     assert all(step > 1.5 * followed[0] for step in followed[2:])
-    monkeypatch.setattr("pdecodec.encoding.autoprofile.MOST_COARSER", 0)
+    monkeypatch.setattr("pdecodec.encoding.autoprofile.OUT_OF_BALANCE", ())
     usual_size, usual = steps()
     assert max(usual) < 1.5 * usual[0]
     assert size < 0.95 * usual_size

@@ -8,7 +8,6 @@ The first group is searched for reference frame, space basis and functions of ti
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -46,13 +45,13 @@ WORTH_SEARCHING = 1.1
 """How many times what a frame of the group before cost is reason to search."""
 
 
-BALANCE, PER_INDEX, MOST_COARSER = 0.35, 0.65, 2
-"""Bytes of residuals to bytes of coefficients where a step costs least, how fast the logarithm of that grows with the
-step's index, and by how many indices steps of one group are coarser or finer than those of the one before at most.
+BALANCE, OUT_OF_BALANCE = 0.35, (1.38, 2.65)
+"""Bytes of residuals to bytes of coefficients where a step costs least, and how many times more or less of that are
+worth a step that is one index finer or coarser, and two.
 
-Of eight clips at 1e-3, coefficients took 0.09 to 0.25 less an index (logarithm), residuals 0.3 to 0.9 more, and the
-best ratios were 0.13 to 0.5, those of meshes of 20,000 vertices and more 0.36 to 0.5. At 1e-2 they were up to 1.5: a
-group with more residuals is no reason for finer steps than leave the usual mean error.
+Of eight clips at 1e-3, coefficients took 0.09 to 0.25 less an index (natural logarithm), residuals 0.3 to 0.9 more, and
+the best ratios were 0.13 to 0.5, those of meshes of 20,000 vertices and more 0.36 to 0.5. At 1e-2 they were up to 1.5:
+a group with more residuals is no reason for finer steps than leave the usual mean error.
 """
 
 
@@ -267,10 +266,8 @@ class AutoEncoder(Encoder):
 def _out_of_balance(parts: Sequence[EncodedPart]) -> int:
     """Indices that the steps of the next group should be coarser by, for residuals to take their share."""
     coefficients, residuals = (sum(len(part.group.chunks[kind]) for part in parts) for kind in (1, 2))
-    if not coefficients:
-        return 0
-    log_ratio = math.log(BALANCE * coefficients / max(residuals, 1))
-    return round(min(max(log_ratio / PER_INDEX, -MOST_COARSER), MOST_COARSER))
+    balanced = BALANCE * coefficients
+    return sum((balanced > times * residuals) - (residuals > times * balanced) for times in OUT_OF_BALANCE)
 
 
 def _bits(parts: Sequence[EncodedPart]) -> int:

@@ -208,7 +208,7 @@ def _chosen(basis: SpaceBasis, weights: Float64Array, *, compares_bases: bool) -
         About what each takes.
     compares_bases : bool
         Whether all elements of a part of the partition tree are taken, or none: smaller and larger ones are of the same
-        vertices then. More are enough.
+        vertices then, and these are more.
     """
     part_of = np.unique(_parts(basis), return_inverse=True)[1] if compares_bases else np.arange(basis.element_count)
     part_weights = np.bincount(part_of, weights)
