@@ -66,7 +66,6 @@ def test_shares_within_shares_end(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(seen) == 50 * 4 * 10
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
 def test_what_work_holds_is_let_go_while_helpers_are_busy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shares, "thread_count", lambda: 2)
     is_done = threading.Event()
@@ -86,6 +85,7 @@ def test_what_work_holds_is_let_go_while_helpers_are_busy(monkeypatch: pytest.Mo
     assert shares.side_by_side(hold_array, lambda: is_done.wait(60.0)) == [True, True]
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
 def test_a_process_that_was_forked_off_has_helpers_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shares, "thread_count", lambda: 2)
     both = threading.Barrier(2, timeout=20)

@@ -44,7 +44,6 @@ than of 40; cloths and a flag of as many take 1.2 to 5, and 1 to 10 % more bytes
 WORTH_SEARCHING = 1.1
 """How many times what a frame of the group before cost is reason to search."""
 
-
 BALANCE, OUT_OF_BALANCE = 0.35, (1.38, 2.65)
 """Bytes of residuals to bytes of coefficients where a step costs least, and how many times more or less of that are
 worth a step that is one index finer or coarser, and two.
@@ -265,7 +264,8 @@ class AutoEncoder(Encoder):
 
 def _out_of_balance(parts: Sequence[EncodedPart]) -> int:
     """Indices that the steps of the next group should be coarser by, for residuals to take their share."""
-    coefficients, residuals = (sum(len(part.group.chunks[kind]) for part in parts) for kind in (1, 2))
+    chunks = zip(*(part.group.chunks for part in parts), strict=True)
+    _, coefficients, residuals = (sum(map(len, of_a_kind)) for of_a_kind in chunks)
     balanced = BALANCE * coefficients
     return sum((balanced > times * residuals) - (residuals > times * balanced) for times in OUT_OF_BALANCE)
 

@@ -12,11 +12,12 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.coding.groupmodel import GroupModelDescription
 from pdecodec.coding.reference import ReferenceFrame, encode_reference, quantise_reference
 from pdecodec.coding.spacebasis import SpaceBasis, SpaceKind, clear_space_basis, trial_space_basis
 from pdecodec.encoding.displacements import TimeFunctions
@@ -274,7 +275,7 @@ class ModelSearch:
         if self._is_ruled:
             return self._by_rule(look)
         found = [self._for_this_bound()]
-        if self.times.size * len(self.points[0]) <= SMALL_CLIP:
+        if self._positions <= SMALL_CLIP:
             moves = any(group.fitter.moves for group in found[0].groups)
             for ratio in self.effort.tighter_bounds if self.unit == self.bound and moves else ():
                 steps = {name: getattr(self, name) / ratio for name in ("bound", "unit", "residual_step")}
@@ -289,17 +290,23 @@ class ModelSearch:
 
     def first_look(self) -> FirstLook:
         """What the first frames take about, encoded as suits most clips."""
-        usual, *finer = self._usual_references()
-        for reference in (usual, *finer) if self._is_ruled else (usual,):
-            self.references.begin(reference)
-        fitter, basis = self._fitter(usual), self._basis(self.effort.space_bases[0], usual)
+        reference = self._usual_reference
+        self.references.begin(reference)
+        if self._is_ruled and self._finer_reference:
+            self.references.begin(self._finer_reference)
+        fitter, basis = self._fitter(reference), self._basis(self.effort.space_bases[0], reference)
         bits = GroupSearch(fitter, basis).bits(fitter.with_usual_step(basis))
         return FirstLook(bits, fitter if self._is_ruled else None)
 
     @property
+    def _positions(self) -> int:
+        """Of the whole clip."""
+        return self.times.size * len(self.points[0])
+
+    @property
     def _is_ruled(self) -> bool:
         """Whether nothing is tried."""
-        return self.times.size * len(self.points[0]) > self.effort.searched_clip
+        return self._positions > self.effort.searched_clip
 
     def _by_rule(self, look: FirstLook | None) -> FinishedModel:
         """What suits most clips, without a search."""
@@ -319,21 +326,24 @@ class ModelSearch:
 
     def _ruled_reference(self) -> ReferenceFrame:
         """The reference frame of the usual step, or of half of it where that takes little more."""
-        usual, *others = self._usual_references()
-        for reference in (usual, *others):
-            self.references.begin(reference)
-        for finer in others:
-            more = 8 * (len(self.references.data(finer)) - len(self.references.data(usual)))
-            if more < LITTLE_MORE * self.times.size * len(self.points[0]):
-                return finer
-        return usual
+        usual, finer = self._usual_reference, self._finer_reference
+        if finer is None:
+            return usual
+        more = 8 * (len(self.references.data(finer)) - len(self.references.data(usual)))
+        return finer if more < LITTLE_MORE * self._positions else usual
 
-    def _usual_references(self) -> list[ReferenceFrame]:
-        """The reference frame of the usual step, and of a clip that is worth it that of half the step."""
+    @cached_property
+    def _usual_reference(self) -> ReferenceFrame:
+        steps, usual = self._reference_steps()
+        return quantise_reference(self.points[0], steps[usual])
+
+    @cached_property
+    def _finer_reference(self) -> ReferenceFrame | None:
+        """That of half the usual step; of a clip that is worth it."""
         steps, usual = self._reference_steps()
         finer = usual + 2  # steps are halves and thirds of halves
-        is_worth_it = self.times.size * len(self.points[0]) >= FINER_FROM and finer < len(steps)
-        return [quantise_reference(self.points[0], steps[k]) for k in ((usual, finer) if is_worth_it else (usual,))]
+        is_worth_it = self._positions >= FINER_FROM and finer < len(steps)
+        return quantise_reference(self.points[0], steps[finer]) if is_worth_it else None
 
     def _at_this_bound(self, model: FinishedModel) -> FinishedModel:
         """A model of a tighter bound with the residuals that this one leaves."""
@@ -415,7 +425,11 @@ class ModelSearch:
     def _finished_cost(self, model: FinishedModel) -> float:
         bits = sum(group.fitted.measured(model.basis).bits + BITS_OF_A_GROUP for group in model.groups)
         bits += 0.0 if model.effort else BITS_OF_AN_EFFORT
-        return self._share_of(model.reference_data, model.basis.layout) + bits
+        # Forms of curves take more than those of patches.
+        described = GroupModelDescription(
+            form=model.basis.form, residual_step=self.residual_step, layout=model.basis.layout
+        )
+        return self._share_of(model.reference_data, described.to_bytes()) + bits
 
     def _share_of(self, *once: bytes) -> float:
         """The first frames' share of the bits of what is there once for all frames."""
