@@ -5,6 +5,7 @@
 #pragma once
 
 #include <atomic>
+#include <deque>
 #include <list>
 #include <memory>
 #include <mutex>
@@ -154,6 +155,7 @@ private:
     ResidualScale residual_scale();
     template <class Real> const AnchoredReference<Real> &anchored();
     template <class Work> void with_motion(const DecodedGroup &own, const Work &work);
+    int levels_of(i64 bytes, i64 positions) const;
     template <class Work> void in_parts(i64 bytes, const Work &work) const;
     template <class Real, class Out> void evaluate_once(const Motion<Real> &motion, std::span<const double> weights,
                                                         const AnchoredReference<Real> *reference, Out out) const;
@@ -167,7 +169,10 @@ private:
     std::optional<i64> frame_of_positions(Quantity quantity, double time) const;
     template <class Real> void evaluate_in(const CountingGroups &counting, int derivative, std::span<float> out);
     void evaluate_groups(double time, int derivative, std::span<float> out);
-    void evaluate_frames_of_group(i64 first, i64 count, std::span<float> out);
+    struct Tile;
+    std::deque<Tile> tiles_of(i64 first, i64 count);
+    void evaluate_part(Tile &tile, VertexShare share, const ResidualScale &scale, std::span<float> out);
+    i64 evaluate_frames(i64 first, i64 count, std::span<float> out);
     void evaluate_between(double time, std::span<float> out);
     void evaluate_derivative(int derivative, double time, std::span<float> out);
     void evaluate_all(Quantity quantity, std::span<const double> sorted, std::span<float> out);

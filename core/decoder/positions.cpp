@@ -1,5 +1,6 @@
 // Positions and their derivatives, at any times.
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <numeric>
 
@@ -41,11 +42,16 @@ template <class Work> void Animation::with_motion(const DecodedGroup &own, const
     std::visit([&]<class Real>(const Motion<Real> &motion) { work(motion, anchored<Real>()); }, own.motion);
 }
 
+// Into how many shares of the vertices, as a power of two, positions are divided that so much is read for.
+int Animation::levels_of(i64 bytes, i64 positions) const {
+    const bool is_worth_it = bytes + bytes_of_a_position * positions >= bytes_worth_a_thread;
+    return is_worth_it && threads_ > 1 ? part_levels : 0;
+}
+
 // Call work(share) for shares of the vertices that cover each once, from several threads where so much is read that it is
 // worth it.
 template <class Work> void Animation::in_parts(i64 bytes, const Work &work) const {
-    const bool is_worth_it = bytes + bytes_of_a_position * vertices() >= bytes_worth_a_thread;
-    const int levels = is_worth_it && threads_ > 1 ? part_levels : 0;
+    const int levels = levels_of(bytes, vertices());
     in_shares(i64{1} << levels, threads_, [&](i64 first, i64 end) {
         for (i64 part = first; part < end; ++part) work(VertexShare{levels, part});
     });
@@ -78,32 +84,74 @@ FrameResiduals Animation::residuals_at(i64 frame) {
     return found;
 }
 
-// Positions at frames of one group in a row.
-void Animation::evaluate_frames_of_group(i64 first, i64 count, std::span<float> out) {
-    const DecodedGroup &own = group(table_->group_of(first));
+// Frames of one group that are evaluated together, by one thread or by several that each take some of the vertices.
+struct Animation::Tile {
+    Tile(const DecodedGroup &group, i64 begin, i64 frames) : group(group), begin(begin), frames(frames) {}
+
+    i64 inside() const { return begin - group.group.first; }
+
+    const DecodedGroup &group;
+    i64 begin, frames;
+    std::atomic<i64> parts_left = 1;
+};
+
+// Tiles of frames in a row, as far as their groups are kept together: of the first one at least.
+std::deque<Animation::Tile> Animation::tiles_of(i64 first, i64 count) {
+    std::deque<Tile> tiles;
+    for (i64 begin = first; begin < first + count;) {
+        const std::size_t index = table_->group_of(begin);
+        if (begin > first && !is_kept(index)) break;
+        const DecodedGroup &own = group(index);
+        const i64 end = least(first + count, own.group.first + own.group.frames);
+        for (; begin < end; begin += tiles.back().frames) {
+            tiles.emplace_back(own, begin, least(frames_at_once, end - begin));
+        }
+    }
+    return tiles;
+}
+
+// Positions of some vertices at a tile's frames; whoever is the last to be done with it adds its residuals.
+void Animation::evaluate_part(Tile &tile, VertexShare share, const ResidualScale &scale, std::span<float> out) {
+    with_motion(tile.group, [&](const auto &motion, const auto &anchored) {
+        const i64 row = motion.time_axes() * motion.functions;
+        const auto time = std::span(tile.group.time).subspan(tile.inside() * row, tile.frames * row);
+        pdeanim::evaluate(motion, time, &anchored, out, share);
+    });
+    if (--tile.parts_left > 0) return;
+    const std::size_t size = 3 * vertices();
+    for (i64 k = 0; k < tile.frames; ++k) {
+        const std::span<Position> positions = as_positions(out.subspan(k * size, size));
+        add_residuals(tile.group.residuals, tile.inside() + k, scale, 1.0, {}, positions);
+    }
+}
+
+// Positions at frames in a row, of groups that are kept together; how many frames these have of them, at least one.
+i64 Animation::evaluate_frames(i64 first, i64 count, std::span<float> out) {
+    std::deque<Tile> tiles = tiles_of(first, count);
+    // Threads take tiles; those that would be one more for some of them are shared out by their vertices.
+    const std::size_t alike = tiles.size() - tiles.size() % threads_;
+    std::vector<std::pair<Tile *, VertexShare>> parts;
+    for (std::size_t k = 0; k < tiles.size(); ++k) {
+        Tile &tile = tiles[k];
+        int levels = 0;
+        with_motion(tile.group, [&](const auto &motion, const auto &) {
+            if (k >= alike) levels = levels_of(motion.bytes(), tile.frames * vertices());
+        });
+        tile.parts_left = i64{1} << levels;
+        for (i64 part = 0; part < tile.parts_left; ++part) parts.emplace_back(&tile, VertexShare{levels, part});
+    }
     const ResidualScale scale = residual_scale();
     const std::size_t size = 3 * vertices();
-    if (count == 1) {
-        evaluate_model(own, first, out);
-        add_residuals(own.residuals, first - own.group.first, scale, 1.0, {}, as_positions(out));
-        return;
-    }
-    with_motion(own, [&](const auto &motion, const auto &anchored) {
-        const i64 row = motion.time_axes() * motion.functions;
-        in_shares((count + frames_at_once - 1) / frames_at_once, threads_, [&](i64 tile, i64 end) {
-            for (; tile < end; ++tile) {
-                check_cancelled();
-                const i64 begin = tile * frames_at_once, frames = least(frames_at_once, count - begin);
-                const i64 inside = first + begin - own.group.first;
-                const std::span<float> part = out.subspan(begin * size, frames * size);
-                pdeanim::evaluate(motion, std::span(own.time).subspan(inside * row, frames * row), &anchored, part);
-                for (i64 k = 0; k < frames; ++k) {
-                    add_residuals(own.residuals, inside + k, scale, 1.0, {},
-                                  as_positions(part.subspan(k * size, size)));
-                }
-            }
-        });
-    });
+    const auto work = [&](i64 at, i64 end) {
+        for (; at < end; ++at) {
+            check_cancelled();
+            const auto [tile, share] = parts[at];
+            evaluate_part(*tile, share, scale, out.subspan((tile->begin - first) * size, tile->frames * size));
+        }
+    };
+    const i64 all = static_cast<i64>(parts.size());
+    in_shares(all, threads_, work, all);
+    return tiles.back().begin + tiles.back().frames - first;
 }
 
 // Groups whose functions count at a time inside the clip, by the closed form or by the spline: the first, and one behind the
@@ -286,14 +334,10 @@ void Animation::evaluate_all(Quantity quantity, std::span<const double> sorted, 
             continue;
         }
         if (!is_kept(table_->group_of(frame))) decode_ahead(sorted.subspan(row));
-        // Frames of one group that follow one another are evaluated together.
-        const Group &own = table_->groups()[table_->group_of(frame)];
-        const i64 most_here = own.first + own.frames - frame;
+        const i64 most_here = least(frames() - frame, static_cast<i64>(sorted.size() - row));
         i64 count = 1;
-        while (count < most_here && row + count < sorted.size() && sorted[row + count] == times()[frame + count])
-            ++count;
-        evaluate_frames_of_group(frame, count, out.subspan(row * size, count * size));
-        row += count;
+        while (count < most_here && sorted[row + count] == times()[frame + count]) ++count;
+        row += evaluate_frames(frame, count, out.subspan(row * size, count * size));
     }
 }
 

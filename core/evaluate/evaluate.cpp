@@ -3,6 +3,7 @@
 #include <cstring>
 #include <type_traits>
 
+#include "aligned_array.hpp"
 #include "evaluate/motion.hpp"
 #include "instructions.hpp"
 #include "lanes.hpp"
@@ -51,7 +52,7 @@ template <int frames, class Real> struct TimeRows {
 
     bool is_shared;
     i64 stride;
-    std::vector<Real> values;
+    AlignedArray<Real> values;
 };
 
 // So many sums are added up beside each other and put together at the end: one number would wait for the one before it.
@@ -162,12 +163,62 @@ template <class Real> struct Target {
 // Sums of some vertices at frames `first` to `first` + `together` - 1.
 template <class Pack, int packs, int together> using Sums = Pack[3][together][packs];
 
-template <int size, int frames, class Pack, int packs, int together, class Real>
+// Bring the line of the cache that an address lies in near, to be written.
+PDEANIM_INLINE void prefetch_to_write([[maybe_unused]] const void *address) {
+#if defined(__GNUC__)
+    __builtin_prefetch(address, 1);
+#endif
+}
+
+// Nothing is written by and by.
+struct NoLines {
+    PDEANIM_INLINE void fetch_one() {}
+};
+
+// Lines of the cache that hold an element's next vertices, `points` at most.
+template <int points, int together, class Out> class DistinctLines {
+public:
+    template <class Real> PDEANIM_INLINE DistinctLines(const Target<Real> &to, i64 vertices, const Out *out)
+        : row_(3 * vertices), frames_(to.frames) {
+        std::uintptr_t last = 0;
+        for (i64 i = 0; i < least<i64>(points, to.size); ++i) {
+            const Out *end = out + 3 * static_cast<i64>(to.vertices[i]) + 2;
+            const auto line = reinterpret_cast<std::uintptr_t>(end) / cache_line;
+            if (line != last) ends_[count_++] = end;
+            last = line;
+        }
+    }
+
+    // Those of frames `first` to `first` + `together` - 1, as far as there are, are fetched from now on.
+    PDEANIM_INLINE void begin(i64 first) {
+        next_ = waiting_;
+        end_ = waiting_;
+        for (i64 t = first; t < least<i64>(first + together, frames_); ++t) {
+            for (int i = 0; i < count_; ++i) *end_++ = ends_[i] + t * row_;
+        }
+    }
+
+    PDEANIM_INLINE void fetch_one() {
+        if (next_ != end_) prefetch_to_write(*next_++);
+    }
+
+    PDEANIM_INLINE void fetch_all() {
+        while (next_ != end_) fetch_one();
+    }
+
+private:
+    const Out *ends_[points], *waiting_[points * together], **next_ = nullptr, **end_ = nullptr;
+    i64 row_, frames_;
+    int count_ = 0;
+};
+
+template <int size, int frames, class Pack, int packs, int together, class Real, class Lines>
 PDEANIM_INLINE void add_up_columns(const Columns<Real> &columns, i64 stride, i64 first,
-                                   Sums<Pack, packs, together> &sums) {
+                                   Sums<Pack, packs, together> &sums, Lines &lines) {
     const Real *values = columns.values, *counts = columns.counts + first;
     if (columns.is_shared) {
         for (i64 k = 0; k < columns.count; ++k) {
+            lines.fetch_one();
             for (int axis = 0; axis < 3; ++axis) {
                 for (int p = 0; p < packs; ++p) {
                     const Pack value = lanes_at<size>(values + p * size);
@@ -180,6 +231,7 @@ PDEANIM_INLINE void add_up_columns(const Columns<Real> &columns, i64 stride, i64
         return;
     }
     for (i64 k = 0; k < columns.count; ++k) {
+        lines.fetch_one();
         Pack value[packs];
         for (int p = 0; p < packs; ++p) value[p] = lanes_at<size>(values + p * size);
         for (int axis = 0; axis < 3; ++axis) {
@@ -207,8 +259,8 @@ PDEANIM_INLINE void add_mean(Real *added, Real mean, Real rest, Out *found) {
 }
 
 // `packs` times as many vertices as a register holds, at frames `first` to `first` + `together` - 1.
-template <int bytes, int frames, int packs, int together, class Real, class Out>
-PDEANIM_INLINE void add_columns(const Target<Real> &to, i64 first, i64 vertices, Out *out) {
+template <int bytes, int frames, int packs, int together, class Real, class Out, class Lines>
+PDEANIM_INLINE void add_columns(const Target<Real> &to, i64 first, i64 vertices, Lines &lines, Out *out) {
     constexpr int size = lanes<bytes, Real>, points = packs * size;
     using Pack = Lanes<Real, size>;
     Sums<Pack, packs, together> sums;
@@ -219,7 +271,7 @@ PDEANIM_INLINE void add_columns(const Target<Real> &to, i64 first, i64 vertices,
             for (int t = 0; t < together; ++t) sums[axis][t][p] = away;
         }
     }
-    add_up_columns<size, frames, Pack, packs, together>(to.columns, to.stride, first, sums);
+    add_up_columns<size, frames, Pack, packs, together>(to.columns, to.stride, first, sums, lines);
     Real added[together][3][points];
     for (int t = 0; t < together; ++t) {
         for (int axis = 0; axis < 3; ++axis) {
@@ -246,55 +298,23 @@ PDEANIM_INLINE void add_columns(const Target<Real> &to, i64 first, i64 vertices,
     }
 }
 
-// Bring the line of the cache that an address lies in near, to be written.
-PDEANIM_INLINE void prefetch_to_write([[maybe_unused]] const void *address) {
-#if defined(__GNUC__)
-    __builtin_prefetch(address, 1);
-#endif
-}
-
-// Lines of the cache that hold an element's next vertices, `points` at most, at the first frame.
-template <int points, class Out> class DistinctLines {
-public:
-    template <class Real> PDEANIM_INLINE DistinctLines(const Target<Real> &to, const Out *out) {
-        std::uintptr_t last = 0;
-        for (i64 i = 0; i < least<i64>(points, to.size); ++i) {
-            const Out *end = out + 3 * static_cast<i64>(to.vertices[i]) + 2;
-            const auto line = reinterpret_cast<std::uintptr_t>(end) / bytes_of_a_line;
-            if (line != last) ends_[count_++] = end;
-            last = line;
-        }
-    }
-
-    // Fetch them for frames `first` to `first` + `together` - 1, as far as there are.
-    template <class Real>
-    PDEANIM_INLINE void fetch(const Target<Real> &to, i64 first, i64 together, i64 vertices) const {
-        for (i64 t = first; t < least(first + together, to.frames); ++t) {
-            for (int i = 0; i < count_; ++i) prefetch_to_write(ends_[i] + t * 3 * vertices);
-        }
-    }
-
-private:
-    static constexpr std::uintptr_t bytes_of_a_line = 64;
-
-    const Out *ends_[points];
-    int count_ = 0;
-};
-
 template <int bytes, int frames, int packs, int together, class Real, class Out>
 PDEANIM_INLINE void write_vertices(Target<Real> &to, i64 vertices, Out *out) {
     constexpr i64 points = packs * lanes<bytes, Real>;
     if constexpr (frames == 1 || is_small<bytes>) {
+        NoLines lines;
         for (i64 t = 0; t < to.frames; t += together) {
-            add_columns<bytes, frames, packs, together>(to, t, vertices, out);
+            add_columns<bytes, frames, packs, together>(to, t, vertices, lines, out);
         }
     } else {
         // Vertices are scattered over the frames: where they go is fetched while others are added up.
-        const DistinctLines<points, Out> lines(to, out);
-        lines.fetch(to, 0, together, vertices);
+        DistinctLines<points, together, Out> lines(to, vertices, out);
+        lines.begin(0);
+        lines.fetch_all();
         for (i64 t = 0; t < to.frames; t += together) {
-            lines.fetch(to, t + together, together, vertices);
-            add_columns<bytes, frames, packs, together>(to, t, vertices, out);
+            lines.begin(t + together);
+            add_columns<bytes, frames, packs, together>(to, t, vertices, lines, out);
+            lines.fetch_all();
         }
     }
     to.pass(points);
@@ -312,8 +332,10 @@ PDEANIM_INLINE void write_element(Target<Real> to, i64 vertices, Out *out) {
         if (to.size > size) write_vertices<bytes, frames, 2, 1>(to, vertices, out);
         if (to.size > 0) write_vertices<bytes, frames, 1, 1>(to, vertices, out);
     } else {
-        while (to.size > size) write_vertices<bytes, frames, 2, 2 * more>(to, vertices, out);
-        if (to.size > 0) write_vertices<bytes, frames, 1, 4 * more>(to, vertices, out);
+        constexpr int half = size / 2;
+        while (to.size > size + half) write_vertices<bytes, frames, 2, 2 * more>(to, vertices, out);
+        if (to.size > half) write_vertices<bytes, frames, 1, 4 * more>(to, vertices, out);
+        if (to.size > 0) write_vertices<bytes / 2, frames, 1, 4>(to, vertices, out);
     }
 }
 
@@ -321,7 +343,7 @@ PDEANIM_INLINE void write_element(Target<Real> to, i64 vertices, Out *out) {
 template <int frames> struct Node {
     i64 number;
     int level;
-    double affine[affine_count * width<frames>];
+    alignas(cache_line) double affine[affine_count * width<frames>];
 };
 
 // A motion at some frames: what the functions of space count there, down the tree.
@@ -480,7 +502,7 @@ private:
     Descent<bytes, frames, Real> descent_;
     const Node<frames> *node_ = nullptr;
     i64 element_ = -1, affine_ = 0;
-    std::vector<Real> counts_;
+    AlignedArray<Real> counts_;
 };
 
 template <int bytes, int frames, class Real, class Out>
@@ -550,7 +572,8 @@ template <int bytes, class Real> PDEANIM_INLINE void displace_all(const Motion<R
             for (int axis = 0; axis < 3; ++axis) {
                 for (int p = 0; p < packs; ++p) sums[axis][0][p] = lanes_at<size>(away + axis * stride + p * size);
             }
-            add_up_columns<size, 1, Pack, packs, 1>(columns, stride, 0, sums);
+            NoLines lines;
+            add_up_columns<size, 1, Pack, packs, 1>(columns, stride, 0, sums, lines);
             for (int axis = 0; axis < 3; ++axis) {
                 for (int p = 0; p < packs; ++p) put_lanes(away + axis * stride + p * size, sums[axis][0][p]);
             }

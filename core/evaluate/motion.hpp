@@ -19,6 +19,7 @@
 #include <span>
 #include <vector>
 
+#include "aligned_array.hpp"
 #include "basis/space_basis.hpp"
 
 namespace pdeanim {
@@ -33,7 +34,7 @@ constexpr i64 frames_at_once = 16;
 
 // Vertices of an element, filled up to the widest registers.
 template <class Real> constexpr i64 padded(i64 vertices) {
-    constexpr i64 lanes = 64 / sizeof(Real);
+    constexpr i64 lanes = cache_line / sizeof(Real);
     return (vertices + lanes - 1) / lanes * lanes;
 }
 
@@ -48,7 +49,7 @@ template <class Real> struct AnchoredReference {
     explicit AnchoredReference(const Patches &patches, const SpaceSelection *selection = nullptr);
 
     std::vector<double> anchors;  // (elements, 3): of the first vertex of each
-    std::vector<Real> away;       // of each element: three axes of its vertices less the first, padded
+    AlignedArray<Real> away;      // of each element: three axes of its vertices less the first, padded
     std::vector<i64> starts;      // where an element's begin there
 };
 
@@ -111,9 +112,9 @@ template <class Real> struct Motion {
     struct Element {
         i64 columns = 0;  // functions but the constant one that have coefficients, and affine ones; or fields
         bool has_fields = false;
-        double constant = 0.0;     // value of its constant function; 0 without
-        std::vector<Real> values;  // (columns, vertices ascending), padded; fields of each axis where they differ
-        Rows<Real> rows;           // of its functions that are not affine
+        double constant = 0.0;      // value of its constant function; 0 without
+        AlignedArray<Real> values;  // (columns, vertices ascending), padded; fields of each axis where they differ
+        Rows<Real> rows;            // of its functions that are not affine
     };
 
     const SpaceBasis *basis;
