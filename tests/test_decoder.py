@@ -235,12 +235,13 @@ def test_the_mesh_is_not_copied_and_cannot_be_written_to(animation: Animation) -
         assert not any(attribute.values.flags.writeable for attribute in item.attributes)
 
 
-def test_a_large_frame_that_threads_share_is_that_of_the_whole_clip() -> None:
-    """Beside a part that is much smaller, so that one branch of the partition tree ends early."""
+def test_large_frames_that_threads_share_are_those_of_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside a part that is much smaller, so that one branch of the partition tree ends early; with residuals."""
     u, v = np.meshgrid(np.arange(140), np.arange(130), indexing="ij")
     sheet_of_points = np.stack([u, v, np.zeros_like(u)], axis=-1).reshape(-1, 3)
     rest = np.concatenate([sheet_of_points, [[500, 0, k] for k in range(5)]]).astype(np.float64)
-    points = np.stack([rest + 3 * np.sin(rest[:, ::-1] / 9 + t) for t in range(10)]).astype(np.float32)
+    points = np.stack([rest + 3 * np.sin(rest[:, ::-1] / 9 + t) for t in range(15)])
+    points[:, ::97] += noise(*points[:, ::97].shape[:2])
     index = np.arange(u.size, dtype=np.int32).reshape(u.shape)
     quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(-1, 4)
     mesh = Connectivity(
@@ -250,12 +251,19 @@ def test_a_large_frame_that_threads_share_is_that_of_the_whole_clip() -> None:
         line_counts=np.array([5], np.int32),
         line_indices=np.arange(u.size, u.size + 5, dtype=np.int32),
     )
-    sequence = ArraySequence(points, objects=(MeshObject("mesh", mesh),))
-    with open_animation(encoded(sequence, effort="fast", tolerance=1e-3)) as decoded:
-        together = decoded.sample(decoded.times)
-        assert np.abs(together - points).max() < 1e-3 * 600
-        for frame in (0, 4, 9):
-            assert np.array_equal(bits(decoded.positions(decoded.times[frame])), bits(together[frame]))
+    sequence = ArraySequence(points.astype(np.float32), objects=(MeshObject("mesh", mesh),))
+    data = encoded(sequence, effort="fast", tolerance=1e-3)
+    monkeypatch.setenv("PDECODEC_THREADS", "1")
+    with open_animation(data) as decoded:
+        assert decoded.sections["CORR"] > 0
+        assert decoded.info()["groups"] == 3
+        alone = decoded.sample(decoded.times)
+    assert np.abs(alone - points).max() < 1e-3 * 600
+    for threads in ("2", "3", "8"):
+        monkeypatch.setenv("PDECODEC_THREADS", threads)
+        with open_animation(data) as decoded:
+            for frames in (slice(None), slice(5), slice(4, 5), slice(3, 11)):
+                assert np.array_equal(bits(decoded.sample(decoded.times[frames])), bits(alone[frames]))
 
 
 def test_the_mesh_outlives_the_animation() -> None:
