@@ -14,21 +14,19 @@ namespace {
 // binary digit was lost.
 constexpr double once_is_enough = 0.125;
 
-}  // namespace
-
-void OrthonormalFunctions::Room::grow(i64 wanted) {
-    if (wanted <= size) return;
-    values = std::make_unique_for_overwrite<double[]>(wanted);
-    size = wanted;
+void grow(AlignedArray<double> &numbers, i64 size) {
+    if (static_cast<i64>(numbers.size()) < size) numbers = AlignedArray<double>(size);
 }
+
+}  // namespace
 
 void OrthonormalFunctions::begin(i64 points, i64 most) {
     points_ = points;
     most_ = most;
     count_ = 0;
     width_ = row_width(points);
-    columns_.grow(columns_at_once * width_);
-    functions_.grow(most * width_);
+    grow(columns_, columns_at_once * width_);
+    grow(functions_, most * width_);
 }
 
 double OrthonormalFunctions::squared_norm(const double *column) const {
@@ -89,7 +87,7 @@ i64 OrthonormalFunctions::keep(const Column &column, double share) {
         if (!(column.left > least_left)) return -1;
     }
     const double scale = column.left > 0.0 ? 1.0 / std::sqrt(column.left) : 0.0;
-    double *found = functions_.get() + count_ * width_;
+    double *found = functions_.data() + count_ * width_;
     for (i64 i = 0; i < width_; ++i) found[i] = column.values[i] * scale;
     return count_++;
 }
@@ -103,7 +101,7 @@ void OrthonormalFunctions::add_unit_vectors(double share) {
 }
 
 void OrthonormalFunctions::add_zeros() {
-    std::fill_n(functions_.get() + count_ * width_, (most_ - count_) * width_, 0.0);
+    std::fill_n(functions_.data() + count_ * width_, (most_ - count_) * width_, 0.0);
     count_ = most_;
 }
 

@@ -9,9 +9,9 @@
 
 #include <array>
 #include <limits>
-#include <memory>
 #include <span>
 
+#include "aligned_array.hpp"
 #include "arithmetic.hpp"
 #include "linear_algebra/add_product.hpp"
 
@@ -27,13 +27,13 @@ public:
     i64 count() const { return count_; }
     i64 missing() const { return most_ - count_; }
     bool is_complete() const { return missing() == 0; }
-    const double *function(i64 k) const { return functions_.get() + k * width_; }
+    const double *function(i64 k) const { return functions_.data() + k * width_; }
 
     // A row for each.
-    Strided<double> all() const { return {functions_.get(), width_, 1}; }
+    Strided<double> all() const { return {functions_.data(), width_, 1}; }
 
     // What is added next: a number for each point.
-    double *column(i64 k = 0) { return columns_.get() + k * width_; }
+    double *column(i64 k = 0) { return columns_.data() + k * width_; }
 
     // Orthonormalise columns on the functions that there are and on each other, and add them; which function each has
     // become, -1 where too little of it is new. `share`: that of its squared norm that must be; 0 where the column is one
@@ -67,17 +67,9 @@ private:
     void take_away_again(std::span<Column *const> columns, i64 end);
     i64 keep(const Column &column, double share);
 
-    // Room that grows, without values.
-    struct Room {
-        void grow(i64 size);
-        double *get() const { return values.get(); }
-        std::unique_ptr<double[]> values;
-        i64 size = 0;
-    };
-
     i64 points_ = 0, most_ = 0, count_ = 0;
     i64 width_ = 0;  // of a function in memory, where zeros follow it
-    Room columns_, functions_;
+    AlignedArray<double> columns_, functions_;
 };
 
 }  // namespace pdeanim
