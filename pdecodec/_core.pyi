@@ -14,6 +14,7 @@ FloatArray = NDArray[np.float32] | NDArray[np.float64]
 AttributeFields = tuple[str, int, int, NDArray[Any], Int32Array | None, Sequence[str]]
 DecodedAttribute = tuple[str, int, NDArray[Any], Int32Array | None, tuple[str, ...]]
 Float32Array = NDArray[np.float32]
+Rows = NDArray[Any]  # of float32 or float64
 Part = tuple[int, Int32Array, Int32Array, Int32Array, Int32Array]
 State = tuple[Float64Array, Float64Array, Float64Array]
 Scaling = tuple[float, float, float]
@@ -349,8 +350,11 @@ class SpaceBasis:
     def encode_layout(self) -> bytes: ...
     def make_functions(self, threads: int) -> None: ...
     def functions_of(self, element: int) -> Float64Array: ...
-    def project(self, values: Float64Array, threads: int) -> Float64Array: ...
-    def project_some(self, values: FloatArray, subbands: Int64Array, threads: int) -> Float64Array: ...
+    def project(self, values: FloatArray, threads: int) -> Rows:
+        """In the precision of the values."""
+
+    def project_some(self, values: FloatArray, subbands: Int64Array, threads: int) -> Rows:
+        """The same."""
 
 class Motion:
     """What moves the vertices in a group of frames (core/evaluate/motion.hpp), or those of some elements alone."""
@@ -373,14 +377,14 @@ def take_displacements(
     """Write (vertices, 3 frames) of points (frames, vertices, 3) less a shape; the largest magnitude."""
 
 def quantise_sparsely(
-    values: Float64Array, axes: int, step: float, round_up_at: float, round_up_alone_at: float, threads: int
+    values: FloatArray, axes: int, step: float, round_up_at: float, round_up_alone_at: float, threads: int
 ) -> tuple[Int64Array, Int64Array]:
     """Coefficients in steps, and the largest magnitude of each channel."""
 
 def give_back_memory() -> None: ...
 def product(left: Float64Array, right: Float64Array, threads: int) -> Float64Array: ...
-def multiply_rows(rows: FloatArray, factors: Float64Array, axes: int, threads: int) -> Float64Array:
-    """(rows, k axes) of rows (rows, n axes), C-contiguous, times factors (n, k) on each axis, added up as rows are."""
+def multiply_rows(rows: FloatArray, factors: Float64Array, axes: int, threads: int) -> Rows:
+    """(rows, k axes) of rows (rows, n axes), C-contiguous, times factors (n, k) on each axis, in their precision."""
 
 def sums_of_squares(rows: FloatArray, single: bool, threads: int) -> Float64Array:
     """(n, n) of rows (rows, n), C-contiguous, added up in float32 or float64, block by block."""

@@ -92,10 +92,11 @@ void PartitionTree::build_matrices(const Elements &elements, const std::vector<A
     }
 }
 
-void PartitionTree::analyse(std::span<double> affine, double *coefficients, i64 channels,
-                            const SpaceSelection *selection) const {
+template <class Real> void PartitionTree::analyse(std::span<double> affine, Real *coefficients, i64 channels,
+                                                  const SpaceSelection *selection) const {
     i64 place = static_cast<i64>(matrices_.size());
     std::array<const double *, most_functions> rows;
+    std::vector<double> of_wavelet(channels);
     for (i64 node = layout_->nodes(); node-- > 0;) {
         const i64 a = layout_->patches()->children[node], b = a + 1;
         if (a < 0) continue;
@@ -107,18 +108,20 @@ void PartitionTree::analyse(std::span<double> affine, double *coefficients, i64 
             rows[i] = affine.data() + row * channels;
         }
         for (i64 k = 0; k < size; ++k) {
-            double *row = affine.data() + (affine_count * node + k) * channels;
-            if (k >= own) {
-                const i64 function = wavelet + k - own, place = selection ? selection->tree_rows[function] : function;
-                if (place < 0) break;  // none of the node's is selected
-                row = coefficients + place * channels;
-            }
+            double *row = k < own ? affine.data() + (affine_count * node + k) * channels : of_wavelet.data();
+            const i64 function = wavelet + k - own;
+            const i64 place = k < own ? -1 : selection ? selection->tree_rows[function] : function;
+            if (k >= own && place < 0) break;  // none of the node's is selected
             std::fill_n(row, channels, 0.0);
             add_multiples(row, channels, rows.data(), matrix[k].data(), size);
+            if (k >= own) std::copy_n(row, channels, coefficients + place * channels);
         }
     }
     std::copy_n(affine.begin(), layout_->affine_of_node(0) * channels, coefficients);
 }
+
+template void PartitionTree::analyse(std::span<double>, float *, i64, const SpaceSelection *) const;
+template void PartitionTree::analyse(std::span<double>, double *, i64, const SpaceSelection *) const;
 
 void PartitionTree::synthesise(const double *coefficients, std::span<double> affine, i64 channels) const {
     std::copy_n(coefficients, layout_->affine_of_node(0) * channels, affine.begin());

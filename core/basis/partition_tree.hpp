@@ -41,8 +41,8 @@ public:
     // From the affine coefficients of elements to those of the whole and of the wavelets, upwards. `affine`: four rows of
     // `channels` a node, those of elements given; `coefficients`: a row a function, of all or of a selection, written for
     // those of the whole and of nodes.
-    void analyse(std::span<double> affine, double *coefficients, i64 channels,
-                 const SpaceSelection *selection = nullptr) const;
+    template <class Real>
+    void analyse(std::span<double> affine, Real *coefficients, i64 channels, const SpaceSelection *selection) const;
 
     // Undo `analyse`: affine coefficients of every node, downwards.
     void synthesise(const double *coefficients, std::span<double> affine, i64 channels) const;

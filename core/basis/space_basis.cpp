@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "linear_algebra/add_product.hpp"
+#include "linear_algebra/in_precision.hpp"
 #include "parallel.hpp"
 
 namespace pdeanim {
@@ -34,23 +35,33 @@ PartitionTree tree_of(const Elements &elements, std::shared_ptr<const SpaceLayou
     return layout ? PartitionTree(elements, sums, std::move(layout)) : PartitionTree(elements, sums, std::move(local));
 }
 
-// Rows of values on vertices, those of one element after another.
-template <class Real> class RowsOfVertices {
+// Sums over an element's points of values on them times its functions.
+template <class Real> class ElementSums {
 public:
-    RowsOfVertices(const Real *values, i64 channels) : values_(values), channels_(channels) {}
+    ElementSums(const Real *values, i64 channels) : values_(values), channels_(channels) {}
 
-    // Of vertices, one row after the other; valid until others are asked for.
-    const double *of(std::span<const i32> vertices) {
-        rows_.resize(vertices.size() * channels_);
-        double *to = rows_.data();
+    // Go on with an element of these vertices and this many functions.
+    void begin(std::span<const i32> vertices, const Strided<double> &functions, i64 count) {
+        points_ = static_cast<i64>(vertices.size());
+        rows_.resize(points_ * channels_);
+        Real *to = rows_.data();
         for (const i32 vertex : vertices) to = std::copy_n(values_ + vertex * channels_, channels_, to);
-        return rows_.data();
+        functions_ = {own_.of(functions.numbers, count * functions.row), functions.row, functions.column};
+    }
+
+    // Of functions `first` to `end` - 1.
+    void add_up(i64 first, i64 end, Real *to) const {
+        std::fill_n(to, (end - first) * channels_, Real{0});
+        const Strided<Real> some{functions_.numbers + first * functions_.row, functions_.row, functions_.column};
+        add_product(to, channels_, some, rows_.data(), channels_, {end - first, points_, channels_});
     }
 
 private:
     const Real *values_;
-    i64 channels_;
-    std::vector<double> rows_;
+    i64 channels_, points_ = 0;
+    std::vector<Real> rows_;  // values at the points
+    InPrecision<Real> own_;
+    Strided<Real> functions_{};
 };
 
 }  // namespace
@@ -91,58 +102,37 @@ std::span<const double> SpaceBasis::functions_of(i64 element) const {
     return {made_.data() + made_starts_[element], made_.data() + made_starts_[element + 1]};
 }
 
-LargeArray<double> SpaceBasis::project(std::span<const double> values, i64 channels, int threads) const {
-    LargeArray<double> affine(affine_count * layout().nodes() * channels), coefficients(functions() * channels);
-    in_shares(elements_.count(), threads, [&](i64 first, i64 end) {
-        RowsOfVertices rows(values.data(), channels);
-        for (i64 e = first; e < end; ++e) {
-            const Strided<double> made{functions_of(e).data(), elements_.patches->size(e), 1};
-            project(e, made, layout().rank(e), rows.of(elements_.patches->vertices(e)), channels, affine.data(),
-                    coefficients.data() + layout().coefficient_starts()[e] * channels);
-        }
-    });
-    tree_.analyse(affine, coefficients.data(), channels);
-    return coefficients;
-}
-
-template <class Real> LargeArray<double> SpaceBasis::project_some(std::span<const Real> values, i64 channels,
-                                                                  const SpaceSelection &selection, int threads) const {
-    LargeArray<double> affine(affine_count * layout().nodes() * channels), coefficients(selection.functions * channels);
+template <class Real> LargeArray<Real> SpaceBasis::project(std::span<const Real> values, i64 channels,
+                                                           const SpaceSelection *selection, int threads) const {
+    const auto row_of = [&](i64 e) {
+        return selection ? selection->element_rows[e] : layout().coefficient_starts()[e];
+    };
+    LargeArray<double> affine(affine_count * layout().nodes() * channels);
+    LargeArray<Real> coefficients((selection ? selection->functions : functions()) * channels);
     in_shares(elements_.count(), threads, [&](i64 first, i64 end) {
         ElementFunctions functions(elements_);
-        RowsOfVertices rows(values.data(), channels);
+        ElementSums<Real> sums(values.data(), channels);
+        std::vector<Real> of_affine(affine_count * channels);
         for (i64 e = first; e < end; ++e) {
-            const bool is_chosen = selection.has_element(e);
-            const i64 count = is_chosen ? layout().rank(e) : layout().affine(e);
+            const i64 rank = layout().rank(e), own = least(layout().affine(e), rank), row = row_of(e);
+            const i64 count = row >= 0 ? rank : own;
             Strided<double> made{functions_of(e).data(), elements_.patches->size(e), 1};
             if (!is_made_) {
                 functions.make(e, layout().affine(e), count);
                 made = functions.functions();
             }
-            project(e, made, count, rows.of(elements_.patches->vertices(e)), channels, affine.data(),
-                    is_chosen ? coefficients.data() + selection.element_rows[e] * channels : nullptr);
+            sums.begin(elements_.patches->vertices(e), made, count);
+            sums.add_up(0, own, of_affine.data());
+            std::copy_n(of_affine.begin(), own * channels,
+                        affine.begin() + affine_count * elements_.patches->node_of[e] * channels);
+            if (row >= 0) sums.add_up(own, count, coefficients.data() + row * channels);
         }
     });
-    tree_.analyse(affine, coefficients.data(), channels, &selection);
+    tree_.analyse(affine, coefficients.data(), channels, selection);
     return coefficients;
 }
 
-template LargeArray<double> SpaceBasis::project_some(std::span<const float>, i64, const SpaceSelection &, int) const;
-template LargeArray<double> SpaceBasis::project_some(std::span<const double>, i64, const SpaceSelection &, int) const;
-
-// `functions`: so many of the element. `rows`: of its points. `others`: where the coefficients of its functions that are
-// not affine go.
-void SpaceBasis::project(i64 element, const Strided<double> &functions, i64 count, const double *rows, i64 channels,
-                         double *affine, double *others) const {
-    const Patches &patches = *elements_.patches;
-    const auto add_up = [&](i64 first, i64 end, double *to) {
-        std::fill_n(to, (end - first) * channels, 0.0);
-        const Strided<double> some{functions.numbers + first * functions.row, functions.row, functions.column};
-        add_product(to, channels, some, rows, channels, {end - first, patches.size(element), channels});
-    };
-    const i64 own = least(layout().affine(element), count);
-    add_up(0, own, affine + affine_count * patches.node_of[element] * channels);
-    if (others) add_up(own, count, others);
-}
+template LargeArray<float> SpaceBasis::project(std::span<const float>, i64, const SpaceSelection *, int) const;
+template LargeArray<double> SpaceBasis::project(std::span<const double>, i64, const SpaceSelection *, int) const;
 
 }  // namespace pdeanim

@@ -41,17 +41,12 @@ public:
     // rounds. Of the elements' functions, too, once they are made.
     double nearest() const { return nearest_; }
 
-    // Coefficients of values on vertices, both with a row of `channels` each. The functions are made.
-    LargeArray<double> project(std::span<const double> values, i64 channels, int threads) const;
-
-    // The same of some functions alone. Functions are made on the way unless they are. Of float or double.
-    template <class Real> LargeArray<double> project_some(std::span<const Real> values, i64 channels,
-                                                          const SpaceSelection &selection, int threads) const;
+    // Coefficients of values on vertices, both with a row of `channels` each, float or double; of a selection of functions
+    // alone where there is one. Functions are made on the way unless they are there.
+    template <class Real> LargeArray<Real> project(std::span<const Real> values, i64 channels,
+                                                   const SpaceSelection *selection, int threads) const;
 
 private:
-    void project(i64 element, const Strided<double> &functions, i64 count, const double *rows, i64 channels,
-                 double *affine, double *others) const;
-
     Elements elements_;
     PartitionTree tree_;
     std::once_flag once_;

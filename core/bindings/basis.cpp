@@ -106,31 +106,30 @@ struct PySpaceBasis {
         }
     }
 
-    nb::object project(const Values<double> &values, int threads) {
-        const auto [all, channels] = checked(values);
-        LargeArray<double> found;
+    template <class Real> nb::object project(const Values<Real> &values, int threads) {
         {
             nb::gil_scoped_release release;
             basis->make_functions(threads);
-            found = basis->project(all, channels, threads);
         }
-        return to_matrix(std::move(found), static_cast<std::size_t>(basis->functions()), values.shape(1));
+        return projected(values, nullptr, threads);
     }
 
     template <class Real> nb::object project_some(const Values<Real> &values, const Flat<i64> &subbands, int threads) {
-        const auto [all, channels] = checked(values);
         const SpaceSelection selection = selected(view(subbands), *basis);
-        LargeArray<double> found;
-        {
-            nb::gil_scoped_release release;
-            found = basis->project_some(all, channels, selection, threads);
-        }
-        return to_matrix(std::move(found), static_cast<std::size_t>(selection.functions), values.shape(1));
+        return projected(values, &selection, threads);
     }
 
-    template <class Real> std::pair<std::span<const Real>, i64> checked(const Values<Real> &values) const {
+    template <class Real>
+    nb::object projected(const Values<Real> &values, const SpaceSelection *selection, int threads) const {
         require(static_cast<i64>(values.shape(0)) == basis->vertices(), "one row of values a vertex");
-        return {{values.data(), values.size()}, static_cast<i64>(values.shape(1))};
+        LargeArray<Real> found;
+        {
+            nb::gil_scoped_release release;
+            const std::span<const Real> all(values.data(), values.size());
+            found = basis->project(all, static_cast<i64>(values.shape(1)), selection, threads);
+        }
+        const i64 functions = selection ? selection->functions : basis->functions();
+        return to_matrix(std::move(found), static_cast<std::size_t>(functions), values.shape(1));
     }
 
     Grid grid;
@@ -243,6 +242,12 @@ nb::tuple py_local_coordinates(const Grid &grid) {
     return nb::make_tuple(count, to_rows(std::move(found), vertices.size()));
 }
 
+template <class Real> void bind_projections(nb::class_<PySpaceBasis> &of_space) {
+    of_space.def("project", &PySpaceBasis::project<Real>, nb::arg("values").noconvert(), nb::arg("threads"))
+        .def("project_some", &PySpaceBasis::project_some<Real>, nb::arg("values").noconvert(), nb::arg("subbands"),
+             nb::arg("threads"));
+}
+
 }  // namespace
 
 void bind_basis(nb::module_ &module) {
@@ -256,7 +261,8 @@ void bind_basis(nb::module_ &module) {
     module.def("build_patches", &py_build_patches, nb::arg("objects"), nb::arg("grid"), nb::arg("points"),
                nb::arg("early").none());
     module.def("cut_curves", &py_cut_curves, nb::arg("order"), nb::arg("starts"), nb::arg("points"));
-    nb::class_<PySpaceBasis>(module, "SpaceBasis")
+    nb::class_<PySpaceBasis> of_space(module, "SpaceBasis");
+    of_space
         .def(nb::init<int, i64, int, int, double, bool, const std::shared_ptr<Patches> &, Grid,
                       const std::optional<nb::bytes> &, int>(),
              nb::arg("kind"), nb::arg("points"), nb::arg("functions"), nb::arg("threshold"), nb::arg("rate"),
@@ -276,12 +282,9 @@ void bind_basis(nb::module_ &module) {
                 self.basis->make_functions(threads);
             },
             nb::arg("threads"))
-        .def("functions_of", &py_functions_of, nb::arg("element"))
-        .def("project", &PySpaceBasis::project, nb::arg("values"), nb::arg("threads"))
-        .def("project_some", &PySpaceBasis::project_some<float>, nb::arg("values").noconvert(), nb::arg("subbands"),
-             nb::arg("threads"))
-        .def("project_some", &PySpaceBasis::project_some<double>, nb::arg("values").noconvert(), nb::arg("subbands"),
-             nb::arg("threads"));
+        .def("functions_of", &py_functions_of, nb::arg("element"));
+    bind_projections<float>(of_space);
+    bind_projections<double>(of_space);
     nb::class_<PyMotion>(module, "Motion")
         .def("__init__", &make_motion, nb::arg("basis"), nb::arg("quantised").noconvert(), nb::arg("axes"),
              nb::arg("step"), nb::arg("single"), nb::arg("subbands").none(), nb::arg("threads"), nb::keep_alive<1, 2>())

@@ -37,14 +37,15 @@ template <class Real> double py_take_displacements(const Cube<const float> &poin
                               std::span<Real>(rows.data(), rows.size()), threads);
 }
 
-nb::tuple py_quantise_sparsely(const Matrix<const double> &values, int axes, double step, double round_up_at,
-                               double round_up_alone_at, int threads) {
+template <class Real> nb::tuple py_quantise_sparsely(const Matrix<const Real> &values, int axes, double step,
+                                                     double round_up_at, double round_up_alone_at, int threads) {
     require(step > 0.0 && (axes == 1 || axes == 3), "a step is positive, and axes are 1 or 3");
     Quantised found;
     {
         nb::gil_scoped_release release;
-        found = quantise_sparsely({values.data(), values.size()}, static_cast<i64>(values.shape(1)), axes, step,
-                                  {round_up_at, round_up_alone_at}, threads);
+        found =
+            quantise_sparsely(std::span<const Real>(values.data(), values.size()), static_cast<i64>(values.shape(1)),
+                              axes, step, {round_up_at, round_up_alone_at}, threads);
     }
     const std::size_t rows = values.shape(0), channels = values.shape(1);
     return nb::make_tuple(to_matrix(std::move(found.coefficients), rows, channels), to_array(std::move(found.largest)));
@@ -139,8 +140,8 @@ double py_farthest_apart(const PyMotion &one, const PyMotion &other, const Cube<
         one.motion, other.motion);
 }
 
-void py_add_to(const Excess &excess, const Matrix<double> &values, const Matrix<const double> &functions, int axes,
-               double push) {
+template <class Real> void py_add_to(const Excess &excess, const Matrix<Real> &values,
+                                     const Matrix<const double> &functions, int axes, double push) {
     const std::size_t count = functions.shape(1);
     require(axes == 1 || axes == 3, "axes are 1 or 3");
     require(values.shape(1) == count * axes, "one value a function, on each axis");
@@ -150,8 +151,8 @@ void py_add_to(const Excess &excess, const Matrix<double> &values, const Matrix<
                 "an excess of other frames or vertices");
     }
     nb::gil_scoped_release release;
-    excess.add_to({values.data(), values.size()}, {functions.data(), functions.size()}, static_cast<i64>(count), axes,
-                  push);
+    excess.add_to(std::span<Real>(values.data(), values.size()), {functions.data(), functions.size()},
+                  static_cast<i64>(count), axes, push);
 }
 
 // Freed memory, of which the C library keeps much for later, goes back to the system.
@@ -167,18 +168,25 @@ template <class Real> void bind_take(nb::module_ &module) {
                "Write rows (vertices, 3 frames) of points less a shape; returns the largest magnitude.");
 }
 
+template <class Real> void bind_quantise(nb::module_ &module) {
+    module.def("quantise_sparsely", &py_quantise_sparsely<Real>, nb::arg("values").noconvert(), nb::arg("axes"),
+               nb::arg("step"), nb::arg("round_up_at"), nb::arg("round_up_alone_at"), nb::arg("threads"));
+}
+
 }  // namespace
 
 void bind_encode(nb::module_ &module) {
     bind_take<float>(module);
     bind_take<double>(module);
     module.def("give_back_memory", &give_back_memory, nb::call_guard<nb::gil_scoped_release>());
-    module.def("quantise_sparsely", &py_quantise_sparsely, nb::arg("values"), nb::arg("axes"), nb::arg("step"),
-               nb::arg("round_up_at"), nb::arg("round_up_alone_at"), nb::arg("threads"));
+    bind_quantise<float>(module);
+    bind_quantise<double>(module);
     nb::class_<Excess>(module, "Excess", "By how much vertices are off beyond what is aimed at.")
         .def(nb::init<>())
         .def("__len__", [](const Excess &self) { return self.frames.size(); })
-        .def("add_to", &py_add_to, nb::arg("values").noconvert(), nb::arg("functions"), nb::arg("axes"),
+        .def("add_to", &py_add_to<float>, nb::arg("values").noconvert(), nb::arg("functions"), nb::arg("axes"),
+             nb::arg("push"))
+        .def("add_to", &py_add_to<double>, nb::arg("values").noconvert(), nb::arg("functions"), nb::arg("axes"),
              nb::arg("push"));
     module.def("farthest_apart", &py_farthest_apart, nb::arg("one"), nb::arg("other"), nb::arg("time"),
                nb::arg("reference"), nb::arg("threads"));

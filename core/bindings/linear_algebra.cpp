@@ -39,10 +39,10 @@ template <class Real>
 nb::object py_multiply_rows(const Matrix<Real> &rows, const Matrix<double> &factors, i64 axes, int threads) {
     require(axes > 0 && columns_of(rows) == axes * rows_of(factors), "rows have a number a factor, on each axis");
     const ProductSizes sizes{rows_of(rows), rows_of(factors), columns_of(factors)};
-    LargeArray<double> found;
+    LargeArray<Real> found;
     {
         nb::gil_scoped_release release;
-        found = LargeArray<double>(sizes.rows * sizes.columns * axes);
+        found = LargeArray<Real>(sizes.rows * sizes.columns * axes);
         multiply_rows(found.data(), rows.data(), factors.data(), sizes, axes, threads);
     }
     return to_matrix(std::move(found), rows.shape(0), factors.shape(1) * axes);

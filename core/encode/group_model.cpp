@@ -68,14 +68,17 @@ template <class T> void append(std::vector<T> &all, const std::vector<T> &more) 
 
 }  // namespace
 
-void Excess::add_to(std::span<double> values, std::span<const double> functions, i64 count, int axes,
-                    double push) const {
+template <class Real>
+void Excess::add_to(std::span<Real> values, std::span<const double> functions, i64 count, int axes, double push) const {
     for (std::size_t k = 0; k < frames.size(); ++k) {
-        double *to = values.data() + vertices[k] * count * axes;
+        Real *to = values.data() + vertices[k] * count * axes;
         for (int x = 0; x < 3; ++x) {
             const double off = push * static_cast<double>(excess[k][x]);
             const double *function = functions.data() + (axes == 1 ? 3 * frames[k] + x : frames[k]) * count;
-            for (i64 a = 0; a < count; ++a) to[axes == 1 ? a : 3 * a + x] += off * function[a];
+            for (i64 a = 0; a < count; ++a) {
+                Real &value = to[axes == 1 ? a : 3 * a + x];
+                value = static_cast<Real>(value + off * function[a]);
+            }
         }
     }
 }
@@ -141,6 +144,8 @@ double farthest_apart(const GroupModel<One> &single, const GroupModel<Other> &ex
     return farthest;
 }
 
+template void Excess::add_to(std::span<float>, std::span<const double>, i64, int, double) const;
+template void Excess::add_to(std::span<double>, std::span<const double>, i64, int, double) const;
 template Residuals missing(const GroupModel<float> &, const Wanted &, std::span<const double>, const Aim &, Excess *,
                            Errors *, int);
 template Residuals missing(const GroupModel<double> &, const Wanted &, std::span<const double>, const Aim &, Excess *,

@@ -31,7 +31,8 @@ struct Excess {
 
     // Add, `push` times, what it comes to in functions of time to values on vertices. functions: (frames, 3, functions)
     // and values (vertices, functions) on one axis; (frames, functions) and (vertices, functions, 3) on three.
-    void add_to(std::span<double> values, std::span<const double> functions, i64 count, int axes, double push) const;
+    template <class Real>
+    void add_to(std::span<Real> values, std::span<const double> functions, i64 count, int axes, double push) const;
 };
 
 // Vertices that are off by `from` bounds are to be brought to `to`, by `farthest` bounds at most.

@@ -20,8 +20,8 @@ struct Quantised {
 };
 
 // Coefficients, rows of `channels` each, in steps. Neighbours are the rows before and after, and the functions of time
-// before and after, which are `axes` channels away.
-Quantised quantise_sparsely(std::span<const double> values, i64 channels, int axes, double step, const DeadZone &zone,
-                            int threads);
+// before and after, which are `axes` channels away. Of float or double.
+template <class Real> Quantised quantise_sparsely(std::span<const Real> values, i64 channels, int axes, double step,
+                                                  const DeadZone &zone, int threads);
 
 }  // namespace pdeanim

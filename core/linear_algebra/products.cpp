@@ -5,6 +5,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "linear_algebra/in_precision.hpp"
 #include "parallel.hpp"
 
 namespace pdeanim {
@@ -22,21 +23,6 @@ template <class Real> constexpr i64 block_rows = std::is_same_v<Real, float> ? 5
 int threads_for(const ProductSizes &sizes, i64 times, int threads) {
     return sizes.rows * sizes.depth * sizes.columns * times < worth_sharing ? 1 : threads;
 }
-
-// Numbers in another precision, or as they are.
-template <class Real> struct InPrecision {
-    template <class Given> const Real *of(const Given *given, i64 count) {
-        if constexpr (std::is_same_v<Given, Real>) {
-            return given;
-        } else {
-            kept.resize(count);
-            std::transform(given, given + count, kept.begin(), [](Given number) { return static_cast<Real>(number); });
-            return kept.data();
-        }
-    }
-
-    std::vector<Real> kept;
-};
 
 struct SumSizes {
     i64 count, columns, other_columns;
@@ -92,22 +78,23 @@ void multiply(double *out, const Strided<double> &left, const double *right, con
     });
 }
 
-template <class Real> void multiply_rows(double *out, const Real *rows, const double *factors,
-                                         const ProductSizes &sizes, i64 axes, int threads) {
+template <class Real> void multiply_rows(Real *out, const Real *rows, const double *factors, const ProductSizes &sizes,
+                                         i64 axes, int threads) {
     const i64 columns = sizes.columns, length = sizes.depth * axes;
     InPrecision<Real> own;
     const Real *right = own.of(factors, sizes.depth * columns);
     const i64 blocks = (sizes.rows + rows_at_once - 1) / rows_at_once;
     in_shares(blocks, threads_for(sizes, axes, threads), [&](i64 share, i64 end) {
-        const auto sums = std::make_unique_for_overwrite<Real[]>(least(rows_at_once, sizes.rows) * columns);
+        const auto room = std::make_unique_for_overwrite<Real[]>(least(rows_at_once, sizes.rows) * columns);
         for (i64 block = share; block < end; ++block) {
             const i64 first = block * rows_at_once, count = least(rows_at_once, sizes.rows - first);
+            Real *found = out + first * columns * axes, *sums = axes == 1 ? found : room.get();
             for (i64 axis = 0; axis < axes; ++axis) {
-                std::fill_n(sums.get(), count * columns, Real{0});
-                add_product(sums.get(), columns, Strided<Real>{rows + first * length + axis, length, axes}, right,
-                            columns, {count, sizes.depth, columns});
-                double *found = out + first * columns * axes + axis;
-                for (i64 i = 0; i < count * columns; ++i) found[i * axes] = static_cast<double>(sums[i]);
+                std::fill_n(sums, count * columns, Real{0});
+                add_product(sums, columns, Strided<Real>{rows + first * length + axis, length, axes}, right, columns,
+                            {count, sizes.depth, columns});
+                if (axes == 1) break;
+                for (i64 i = 0; i < count * columns; ++i) found[i * axes + axis] = sums[i];
             }
         }
     });
@@ -126,7 +113,7 @@ template <class Real> void sums_of_products(double *out, const Real *rows, const
     sums<Real, Real, false>(out, rows, others, {count, columns, other_columns}, threads);
 }
 
-template void multiply_rows(double *, const float *, const double *, const ProductSizes &, i64, int);
+template void multiply_rows(float *, const float *, const double *, const ProductSizes &, i64, int);
 template void multiply_rows(double *, const double *, const double *, const ProductSizes &, i64, int);
 template void sums_of_squares<float, float>(double *, const float *, i64, i64, int);
 template void sums_of_squares<double, float>(double *, const float *, i64, i64, int);

@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,8 @@ from pdecodec.sequence import MeshObject
 from pdecodec.shares import thread_count
 
 Float64Array = NDArray[np.float64]
-FloatArray = NDArray[np.float32] | NDArray[np.float64]
+Rows = NDArray[Any]
+"""Of float32 or float64."""
 Int64Array = NDArray[np.int64]
 
 SpaceKind = Literal["patch", "curve"]
@@ -164,11 +165,15 @@ class SpaceBasis:
         """Whether every decoder drops the same columns, however it rounds."""
         return self.nearest > CLEAR
 
-    def project(self, values: Float64Array) -> Float64Array:
-        """Coefficients of values on vertices: (vertices, channels), mesh order, to (functions, channels) float64."""
-        return self.core.project(np.ascontiguousarray(values, np.float64), thread_count())
+    def project(self, values: Rows) -> Rows:
+        """Coefficients of values on vertices: (vertices, channels), mesh order, to (functions, channels).
 
-    def project_some(self, values: FloatArray, subbands: Int64Array) -> Float64Array:
+        They are added up, but for what elements have in common, in the precision of the values, and have it.
+        """
+        contiguous: Rows = np.ascontiguousarray(values)
+        return self.core.project(contiguous, thread_count())
+
+    def project_some(self, values: Rows, subbands: Int64Array) -> Rows:
         """The same of the functions of some subbands alone, which follow one after another.
 
         Values are contiguous; subbands ascend, the first of them 0.

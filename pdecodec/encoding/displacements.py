@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.coding.groups import TimeBasis, cosines
+from pdecodec.coding.spacebasis import Rows
 from pdecodec.coding.timefunctions import TimeFunctionCost
 from pdecodec.encoding.principal import (
-    Rows,
     Span,
     leading_span,
     principal_axes,
@@ -91,12 +91,12 @@ class Sight:
     Parameters
     ----------
     project : callable
-        Of values on vertices, (vertices, n) float32 or float64, makes (rows, n) float64.
+        Of values on vertices, (vertices, n) float32 or float64, makes (rows, n).
     longer : Sight, optional
         The same map, that has seen displacements which these are part of.
     """
 
-    def __init__(self, project: Callable[[Rows], Float64Array], longer: Sight | None = None) -> None:
+    def __init__(self, project: Callable[[Rows], Rows], longer: Sight | None = None) -> None:
         self._project, self._longer = project, longer
         self._seen: dict[tuple[Displacements, Seen], Rows] = {}
 
@@ -148,7 +148,7 @@ class Displacements:
         self._frames, self._vertices = len(points), len(shape)
         self._least = (TAIL * unit) ** 2 * self._vertices * self._frames
         self._taken: tuple[Rows, float] | None = None
-        self._coefficients: dict[TimeFunctions, Float64Array] = {}
+        self._coefficients: dict[TimeFunctions, Rows] = {}
         self._settled: dict[TimeFunctions, tuple[Float64Array, Float64Array]] = {}
         self._time_costs: dict[TimeFunctions, TimeFunctionCost] = {}
 
@@ -336,18 +336,18 @@ class Displacements:
         axes = 3 if kind == "trajectories" else 1
         return (functions * np.sqrt(energies)).reshape(self._frames, axes, energies.size)
 
-    def coefficients(self, kind: TimeFunctions) -> Float64Array:
-        """(vertices, functions or 3 functions) float64: of all functions of a kind, kept."""
+    def coefficients(self, kind: TimeFunctions) -> Rows:
+        """(vertices, functions or 3 functions), as precise as displacements: of all functions of a kind, kept."""
         if kind not in self._coefficients:
             self._coefficients[kind] = self.some_coefficients(kind)
         return self._coefficients[kind]
 
-    def some_coefficients(
-        self, kind: TimeFunctions, some: slice = slice(None), sight: Sight | None = None
-    ) -> Float64Array:
+    def some_coefficients(self, kind: TimeFunctions, some: slice = slice(None), sight: Sight | None = None) -> Rows:
         """The same of some functions, not kept; or (rows, functions or 3 functions), what a linear map makes of it."""
         if self._alike is not None and sight is None and some == slice(None):
-            return self._alike.coefficients(kind) + self._shifted(self._alike, self._dual(kind), kind)
+            found = self._alike.coefficients(kind).copy()
+            found += self._shifted(self._alike, self._dual(kind), kind)
+            return found
         return self._along(np.ascontiguousarray(self._dual(kind)[:, some]), kind, sight)
 
     def count(self, kind: TimeFunctions) -> int:
@@ -386,7 +386,7 @@ class Displacements:
         assert other is not None  # the shape that the shift is from
         return other._shape - self._shape
 
-    def along(self, functions: Float64Array, kind: TimeFunctions) -> Float64Array:
+    def along(self, functions: Float64Array, kind: TimeFunctions) -> Rows:
         """Coefficients of unit functions of time by least squares: one each, or one for each axis after another.
 
         Decoded functions are not quite orthogonal, poses not at all, and coarse ones may coincide.
@@ -403,7 +403,7 @@ class Displacements:
             sums = np.kron(dual.sum(axis=0), np.eye(3))
         return product(other._shape - self._shape if sight is None else sight.of(self, "shift"), sums)
 
-    def _along(self, dual: Float64Array, kind: TimeFunctions, sight: Sight | None = None) -> Float64Array:
+    def _along(self, dual: Float64Array, kind: TimeFunctions, sight: Sight | None = None) -> Rows:
         """Sums of displacements times functions."""
         other = self._alike or self._beside
         if self._alike is None and self._span is not None:
@@ -414,7 +414,9 @@ class Displacements:
                 return products(coefficients, product(axes.T, dual))
             return products(coefficients, products(axes.T, dual, 3))
         if other is not None:
-            return other._along(dual, kind, sight) + self._shifted(other, dual, kind, sight)
+            found = other._along(dual, kind, sight)
+            found += self._shifted(other, dual, kind, sight)
+            return found
         rows = self._moved if sight is None else sight.of(self, "moved")
         return products(rows, dual, 1 if kind == "trajectories" else 3)
 

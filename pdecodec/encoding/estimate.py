@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec.coding.groups import GroupEntry, functions_of_time, group_functions, margins
 from pdecodec.coding.residuals import residual_ways
-from pdecodec.coding.spacebasis import SpaceBasis
+from pdecodec.coding.spacebasis import Rows, SpaceBasis
 from pdecodec.encoding.displacements import Displacements, Sight, TimeFunctions, time_basis_of
 from pdecodec.encoding.groupfit import GroupChoice, GroupFitter
 from pdecodec.encoding.quantisation import axes_of, cosines_needed, grid_step, needed_functions, quantise_sparsely
@@ -174,13 +174,13 @@ def _vertices(basis: SpaceBasis, elements: Int64Array) -> Int32Array:
     return np.concatenate(parts) if parts else np.zeros(0, np.int32)
 
 
-def _weights(basis: SpaceBasis, coefficients: Float64Array, step: float) -> Float64Array:
+def _weights(basis: SpaceBasis, coefficients: Rows, step: float) -> Float64Array:
     """(elements,) float64: about what each takes; some of them take many times as much as others.
 
     Parameters
     ----------
     basis : SpaceBasis
-    coefficients : (functions of space, channels) float64
+    coefficients : (functions of space, channels)
         In any functions of time.
     step : float
         Their quantisation step.
@@ -282,7 +282,7 @@ class Estimate:
     ) -> None:
         self._fitter, self.basis = fitter, basis
         self._usual_step = grid_step(fitter.first_choice.step)
-        self._coefficients: dict[tuple[Displacements, TimeFunctions], Float32Array | Float64Array] = {}
+        self._coefficients: dict[tuple[Displacements, TimeFunctions], Rows] = {}
         self.sample: _Sample
         if part_of:
             self.sample = _Sample(fitter.points, basis, part_of.sample.elements, part_of.sample.weight)
@@ -308,15 +308,15 @@ class Estimate:
         if choice.time != "cosines":
             moved.time_cost(choice.time, self._usual_step)
 
-    def _projected(self, moved: Displacements, time: TimeFunctions) -> Float64Array:
+    def _projected(self, moved: Displacements, time: TimeFunctions) -> Rows:
         """Coefficients (rows of the sample, channels) of all functions of time of a kind."""
         if (moved, time) not in self._coefficients:
             self._coefficients[moved, time] = (
-                moved.some_coefficients(time, sight=self._sight).astype(np.float32)
+                moved.some_coefficients(time, sight=self._sight).astype(np.float32, copy=False)
                 if self._fitter.is_heavy
                 else self.basis.project_some(moved.coefficients(time), self.sample.chosen)
             )
-        return self._coefficients[moved, time].astype(np.float64, copy=False)
+        return self._coefficients[moved, time]
 
     def bits(self, choice: GroupChoice) -> float:
         sample, axes, step = self.sample, axes_of(choice.time), grid_step(choice.step)

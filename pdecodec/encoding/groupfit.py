@@ -26,7 +26,7 @@ from pdecodec.coding.groups import (
     normalised,
 )
 from pdecodec.coding.residuals import ResidualPlan, encode_residuals, plan_residuals
-from pdecodec.coding.spacebasis import SpaceBasis
+from pdecodec.coding.spacebasis import Rows, SpaceBasis
 from pdecodec.coding.timefunctions import QuantisedTimeFunctions, quantise_time_functions
 from pdecodec.encoding.displacements import Displacements, Origin, Sight, TimeFunctions, time_basis_of
 from pdecodec.encoding.quantisation import (
@@ -48,7 +48,6 @@ from pdecodec.shares import thread_count
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
-FloatArray = NDArray[np.float32] | NDArray[np.float64]
 Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 
@@ -124,14 +123,14 @@ class QuantisedGroup:
     time_functions : QuantisedTimeFunctions or None
         None where there is none to code.
     quantised : (functions of space, channels) int64
-    values : (vertices, channels) float64 [scene units]
+    values : (vertices, channels) float32 or float64 [scene units]
         The coefficients, vertex by vertex, before the space basis and quantisation.
     """
 
     entry: GroupEntry
     time_functions: QuantisedTimeFunctions | None
     quantised: Int64Array
-    values: Float64Array
+    values: Rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +236,7 @@ class GroupFitter:
         self.is_heavy = points.nbytes >= HEAVY
         self._displacements: dict[Origin, Displacements] = {}
         self._part_of: tuple[GroupFitter, slice] | None = None
-        self._projection: tuple[tuple[SpaceBasis, TimeFunctions, Origin], Float64Array] | None = None
+        self._projection: tuple[tuple[SpaceBasis, TimeFunctions, Origin], Rows] | None = None
 
     def displacements(self, origin: Origin) -> Displacements:
         """What is left when the decoded reference frame or the first frame is taken away."""
@@ -354,7 +353,7 @@ class GroupFitter:
         usual = bisect.bisect_left(steps, True, key=is_too_coarse) - 1
         return replace(choice, step=steps[min(max(0, usual + coarser), len(steps) - 1)])
 
-    def _some_rows(self, basis: SpaceBasis, choice: GroupChoice) -> Float64Array:
+    def _some_rows(self, basis: SpaceBasis, choice: GroupChoice) -> Rows:
         """Coefficients of all functions of time of a kind and functions of space from all over the mesh."""
         moved = self.displacements(choice.origin)
         stride = max(1, basis.functions * axes_of(choice.time) * moved.count(choice.time) // COEFFICIENTS_LOOKED_AT)
@@ -363,14 +362,14 @@ class GroupFitter:
         elements_stride = min(stride, ELEMENTS_STRIDE)
         subbands = basis.subbands_of(np.arange(0, basis.element_count, elements_stride))
 
-        def thinned(values: FloatArray) -> Float64Array:
+        def thinned(values: Rows) -> Rows:
             found = basis.project_some(values, subbands)
             joined = basis.coefficient_starts[0]
             return np.concatenate([found[:joined:stride], found[joined :: stride // elements_stride]])
 
         return moved.some_coefficients(choice.time, sight=Sight(thinned))
 
-    def weighed(self, basis: SpaceBasis) -> Float64Array:
+    def weighed(self, basis: SpaceBasis) -> Rows:
         """Coefficients that tell what each element takes: of functions of time from the first to the last."""
         choice = self.first_choice
         if not self.is_heavy:
@@ -379,7 +378,7 @@ class GroupFitter:
         some = slice(None, None, max(1, moved.count(choice.time) // FUNCTIONS_WEIGHED))
         return basis.project(moved.some_coefficients(choice.time, some))
 
-    def _projected(self, basis: SpaceBasis, choice: GroupChoice) -> Float64Array:
+    def _projected(self, basis: SpaceBasis, choice: GroupChoice) -> Rows:
         """Coefficients of all functions of time of a kind; kept until those of others are wanted."""
         wanted = basis, choice.time, choice.origin
         if self._projection is None or self._projection[0] != wanted:
@@ -548,7 +547,7 @@ class GroupFitter:
         step: float,
         time_step: float,
         zone: DeadZone,
-    ) -> tuple[QuantisedTimeFunctions | None, Int64Array, Float64Array]:
+    ) -> tuple[QuantisedTimeFunctions | None, Int64Array, Rows]:
         """Quantised functions of time, coefficients of what they decode to, and what these were before the space basis
         and quantisation.
         """

@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.coding.groups import cosines
+from pdecodec.coding.spacebasis import Rows
 from pdecodec.shares import in_shares, thread_count
 
 Float64Array = NDArray[np.float64]
-Rows = NDArray[Any]
-"""Of float32 or float64."""
-
 FIRST_BLOCK = 32
 """Trajectories that are looked for at first; twice as many until what is left is little enough."""
 
@@ -235,8 +233,8 @@ def principal_axes_within(span: Span, least: float) -> tuple[Float64Array, Float
     return energies[:kept], _turned(product(axes, turned[:, :kept]))
 
 
-def products(rows: Rows, factors: Float64Array, axes: int = 1) -> Float64Array:
-    """``rows @ factors`` in the rows' precision, (vertices, k) float64.
+def products(rows: Rows, factors: Float64Array, axes: int = 1) -> Rows:
+    """``rows @ factors`` in the rows' precision, (vertices, k).
 
     With axes the columns of rows are (n, axes) numbers, those of what is found (k, axes).
     """

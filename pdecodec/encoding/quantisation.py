@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
-from pdecodec.coding.spacebasis import SpaceBasis
+from pdecodec.coding.spacebasis import Rows, SpaceBasis
 from pdecodec.encoding.displacements import TimeFunctions
 from pdecodec.shares import in_shares, thread_count
 
@@ -80,7 +80,7 @@ def quantise(values: Float64Array, step: float) -> Int64Array:
 
 
 def quantise_sparsely(
-    values: Float64Array, step: float, axes: int, zone: DeadZone = DEAD_ZONE
+    values: Rows, step: float, axes: int, zone: DeadZone = DEAD_ZONE
 ) -> tuple[Int64Array, Int64Array]:
     """:func:`quantise` coefficients (functions of space, channels), with a wider dead zone among zeros.
 
@@ -90,17 +90,17 @@ def quantise_sparsely(
     largest : (channels,) int64
         Magnitude in each channel.
     """
-    return _core.quantise_sparsely(values, axes, step, *zone, thread_count())
+    return _core.quantise_sparsely(np.ascontiguousarray(values), axes, step, *zone, thread_count())
 
 
-Columns = Callable[[slice], Float64Array]
-"""Values on vertices, (vertices, channels) float64, of some functions of time."""
+Columns = Callable[[slice], Rows]
+"""Values on vertices, (vertices, channels), of some functions of time."""
 
 
-def columns_of(values: Float64Array, axes: int) -> Columns:
+def columns_of(values: Rows, axes: int) -> Columns:
     """Those that an array has, each function of time `axes` channels; all of them as they are."""
 
-    def columns(some: slice) -> Float64Array:
+    def columns(some: slice) -> Rows:
         channels = slice(axes * some.start, axes * some.stop)
         is_whole = (channels.start, channels.stop) == (0, values.shape[1])
         return np.ascontiguousarray(values) if is_whole else some_channels(values, channels)
@@ -108,9 +108,9 @@ def columns_of(values: Float64Array, axes: int) -> Columns:
     return columns
 
 
-def some_channels(values: Float64Array, channels: slice) -> Float64Array:
+def some_channels(values: Rows, channels: slice) -> Rows:
     """A copy of some channels of values (vertices, channels)."""
-    found = np.empty((len(values), channels.stop - channels.start))
+    found = np.empty((len(values), channels.stop - channels.start), values.dtype)
     _copy_rows(found, values[:, channels])
     return found
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec._core import Excess
 from pdecodec.coding.groups import cosines
-from pdecodec.coding.spacebasis import SpaceBasis
+from pdecodec.coding.spacebasis import Rows, SpaceBasis
 from pdecodec.encoding.displacements import dual_functions
 from pdecodec.encoding.groupfit import FittedGroup, GroupChoice, GroupFitter, unit_functions
 from pdecodec.encoding.quantisation import DEAD_ZONE, DeadZone, quantise_on, some_channels
-
-Float64Array = NDArray[np.float64]
 
 PUSH = 1.5
 """How many times what a vertex is off too much is added to what coefficients are to describe; half where it is too
@@ -97,7 +94,7 @@ class Refinement:
                 break
         return self
 
-    def _pushed(self, some: slice) -> Float64Array:
+    def _pushed(self, some: slice) -> Rows:
         """What coefficients of some functions of time are to describe next."""
         axes = self._entry.axes
         values = some_channels(self._values, slice(axes * some.start, axes * some.stop))
