@@ -15,7 +15,16 @@ namespace {
 
 using Exact = std::array<double, 3>;
 
-i64 tiles_of(i64 frames) { return (frames + frames_at_once - 1) / frames_at_once; }
+// Frames of a group that are looked at together: as many as are evaluated at once at most, and half of few. The sums of
+// errors are added up tile by tile, so that tiles do not depend on the number of threads.
+constexpr i64 fewest_tiles = 2;
+
+i64 tiles_of(i64 frames) {
+    return most((frames + frames_at_once - 1) / frames_at_once, least(frames, fewest_tiles));
+}
+
+// The first frame of a tile, and of the last one's successor.
+i64 begin_of(i64 tile, i64 frames) { return frames * tile / tiles_of(frames); }
 
 // Positions of some frames before residuals, before they are rounded.
 template <class Real>
@@ -94,7 +103,7 @@ template <class Real> Residuals missing(const GroupModel<Real> &model, const Wan
         LargeArray<double> positions;
         std::vector<Position> decoded;
         for (i64 tile = first; tile < end; ++tile) {
-            const i64 frame = tile * frames_at_once, count = least(frames_at_once, model.frames - frame);
+            const i64 frame = begin_of(tile, model.frames), count = begin_of(tile + 1, model.frames) - frame;
             evaluate_frames(model, frame, count, positions);
             const std::span<const Exact> base{reinterpret_cast<const Exact *>(positions.data()), positions.size() / 3};
             const std::span<const Position> points = wanted.points.subspan(frame * vertices, count * vertices);
@@ -133,7 +142,7 @@ double farthest_apart(const GroupModel<One> &single, const GroupModel<Other> &ex
         LargeArray<double> one, other;
         double found = 0.0;
         for (i64 tile = first; tile < end; ++tile) {
-            const i64 frame = tile * frames_at_once, count = least(frames_at_once, exact.frames - frame);
+            const i64 frame = begin_of(tile, exact.frames), count = begin_of(tile + 1, exact.frames) - frame;
             evaluate_frames(single, frame, count, one);
             evaluate_frames(exact, frame, count, other);
             for (std::size_t k = 0; k < one.size(); ++k) found = most(found, std::fabs(one[k] - other[k]));

@@ -22,6 +22,19 @@ def early_patches(objects: Sequence[MeshObject], points: int) -> Patches | None:
     return _core.early_patches(core_parts([item.connectivity for item in objects]), points)
 
 
+class EarlyPatches:
+    """What :func:`early_patches` makes of a mesh, by the number of points, each once."""
+
+    def __init__(self, objects: Sequence[MeshObject]) -> None:
+        self._objects = objects
+        self._made: dict[int, Patches | None] = {}
+
+    def of(self, points: int) -> Patches | None:
+        if points not in self._made:
+            self._made[points] = early_patches(self._objects, points)
+        return self._made[points]
+
+
 def build_patches(
     objects: Sequence[MeshObject], reference: NDArray[np.int64], points: int, early: Patches | None = None
 ) -> Patches:

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec.coding.connectivity import core_errors
 from pdecodec.coding.curves import extract_curves
-from pdecodec.coding.patches import Patches, build_patches
+from pdecodec.coding.patches import EarlyPatches, Patches, build_patches
 from pdecodec.sequence import MeshObject
 from pdecodec.shares import thread_count
 
@@ -251,13 +251,20 @@ def clear_space_basis(basis: SpaceBasis, reference: Int64Array) -> SpaceBasis:
 
 
 def trial_space_basis(
-    kind: SpaceKind, objects: Sequence[MeshObject], reference: Int64Array, *, points: int, functions: int
+    kind: SpaceKind,
+    objects: Sequence[MeshObject],
+    reference: Int64Array,
+    *,
+    points: int,
+    functions: int,
+    early: EarlyPatches | None = None,
 ) -> SpaceBasis:
     """A space basis to estimate with, for :func:`clear_space_basis` to look at once it is chosen: to make its functions
     is most of the work.
     """
     form = SpaceForm(kind, points, functions)
-    return SpaceBasis(form, _elements(form, objects, reference, None), reference)
+    patches = early.of(points) if early and kind == "patch" else None
+    return SpaceBasis(form, _elements(form, objects, reference, patches), reference)
 
 
 def decode_space_basis(

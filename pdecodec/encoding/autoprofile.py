@@ -16,6 +16,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.coding.patches import EarlyPatches
 from pdecodec.coding.spacebasis import SpaceBasis
 from pdecodec.encoding.effort import EFFORTS
 from pdecodec.encoding.encodememory import LONGEST_GROUP, memory_plan
@@ -140,6 +141,7 @@ class AutoEncoder(Encoder):
                 residual_step=steps["residual_step"],
                 functions=self._plan.functions,
                 effort=self._effort,
+                patches=EarlyPatches(self._sequence.objects),
                 references=References(self._sequence.objects, beside),
                 beside=beside,
             )

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.coding.groupmodel import GroupModelDescription
+from pdecodec.coding.patches import EarlyPatches
 from pdecodec.coding.reference import ReferenceFrame, encode_reference, quantise_reference
 from pdecodec.coding.spacebasis import SpaceBasis, SpaceKind, clear_space_basis, trial_space_basis
 from pdecodec.encoding.displacements import TimeFunctions
@@ -241,6 +242,7 @@ class ModelSearch:
     functions : int
         Of a patch at most.
     effort : Effort
+    patches : EarlyPatches
     references : References
     beside : ThreadPoolExecutor
         Makes what is needed later.
@@ -256,6 +258,7 @@ class ModelSearch:
     residual_step: float
     functions: int
     effort: Effort
+    patches: EarlyPatches
     references: References
     beside: ThreadPoolExecutor
     is_smooth: bool = False
@@ -475,7 +478,9 @@ class ModelSearch:
 
     def _basis(self, space: tuple[SpaceKind, int], reference: ReferenceFrame) -> SpaceBasis:
         kind, points = space
-        return trial_space_basis(kind, self.objects, reference.grid, points=points, functions=self.functions)
+        return trial_space_basis(
+            kind, self.objects, reference.grid, points=points, functions=self.functions, early=self.patches
+        )
 
     @property
     def _space_kinds(self) -> SpaceBases:
