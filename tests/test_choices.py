@@ -443,7 +443,7 @@ def test_what_some_elements_see_of_displacements_is_what_they_see_of_coefficient
     for kind in kinds:
         some = slice(1, None, 2)
         wanted = basis.project_some(moved.some_coefficients(kind, some), subbands)
-        rounding = 1e-6 * np.abs(wanted).max()
+        rounding = 1e-6 * float(np.abs(wanted).max())
         assert moved.some_coefficients(kind, some, sight) == pytest.approx(wanted, abs=1e-3 * fitter.unit + rounding)
 
 
