@@ -15,16 +15,25 @@ namespace {
 
 using Exact = std::array<double, 3>;
 
-// Frames of a group that are looked at together: as many as are evaluated at once at most, and half of few. The sums of
+// Tiles of frames of a group that are looked at together: as many frames as are evaluated at once at most, and half of few
+// where they have so many positions that it pays: what is added up once for all frames is added up twice then. The sums of
 // errors are added up tile by tile, so that tiles do not depend on the number of threads.
-constexpr i64 fewest_tiles = 2;
+class Tiles {
+public:
+    Tiles(i64 frames, i64 vertices)
+        : frames_(frames), count_(most((frames + frames_at_once - 1) / frames_at_once,
+                                       frames * vertices < worth_two ? 0 : least<i64>(frames, 2))) {}
 
-i64 tiles_of(i64 frames) {
-    return most((frames + frames_at_once - 1) / frames_at_once, least(frames, fewest_tiles));
-}
+    i64 count() const { return count_; }
 
-// The first frame of a tile, and of the last one's successor.
-i64 begin_of(i64 tile, i64 frames) { return frames * tile / tiles_of(frames); }
+    // The first frame of a tile, and of the last one's successor.
+    i64 begin(i64 tile) const { return frames_ * tile / count_; }
+
+private:
+    static constexpr i64 worth_two = i64{1} << 17;
+
+    i64 frames_, count_;
+};
 
 // Positions of some frames before residuals, before they are rounded.
 template <class Real>
@@ -95,15 +104,16 @@ void Excess::add_to(std::span<Real> values, std::span<const double> functions, i
 template <class Real> Residuals missing(const GroupModel<Real> &model, const Wanted &wanted,
                                         std::span<const double> margins, const Aim &aim, Excess *excess, Errors *errors,
                                         int threads) {
-    const i64 vertices = model.motion.vertices(), tiles = tiles_of(model.frames);
-    std::vector<Residuals> parts(tiles);
-    std::vector<Errors> off(tiles);
-    std::vector<Excess> beyond(tiles);
-    in_shares(tiles, threads, [&](i64 first, i64 end) {
+    const i64 vertices = model.motion.vertices();
+    const Tiles tiles(model.frames, vertices);
+    std::vector<Residuals> parts(tiles.count());
+    std::vector<Errors> off(tiles.count());
+    std::vector<Excess> beyond(tiles.count());
+    in_shares(tiles.count(), threads, [&](i64 first, i64 end) {
         LargeArray<double> positions;
         std::vector<Position> decoded;
         for (i64 tile = first; tile < end; ++tile) {
-            const i64 frame = begin_of(tile, model.frames), count = begin_of(tile + 1, model.frames) - frame;
+            const i64 frame = tiles.begin(tile), count = tiles.begin(tile + 1) - frame;
             evaluate_frames(model, frame, count, positions);
             const std::span<const Exact> base{reinterpret_cast<const Exact *>(positions.data()), positions.size() / 3};
             const std::span<const Position> points = wanted.points.subspan(frame * vertices, count * vertices);
@@ -120,7 +130,7 @@ template <class Real> Residuals missing(const GroupModel<Real> &model, const Wan
         }
     });
     std::vector<const Residuals *> joined;
-    for (i64 tile = 0; tile < tiles; ++tile) {
+    for (i64 tile = 0; tile < tiles.count(); ++tile) {
         joined.push_back(&parts[tile]);
         if (errors) {
             errors->largest_square = most(errors->largest_square, off[tile].largest_square);
@@ -138,11 +148,12 @@ template <class One, class Other>
 double farthest_apart(const GroupModel<One> &single, const GroupModel<Other> &exact, int threads) {
     double farthest = 0.0;
     std::mutex lock;
-    in_shares(tiles_of(exact.frames), threads, [&](i64 first, i64 end) {
+    const Tiles tiles(exact.frames, exact.motion.vertices());
+    in_shares(tiles.count(), threads, [&](i64 first, i64 end) {
         LargeArray<double> one, other;
         double found = 0.0;
         for (i64 tile = first; tile < end; ++tile) {
-            const i64 frame = begin_of(tile, exact.frames), count = begin_of(tile + 1, exact.frames) - frame;
+            const i64 frame = tiles.begin(tile), count = tiles.begin(tile + 1) - frame;
             evaluate_frames(single, frame, count, one);
             evaluate_frames(exact, frame, count, other);
             for (std::size_t k = 0; k < one.size(); ++k) found = most(found, std::fabs(one[k] - other[k]));
