@@ -56,8 +56,8 @@ MOST_POSES = 0.25
 """Share of the frames that may be poses: with more there is nothing to tell apart."""
 
 SINGLE_ROWS = 2.0**-12
-"""Displacements and what is made of them are kept in float32 where the bound is at least this share of the largest: half
-of it already costs robots that turn round 0.6 % more bytes."""
+"""Displacements and what is made of them are kept in float32 where the bound is at least this share of the largest:
+half of it already costs robots that turn round 0.6 % more bytes."""
 
 FRAMES_LOOKED_AT = 8
 """Of so many frames, about, the largest tells what precision will do before all are taken."""

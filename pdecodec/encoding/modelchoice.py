@@ -174,11 +174,11 @@ class _Model:
 class FirstLook:
     """What a clip's first frames take about, encoded as suits most clips [bits].
 
-    Where nothing else is tried, also what was found of their motion: a search takes its memory for more.
+    Where nothing else is tried, also what was found on the way: a search takes its memory for more.
     """
 
     bits: float
-    fitter: GroupFitter | None
+    found: tuple[ReferenceFrame, GroupFitter, SpaceBasis] | None
 
 
 class _Spaces:
@@ -210,7 +210,7 @@ class _Spaces:
 
 
 class References:
-    """Sections of reference frames, made beside other work, each once."""
+    """Sections of reference frames, made beside other work or when they are asked for, each once."""
 
     def __init__(self, objects: Sequence[MeshObject], beside: ThreadPoolExecutor) -> None:
         self._objects, self._beside = objects, beside
@@ -222,7 +222,9 @@ class References:
             self._made[reference.step] = self._beside.submit(encode_reference, reference, self._objects)
 
     def data(self, reference: ReferenceFrame) -> bytes:
-        self.begin(reference)
+        if reference.step not in self._made:
+            made = self._made[reference.step] = Future()
+            made.set_result(encode_reference(reference, self._objects))
         return self._made[reference.step].result()
 
 
@@ -293,13 +295,15 @@ class ModelSearch:
 
     def first_look(self) -> FirstLook:
         """What the first frames take about, encoded as suits most clips."""
-        reference = self._usual_reference
-        self.references.begin(reference)
-        if self._is_ruled and self._finer_reference:
-            self.references.begin(self._finer_reference)
-        fitter, basis = self._fitter(reference), self._basis(self.effort.space_bases[0], reference)
+        if self._is_ruled:
+            _ = self._ruling  # begins
+            reference, space = self._finer_reference or self._usual_reference, self.effort.space_bases[-1]
+        else:
+            reference, space = self._usual_reference, self.effort.space_bases[0]
+            self.references.begin(reference)
+        fitter, basis = self._fitter(reference), self._basis(space, reference)
         bits = GroupSearch(fitter, basis).bits(fitter.with_usual_step(basis))
-        return FirstLook(bits, fitter if self._is_ruled else None)
+        return FirstLook(bits, (reference, fitter, basis) if self._is_ruled else None)
 
     @property
     def _positions(self) -> int:
@@ -313,27 +317,42 @@ class ModelSearch:
 
     def _by_rule(self, look: FirstLook | None) -> FinishedModel:
         """What suits most clips, without a search."""
-        reference = self._ruled_reference()
-        known = look.fitter if look else None
-        fitter = known.from_reference(reference.points) if known else self._fitter(reference)
+        reference, fitter, known = self._ruling.result(), None, None
+        if look and look.found:
+            looked_at, fitter, known = look.found
+            if looked_at is not reference:
+                fitter, known = fitter.from_reference(reference.points), None
+        fitter = fitter or self._fitter(reference)
 
         def clear_basis() -> SpaceBasis:
-            return clear_space_basis(self._basis(self.effort.space_bases[-1], reference), reference.grid)
+            basis = known or self._basis(self.effort.space_bases[-1], reference)
+            return clear_space_basis(basis, reference.grid)
 
         made = self.beside.submit(clear_basis)
-        self.references.begin(reference)
         fitter.prepare(fitter.first_choice)
         basis = made.result()
         groups = ruled(fitter, basis, is_dense=not self.is_smooth and is_dense(fitter))
         return FinishedModel(reference, self.references.data(reference), basis, groups)
 
-    def _ruled_reference(self) -> ReferenceFrame:
-        """The reference frame of the usual step, or of half of it where that takes little more."""
-        usual, finer = self._usual_reference, self._finer_reference
-        if finer is None:
+    @cached_property
+    def _ruling(self) -> Future[ReferenceFrame]:
+        """The reference frame of the usual step, or of half of it where that takes little more: made beside other work,
+        where nothing else begins with sections of reference frames.
+        """
+
+        def ruled_reference() -> ReferenceFrame:
+            usual, finer = self._usual_reference, self._finer_reference
+            little_more = LITTLE_MORE * self._positions
+            # Of many a regular mesh all of it takes no more than that: the other one need not be made.
+            if finer and (
+                8 * len(self.references.data(finer)) < little_more
+                or 8 * (len(self.references.data(finer)) - len(self.references.data(usual))) < little_more
+            ):
+                return finer
+            self.references.data(usual)
             return usual
-        more = 8 * (len(self.references.data(finer)) - len(self.references.data(usual)))
-        return finer if more < LITTLE_MORE * self._positions else usual
+
+        return self.beside.submit(ruled_reference)
 
     @cached_property
     def _usual_reference(self) -> ReferenceFrame:
