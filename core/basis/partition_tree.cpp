@@ -97,6 +97,10 @@ template <class Real> void PartitionTree::analyse(std::span<double> affine, Real
     i64 place = static_cast<i64>(matrices_.size());
     std::array<const double *, most_functions> rows;
     std::vector<double> of_wavelet(channels);
+    const auto put = [&](const double *row, i64 function) {
+        std::transform(row, row + channels, coefficients + function * channels,
+                       [](double number) { return static_cast<Real>(number); });
+    };
     for (i64 node = layout_->nodes(); node-- > 0;) {
         const i64 a = layout_->patches()->children[node], b = a + 1;
         if (a < 0) continue;
@@ -107,17 +111,19 @@ template <class Real> void PartitionTree::analyse(std::span<double> affine, Real
             const i64 row = i < split ? affine_count * a + i : affine_count * b + i - split;
             rows[i] = affine.data() + row * channels;
         }
-        for (i64 k = 0; k < size; ++k) {
-            double *row = k < own ? affine.data() + (affine_count * node + k) * channels : of_wavelet.data();
-            const i64 function = wavelet + k - own;
-            const i64 place = k < own ? -1 : selection ? selection->tree_rows[function] : function;
-            if (k >= own && place < 0) break;  // none of the node's is selected
+        const auto add_up = [&](i64 k, double *row) {
             std::fill_n(row, channels, 0.0);
             add_multiples(row, channels, rows.data(), matrix[k].data(), size);
-            if (k >= own) std::copy_n(row, channels, coefficients + place * channels);
+        };
+        for (i64 k = 0; k < own; ++k) add_up(k, affine.data() + (affine_count * node + k) * channels);
+        for (i64 k = own; k < size; ++k) {
+            const i64 function = wavelet + k - own, row = selection ? selection->tree_rows[function] : function;
+            if (row < 0) break;  // none of the node's is selected
+            add_up(k, of_wavelet.data());
+            put(of_wavelet.data(), row);
         }
     }
-    std::copy_n(affine.begin(), layout_->affine_of_node(0) * channels, coefficients);
+    for (i64 k = 0; k < layout_->affine_of_node(0); ++k) put(affine.data() + k * channels, k);
 }
 
 template void PartitionTree::analyse(std::span<double>, float *, i64, const SpaceSelection *) const;
