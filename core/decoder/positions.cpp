@@ -134,6 +134,7 @@ i64 Animation::evaluate_frames(i64 first, i64 count, std::span<float> out) {
     for (std::size_t k = 0; k < tiles.size(); ++k) {
         Tile &tile = tiles[k];
         int levels = 0;
+        // The reference frame is made here, before several threads look at it.
         with_motion(tile.group, [&](const auto &motion, const auto &) {
             if (k >= alike) levels = levels_of(motion.bytes(), tile.frames * vertices());
         });
