@@ -14,7 +14,8 @@ from mesh_cases import connectivity_of, grid
 from numpy.typing import NDArray
 
 from pdecodec import _core
-from pdecodec.coding.groups import GroupEntry, cosines
+from pdecodec._core import Residuals
+from pdecodec.coding.groups import GroupEntry, cosines, functions_of_time, group_functions
 from pdecodec.coding.reference import quantise_reference
 from pdecodec.coding.residuals import residual_step
 from pdecodec.coding.spacebasis import MOST_DEPTH, MOST_FUNCTIONS, SpaceBasis, build_space_basis
@@ -456,6 +457,29 @@ def test_channels_quantised_in_blocks_are_as_all_at_once(monkeypatch: pytest.Mon
     found, found_largest = quantise_on(basis, columns_of(values, 3), 50, 3, step, zone)
     assert np.array_equal(found, wanted)
     assert np.array_equal(found_largest, largest)
+
+
+def test_few_frames_of_many_vertices_miss_what_each_of_them_misses() -> None:
+    fitter, basis = fitter_of(waving_sheet(rows=160, frames=9), 0.02)
+    group = fitter.quantised(basis, replace(fitter.first_choice, step=fitter.first_choice.step + 12))
+    assert group.time_functions is not None
+    time = functions_of_time(group.entry, group.time_functions.decoded, fitter.times)
+    functions = group_functions(group.entry, time, group.quantised, basis)
+
+    def missed(frames: slice) -> tuple[Residuals, float]:
+        some = replace(functions, time=functions.time[frames])
+        held = fitter.held(some, fitter.points[frames], basis.order)
+        residuals, _, sum_of_squares = held.missing(np.zeros(len(some.time)), None, None, True, 2)
+        return residuals, sum_of_squares
+
+    together, squares = missed(slice(9))
+    alone = [missed(slice(frame, frame + 1)) for frame in range(9)]
+    assert together.count > 1000
+    for name in ("places", "quantised"):
+        parts = [getattr(residuals, name) for residuals, _ in alone]
+        assert np.array_equal(getattr(together, name), np.concatenate(parts))
+    assert np.array_equal(np.diff(together.frame_starts), [residuals.count for residuals, _ in alone])
+    assert squares == pytest.approx(sum(of_frame for _, of_frame in alone))
 
 
 @pytest.mark.parametrize(("largest", "kind"), [(2**15 - 1, np.int16), (2**15, np.int32), (2**31, np.int64)])
