@@ -118,7 +118,7 @@ import numpy as np
 import pdecodec
 
 random = np.random.default_rng(0)
-points = np.zeros((120, 6000, 3), np.float32)
+points = np.zeros((180, 6000, 3), np.float32)
 points[:] = random.uniform(size=(6000, 3))
 points += random.normal(0, 0.01, points.shape).astype(np.float32)
 limit = int(sys.argv[1]) or None

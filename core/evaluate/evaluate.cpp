@@ -55,81 +55,85 @@ template <int frames, class Real> struct TimeRows {
     AlignedArray<Real> values;
 };
 
+// Coefficients of one function of space.
+template <class Real> struct RowOf {
+    const u16 *functions;
+    const Real *values;
+    i64 count;
+};
+
 // So many sums are added up beside each other and put together at the end: one number would wait for the one before it.
 constexpr int partial_sums = 2;
 
 // `packs` registers of a row of counts, from number `first` on.
-template <int packs, int size, class Real, class Coefficient>
-PDEANIM_INLINE void add_up_part(const Real *time, i64 stride, const Coefficient *begin, const Coefficient *end,
-                                Real *row) {
+template <int packs, int size, class Real>
+PDEANIM_INLINE void add_up_part(const Real *time, i64 stride, const RowOf<Real> &own, Real *row) {
     using Pack = Lanes<Real, size>;
     Pack sums[partial_sums][packs] = {};
-    const auto add = [&](int part, const Coefficient &own) PDEANIM_INLINE_LAMBDA {
-        const Real *from = time + own.function * stride;
-        for (int i = 0; i < packs; ++i) sums[part][i] += own.value * lanes_at<size>(from + i * size);
+    const auto add = [&](int part, i64 k) PDEANIM_INLINE_LAMBDA {
+        const Real value = own.values[k], *from = time + own.functions[k] * stride;
+        for (int i = 0; i < packs; ++i) sums[part][i] += value * lanes_at<size>(from + i * size);
     };
-    const Coefficient *own = begin;
-    for (; end - own >= partial_sums; own += partial_sums) {
-        for (int part = 0; part < partial_sums; ++part) add(part, own[part]);
+    i64 k = 0;
+    for (; k + partial_sums <= own.count; k += partial_sums) {
+        for (int part = 0; part < partial_sums; ++part) add(part, k + part);
     }
-    if (own != end) add(0, *own);
+    if (k < own.count) add(0, k);
     for (int i = 0; i < packs; ++i) {
         put_lanes(row + i * size, sums[0][i] + sums[1][i]);
     }
 }
 
-// Numbers as a register holds them, or one.
-template <int size, class Real> PDEANIM_INLINE auto numbers_at(const Real *numbers) {
-    if constexpr (size == 1) {
-        return *numbers;
-    } else {
-        return lanes_at<size>(numbers);
+// `packs` registers of each axis, of coefficients that differ by axis.
+template <int packs, int size, int frames, class Real>
+PDEANIM_INLINE void add_up_axes(const Real *time, const RowOf<Real> &own, Real *row) {
+    using Pack = Lanes<Real, size>;
+    Pack sums[3][packs] = {};
+    for (i64 k = 0; k < own.count; ++k) {
+        const Real *values = own.values + Motion<Real>::padded_axes * k, *from = time + own.functions[k] * frames;
+        for (int i = 0; i < packs; ++i) {
+            const Pack counted = lanes_at<size>(from + i * size);
+            for (int axis = 0; axis < 3; ++axis) sums[axis][i] += values[axis] * counted;
+        }
+    }
+    for (int axis = 0; axis < 3; ++axis) {
+        for (int i = 0; i < packs; ++i) put_lanes(row + axis * frames + i * size, sums[axis][i]);
     }
 }
 
-// `packs` registers of each axis, of coefficients that differ by axis: one after another as they come, but those of the axes
-// beside each other.
-template <int packs, int size, int frames, class Real, class Coefficient>
-PDEANIM_INLINE void add_up_axes(const Real *time, const Coefficient *coefficients, const i64 *starts, Real *row) {
-    using Pack = std::conditional_t<size == 1, Real, Lanes<Real, size>>;
-    Pack sums[3][packs] = {};
-    const Coefficient *next[3] = {coefficients + starts[0], coefficients + starts[1], coefficients + starts[2]};
-    const auto add = [&](int axis) PDEANIM_INLINE_LAMBDA {
-        const Coefficient &own = *next[axis]++;
-        const Real *from = time + own.function * frames;
-        for (int i = 0; i < packs; ++i) sums[axis][i] += own.value * numbers_at<size>(from + i * size);
-    };
-    const i64 all = least(least(starts[1] - starts[0], starts[2] - starts[1]), starts[3] - starts[2]);
-    for (i64 k = 0; k < all; ++k) {
-        for (int axis = 0; axis < 3; ++axis) add(axis);
-    }
-    for (int axis = 0; axis < 3; ++axis) {
-        while (next[axis] != coefficients + starts[axis + 1]) add(axis);
-        for (int i = 0; i < packs; ++i) put_lanes(row + axis * frames + i * size, sums[axis][i]);
-    }
+// The same at one frame.
+template <class Real> PDEANIM_INLINE void add_up_axes_once(const Real *time, const RowOf<Real> &own, Real *row) {
+    constexpr int axes = static_cast<int>(Motion<Real>::padded_axes);
+    static_assert(axes == width<1>);
+    Lanes<Real, axes> sums{};
+    for (i64 k = 0; k < own.count; ++k) sums += time[own.functions[k]] * lanes_at<axes>(own.values + axes * k);
+    put_lanes(row, sums);
 }
 
 // What one function of space counts at some frames: the sum over its coefficients of functions of time.
 template <int bytes, int frames, class Real, class Rows>
 PDEANIM_INLINE void add_up(const TimeRows<frames, Real> &time, const Rows &rows, i64 function, Real *row) {
-    const auto *coefficients = rows.coefficients.data();
+    const i64 start = rows.starts[function], numbers = time.is_shared ? Motion<Real>::padded_axes : 1;
+    const RowOf<Real> own{rows.functions.data() + start, rows.values.data() + numbers * start,
+                          rows.starts[function + 1] - start};
     if (time.is_shared) {
-        constexpr int size = least(lanes<bytes, Real>, frames), packs = frames / size;
-        constexpr int at_once = least(packs, 2);
-        static_assert(packs % at_once == 0);
-        std::fill(row + 3 * frames, row + width<frames>, Real{0});
-        for (int first = 0; first < packs; first += at_once) {
-            add_up_axes<at_once, size, frames>(time.values.data() + first * size, coefficients,
-                                               rows.starts.data() + 3 * function, row + first * size);
+        if constexpr (frames == 1) {
+            add_up_axes_once(time.values.data(), own, row);
+        } else {
+            constexpr int size = least(lanes<bytes, Real>, frames), packs = frames / size;
+            constexpr int at_once = least(packs, 2);
+            static_assert(packs % at_once == 0);
+            for (int first = 0; first < packs; first += at_once) {
+                add_up_axes<at_once, size, frames>(time.values.data() + first * size, own, row + first * size);
+            }
         }
         return;
     }
     constexpr int size = least(lanes<bytes, Real>, width<frames>), packs = width<frames> / size;
     constexpr int at_once = least(packs, 6);
     static_assert(packs % at_once == 0);
-    const auto *begin = coefficients + rows.starts[function], *end = coefficients + rows.starts[function + 1];
     for (int first = 0; first < packs; first += at_once) {
-        add_up_part<at_once, size>(time.values.data() + first * size, width<frames>, begin, end, row + first * size);
+        add_up_part<at_once, size>(time.values.data() + first * size, width<frames>, own, row + first * size);
     }
 }
 
@@ -376,8 +380,7 @@ private:
     static constexpr int columns = width<frames>, most_functions = PartitionTree::most_functions;
 
     PDEANIM_INLINE bool has_row(i64 function) const {
-        const i64 *starts = motion_.tree.starts.data() + function * motion_.axes;
-        return starts[0] < starts[motion_.axes];
+        return motion_.tree.starts[function] < motion_.tree.starts[function + 1];
     }
 
     PDEANIM_INLINE void add_up_row(i64 function, double *row) const {

@@ -50,29 +50,32 @@ template <class Real> void Motion<Real>::choose(SpaceSelection selected) {
 }
 
 template <class Real> i64 Motion<Real>::bytes() const {
-    i64 total =
-        static_cast<i64>(sizeof(tree.coefficients[0]) * tree.coefficients.size() + sizeof(i64) * tree.starts.size());
+    const auto bytes_of = [](const auto &rows) {
+        return sizeof(i64) * rows.starts.size() + sizeof(u16) * rows.functions.size() +
+               sizeof(rows.values[0]) * rows.values.size();
+    };
+    std::size_t total = bytes_of(tree);
     for (const Element &own : elements) {
-        total +=
-            static_cast<i64>(sizeof(Element) + sizeof(Real) * own.values.size() + sizeof(i64) * own.rows.starts.size() +
-                             sizeof(own.rows.coefficients[0]) * own.rows.coefficients.size());
+        total += sizeof(Element) + sizeof(Real) * own.values.size() + bytes_of(own.rows);
     }
-    return total;
+    return static_cast<i64>(total);
 }
 
 namespace {
 
 template <class Value, class Rows>
-void append_row(Rows &rows, const QuantisedRows &quantised, i64 function, int axes, double step) {
-    const i64 *row = quantised.row(function);
-    for (int axis = 0; axis < axes; ++axis) {
-        for (i64 channel = axis; channel < quantised.used_of(function); channel += axes) {
-            if (row[channel] == 0) continue;
-            rows.coefficients.push_back(
-                {static_cast<u16>(channel / axes), static_cast<Value>(static_cast<double>(row[channel]) * step)});
+void append_row(Rows &rows, const QuantisedRows &quantised, i64 function, int axes, i64 numbers, double step) {
+    const i64 *row = quantised.row(function), used = quantised.used_of(function);
+    for (i64 channel = 0; channel < used; channel += axes) {
+        const i64 *begin = row + channel, *end = row + least<i64>(channel + axes, used);
+        if (std::all_of(begin, end, [](i64 number) { return number == 0; })) continue;
+        rows.functions.push_back(static_cast<u16>(channel / axes));
+        for (const i64 *number = begin; number < end; ++number) {
+            rows.values.push_back(static_cast<Value>(static_cast<double>(*number) * step));
         }
-        rows.starts.push_back(static_cast<i64>(rows.coefficients.size()));
+        rows.values.resize(numbers * rows.functions.size());
     }
+    rows.starts.push_back(static_cast<i64>(rows.functions.size()));
 }
 
 }  // namespace
@@ -82,9 +85,9 @@ template <class Real> void Motion<Real>::take_tree(const QuantisedRows &rows) {
     for (i64 function = 0; function < count; ++function) {
         const i64 row = selection ? selection->tree_rows[function] : function;
         if (row >= 0) {
-            append_row<double>(tree, rows, row, axes, step);
+            append_row<double>(tree, rows, row, axes, numbers(), step);
         } else {
-            tree.starts.insert(tree.starts.end(), axes, tree.starts.back());
+            tree.starts.push_back(tree.starts.back());
         }
     }
     if (!may_have_fields()) return;
@@ -160,7 +163,7 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, const
         own.values.resize(own.columns * padded<Real>(size));
         for (i64 i = 0; i < own.columns; ++i) {
             keep_values(e, i, values[i]);
-            if (used[i] >= affine) append_row<Real>(own.rows, rows, own_row + used[i], axes, step);
+            if (used[i] >= affine) append_row<Real>(own.rows, rows, own_row + used[i], axes, numbers(), step);
         }
     }
 }

@@ -98,15 +98,14 @@ template <class Real> struct Motion {
     }
     i64 bytes() const;
 
-    template <class Value> struct Coefficient {
-        u16 function;
-        Value value;
-    };
-
-    // Coefficients of functions of space that are not zero: of each function those of each axis it has.
+    // Coefficients of functions of space: of each function of time that one has any of, one, or those of three axes filled up
+    // to four. Some of the three may be 0, but to go through a list for each axis takes longer than to add these.
+    static constexpr i64 padded_axes = 4;
+    i64 numbers() const { return axes == 1 ? 1 : padded_axes; }
     template <class Value> struct Rows {
-        std::vector<i64> starts{0};
-        std::vector<Coefficient<Value>> coefficients;
+        std::vector<i64> starts{0};  // of each function of space
+        std::vector<u16> functions;  // of time
+        AlignedArray<Value> values;
     };
 
     struct Element {
