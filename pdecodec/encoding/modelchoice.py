@@ -339,10 +339,9 @@ class ModelSearch:
         """The reference frame of the usual step, or of half of it where that takes little more: made beside other work,
         where nothing else begins with sections of reference frames.
         """
+        usual, finer, little_more = self._usual_reference, self._finer_reference, LITTLE_MORE * self._positions
 
         def ruled_reference() -> ReferenceFrame:
-            usual, finer = self._usual_reference, self._finer_reference
-            little_more = LITTLE_MORE * self._positions
             # Of many a regular mesh all of it takes no more than that: the other one need not be made.
             if finer and (
                 8 * len(self.references.data(finer)) < little_more
