@@ -264,6 +264,8 @@ def test_large_frames_that_threads_share_are_those_of_one_thread(monkeypatch: py
         with open_animation(data) as decoded:
             for frames in (slice(None), slice(5), slice(4, 5), slice(3, 11)):
                 assert np.array_equal(bits(decoded.sample(decoded.times[frames])), bits(alone[frames]))
+            for frame in (0, 4, 9):
+                assert np.array_equal(bits(decoded.positions(decoded.times[frame])), bits(alone[frame]))
 
 
 def test_the_mesh_outlives_the_animation() -> None:
