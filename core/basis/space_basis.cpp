@@ -118,7 +118,7 @@ template <class Real> LargeArray<Real> SpaceBasis::project(std::span<const Real>
             const i64 count = row >= 0 ? rank : own;
             Strided<double> made{functions_of(e).data(), elements_.patches->size(e), 1};
             if (!is_made_) {
-                functions.make(e, layout().affine(e), count);
+                functions.make(e, own, count);
                 made = functions.functions();
             }
             sums.begin(elements_.patches->vertices(e), made, count);

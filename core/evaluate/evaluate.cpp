@@ -174,7 +174,7 @@ PDEANIM_INLINE void prefetch_to_write([[maybe_unused]] const void *address) {
 #endif
 }
 
-// Nothing is written by and by.
+// In the place of `DistinctLines` where none are fetched.
 struct NoLines {
     PDEANIM_INLINE void fetch_one() {}
 };

@@ -61,31 +61,28 @@ template <class Real> i64 Motion<Real>::bytes() const {
     return static_cast<i64>(total);
 }
 
-namespace {
-
-template <class Value, class Rows>
-void append_row(Rows &rows, const QuantisedRows &quantised, i64 function, int axes, i64 numbers, double step) {
-    const i64 *row = quantised.row(function), used = quantised.used_of(function);
+template <class Real> template <class Value>
+void Motion<Real>::append_row(Rows<Value> &to, const QuantisedRows &rows, i64 row) const {
+    const i64 *own = rows.row(row);
+    const i64 used = rows.used_of(row);
     for (i64 channel = 0; channel < used; channel += axes) {
-        const i64 *begin = row + channel, *end = row + least<i64>(channel + axes, used);
+        const i64 *begin = own + channel, *end = own + least<i64>(channel + axes, used);
         if (std::all_of(begin, end, [](i64 number) { return number == 0; })) continue;
-        rows.functions.push_back(static_cast<u16>(channel / axes));
+        to.functions.push_back(static_cast<u16>(channel / axes));
         for (const i64 *number = begin; number < end; ++number) {
-            rows.values.push_back(static_cast<Value>(static_cast<double>(*number) * step));
+            to.values.push_back(static_cast<Value>(static_cast<double>(*number) * step));
         }
-        rows.values.resize(numbers * rows.functions.size());
+        if (axes == 3) to.values.resize(padded_axes * to.functions.size());
     }
-    rows.starts.push_back(static_cast<i64>(rows.functions.size()));
+    to.starts.push_back(static_cast<i64>(to.functions.size()));
 }
-
-}  // namespace
 
 template <class Real> void Motion<Real>::take_tree(const QuantisedRows &rows) {
     const i64 count = basis->layout().tree_functions();
     for (i64 function = 0; function < count; ++function) {
         const i64 row = selection ? selection->tree_rows[function] : function;
         if (row >= 0) {
-            append_row<double>(tree, rows, row, axes, numbers(), step);
+            append_row(tree, rows, row);
         } else {
             tree.starts.push_back(tree.starts.back());
         }
@@ -163,7 +160,7 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, const
         own.values.resize(own.columns * padded<Real>(size));
         for (i64 i = 0; i < own.columns; ++i) {
             keep_values(e, i, values[i]);
-            if (used[i] >= affine) append_row<Real>(own.rows, rows, own_row + used[i], axes, numbers(), step);
+            if (used[i] >= affine) append_row(own.rows, rows, own_row + used[i]);
         }
     }
 }

@@ -98,10 +98,10 @@ template <class Real> struct Motion {
     }
     i64 bytes() const;
 
-    // Coefficients of functions of space: of each function of time that one has any of, one, or those of three axes filled up
-    // to four. Some of the three may be 0, but to go through a list for each axis takes longer than to add these.
-    static constexpr i64 padded_axes = 4;
-    i64 numbers() const { return axes == 1 ? 1 : padded_axes; }
+    static constexpr i64 padded_axes = 4;  // of three, as they are read at once
+
+    // Coefficients of functions of space: of each function of time that one has any of, one, or those of three axes,
+    // padded. Some of the three may be 0, but to go through a list for each axis takes longer than to add these.
     template <class Value> struct Rows {
         std::vector<i64> starts{0};  // of each function of space
         std::vector<u16> functions;  // of time
@@ -139,6 +139,7 @@ private:
         const SpaceLayout &layout = basis->layout();
         return selection ? selection->element_rows[element] - layout.affine(element) : layout.first_function(element);
     }
+    template <class Value> void append_row(Rows<Value> &to, const QuantisedRows &rows, i64 row) const;
     void keep_values(i64 element, i64 column, const double *values);
     void make_fields(i64 element, std::span<const i64> used, const QuantisedRows &rows,
                      std::span<const double *const> values);

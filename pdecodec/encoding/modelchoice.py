@@ -223,8 +223,9 @@ class References:
 
     def data(self, reference: ReferenceFrame) -> bytes:
         if reference.step not in self._made:
-            made = self._made[reference.step] = Future()
+            made: Future[bytes] = Future()
             made.set_result(encode_reference(reference, self._objects))
+            self._made[reference.step] = made  # only now: whoever found it before would wait for one that failed
         return self._made[reference.step].result()
 
 

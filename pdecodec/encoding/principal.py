@@ -21,6 +21,7 @@ from pdecodec.coding.spacebasis import Rows
 from pdecodec.shares import in_shares, thread_count
 
 Float64Array = NDArray[np.float64]
+
 FIRST_BLOCK = 32
 """Trajectories that are looked for at first; twice as many until what is left is little enough."""
 
