@@ -123,6 +123,21 @@ def test_several_threads_and_a_small_cache_change_no_bit(
         assert [other.result() for other in others][2] == animation.info()
 
 
+def test_groups_that_need_more_functions_of_space_or_fewer_give_the_same_bits_in_any_order() -> None:
+    # What one group has made of the functions serves the others, as far as it goes and there is memory for it.
+    points = wave(20)
+    points[5:] += 0.05 * noise(15, 35) * (np.arange(15) // 5)[:, None, None].astype(np.float32)
+    clip = encoded(sheet(points), effort="fast")
+    with open_animation(clip) as animation:
+        times, expected = animation.times, bits(animation.sample(animation.times))
+        assert animation.info()["groups"] == 4
+    for first in (0, 7, 12, 19):
+        for limit in (2**17, 2**30):
+            with open_animation(clip, limits=DecodeLimits(max_memory=limit)) as animation:
+                assert np.array_equal(bits(animation.positions(times[first])), expected[first])
+                assert np.array_equal(bits(animation.sample(times)), expected)
+
+
 class _SlowFile(io.BytesIO):
     """A file whose place another thread may move between finding and reading."""
 

@@ -102,6 +102,36 @@ std::span<const double> SpaceBasis::functions_of(i64 element) const {
     return {made_.data() + made_starts_[element], made_.data() + made_starts_[element + 1]};
 }
 
+i64 SpaceBasis::bytes_to_keep() const {
+    i64 numbers = 0;
+    for (i64 e = 0; e < elements_.count(); ++e) numbers += layout().rank(e) * elements_.patches->size(e);
+    return static_cast<i64>(sizeof(double)) * numbers;
+}
+
+SpaceBasis::FirstFunctions SpaceBasis::first_functions(i64 element, i64 count, ElementFunctions &making) const {
+    const i64 size = elements_.patches->size(element);
+    if (is_made_) return {{functions_of(element).data(), size, 1}, {}};
+    const auto make = [&] { making.make(element, layout().affine(element), count); };
+    if (kept_.empty()) {
+        make();
+        return {making.functions(), {}};
+    }
+    Kept &own = kept_[element];
+    const std::lock_guard guard(own.lock);
+    if (!own.values || own.count < count) {
+        make();
+        std::vector<double> values;
+        values.reserve(count * size);
+        for (i64 k = 0; k < count; ++k) {
+            const double *function = making.function(k);
+            values.insert(values.end(), function, function + size);
+        }
+        own.values = std::make_shared<const std::vector<double>>(std::move(values));
+        own.count = count;
+    }
+    return {{own.values->data(), size, 1}, own.values};
+}
+
 template <class Real> LargeArray<Real> SpaceBasis::project(std::span<const Real> values, i64 channels,
                                                            const SpaceSelection *selection, int threads) const {
     const auto row_of = [&](i64 e) {
@@ -116,12 +146,7 @@ template <class Real> LargeArray<Real> SpaceBasis::project(std::span<const Real>
         for (i64 e = first; e < end; ++e) {
             const i64 rank = layout().rank(e), own = least(layout().affine(e), rank), row = row_of(e);
             const i64 count = row >= 0 ? rank : own;
-            Strided<double> made{functions_of(e).data(), elements_.patches->size(e), 1};
-            if (!is_made_) {
-                functions.make(e, own, count);
-                made = functions.functions();
-            }
-            sums.begin(elements_.patches->vertices(e), made, count);
+            sums.begin(elements_.patches->vertices(e), first_functions(e, count, functions).values, count);
             sums.add_up(0, own, of_affine.data());
             std::copy_n(of_affine.begin(), own * channels,
                         affine.begin() + affine_count * elements_.patches->node_of[e] * channels);

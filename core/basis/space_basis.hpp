@@ -5,6 +5,7 @@
 #pragma once
 
 #include <atomic>
+#include <memory>
 #include <mutex>
 #include <span>
 #include <vector>
@@ -34,6 +35,19 @@ public:
     // Make all functions of all elements, which an encoder needs; a decoder makes those that it needs on the way.
     void make_functions(int threads);
 
+    // From now on keep those that are made on the way: other groups of frames need them again.
+    void keep_functions() { kept_ = std::vector<Kept>(elements_.count()); }
+
+    // What it takes at most to keep them.
+    i64 bytes_to_keep() const;
+
+    // The first functions of an element, a row each; they stay until `making` makes others or `kept` is gone.
+    struct FirstFunctions {
+        Strided<double> values;
+        std::shared_ptr<const std::vector<double>> kept;  // where they lie, if they are kept
+    };
+    FirstFunctions first_functions(i64 element, i64 count, ElementFunctions &making) const;
+
     // Of these, the ones of an element, function after function; nothing as long as they are not made.
     std::span<const double> functions_of(i64 element) const;
 
@@ -47,8 +61,16 @@ public:
                                                    const SpaceSelection *selection, int threads) const;
 
 private:
+    // Of an element as many functions as anybody has needed.
+    struct Kept {
+        std::mutex lock;
+        i64 count = 0;
+        std::shared_ptr<const std::vector<double>> values;
+    };
+
     Elements elements_;
     PartitionTree tree_;
+    mutable std::vector<Kept> kept_;  // empty unless they are kept
     std::once_flag once_;
     std::atomic<bool> is_made_ = false;
     LargeArray<double> made_;

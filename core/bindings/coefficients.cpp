@@ -38,17 +38,24 @@ double py_measure_coefficients(const Grid<const i64> &coefficients, const Flat<i
                                 copies ? view(*copies) : std::span<const double>());
 }
 
-// The decoder with what it looks at.
+// The decoder with what it looks at, and an array that it fills.
 class PyCoefficientDecoder {
 public:
     PyCoefficientDecoder(nb::bytes data, Grid<i64> coefficients, Flat<i64> starts, Flat<i64> kinds, Flat<i64> parents,
                          int axes)
         : data_(std::move(data)), coefficients_(std::move(coefficients)), starts_(std::move(starts)),
           kinds_(std::move(kinds)), parents_(std::move(parents)),
-          decoder_(layout_of(coefficients_, starts_, kinds_, parents_, axes), view(data_),
-                   {coefficients_.data(), coefficients_.size()}) {}
+          decoder_(layout_of(coefficients_, starts_, kinds_, parents_, axes), view(data_)) {}
 
-    void decode(i64 end) { decoder_.decode(end); }
+    void decode(i64 end) {
+        decoder_.decode(end);
+        i64 *to = coefficients_.data();
+        for (const std::span<const i64> row : decoder_.rows()) {
+            std::copy(row.begin(), row.end(), to);
+            to += coefficients_.shape(1);
+        }
+    }
+
     void finish() const { decoder_.finish(); }
 
 private:

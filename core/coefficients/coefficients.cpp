@@ -17,14 +17,39 @@ constexpr std::array<i64, CoefficientModel::element_bands> band_ends = {6, 10, 1
 // Functions of time that make a block where all axes share their coefficients; else one function does, with its axes.
 constexpr i64 ranks_together = 4;
 
+// Numbers that a block takes in a row.
+i64 block_size(const CoefficientLayout &layout) { return layout.axes == 1 ? ranks_together : layout.axes; }
+
+// The coefficients that are given to encode, all rows as long as there are channels.
+class GivenRows {
+public:
+    GivenRows(const CoefficientLayout &layout, std::span<const i64> coefficients)
+        : channels_(layout.channels), coefficients_(coefficients.data()), none_(layout.channels) {}
+
+    std::span<const i64> operator[](i64 row) const {
+        return {coefficients_ + row * channels_, static_cast<std::size_t>(channels_)};
+    }
+    const i64 *add(i64 first, i64, i64) const { return coefficients_ + first * channels_; }
+    i64 width(i64) const { return channels_; }
+
+    // In the place of a row that is not there.
+    std::span<const i64> none() const { return none_; }
+
+private:
+    i64 channels_;
+    const i64 *coefficients_;
+    std::vector<i64> none_;  // zeros
+};
+
 // Codes the subbands of a group one after another.
 template <Mode mode> class CoefficientCoder {
 public:
-    using Number = std::conditional_t<mode == Mode::decode, i64, const i64>;
+    static constexpr bool decodes = mode == Mode::decode;
+    using Number = std::conditional_t<decodes, i64, const i64>;
+    using AllRows = std::conditional_t<decodes, CoefficientRows, GivenRows>;
 
-    CoefficientCoder(const CoefficientLayout &layout, std::span<Number> coefficients, RangeCoder<mode> coder = {},
-                     std::span<i32> used = {})
-        : coder(std::move(coder)), layout(layout), coefficients_(coefficients.data()), used_(used) {}
+    CoefficientCoder(const CoefficientLayout &layout, AllRows rows, RangeCoder<mode> coder = {})
+        : coder(std::move(coder)), layout(layout), rows(std::move(rows)) {}
 
     // Those up to `end` - 1 that have not been coded yet.
     void code(i64 end) {
@@ -36,15 +61,22 @@ public:
 
     RangeCoder<mode> coder;
     const CoefficientLayout layout;
+    AllRows rows;
 
 private:
-    Number *row_at(i64 row) const { return coefficients_ + row * layout.channels; }
-
-    // A place of a subband that is known, or zeros.
-    const i64 *row_of(i64 subband, i64 place) const {
+    // A row of a subband, which is known.
+    std::span<const i64> row_of(i64 subband, i64 place) const {
         const std::span<const i64> starts = layout.subbands.starts;
-        if (subband < 0 || place >= starts[subband + 1] - starts[subband]) return nothing_.data();
-        return row_at(starts[subband] + place);
+        if (subband < 0 || place < 0 || place >= starts[subband + 1] - starts[subband]) return rows.none();
+        return rows[starts[subband] + place];
+    }
+
+    // Where a block of a row that is known begins; zeros beyond its end.
+    const i64 *block_of(std::span<const i64> row, i64 first) const {
+        if constexpr (decodes) {
+            if (first >= static_cast<i64>(row.size())) return nothing_.data();
+        }
+        return row.data() + first;
     }
 
     void code_subband(i64 subband) {
@@ -65,10 +97,11 @@ private:
             }
             const i64 needed = channels_needed(begin + place, begin + stop);
             count = model_->code_count(coder, band, count, layout.channels, needed);
-            if (!used_.empty()) std::fill_n(used_.begin() + begin + place, stop - place, static_cast<i32>(count));
-            for (; place < stop; ++place) {
-                code_row(band, place + affine, count, row_at(begin + place), place, row_of(beside, place),
-                         row_of(above, place));
+            Number *numbers = rows.add(begin + place, begin + stop, count);
+            for (; place < stop; ++place, numbers += rows.width(count)) {
+                const Neighbours around = {row_of(subband, place - 1), row_of(subband, place - 2),
+                                           row_of(beside, place), row_of(above, place)};
+                code_row(band, place + affine, {numbers, static_cast<std::size_t>(count)}, around);
             }
         }
         beside = subband;
@@ -77,9 +110,9 @@ private:
     // Channels up to the last that is not zero in some rows.
     i64 channels_needed(i64 first, i64 end) const {
         i64 needed = 0;
-        if constexpr (mode != Mode::decode) {
+        if constexpr (!decodes) {
             for (i64 row = first; row < end; ++row) {
-                const i64 *numbers = row_at(row);
+                const i64 *numbers = rows[row].data();
                 i64 channel = layout.channels;
                 while (channel > needed && numbers[channel - 1] == 0) --channel;
                 needed = most(needed, channel);
@@ -88,68 +121,66 @@ private:
         return needed;
     }
 
-    // Sizes of some coefficients of a row, added up.
-    static i64 sizes_of(const i64 *row, i64 first, i64 end) {
+    // Rows that are known.
+    struct Neighbours {
+        std::span<const i64> one, two, beside, above;
+    };
+
+    // The same places of these as of a block.
+    struct BlockNeighbours {
+        const i64 *one, *two, *beside, *above;
+    };
+
+    // Sizes of some coefficients, added up.
+    static i64 sizes_of(const i64 *numbers, i64 count) {
         i64 sum = 0;
-        for (i64 channel = first; channel < end; ++channel) sum += size_of(row[channel]);
+        for (i64 k = 0; k < count; ++k) sum += size_of(numbers[k]);
         return sum;
     }
 
-    // `row`: its number in the element or subband; `place`: among those that are coded.
-    void code_row(int band, i64 row, i64 count, Number *numbers, i64 place, const i64 *beside, const i64 *above) {
-        const i64 *const nothing = nothing_.data();
-        const Rows rows = {
-            numbers,
-            place > 0 ? numbers - layout.channels : nothing,
-            place > 1 ? numbers - 2 * layout.channels : nothing,
-            beside,
-            above,
-        };
+    // `row`: its number in the element or subband.
+    void code_row(int band, i64 row, std::span<Number> own, const Neighbours &around) {
         const bool is_shared = layout.axes == 1;
-        const i64 block = is_shared ? ranks_together : layout.axes;
+        const i64 size = block_size(layout), count = static_cast<i64>(own.size());
         i64 one = 0, two = 0;  // sizes of the blocks before
-        for (i64 first = 0, rank = 0; first < count; first += block, rank += is_shared ? ranks_together : 1) {
-            const i64 end = least(first + block, count);
-            const BlocksAround around = {
-                .one_row = sizes_of(rows.one, first, end),
-                .two_rows = sizes_of(rows.two, first, end),
+        for (i64 first = 0, rank = 0; first < count; first += size, rank += is_shared ? ranks_together : 1) {
+            const i64 channels = least(size, count - first);
+            const BlockNeighbours near = {block_of(around.one, first), block_of(around.two, first),
+                                          block_of(around.beside, first), block_of(around.above, first)};
+            const BlocksAround sums = {
+                .one_row = sizes_of(near.one, channels),
+                .two_rows = sizes_of(near.two, channels),
                 .one = one,
                 .two = two,
-                .beside = sizes_of(rows.beside, first, end),
-                .above = sizes_of(rows.above, first, end),
+                .beside = sizes_of(near.beside, channels),
+                .above = sizes_of(near.above, channels),
             };
             two = one;
-            one = mode == Mode::decode ? 0 : sizes_of(numbers, first, end);
-            if (model_->code_block(coder, band, row, rank, around, one > 0)) {
-                one = code_block(band, rows, rank, first, end);
+            one = decodes ? 0 : sizes_of(own.data() + first, channels);
+            if (model_->code_block(coder, band, row, rank, sums, one > 0)) {
+                one = code_block(band, rank, own.data(), first, channels, near);
             }
         }
     }
 
-    struct Rows {
-        Number *own;
-        const i64 *one, *two, *beside, *above;
-    };
-
-    // Code a block of which not all are zero; sizes added up.
-    i64 code_block(int band, const Rows &rows, i64 rank, i64 first, i64 end) {
+    // Code a block, of which not all are zero, of the row `own`; sizes added up.
+    i64 code_block(int band, i64 rank, Number *own, i64 first, i64 channels, const BlockNeighbours &near) {
         const int axes = layout.axes;
         i64 sizes = 0, other_axes = 0;
-        for (i64 channel = first; channel < end; ++channel) {
+        for (i64 k = 0; k < channels; ++k) {
+            const i64 channel = first + k;
             const CoefficientsAround around = {
-                .one_row = size_of(rows.one[channel]),
-                .two_rows = size_of(rows.two[channel]),
-                .one_rank = channel >= axes ? size_of(rows.own[channel - axes]) : 0,
-                .two_ranks = channel >= 2 * axes ? size_of(rows.own[channel - 2 * axes]) : 0,
-                .beside = size_of(rows.beside[channel]),
+                .one_row = size_of(near.one[k]),
+                .two_rows = size_of(near.two[k]),
+                .one_rank = channel >= axes ? size_of(own[channel - axes]) : 0,
+                .two_ranks = channel >= 2 * axes ? size_of(own[channel - 2 * axes]) : 0,
+                .beside = size_of(near.beside[k]),
                 .other_axes = other_axes,
-                .above = size_of(rows.above[channel]),
+                .above = size_of(near.above[k]),
             };
-            // What is decoded is not read before: a page of zeros that is read first is replaced when it is written.
-            const i64 given = mode == Mode::decode ? 0 : rows.own[channel];
-            const bool is_last_hope = channel + 1 == end && sizes == 0;
-            const i64 found = model_->code_coefficient(coder, band, rank, around, is_last_hope, given);
-            if constexpr (mode == Mode::decode) rows.own[channel] = found;
+            const bool is_last_hope = k + 1 == channels && sizes == 0;
+            const i64 found = model_->code_coefficient(coder, band, rank, around, is_last_hope, own[channel]);
+            if constexpr (decodes) own[channel] = found;
             sizes += size_of(found);
             if (axes == 1) {
                 ++rank;
@@ -160,9 +191,7 @@ private:
         return sizes;
     }
 
-    Number *coefficients_;
-    std::span<i32> used_;
-    std::vector<i64> nothing_ = std::vector<i64>(layout.channels);  // the row that is not there
+    const std::array<i64, ranks_together> nothing_{};  // a block beyond the end of a row
     std::unique_ptr<CoefficientModel> model_ = std::make_unique<CoefficientModel>();
     std::array<i64, 2> latest_ = {-1, -1};  // latest subband of a node, and that of an element
     i64 next_ = 0;
@@ -193,7 +222,7 @@ void CoefficientLayout::check() const {
 std::vector<u8> encode_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients) {
     check_size(layout, coefficients.size());
     if (std::all_of(coefficients.begin(), coefficients.end(), [](i64 number) { return number == 0; })) return {};
-    CoefficientCoder<Mode::encode> all(layout, coefficients);
+    CoefficientCoder<Mode::encode> all(layout, {layout, coefficients});
     all.code(layout.subbands.count());
     return all.coder.finish();
 }
@@ -204,7 +233,7 @@ double measure_coefficients(const CoefficientLayout &layout, std::span<const i64
     if (!copies.empty() && static_cast<i64>(copies.size()) != layout.subbands.count()) {
         throw std::invalid_argument("as many copies as subbands");
     }
-    CoefficientCoder<Mode::measure> all(layout, coefficients);
+    CoefficientCoder<Mode::measure> all(layout, {layout, coefficients});
     all.code(layout.subbands.count());
     for (std::size_t subband = 0; subband < copies.size(); ++subband) {
         if (copies[subband] <= 1.0) continue;
@@ -218,20 +247,23 @@ class CoefficientDecoder::State : public CoefficientCoder<Mode::decode> {
     using CoefficientCoder::CoefficientCoder;
 };
 
-CoefficientDecoder::CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data,
-                                       std::span<i64> coefficients, std::span<i32> used) {
-    check_size(layout, coefficients.size());
-    if (!data.empty()) state_ = std::make_unique<State>(layout, coefficients, RangeCoder<Mode::decode>(data), used);
+CoefficientDecoder::CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data)
+    : has_bytes_(!data.empty()) {
+    layout.check();
+    state_ = std::make_unique<State>(layout, CoefficientRows(layout.rows, block_size(layout)),
+                                     RangeCoder<Mode::decode>(data));
 }
 
 CoefficientDecoder::~CoefficientDecoder() = default;
 
 void CoefficientDecoder::decode(i64 end) {
-    if (state_) state_->code(least(end, state_->layout.subbands.count()));
+    if (has_bytes_) state_->code(least(end, state_->layout.subbands.count()));
 }
 
+QuantisedRows CoefficientDecoder::rows() const { return state_->rows.all(); }
+
 void CoefficientDecoder::finish() const {
-    if (state_ && !state_->coder.is_finished()) {
+    if (has_bytes_ && !state_->coder.is_finished()) {
         throw CorruptError("section COEF does not end where its levels do; get the file again");
     }
 }

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "arithmetic.hpp"
+#include "coefficients/coefficient_rows.hpp"
 
 namespace pdeanim {
 
@@ -44,15 +45,16 @@ double measure_coefficients(const CoefficientLayout &layout, std::span<const i64
 // Undoes `encode_coefficients` some subbands at a time, so that others may go on with those while the next are decoded.
 class CoefficientDecoder {
 public:
-    // The layout's arrays, the data and the coefficients, all zero, must outlive it; so must `used`, where it is given: of
-    // each row, how many channels from the first on may not be zero, all zero and written with the row.
-    CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data, std::span<i64> coefficients,
-                       std::span<i32> used = {});
+    // The layout's arrays and the data must outlive it.
+    CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data);
     ~CoefficientDecoder();
 
-    // Write the coefficients of the subbands up to `end` - 1 that are not there yet; CorruptError where the bytes hold
-    // a number that cannot be.
+    // Decode the rows of the subbands up to `end` - 1 that are not there yet; CorruptError where the bytes hold a number
+    // that cannot be.
     void decode(i64 end);
+
+    // All rows; those that are not there yet have no numbers.
+    QuantisedRows rows() const;
 
     // CorruptError unless the bytes end where the coefficients do.
     void finish() const;
@@ -60,7 +62,8 @@ public:
 private:
     class State;
 
-    std::unique_ptr<State> state_;  // none where there are no bytes: all coefficients are zero
+    bool has_bytes_;  // none where all coefficients are zero
+    std::unique_ptr<State> state_;
 };
 
 }  // namespace pdeanim

@@ -117,14 +117,16 @@ DecodedGroup decode_group(const Group &group, const Chunks &chunks, const SpaceB
 
 std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space) {
     const SubbandTable subbands = space.layout().subbands();
-    std::vector<i64> quantised(space.functions() * group.channels());
-    CoefficientDecoder decoder({view_of(subbands), space.functions(), group.channels(), group.axes()}, chunk,
-                               quantised);
+    CoefficientDecoder decoder({view_of(subbands), space.functions(), group.channels(), group.axes()}, chunk);
     decoder.decode(static_cast<i64>(subbands.kinds.size()));
     decoder.finish();
-    std::vector<double> found;
-    found.reserve(quantised.size());
-    for (const i64 number : quantised) found.push_back(static_cast<double>(number) * group.step);
+    std::vector<double> found(space.functions() * group.channels());
+    double *to = found.data();
+    for (const std::span<const i64> row : decoder.rows()) {
+        std::transform(row.begin(), row.end(), to,
+                       [&](i64 number) { return static_cast<double>(number) * group.step; });
+        to += group.channels();
+    }
     return found;
 }
 

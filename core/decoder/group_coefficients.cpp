@@ -14,10 +14,8 @@ Subbands view_of(const SubbandTable &table) { return {table.starts, table.kinds,
 
 GroupCoefficients::GroupCoefficients(const Group &group, std::span<const u8> chunk,
                                      std::shared_ptr<const SpaceLayout> layout)
-    : layout_(std::move(layout)), subbands_(layout_->subbands()), quantised_(layout_->functions() * group.channels()),
-      used_(layout_->functions()), rows_{quantised_.data(), group.channels(), used_},
-      decoder_({view_of(subbands_), layout_->functions(), group.channels(), group.axes()}, chunk, quantised_.all(),
-               used_) {}
+    : layout_(std::move(layout)), subbands_(layout_->subbands()),
+      decoder_({view_of(subbands_), layout_->functions(), group.channels(), group.axes()}, chunk) {}
 
 void GroupCoefficients::decode() noexcept {
     const i64 elements = layout_->elements();
@@ -61,7 +59,7 @@ void GroupCoefficients::wait() {
 template <class Real> void GroupCoefficients::take_tree(Motion<Real> &motion) {
     std::exception_ptr failure;
     try {
-        motion.take_tree(rows_);
+        motion.take_tree(decoder_.rows());
     } catch (...) {
         failure = std::current_exception();
     }
@@ -91,7 +89,7 @@ template <class Real> void GroupCoefficients::take(Motion<Real> &motion) {
         if (is_tree) {
             take_tree(motion);
         } else {
-            motion.take_elements(part.first, part.second, rows_);
+            motion.take_elements(part.first, part.second, decoder_.rows());
         }
     }
 }

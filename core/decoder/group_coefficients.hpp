@@ -3,11 +3,9 @@
 
 #include <atomic>
 #include <condition_variable>
-#include <cstdlib>
 #include <exception>
 #include <memory>
 #include <mutex>
-#include <new>
 #include <span>
 #include <utility>
 #include <vector>
@@ -40,26 +38,6 @@ public:
     template <class Real> void take(Motion<Real> &motion);
 
 private:
-    // Numbers that are zero at first. Memory that is never written to is never there: most rows are all zero.
-    class Zeros {
-    public:
-        explicit Zeros(i64 count)
-            : count_(count), values_(static_cast<i64 *>(std::calloc(most<i64>(count, 1), sizeof(i64)))) {
-            if (!values_) throw std::bad_alloc();
-        }
-
-        const i64 *data() const { return values_.get(); }
-        std::span<i64> all() const { return {values_.get(), static_cast<std::size_t>(count_)}; }
-
-    private:
-        struct Free {
-            void operator()(i64 *values) const { std::free(values); }
-        };
-
-        i64 count_;
-        std::unique_ptr<i64, Free> values_;
-    };
-
     enum class Tree { not_taken, being_taken, taken };  // what of the partition tree motion must have first
 
     void finish(std::exception_ptr failure);
@@ -67,9 +45,6 @@ private:
 
     std::shared_ptr<const SpaceLayout> layout_;
     SubbandTable subbands_;
-    Zeros quantised_;
-    std::vector<i32> used_;
-    QuantisedRows rows_;
     CoefficientDecoder decoder_;
     std::mutex lock_;
     std::condition_variable changed_;

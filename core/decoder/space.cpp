@@ -7,6 +7,13 @@
 
 namespace pdeanim {
 
+namespace {
+
+// Of the memory that is left, functions of space are kept where they take no more than one of so many shares.
+constexpr u64 memory_shares = 8;
+
+}  // namespace
+
 // Whether section REST says which vertices coincide; some may where it does not.
 bool Animation::says_welds() const {
     constexpr u64 predictor_offset = 32;
@@ -84,6 +91,11 @@ const SpaceBasis &Animation::space(GroupsAhead *ahead) {
                 std::make_shared<const Patches>(cut_curves(std::move(curves.order), curves.starts, form.points)));
         }
         space_ = std::make_unique<SpaceBasis>(std::move(layout), reference().grid, threads_);
+        const u64 bytes = static_cast<u64>(space_->bytes_to_keep());
+        if (table_->groups().size() > 1 && bytes <= left_ / memory_shares) {
+            left_ -= bytes;
+            space_->keep_functions();
+        }
     }
     return *space_;
 }

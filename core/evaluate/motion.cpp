@@ -6,6 +6,14 @@
 
 namespace pdeanim {
 
+namespace {
+
+bool is_zero(std::span<const i64> row) {
+    return std::all_of(row.begin(), row.end(), [](i64 number) { return number == 0; });
+}
+
+}  // namespace
+
 template <class Real>
 AnchoredReference<Real>::AnchoredReference(const Patches &patches, const SpaceSelection *selection)
     : anchors(3 * patches.count()), starts(patches.count() + 1) {
@@ -62,36 +70,39 @@ template <class Real> i64 Motion<Real>::bytes() const {
 }
 
 template <class Real> template <class Value>
-void Motion<Real>::append_row(Rows<Value> &to, const QuantisedRows &rows, i64 row) const {
-    const i64 *own = rows.row(row);
-    const i64 used = rows.used_of(row);
-    for (i64 channel = 0; channel < used; channel += axes) {
-        const i64 *begin = own + channel, *end = own + least<i64>(channel + axes, used);
-        if (std::all_of(begin, end, [](i64 number) { return number == 0; })) continue;
+void Motion<Real>::append_row(Rows<Value> &to, std::span<const i64> row) const {
+    const i64 count = static_cast<i64>(row.size());
+    for (i64 channel = 0; channel < count; channel += axes) {
+        const std::span<const i64> own = row.subspan(channel, least<i64>(axes, count - channel));
+        if (is_zero(own)) continue;
         to.functions.push_back(static_cast<u16>(channel / axes));
-        for (const i64 *number = begin; number < end; ++number) {
-            to.values.push_back(static_cast<Value>(static_cast<double>(*number) * step));
-        }
+        for (const i64 number : own) to.values.push_back(static_cast<Value>(static_cast<double>(number) * step));
         if (axes == 3) to.values.resize(padded_axes * to.functions.size());
     }
     to.starts.push_back(static_cast<i64>(to.functions.size()));
 }
 
-template <class Real> void Motion<Real>::take_tree(const QuantisedRows &rows) {
+template <class Real> void Motion<Real>::take_tree(QuantisedRows rows) {
     const i64 count = basis->layout().tree_functions();
     for (i64 function = 0; function < count; ++function) {
         const i64 row = selection ? selection->tree_rows[function] : function;
         if (row >= 0) {
-            append_row(tree, rows, row);
+            append_row(tree, rows[row]);
         } else {
             tree.starts.push_back(tree.starts.back());
         }
     }
     if (!may_have_fields()) return;
     std::vector<double> values(count * channels());
-    for (std::size_t i = 0; i < values.size(); ++i) values[i] = static_cast<double>(rows.numbers[i]) * step;
+    for (i64 function = 0; function < count; ++function)
+        multiply(rows[function], values.data() + function * channels());
     affine_.resize(affine_count * basis->layout().nodes() * channels());
     basis->tree().synthesise(values.data(), affine_, channels());
+}
+
+// The coefficients of a row [scene units], written to as many numbers.
+template <class Real> void Motion<Real>::multiply(std::span<const i64> row, double *to) const {
+    for (const i64 number : row) *to++ = static_cast<double>(number) * step;
 }
 
 // Keep what a function or a field is at an element's vertices in their order.
@@ -104,7 +115,7 @@ template <class Real> void Motion<Real>::keep_values(i64 element, i64 column, co
 }
 
 // Fields of some of an element's functions; values: of these functions.
-template <class Real> void Motion<Real>::make_fields(i64 element, std::span<const i64> used, const QuantisedRows &rows,
+template <class Real> void Motion<Real>::make_fields(i64 element, std::span<const i64> used, QuantisedRows rows,
                                                      std::span<const double *const> values) {
     Element &own = elements[element];
     const Elements &all = basis->elements();
@@ -119,8 +130,7 @@ template <class Real> void Motion<Real>::make_fields(i64 element, std::span<cons
         if (k < affine) {
             std::copy_n(affine_.data() + (affine_count * node + k) * width, width, to);
         } else {
-            const i64 *row = rows.row(first_row(element) + k);
-            std::transform(row, row + width, to, [&](i64 number) { return static_cast<double>(number) * step; });
+            multiply(rows[first_row(element) + k], to);
         }
         counted.insert(counted.end(), values[i], values[i] + size);
     }
@@ -131,9 +141,9 @@ template <class Real> void Motion<Real>::make_fields(i64 element, std::span<cons
     own.columns = functions;
 }
 
-template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, const QuantisedRows &rows) {
+template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, QuantisedRows rows) {
     const Elements &all = basis->elements();
-    ElementFunctions made(all);
+    ElementFunctions making(all);
     std::vector<i64> used;  // of an element's functions but the constant one, those that count
     std::vector<const double *> values;
     for (i64 e = first; e < end; ++e) {
@@ -142,13 +152,12 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, const
         const i64 affine = basis->layout().affine(e), size = all.patches->size(e), own_row = first_row(e);
         used.clear();
         for (i64 k = affine > 0; k < basis->layout().rank(e); ++k) {
-            if (k < affine || !rows.is_zero(own_row + k)) used.push_back(k);
+            if (k < affine || !is_zero(rows[own_row + k])) used.push_back(k);
         }
         // Functions are made as far as there are coefficients for them: mostly a fraction.
         const i64 rank = most(affine, used.empty() ? 0 : used.back() + 1);
-        const std::span<const double> given = basis->functions_of(e);
-        if (given.empty()) made.make(e, affine, rank);
-        const auto function = [&](i64 k) { return given.empty() ? made.function(k) : given.data() + k * size; };
+        const SpaceBasis::FirstFunctions made = basis->first_functions(e, rank, making);
+        const auto function = [&](i64 k) { return made.values.numbers + k * made.values.row; };
         values.clear();
         for (const i64 k : used) values.push_back(function(k));
         own.constant = affine > 0 ? function(0)[0] : 0.0;
@@ -160,7 +169,7 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, const
         own.values.resize(own.columns * padded<Real>(size));
         for (i64 i = 0; i < own.columns; ++i) {
             keep_values(e, i, values[i]);
-            if (used[i] >= affine) append_row(own.rows, rows, own_row + used[i]);
+            if (used[i] >= affine) append_row(own.rows, rows[own_row + used[i]]);
         }
     }
 }

@@ -14,13 +14,13 @@
 // are fewer than 53).
 #pragma once
 
-#include <algorithm>
 #include <optional>
 #include <span>
 #include <vector>
 
 #include "aligned_array.hpp"
 #include "basis/space_basis.hpp"
+#include "coefficients/coefficient_rows.hpp"
 
 namespace pdeanim {
 
@@ -53,20 +53,6 @@ template <class Real> struct AnchoredReference {
     std::vector<i64> starts;      // where an element's begin there
 };
 
-// Quantised coefficients: a row of channels for each function of space.
-struct QuantisedRows {
-    const i64 *numbers;
-    i64 channels;
-    std::span<const i32> used;  // of each row, how many channels may not be zero; empty where all may
-
-    const i64 *row(i64 function) const { return numbers + function * channels; }
-    i64 used_of(i64 function) const { return used.empty() ? channels : used[function]; }
-    bool is_zero(i64 function) const {
-        const i64 *own = row(function);
-        return std::all_of(own, own + used_of(function), [](i64 number) { return number == 0; });
-    }
-};
-
 template <class Real> struct Motion {
     static constexpr i64 most_functions = 1 << 14;  // 3 for each of 4096 frames, at most
 
@@ -79,10 +65,10 @@ template <class Real> struct Motion {
     void choose(SpaceSelection selected);
 
     // Take over coefficients: those of the tree first.
-    void take_tree(const QuantisedRows &rows);
+    void take_tree(QuantisedRows rows);
 
     // Then those of the elements `first` to `end` - 1; several threads may, each others.
-    void take_elements(i64 first, i64 end, const QuantisedRows &rows);
+    void take_elements(i64 first, i64 end, QuantisedRows rows);
 
     i64 channels() const { return functions * axes; }
     int time_axes() const { return axes == 1 ? 3 : 1; }
@@ -139,10 +125,10 @@ private:
         const SpaceLayout &layout = basis->layout();
         return selection ? selection->element_rows[element] - layout.affine(element) : layout.first_function(element);
     }
-    template <class Value> void append_row(Rows<Value> &to, const QuantisedRows &rows, i64 row) const;
+    template <class Value> void append_row(Rows<Value> &to, std::span<const i64> row) const;
+    void multiply(std::span<const i64> row, double *to) const;
     void keep_values(i64 element, i64 column, const double *values);
-    void make_fields(i64 element, std::span<const i64> used, const QuantisedRows &rows,
-                     std::span<const double *const> values);
+    void make_fields(i64 element, std::span<const i64> used, QuantisedRows rows, std::span<const double *const> values);
 
     std::vector<double> affine_;  // of all nodes, four rows of channels each, where elements may have fields
 };
