@@ -39,11 +39,11 @@ Array = TypeVar("Array")
 POSITIONS, VELOCITIES, ACCELERATIONS = 0, 1, 2
 """Quantities by the core's numbers."""
 
-CACHE_BYTES = 64 * 2**20
-"""Memory for decoded groups: all of most clips, so that scrubbing does not decode one twice."""
-
 DEFAULT_MAX_MEMORY = 4 * 2**30
 """Bytes a file may ask for while it is opened and decoded: some five million vertices."""
+
+DEFAULT_MAX_KEPT = 512 * 2**20
+"""Bytes of decoded groups: about what positions of these frames take where vertices are many, less where frames are."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,10 +58,14 @@ class DecodeLimits:
         Positions of all frames together, 12 bytes for each vertex and frame: what it takes to decode all of a file, in
         time as in space, of which two kilobytes can declare terabytes. A file that declares more is refused when it is
         opened (LimitError). Default: none is.
+    max_kept : int [bytes]
+        Decoded groups of frames that stay in memory, so that they need not be decoded again: an eighth of it at first,
+        and more where times go back to groups that were given up. `max_memory` holds for them as well.
     """
 
     max_memory: int = DEFAULT_MAX_MEMORY
     max_output: int | None = None
+    max_kept: int = DEFAULT_MAX_KEPT
 
 
 _usual_limits: ContextVar[DecodeLimits | None] = ContextVar("limits of files that are opened without", default=None)
@@ -144,7 +148,7 @@ def _opened(file: BinaryIO | bytes, path: str, limits: DecodeLimits, origin: str
 def open_core(file: BinaryIO | bytes, path: str, limits: DecodeLimits) -> _core.Animation:
     """The core's view of a file; errors as of :func:`open_animation`."""
     with naming_file_of(path, file):
-        return _core.Animation(_core_source(file), limits.max_memory, thread_count(), CACHE_BYTES)
+        return _core.Animation(_core_source(file), limits.max_memory, thread_count(), limits.max_kept)
 
 
 @contextmanager

@@ -41,6 +41,9 @@ from pdecodec.coding.description import encode_sequence_description
 from pdecodec.coding.groups import GroupEntry, TimeBasis, write_group_table
 from spec.sealing import Part, count, seal, table_end, take_apart
 
+FORGETFUL = DecodeLimits(max_kept=1)
+"""With these no group is kept but the one that is asked for."""
+
 PROFILE: dict[str, dict[str, Any]] = {
     "auto": {},
     "paper": {"profile": "paper", "tolerance": 1e-3, "paper": PaperSettings(segment_frames=5)},
@@ -108,12 +111,9 @@ def test_times_between_frames_and_at_them_in_any_order_give_the_same_bits_as_one
         assert np.array_equal(bits(animation.positions(time)), bits(points))
 
 
-def test_several_threads_and_a_small_cache_change_no_bit(
-    data: bytes, animation: Animation, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("pdecodec.decoder.CACHE_BYTES", 1)
+def test_several_threads_and_a_small_cache_change_no_bit(data: bytes, animation: Animation) -> None:
     times = np.random.default_rng(3).permutation(np.concatenate([animation.times, animation.times[:-1] + 0.01]))
-    with open_animation(data) as shared, ThreadPoolExecutor(6) as pool:
+    with open_animation(data, limits=FORGETFUL) as shared, ThreadPoolExecutor(6) as pool:
         positions = pool.map(shared.positions, times)
         velocities = pool.map(shared.velocities, times)
         others = [pool.submit(shared.verify), pool.submit(lambda: shared.objects), pool.submit(shared.info)]
@@ -136,6 +136,40 @@ def test_groups_that_need_more_functions_of_space_or_fewer_give_the_same_bits_in
             with open_animation(clip, limits=DecodeLimits(max_memory=limit)) as animation:
                 assert np.array_equal(bits(animation.positions(times[first])), expected[first])
                 assert np.array_equal(bits(animation.sample(times)), expected)
+
+
+class _CountingFile(io.BytesIO):
+    """A file that counts how often it is read from."""
+
+    calls = 0
+
+    def readinto(self, into: Any) -> int:
+        self.calls += 1
+        return super().readinto(into)
+
+    def read(self, size: int | None = -1) -> bytes:
+        self.calls += 1
+        return super().read(size)
+
+
+def test_groups_to_which_times_go_back_come_to_be_kept_as_far_as_they_may(data: bytes) -> None:
+    with open_animation(data) as animation:
+        times = animation.times
+
+    def reads(file: _CountingFile, animation: Animation) -> int:
+        before = file.calls
+        for time in times:
+            animation.positions(time)
+        return file.calls - before
+
+    # An eighth holds one group or two, the whole all of them; or not even the whole holds a second one.
+    for most, is_kept in ((2**16, True), (1, False)):
+        file = _CountingFile(data)
+        with open_animation(file, limits=DecodeLimits(max_kept=most)) as animation:
+            first, second, third = (reads(file, animation) for _ in range(3))
+        assert first > 0
+        assert second > 0
+        assert (third == 0) == is_kept
 
 
 class _SlowFile(io.BytesIO):

@@ -164,13 +164,12 @@ def test_a_disk_that_is_full_at_any_of_ten_sizes(disk: Path, tmp_path: Path, nam
 @long
 @linux
 def test_sixteen_threads_and_pools_on_one_animation_for_a_minute(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, figures: Callable[[str], None]
+    tmp_path: Path, figures: Callable[[str], None]
 ) -> None:
-    monkeypatch.setattr("pdecodec.decoder.CACHE_BYTES", 2**18)
     path = tmp_path / "clip.pdeanim"
     encode(sheet(120, size=12), path, tolerance=1e-2, effort="fast", group_frames=10)
     end, calls = time.monotonic() + 60, 0
-    with open_animation(path) as animation:
+    with open_animation(path, limits=DecodeLimits(max_kept=2**18)) as animation:
         expected = animation.read_frames(0, 120)
 
         def work(seed: int) -> int:

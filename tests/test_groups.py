@@ -14,6 +14,7 @@ from test_round_trip import noise, sheet, wave
 from pdecodec import (
     Animation,
     ArraySequence,
+    DecodeLimits,
     EncodeReport,
     EncodeSettings,
     MeshObject,
@@ -212,8 +213,7 @@ def test_between_frames_groups_add_up_whatever_is_kept_of_them_and_in_either_pre
         found = animation.sample(at)
         speeds = animation.velocities(at)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
-    monkeypatch.setattr("pdecodec.decoder.CACHE_BYTES", 1)
-    with open_animation(report.data) as forgetful:
+    with open_animation(report.data, limits=DecodeLimits(max_kept=1)) as forgetful:
         assert np.array_equal(bits(forgetful.sample(at)), bits(found))
         assert np.array_equal(bits(forgetful.velocities(at)), bits(speeds))
 

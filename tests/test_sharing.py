@@ -17,7 +17,7 @@ from typing import BinaryIO
 import numpy as np
 import pytest
 
-from pdecodec import Animation, ArraySequence, InputError, PaperSettings, encode, open_animation
+from pdecodec import Animation, ArraySequence, DecodeLimits, InputError, PaperSettings, encode, open_animation
 
 THREADS = 16
 
@@ -26,6 +26,10 @@ FORKS = "fork" in multiprocessing.get_all_start_methods()
 
 def clip() -> ArraySequence:
     return ArraySequence(np.random.default_rng(4).normal(size=(60, 30, 3)).astype(np.float32))
+
+
+FORGETFUL = DecodeLimits(max_kept=1)
+"""With these every call reads and decodes again."""
 
 
 @pytest.fixture(scope="module")
@@ -41,14 +45,8 @@ def expected(path: Path) -> np.ndarray:
         return animation.sample(animation.times)
 
 
-@pytest.fixture
-def _small_cache(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every call reads and decodes again."""
-    monkeypatch.setattr("pdecodec.decoder.CACHE_BYTES", 1)
-
-
 @pytest.fixture(params=["path", "bytes", "plain file", "file in memory"])
-def shared(request: pytest.FixtureRequest, path: Path, _small_cache: None) -> Iterator[Animation]:
+def shared(request: pytest.FixtureRequest, path: Path) -> Iterator[Animation]:
     opened: dict[str, Callable[[], Path | bytes | BinaryIO]] = {
         "path": lambda: path,
         "bytes": path.read_bytes,
@@ -56,7 +54,7 @@ def shared(request: pytest.FixtureRequest, path: Path, _small_cache: None) -> It
         "file in memory": lambda: io.BytesIO(path.read_bytes()),
     }
     source = opened[request.param]()
-    with open_animation(source) as animation:
+    with open_animation(source, limits=FORGETFUL) as animation:
         yield animation
     if not isinstance(source, Path | bytes):
         assert not source.closed
@@ -74,10 +72,9 @@ def test_many_threads_see_the_same_bits(shared: Animation, expected: np.ndarray)
     assert np.array_equal(found, expected[frames])
 
 
-@pytest.mark.usefixtures("_small_cache")
 def test_a_plain_file_may_be_moved_by_others_while_it_is_decoded(path: Path, expected: np.ndarray) -> None:
     done = Event()
-    with path.open("rb") as file, open_animation(file) as animation:
+    with path.open("rb") as file, open_animation(file, limits=FORGETFUL) as animation:
 
         def move() -> None:
             while not done.is_set():
@@ -94,10 +91,9 @@ def test_a_plain_file_may_be_moved_by_others_while_it_is_decoded(path: Path, exp
 
 
 @pytest.mark.skipif(not FORKS, reason="no process is copied here")
-@pytest.mark.usefixtures("_small_cache")
 def test_forked_children_read_beside_their_parent(path: Path, expected: np.ndarray) -> None:
     frames = list(range(60)) * 4
-    with open_animation(path) as animation:
+    with open_animation(path, limits=FORGETFUL) as animation:
         children = []
         for child in range(4):
             number = os.fork()
@@ -202,10 +198,9 @@ def test_a_file_that_its_owner_closed_says_so(path: Path) -> None:
         animation.positions(0.0)
 
 
-@pytest.mark.usefixtures("_small_cache")
 def test_calls_under_way_end_well_when_another_thread_closes(path: Path, expected: np.ndarray) -> None:
     for _ in range(10):
-        animation = open_animation(path)
+        animation = open_animation(path, limits=FORGETFUL)
 
         def read(animation: Animation = animation) -> None:
             for _ in range(1000):

@@ -107,6 +107,7 @@ pdeanim_animation *open_source(std::unique_ptr<Source> source, const pdeanim_opt
     if (given) std::memcpy(&known, given, std::min(given->size, sizeof known));
     Animation::Options options;
     options.threads = static_cast<int>(std::min<uint32_t>(known.threads, 1024));
+    if (known.max_kept > 0) options.kept_bytes = static_cast<i64>(std::min<uint64_t>(known.max_kept, INT64_MAX / 2));
     const u64 memory = known.max_memory > 0 ? known.max_memory : File::usual_memory;
     auto opened = std::make_unique<pdeanim_animation>(std::make_shared<const File>(std::move(source), memory), options);
     check_output(*opened, known.max_output);

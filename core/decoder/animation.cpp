@@ -27,6 +27,11 @@ constexpr u64 bytes_per_group = 1536, bytes_per_object = 4096;
 constexpr u64 bytes_per_name_byte = 6;
 
 constexpr u8 predictors = 4;  // of the reference frame
+
+// Who goes through a clip once needs few decoded groups. Of those that may be kept this share is at first, and twice as
+// much whenever one has to be decoded again that was given up: scrubbing comes to have all that it needs.
+constexpr i64 kept_at_first = 8;
+
 // Groups that are decoded beside each other at most: they are unlike in size, and who is done with one takes the next.
 constexpr int groups_a_thread = 16;
 
@@ -70,7 +75,7 @@ Animation::Animation(std::shared_ptr<const File> file, std::size_t run, const Op
     : file_(std::move(file)), container_(file_->container_of(run)), max_memory_(file_->max_memory()),
       left_(file_->memory_left()),
       threads_(options.threads > 0 ? options.threads : static_cast<int>(most(std::thread::hardware_concurrency(), 1u))),
-      most_kept_(options.kept_bytes), sequence_(file_->sequence_of(run)) {
+      kept_limit_(options.kept_bytes), most_kept_(kept_limit_ / kept_at_first), sequence_(file_->sequence_of(run)) {
     polygons_ = container_.read("CONN");
     FieldReader fields(polygons_, "CONN");
     const i64 count = fields.count(), most_objects = static_cast<i64>(left_ / bytes_per_object);
@@ -94,6 +99,7 @@ Animation::Animation(std::shared_ptr<const File> file, std::size_t run, const Op
     take(bytes_per_object * objects(), std::to_string(objects()) + " objects");
     table_.emplace(container_, frames(), static_cast<i64>(left_ / bytes_per_group));
     take(bytes_per_group * table_->groups().size(), std::to_string(table_->groups().size()) + " groups of frames");
+    has_been_kept_.resize(table_->groups().size());
     model_ = Model::of_bytes(container_.read("MODL"));
 }
 
@@ -253,6 +259,8 @@ DecodedGroup Animation::decode(std::span<const std::size_t> groups, std::size_t 
 }
 
 void Animation::keep(std::size_t index, DecodedGroup group) {
+    if (has_been_kept_[index]) most_kept_ = least(2 * most_kept_, kept_limit_);
+    has_been_kept_[index] = true;
     kept_bytes_ += group.bytes();
     kept_.emplace_front(index, std::move(group));
     kept_places_[index] = kept_.begin();

@@ -60,11 +60,11 @@ struct FrameResiduals {
 
 class Animation {
 public:
-    static constexpr i64 usual_kept = i64{64} << 20;  // all of most clips
+    static constexpr i64 usual_kept = i64{512} << 20;
 
     struct Options {
         int threads = 0;              // 0: one a processor
-        i64 kept_bytes = usual_kept;  // of decoded groups, so that scrubbing does not decode one twice
+        i64 kept_bytes = usual_kept;  // of decoded groups at most, where times go back to them
     };
 
     // Read the headers of a run. CorruptError or LimitError where it is not sound, or asks for more than the file leaves.
@@ -182,7 +182,7 @@ private:
     Container container_;
     u64 max_memory_, left_;
     int threads_;
-    i64 most_kept_;
+    i64 kept_limit_, most_kept_;  // at most ever, and for now
     SequenceDescription sequence_;
     std::vector<u8> polygons_;            // section CONN behind its head
     std::vector<i64> first_vertices_{0};  // of each object, and the number of all
@@ -208,6 +208,7 @@ private:
     std::list<std::pair<std::size_t, DecodedGroup>> kept_;
     std::unordered_map<std::size_t, std::list<std::pair<std::size_t, DecodedGroup>>::iterator> kept_places_;
     i64 kept_bytes_ = 0;
+    std::vector<bool> has_been_kept_;  // of each group
 };
 
 }  // namespace pdeanim

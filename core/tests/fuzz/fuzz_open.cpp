@@ -44,7 +44,7 @@ void evaluate(pdeanim_animation *animation) {
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size) {
-    const pdeanim_options options{sizeof(pdeanim_options), max_memory, 2, 0};
+    const pdeanim_options options{sizeof(pdeanim_options), max_memory, 2, 0, 0};
     pdeanim_animation *animation = nullptr;
     pdeanim_error error;
     const pdeanim_status opened = pdeanim_open_memory(data, size, &options, &animation, &error);
