@@ -19,7 +19,7 @@ from pdecodec._core import Residuals
 from pdecodec.coding.groups import GroupEntry, cosines, functions_of_time, group_functions
 from pdecodec.coding.reference import quantise_reference
 from pdecodec.coding.residuals import residual_step
-from pdecodec.coding.spacebasis import MOST_DEPTH, MOST_FUNCTIONS, SpaceBasis, build_space_basis
+from pdecodec.coding.spacebasis import MOST_FUNCTIONS, SpaceBasis, build_space_basis
 from pdecodec.decoder import open_animation
 from pdecodec.encoding.displacements import ORIGINS, TIME_FUNCTIONS, Displacements, Origin, Sight, TimeFunctions
 from pdecodec.encoding.effort import EFFORTS
@@ -189,7 +189,7 @@ def test_estimates_from_some_nodes_are_near_to_those_from_all(monkeypatch: pytes
     fitter, basis = fitter_of(waving_sheet(rows=120), 0.02)
     choice = fitter.first_choice
     counters = []
-    for depth in (MOST_DEPTH, 4):
+    for depth in (None, 4):
         monkeypatch.setattr("pdecodec.encoding.estimate.WHOLE_DEPTHS", depth)
         counters.append(bit_counter(fitter, basis))
     whole, some = counters

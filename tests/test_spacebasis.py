@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pdecodec.coding.groups import GroupEntry, TimeBasis, evaluate_group, group_functions
 from pdecodec.coding.patches import build_patches, early_patches
-from pdecodec.coding.spacebasis import MOST_DEPTH, SpaceBasis, SpaceKind, build_space_basis, trial_space_basis
+from pdecodec.coding.spacebasis import SpaceBasis, SpaceKind, build_space_basis, trial_space_basis
 from pdecodec.sequence import Connectivity, MeshObject
 
 RNG_SEED = 20
@@ -121,10 +121,10 @@ def test_motion_without_functions_of_time_has_coefficients_of_no_channel() -> No
     assert expanded(basis, found).shape == (20, 0)
 
 
-@pytest.mark.parametrize("depth", [0, 3, MOST_DEPTH])
+@pytest.mark.parametrize("depth", [0, 3, None])
 @pytest.mark.parametrize("kind", ["patch", "curve"])
 def test_some_subbands_are_projected_to_as_all_are_whether_functions_are_made_or_not(
-    kind: SpaceKind, depth: int
+    kind: SpaceKind, depth: int | None
 ) -> None:
     item, rest = grid(23, 17)
     values = np.random.default_rng(RNG_SEED).normal(size=(len(rest), 5))

@@ -28,10 +28,6 @@ constexpr u64 bytes_per_name_byte = 6;
 
 constexpr u8 predictors = 4;  // of the reference frame
 
-// Who goes through a clip once needs few decoded groups. Of those that may be kept this share is at first, and twice as
-// much whenever one has to be decoded again that was given up: scrubbing comes to have all that it needs.
-constexpr i64 kept_at_first = 8;
-
 // Groups that are decoded beside each other at most: they are unlike in size, and who is done with one takes the next.
 constexpr int groups_a_thread = 16;
 
@@ -75,7 +71,7 @@ Animation::Animation(std::shared_ptr<const File> file, std::size_t run, const Op
     : file_(std::move(file)), container_(file_->container_of(run)), max_memory_(file_->max_memory()),
       left_(file_->memory_left()),
       threads_(options.threads > 0 ? options.threads : static_cast<int>(most(std::thread::hardware_concurrency(), 1u))),
-      kept_limit_(options.kept_bytes), most_kept_(kept_limit_ / kept_at_first), sequence_(file_->sequence_of(run)) {
+      kept_limit_(options.kept_bytes), most_kept_(kept_at_first()), sequence_(file_->sequence_of(run)) {
     polygons_ = container_.read("CONN");
     FieldReader fields(polygons_, "CONN");
     const i64 count = fields.count(), most_objects = static_cast<i64>(left_ / bytes_per_object);

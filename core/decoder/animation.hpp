@@ -143,6 +143,10 @@ private:
     void take_motion();
     void decode_ahead(std::span<const double> sorted);
     bool is_kept(std::size_t index) const;
+
+    // Who goes through a clip once needs few decoded groups at a time. What they may take is this at first, and twice as
+    // much whenever one is decoded again that was given up, up to the limit: scrubbing comes to have all that it needs.
+    i64 kept_at_first() const { return kept_limit_ / 8; }
     const DecodedGroup &group(std::size_t index);
     struct Early;
     bool says_welds() const;

@@ -17,6 +17,12 @@ namespace pdeanim {
 struct DecodedGroup {
     i64 bytes() const;
 
+    // Functions of time at some of its frames in a row, the first one numbered as in the clip.
+    std::span<const double> time_at(i64 frame, i64 frames) const {
+        const i64 row = group.time_axes() * group.functions;
+        return std::span(time).subspan((frame - group.first) * row, frames * row);
+    }
+
     Group group;
     std::vector<double> time;  // functions of time at the frames, (frames, time axes, functions)
     std::variant<Motion<float>, Motion<double>> motion;  // in the precision of the group's sums

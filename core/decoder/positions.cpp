@@ -68,8 +68,7 @@ void Animation::evaluate_once(const Motion<Real> &motion, std::span<const double
 // Positions at one frame, by the model alone.
 void Animation::evaluate_model(const DecodedGroup &own, i64 frame, std::span<float> out) {
     with_motion(own, [&](const auto &motion, const auto &anchored) {
-        const i64 row = motion.time_axes() * motion.functions;
-        evaluate_once(motion, std::span(own.time).subspan((frame - own.group.first) * row, row), &anchored, out);
+        evaluate_once(motion, own.time_at(frame, 1), &anchored, out);
     });
 }
 
@@ -113,9 +112,7 @@ std::deque<Animation::Tile> Animation::tiles_of(i64 first, i64 count) {
 // Positions of some vertices at a tile's frames; whoever is the last to be done with it adds its residuals.
 void Animation::evaluate_part(Tile &tile, VertexShare share, const ResidualScale &scale, std::span<float> out) {
     with_motion(tile.group, [&](const auto &motion, const auto &anchored) {
-        const i64 row = motion.time_axes() * motion.functions;
-        const auto time = std::span(tile.group.time).subspan(tile.inside() * row, tile.frames * row);
-        pdeanim::evaluate(motion, time, &anchored, out, share);
+        pdeanim::evaluate(motion, tile.group.time_at(tile.begin, tile.frames), &anchored, out, share);
     });
     if (--tile.parts_left > 0) return;
     const std::size_t size = 3 * vertices();
@@ -182,9 +179,9 @@ std::vector<double> Animation::weights_of_group(std::size_t index, double time, 
     for (i64 frame = low; frame < high; ++frame) {
         const double share = shares.values[frame - shares.first];
         if (share == 0.0) continue;
-        weights.resize(own.time_axes() * own.functions);
-        const double *row = group(index).time.data() + (frame - own.first) * weights.size();
-        for (std::size_t k = 0; k < weights.size(); ++k) weights[k] += share * row[k];
+        const std::span<const double> time = group(index).time_at(frame, 1);
+        weights.resize(time.size());
+        for (std::size_t k = 0; k < time.size(); ++k) weights[k] += share * time[k];
     }
     return weights;
 }
@@ -359,8 +356,8 @@ void Animation::evaluate(Quantity quantity, std::span<const double> asked, std::
         evaluate_all(quantity, asked, out);
         return;
     }
-    // As many times at once as fit in the memory that groups are kept in.
-    const std::size_t at_once = most<std::size_t>(most_kept_ / (sizeof(float) * whole), 1);
+    // As many times at once as fit in the memory that groups are kept in at first.
+    const std::size_t at_once = most<std::size_t>(kept_at_first() / (sizeof(float) * whole), 1);
     std::vector<float> rows;
     for (std::size_t first = 0; first < order.size(); first += at_once) {
         const std::size_t count = least(at_once, order.size() - first);

@@ -49,9 +49,6 @@ MOST_POINTS = {"patch": 256, "curve": 65535}
 MOST_FUNCTIONS = 128
 """Functions of an element at most: building them costs the square of their number."""
 
-MOST_DEPTH = 64
-"""Of a node of the partition tree."""
-
 THRESHOLDS = 8
 """Thresholds that an encoder has to choose from: each is the usual one less k sixteenths."""
 
@@ -180,12 +177,12 @@ class SpaceBasis:
         """
         return self.core.project_some(values, subbands, thread_count())
 
-    def subbands_of(self, elements: Int64Array, *, least_depth: int = MOST_DEPTH) -> Int64Array:
-        """Subbands of the whole, some elements, the nodes above them, and all nodes down to a depth: ascending."""
+    def subbands_of(self, elements: Int64Array, *, least_depth: int | None = None) -> Int64Array:
+        """Subbands of the whole, some elements, the nodes above them, and all nodes (down to a depth): ascending."""
         _, kinds, parents = self.subbands
         nodes = kinds.size - self.element_count
         is_chosen = np.zeros(kinds.size, bool)
-        is_chosen[:nodes] = kinds[:nodes] <= least_depth
+        is_chosen[:nodes] = least_depth is None or kinds[:nodes] <= least_depth
         above = nodes + elements
         while above.size:
             is_chosen[above] = True
