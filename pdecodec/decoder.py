@@ -43,7 +43,7 @@ DEFAULT_MAX_MEMORY = 4 * 2**30
 """Bytes a file may ask for while it is opened and decoded: some five million vertices."""
 
 DEFAULT_MAX_KEPT = 512 * 2**20
-"""Bytes of decoded groups: about what positions of these frames take where vertices are many, less where frames are."""
+"""Bytes of decoded groups of frames: all of most clips, some 400 frames of 100,000 vertices."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -148,6 +148,17 @@ def test_some_subbands_are_projected_to_as_all_are_whether_functions_are_made_or
             basis.project_some(values, np.array(wrong, np.int64))
 
 
+@pytest.mark.parametrize(("columns", "rows"), [(4, 8), (3, 20), (5, 7), (2, 30)])
+def test_the_first_functions_are_the_same_bits_however_many_follow_them(columns: int, rows: int) -> None:
+    # Few columns of points: polynomials are dropped, as they are multiples of those before.
+    item, rest = grid(columns, rows)
+    whole = build_space_basis("patch", [item], rest, points=64, functions=64)
+    for count in range(4, 64):
+        some = build_space_basis("patch", [item], rest, points=64, functions=count)
+        for first, functions in zip(some.functions_of_elements(), whole.functions_of_elements(), strict=True):
+            np.testing.assert_array_equal(first, functions[: len(first)])
+
+
 def test_subbands_of_elements_come_with_those_of_all_nodes_above_them() -> None:
     item, rest = grid(23, 17)
     basis = build_space_basis("patch", [item], rest, points=16, functions=12)

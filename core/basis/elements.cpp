@@ -70,9 +70,8 @@ void ElementFunctions::add_polynomials() {
         const bool is_normal = polynomials[j].along == normal;
         if (polynomials[j - 1].degree() < degree) first[degree] = functions_.count();
         std::array<int, OrthonormalFunctions::columns_at_once> chosen;
-        const i64 most = least(functions_.missing(), OrthonormalFunctions::columns_at_once);
         i64 count = 0;
-        for (; j < polynomial_count && count < most; ++j) {
+        for (; j < polynomial_count && count < OrthonormalFunctions::columns_at_once; ++j) {
             if (polynomials[j].degree() != degree || (polynomials[j].along == normal) != is_normal) break;
             if (set_column(j, count)) chosen[count++] = j;
         }

@@ -64,17 +64,22 @@ std::array<i64, OrthonormalFunctions::columns_at_once> OrthonormalFunctions::add
         own[k] = {values, norm, norm, norm};
         all[k] = &own[k];
     }
-    const std::span<Column *const> given{all.data(), static_cast<std::size_t>(columns)};
-    take_away(given, first, known);
-    take_away_again(given, known);
-    std::array<i64, columns_at_once> added{};
-    for (i64 k = 0; k < columns; ++k) {
-        const std::span<Column *const> one = given.subspan(k, 1);
-        if (count_ > known) {
-            take_away(one, known, count_);
-            take_away_again(one, count_);
+    std::array<i64, columns_at_once> added;
+    added.fill(-1);
+    for (i64 begin = 0, end = 0; begin < columns && !is_complete(); begin = end) {
+        // No more than can be added, if none of them is dropped.
+        end = least(columns, begin + missing());
+        const std::span<Column *const> some{all.data() + begin, all.data() + end};
+        take_away(some, first, known);
+        take_away_again(some, known);
+        for (i64 k = begin; k < end; ++k) {
+            const std::span<Column *const> one(&all[k], 1);
+            if (count_ > known) {
+                take_away(one, known, count_);
+                take_away_again(one, count_);
+            }
+            added[k] = keep(own[k], share);
         }
-        added[k] = keep(own[k], share);
     }
     return added;
 }

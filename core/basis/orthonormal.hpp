@@ -35,10 +35,11 @@ public:
     // What is added next: a number for each point.
     double *column(i64 k = 0) { return columns_.data() + k * width_; }
 
-    // Orthonormalise columns on the functions that there are and on each other, and add them; which function each has
-    // become, -1 where too little of it is new. `share`: that of its squared norm that must be; 0 where the column is one
-    // that the file names. Of such a column that is all old the function is zero. `first`: the functions before it have no
-    // part in any of the columns, but for rounding.
+    // Orthonormalise columns on the functions that there are and on each other, and add them as long as functions are
+    // missing; which function each has become, -1 for none: too little of it is new, or none is missing. What becomes of a
+    // column does not depend on how many functions are wanted. `share`: that of its squared norm that must be; 0 where the
+    // column is one that the file names. Of such a column that is all old the function is zero. `first`: the functions
+    // before it have no part in any of the columns, but for rounding.
     std::array<i64, columns_at_once> add(i64 columns, double share, i64 first);
 
     // Add one; whether it was.

@@ -103,9 +103,11 @@ std::span<const double> SpaceBasis::functions_of(i64 element) const {
 }
 
 i64 SpaceBasis::bytes_to_keep() const {
+    // Of an element, besides: the vector, and what holds it and the numbers in memory.
+    constexpr i64 bytes_per_element = sizeof(Kept) + sizeof(std::vector<double>) + 64;
     i64 numbers = 0;
     for (i64 e = 0; e < elements_.count(); ++e) numbers += layout().rank(e) * elements_.patches->size(e);
-    return static_cast<i64>(sizeof(double)) * numbers;
+    return static_cast<i64>(sizeof(double)) * numbers + bytes_per_element * elements_.count();
 }
 
 SpaceBasis::FirstFunctions SpaceBasis::first_functions(i64 element, i64 count, ElementFunctions &making) const {

@@ -35,10 +35,13 @@ public:
     // Make all functions of all elements, which an encoder needs; a decoder makes those that it needs on the way.
     void make_functions(int threads);
 
+    // Of these, the ones of an element, function after function; nothing as long as they are not made.
+    std::span<const double> functions_of(i64 element) const;
+
     // From now on keep those that are made on the way: other groups of frames need them again.
     void keep_functions() { kept_ = std::vector<Kept>(elements_.count()); }
 
-    // What it takes at most to keep them.
+    // What it takes at most to keep them [bytes].
     i64 bytes_to_keep() const;
 
     // The first functions of an element, a row each; they stay until `making` makes others or `kept` is gone.
@@ -47,9 +50,6 @@ public:
         std::shared_ptr<const std::vector<double>> kept;  // where they lie, if they are kept
     };
     FirstFunctions first_functions(i64 element, i64 count, ElementFunctions &making) const;
-
-    // Of these, the ones of an element, function after function; nothing as long as they are not made.
-    std::span<const double> functions_of(i64 element) const;
 
     // The least relative distance of a share from its threshold: whether every decoder drops the same columns, however it
     // rounds. Of the elements' functions, too, once they are made.

@@ -189,11 +189,13 @@ template <class Real> Motion<Real> take(const SpaceBasis &basis, const Quantised
     Motion<Real> found(basis, static_cast<i64>(quantised.shape(1)) / axes, axes, step);
     if (selection) found.choose(std::move(*selection));
     std::vector<std::span<const i64>> rows;
+    rows.reserve(quantised.shape(0));
     for (std::size_t row = 0; row < quantised.shape(0); ++row) {
         rows.emplace_back(quantised.data() + row * quantised.shape(1), quantised.shape(1));
     }
     found.take_tree(rows);
     in_shares(basis.elements().count(), threads, [&](i64 first, i64 end) { found.take_elements(first, end, rows); });
+    found.end();
     return found;
 }
 

@@ -48,8 +48,9 @@ public:
     using Number = std::conditional_t<decodes, i64, const i64>;
     using AllRows = std::conditional_t<decodes, CoefficientRows, GivenRows>;
 
-    CoefficientCoder(const CoefficientLayout &layout, AllRows rows, RangeCoder<mode> coder = {})
-        : coder(std::move(coder)), layout(layout), rows(std::move(rows)) {}
+    // The rows must outlive it.
+    CoefficientCoder(const CoefficientLayout &layout, AllRows &rows, RangeCoder<mode> coder = {})
+        : coder(std::move(coder)), layout(layout), rows_(rows) {}
 
     // Those up to `end` - 1 that have not been coded yet.
     void code(i64 end) {
@@ -61,14 +62,13 @@ public:
 
     RangeCoder<mode> coder;
     const CoefficientLayout layout;
-    AllRows rows;
 
 private:
     // A row of a subband, which is known.
     std::span<const i64> row_of(i64 subband, i64 place) const {
         const std::span<const i64> starts = layout.subbands.starts;
-        if (subband < 0 || place < 0 || place >= starts[subband + 1] - starts[subband]) return rows.none();
-        return rows[starts[subband] + place];
+        if (subband < 0 || place < 0 || place >= starts[subband + 1] - starts[subband]) return rows_.none();
+        return rows_[starts[subband] + place];
     }
 
     // Where a block of a row that is known begins; zeros beyond its end.
@@ -97,8 +97,8 @@ private:
             }
             const i64 needed = channels_needed(begin + place, begin + stop);
             count = model_->code_count(coder, band, count, layout.channels, needed);
-            Number *numbers = rows.add(begin + place, begin + stop, count);
-            for (; place < stop; ++place, numbers += rows.width(count)) {
+            Number *numbers = rows_.add(begin + place, begin + stop, count);
+            for (; place < stop; ++place, numbers += rows_.width(count)) {
                 const Neighbours around = {row_of(subband, place - 1), row_of(subband, place - 2),
                                            row_of(beside, place), row_of(above, place)};
                 code_row(band, place + affine, {numbers, static_cast<std::size_t>(count)}, around);
@@ -112,7 +112,7 @@ private:
         i64 needed = 0;
         if constexpr (!decodes) {
             for (i64 row = first; row < end; ++row) {
-                const i64 *numbers = rows[row].data();
+                const i64 *numbers = rows_[row].data();
                 i64 channel = layout.channels;
                 while (channel > needed && numbers[channel - 1] == 0) --channel;
                 needed = most(needed, channel);
@@ -191,6 +191,7 @@ private:
         return sizes;
     }
 
+    AllRows &rows_;
     const std::array<i64, ranks_together> nothing_{};  // a block beyond the end of a row
     std::unique_ptr<CoefficientModel> model_ = std::make_unique<CoefficientModel>();
     std::array<i64, 2> latest_ = {-1, -1};  // latest subband of a node, and that of an element
@@ -222,7 +223,8 @@ void CoefficientLayout::check() const {
 std::vector<u8> encode_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients) {
     check_size(layout, coefficients.size());
     if (std::all_of(coefficients.begin(), coefficients.end(), [](i64 number) { return number == 0; })) return {};
-    CoefficientCoder<Mode::encode> all(layout, {layout, coefficients});
+    GivenRows rows(layout, coefficients);
+    CoefficientCoder<Mode::encode> all(layout, rows);
     all.code(layout.subbands.count());
     return all.coder.finish();
 }
@@ -233,7 +235,8 @@ double measure_coefficients(const CoefficientLayout &layout, std::span<const i64
     if (!copies.empty() && static_cast<i64>(copies.size()) != layout.subbands.count()) {
         throw std::invalid_argument("as many copies as subbands");
     }
-    CoefficientCoder<Mode::measure> all(layout, {layout, coefficients});
+    GivenRows rows(layout, coefficients);
+    CoefficientCoder<Mode::measure> all(layout, rows);
     all.code(layout.subbands.count());
     for (std::size_t subband = 0; subband < copies.size(); ++subband) {
         if (copies[subband] <= 1.0) continue;
@@ -248,22 +251,19 @@ class CoefficientDecoder::State : public CoefficientCoder<Mode::decode> {
 };
 
 CoefficientDecoder::CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data)
-    : has_bytes_(!data.empty()) {
+    : rows_(layout.rows, block_size(layout)) {
     layout.check();
-    state_ = std::make_unique<State>(layout, CoefficientRows(layout.rows, block_size(layout)),
-                                     RangeCoder<Mode::decode>(data));
+    if (!data.empty()) state_ = std::make_unique<State>(layout, rows_, RangeCoder<Mode::decode>(data));
 }
 
 CoefficientDecoder::~CoefficientDecoder() = default;
 
 void CoefficientDecoder::decode(i64 end) {
-    if (has_bytes_) state_->code(least(end, state_->layout.subbands.count()));
+    if (state_) state_->code(least(end, state_->layout.subbands.count()));
 }
 
-QuantisedRows CoefficientDecoder::rows() const { return state_->rows.all(); }
-
 void CoefficientDecoder::finish() const {
-    if (has_bytes_ && !state_->coder.is_finished()) {
+    if (state_ && !state_->coder.is_finished()) {
         throw CorruptError("section COEF does not end where its levels do; get the file again");
     }
 }

@@ -45,7 +45,7 @@ double measure_coefficients(const CoefficientLayout &layout, std::span<const i64
 // Undoes `encode_coefficients` some subbands at a time, so that others may go on with those while the next are decoded.
 class CoefficientDecoder {
 public:
-    // The layout's arrays and the data must outlive it.
+    // The layout's arrays and the data must outlive it; it stays where it is.
     CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data);
     ~CoefficientDecoder();
 
@@ -54,7 +54,7 @@ public:
     void decode(i64 end);
 
     // All rows; those that are not there yet have no numbers.
-    QuantisedRows rows() const;
+    QuantisedRows rows() const { return rows_.all(); }
 
     // CorruptError unless the bytes end where the coefficients do.
     void finish() const;
@@ -62,8 +62,8 @@ public:
 private:
     class State;
 
-    bool has_bytes_;  // none where all coefficients are zero
-    std::unique_ptr<State> state_;
+    CoefficientRows rows_;
+    std::unique_ptr<State> state_;  // none where there are no bytes: all coefficients are zero
 };
 
 }  // namespace pdeanim

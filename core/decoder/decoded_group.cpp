@@ -79,6 +79,7 @@ template <class Real> DecodedGroup decode_in(const Group &group, const Chunks &c
         coefficients.take(motion);
     }
     if (failure) std::rethrow_exception(failure);
+    motion.end();
     return {group, std::move(time), std::move(motion), std::move(residuals)};
 }
 

@@ -94,8 +94,9 @@ template <class Real> void Motion<Real>::take_tree(QuantisedRows rows) {
     }
     if (!may_have_fields()) return;
     std::vector<double> values(count * channels());
-    for (i64 function = 0; function < count; ++function)
+    for (i64 function = 0; function < count; ++function) {
         multiply(rows[function], values.data() + function * channels());
+    }
     affine_.resize(affine_count * basis->layout().nodes() * channels());
     basis->tree().synthesise(values.data(), affine_, channels());
 }

@@ -70,6 +70,9 @@ template <class Real> struct Motion {
     // Then those of the elements `first` to `end` - 1; several threads may, each others.
     void take_elements(i64 first, i64 end, QuantisedRows rows);
 
+    // All are taken over: give back the memory that this alone needed.
+    void end() { affine_ = std::vector<double>(); }
+
     i64 channels() const { return functions * axes; }
     int time_axes() const { return axes == 1 ? 3 : 1; }
     i64 vertices() const { return selection ? static_cast<i64>(selected_places.size()) : basis->vertices(); }

@@ -70,8 +70,9 @@ typedef struct pdeanim_options {
     uint64_t max_memory; /* bytes that a file may ask for; 0: 4 GiB */
     uint32_t threads;    /* that decode beside each other; 0: one a processor */
     uint64_t max_output; /* bytes of positions, 12 for each vertex and frame, that a file may declare; 0: any number */
-    uint64_t max_kept; /* bytes of decoded groups of frames that stay in memory, an eighth at first, more where times go
-                            back to groups that were given up; 0: 512 MiB. max_memory holds for them as well */
+    uint64_t max_kept;   /* bytes of decoded groups of frames that stay in memory; 0: 512 MiB. They take an eighth of it
+                            at first, more where times go back to groups that were given up, and never more than
+                            max_memory leaves */
 } pdeanim_options;
 
 /* An open file. */
