@@ -357,12 +357,12 @@ def test_a_residual_fades_towards_the_frames_beside_it(profile: str) -> None:
     points = np.zeros((9, 6, 3), np.float32)
     points[:, :, 0] = np.arange(6)
     points[4, 2, 1] = 0.5
-    with open_animation(encoded(ArraySequence(points, fps=1), profile=profile, max_error=0.001)) as decoded:
+    with open_animation(encoded(ArraySequence(points, fps=1), profile=profile, max_error=0.1)) as decoded:
         height = decoded.sample(np.arange(3, 5.01, 0.25))[:, 2, 1]
-        if decoded.sections["COEF"] == 0:  # the reference frame and one residual: a hat function
-            np.testing.assert_allclose(height, [0, 0.125, 0.25, 0.375, 0.5, 0.375, 0.25, 0.125, 0], atol=0.002)
-        assert height[4] == pytest.approx(0.5, abs=0.001)
-        assert np.argmax(height) == 4
+        assert (decoded.sections["COEF"], decoded.sections["CORR"] > 0) == (0, True)
+        # The reference frame and one residual: a hat function.
+        np.testing.assert_allclose(height / height[4], [0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0], atol=1e-6)
+        assert height[4] == pytest.approx(0.5, abs=0.1)
 
 
 @PROFILES
@@ -401,10 +401,11 @@ def test_opening_reads_headers_alone_and_damage_is_found_where_it_is_needed(
                 use()
 
 
-@pytest.mark.parametrize("kind", ["META", "SEQN", "CONN", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR", "ATTR"])
-def test_verify_finds_damage_in_every_section(data: bytes, animation: Animation, kind: str) -> None:
+def test_verify_finds_damage_in_every_section(data: bytes, animation: Animation) -> None:
     animation.verify()
-    if animation.sections[kind]:
+    kinds = [part.kind for part in take_apart(data) if part.content]
+    assert {*kinds, "TIME"} == {"META", "SEQN", "CONN", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR", "ATTR"}
+    for kind in kinds:
         with pytest.raises(CorruptFileError, match=f"section {kind} is damaged"):
             open_animation(damaged(data, kind)).verify()
 

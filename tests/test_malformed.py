@@ -25,7 +25,6 @@ from pdecodec import (
     CorruptFileError,
     DecodeLimits,
     EncodeSettings,
-    LimitError,
     MeshObject,
     encode,
     open_animation,
@@ -372,11 +371,3 @@ def test_the_files_that_hostile_sizes_are_built_on_are_sound(vertices: int) -> N
         assert tracemalloc.get_traced_memory()[1] < 2 * MEMORY
     finally:
         tracemalloc.stop()
-
-
-def test_a_memory_limit_is_kept_and_can_be_raised() -> None:
-    data = VECTORS["trajectories_predicted"]
-    with pytest.raises(LimitError, match=r"24 vertices.*raise it if you trust the file"):
-        open_animation(data, limits=DecodeLimits(max_memory=14_000))
-    with open_animation(data, limits=DecodeLimits(max_memory=2**20)) as animation:
-        assert animation.vertex_count == 24

@@ -108,6 +108,7 @@ CLIPS: dict[str, Callable[[], MeshSequence]] = {
     "duplicate vertices": lambda: changed(((slice(None), 9), wave()[:, 23]), ((slice(None), 10), wave()[:, 11])),
     "lines": lambda: of(connectivity_of(35, lines=LINES)),
     "points": lambda: ArraySequence(wave()),
+    "more vertices than a patch has": lambda: ArraySequence(wave(6, 20, 30), objects=[MeshObject("", grid(20, 30))]),
     "polygons": lambda: of(connectivity_of(35, POLYGONS)),
     "several objects": of_several_objects,
     "irregular times": lambda: ArraySequence(wave(), times=np.cumsum(np.arange(12) % 3 + 0.1)),
