@@ -49,9 +49,9 @@ CONVENTIONS = """\
   USD and Alembic as one shape under transforms; with `--rigid` those of a `.pdeanim` file that do so within its bound,
   too. Formats without transforms get positions with transforms applied.
 - **Onto an original** (`decode --onto`, `write_onto`): glTF, USD, Alembic and OBJ files are written again with all that
-  they have, whether it is read here or not, and another motion. Objects must be those of the original. Normals are
-  computed anew where it has some; transforms stay, and positions are brought into the spaces of their shapes. Skeletons
-  and blend shapes stay and no longer deform what is moved. USD: the root layer is copied, other files are named from
+  they have, whether it is read here or not, and another motion. Objects must be those of the original; those of one
+  name are taken in order. Normals are computed anew where it has some; transforms stay, and positions are brought into
+  the spaces of their shapes. Skeletons and blend shapes stay and no longer deform what is moved. USD: the root layer is copied, other files are named from
   the new place; `--layer` writes points, normals and velocities alone, over the original as a sublayer. glTF: meshes
   under nodes that move, and those that move rigidly, go to the scene's root, and tangents are left out.
   Alembic: properties that its Python library has no type for, and bounds of children, are left out, aloud; instances

@@ -1,7 +1,8 @@
 """Motion put onto a file that is there: everything of the original stays, its objects move as a sequence says.
 
-Objects are found by their names, or in order where no name is shared. Their faces, lines and vertices must be those of
-the original. What lies in the space of the scene is brought into the space of the original's shapes.
+Objects are found by their names, those of one name in order, or all in order where no name is shared. Their faces,
+lines and vertices must be those of the original. What lies in the space of the scene is brought into the space of the
+original's shapes.
 """
 
 from __future__ import annotations
@@ -141,20 +142,28 @@ def fitted(sequence: MeshSequence, original: MeshSequence, source: Path) -> tupl
     InputError
         If an object is not there, or has other vertices, faces or lines.
     """
-    numbers = {item.name: index for index, item in enumerate(original.objects)}
-    named = [item.name in numbers for item in sequence.objects]
+    places = _places(original)
     notices: tuple[str, ...] = ()
-    if not any(named) and len(sequence.objects) == len(original.objects):
-        numbers = {item.name: index for index, item in enumerate(sequence.objects)}
+    ours = _places(sequence)
+    if not places.keys() & ours.keys() and len(sequence.objects) == len(original.objects):
+        places = ours
         notices = (f"no object has a name of {source.name}: they are taken in order",)
+    for name, alike in ours.items():
+        if name in places and len(alike) != len(places[name]):
+            raise InputError(
+                f"object {name!r} is ambiguous: {len(alike)} of this name, and {len(places[name])} in {source.name}; "
+                "encode the file that it is to go onto, or leave them out (--object)"
+            )
     found, first = [], 0
+    next_of = {name: iter(alike) for name, alike in places.items()}
     for item in sequence.objects:
         own = slice(first, first + item.vertex_count)
         first = own.stop
-        if item.name not in numbers:
+        if item.name not in places:
             known = listed([one.name for one in original.objects])
             raise InputError(f"object {item.name!r} is not in {source.name}, which has {known}; name it alike")
-        theirs = original.objects[numbers[item.name]]
+        index = next(next_of[item.name])
+        theirs = original.objects[index]
         if item.vertex_count != theirs.vertex_count:
             raise InputError(
                 f"object {item.name!r} has {item.vertex_count} vertices, and {theirs.vertex_count} in {source.name}; "
@@ -165,12 +174,20 @@ def fitted(sequence: MeshSequence, original: MeshSequence, source: Path) -> tupl
                 f"object {item.name!r} has other faces or lines than in {source.name}, or its vertices in another "
                 "order (--order free); encode the file that it is to go onto"
             )
-        found.append(Fitted(item, own, numbers[item.name]))
+        found.append(Fitted(item, own, index))
     moved = {one.index for one in found}
     left = [item.name for index, item in enumerate(original.objects) if index not in moved]
     if left:
         notices = (*notices, f"left as they are in {source.name}: {listed(left)}")
     return tuple(found), notices
+
+
+def _places(sequence: MeshSequence) -> dict[str, list[int]]:
+    """Which objects of a sequence have each name, in order; siblings of glTF may have one and the same."""
+    places: dict[str, list[int]] = {}
+    for index, item in enumerate(sequence.objects):
+        places.setdefault(item.name, []).append(index)
+    return places
 
 
 def corner_order(stored: NDArray[np.integer], connectivity: Connectivity) -> NDArray[np.int64]:

@@ -166,6 +166,38 @@ def test_gltf_onto_is_valid_and_rows_cut_at_seams_keep_one_normal(tmp_path: Path
     assert_valid(tmp_path / "b.glb")
 
 
+def namesakes(path: Path, *shapes: Any) -> Path:
+    """A glTF file of nodes with one and the same name, one for each shape."""
+    made = Scene()
+    for points in shapes:
+        made.builder.add("nodes", {"name": "a", "mesh": made.mesh(points)})
+    return made.save(path)
+
+
+@pytest.mark.parametrize("second", [TRIANGLE, [*TRIANGLE, [0, 0, 1], [1, 0, 1], [0, 1, 1]]])
+def test_objects_of_one_name_are_found_in_order(tmp_path: Path, second: Any) -> None:
+    source = namesakes(tmp_path / "a.glb", TRIANGLE, second)
+    with open_sequence(source, fps=24) as read:
+        assert [item.name for item in read.objects] == ["a", "a"]
+        clip = others(read)
+    write_onto(clip, source, tmp_path / "b.glb")
+    with open_sequence(tmp_path / "b.glb") as read:
+        frames = [int(np.abs(read.times - time).argmin()) for time in clip.times]
+        found = np.stack([read.read_frames(frame, frame + 1)[0] for frame in frames])
+        assert np.abs(found - clip.read_frames(0, 4)).max() < CLOSE * 4
+        assert len(read_gltf(tmp_path / "b.glb").root["nodes"]) == 2
+
+
+@pytest.mark.parametrize(("mine", "its"), [(1, 2), (2, 1), (3, 2)])
+def test_objects_of_one_name_are_ambiguous_where_their_number_differs(tmp_path: Path, mine: int, its: int) -> None:
+    with open_sequence(namesakes(tmp_path / "mine.glb", *[TRIANGLE] * mine), fps=24) as read:
+        clip = others(read)
+    source = namesakes(tmp_path / "its.glb", *[TRIANGLE] * its)
+    with pytest.raises(InputError, match=f"object 'a' is ambiguous: {mine} of this name, and {its} in its.glb"):
+        write_onto(clip, source, tmp_path / "b.glb")
+    assert not (tmp_path / "b.glb").exists()
+
+
 USDA = """#usda 1.0
 (
     defaultPrim = "World"
