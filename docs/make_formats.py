@@ -51,11 +51,12 @@ CONVENTIONS = """\
 - **Onto an original** (`decode --onto`, `write_onto`): glTF, USD, Alembic and OBJ files are written again with all that
   they have, whether it is read here or not, and another motion. Objects must be those of the original; those of one
   name are taken in order. Normals are computed anew where it has some; transforms stay, and positions are brought into
-  the spaces of their shapes. Skeletons and blend shapes stay and no longer deform what is moved. USD: the root layer is copied, other files are named from
-  the new place; `--layer` writes points, normals and velocities alone, over the original as a sublayer. glTF: meshes
-  under nodes that move, and those that move rigidly, go to the scene's root, and tangents are left out.
-  Alembic: properties that its Python library has no type for, and bounds of children, are left out, aloud; instances
-  that are moved are instances no more. OBJ: every frame is the original's first with other numbers.
+  the spaces of their shapes. Skeletons and blend shapes stay and no longer deform what is moved. USD: the root layer is
+  copied, other files are named from the new place; `--layer` writes points, normals and velocities alone, over the
+  original as a sublayer. glTF: meshes under nodes that move, and those that move rigidly, go to the scene's root, and
+  tangents are left out. Alembic: properties that its Python library has no type for, and bounds of children, are left
+  out, aloud; instances that are moved are instances no more. OBJ: every frame is the original's first with other
+  numbers.
 - **Connectivity that changes** is runs of frames, each of one connectivity: Alembic, USD, OBJ, PLY, VTU and PVD are
   read as such and written from them. Between the last frame of a run and the first of the next the earlier is still.
   Frames without vertices are left out, aloud. In Alembic and USD an object is one shape, empty where a run does not
