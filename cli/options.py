@@ -155,10 +155,10 @@ def rigid_bound(source: MeshSequence, scale: float) -> float:
 
     if not isinstance(source, Animation) or len(source.runs) > 1:
         raise SettingsError("--rigid is for a .pdeanim file of one connectivity, which knows its bound; leave it out")
-    settings = source.info()["settings"]
-    if settings.get("profile") == "paper" and not (settings.get("tolerance") or settings.get("max_error")):
+    bound = bound_of(source)
+    if bound is None:
         raise SettingsError("--rigid needs a bound, and the file was encoded without one; leave it out")
-    return scale * bound_of(source, source.residual_step)
+    return scale * bound
 
 
 def write_options(command: Callable[..., None]) -> Callable[..., None]:

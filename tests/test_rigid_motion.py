@@ -123,7 +123,7 @@ def test_parts_rigid_within_the_bound_of_a_file_are_nodes_that_move_where_that_i
     needed(extension)
     encode(machine(), tmp_path / "x.pdeanim", tolerance=1e-4)
     with open_animation(tmp_path / "x.pdeanim") as animation:
-        decoded, bound = animation.read_frames(0, 30), bound_of(animation, animation.residual_step)
+        decoded, bound = animation.read_frames(0, 30), bound_of(animation)
         write_sequence(animation, tmp_path / f"plain.{extension}")
         told = write_sequence(animation, tmp_path / f"x.{extension}", rigid=bound)
         with pytest.raises(SettingsError, match="--rigid moves shapes that stand"):
@@ -160,7 +160,7 @@ def test_every_part_that_moved_rigidly_before_it_was_coded_is_found_within_the_b
         path = tmp_path / f"{tolerance}.pdeanim"
         encode(clip, path, tolerance=tolerance)
         with open_animation(path) as animation:
-            bound = bound_of(animation, animation.residual_step)
+            bound = bound_of(animation)
             moved, (line,) = rigid_parts(animation, bound)
             assert line.startswith("24 objects moved as rigid")
             assert all(transform_of(item) is not None for item in moved.objects)

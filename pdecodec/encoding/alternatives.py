@@ -259,7 +259,7 @@ def alternatives_of(animation: Animation) -> list[Question]:
     """
     if len(animation.runs) > 1:
         raise InputError("has several runs of frames, which are encoded each by itself", path=animation.path)
-    bound = bound_of(animation, animation.residual_step)
+    bound = bound_of(animation)
     groups: list[tuple[int, GroupChoice]] = []
     frames = 0
     for entry in animation.groups:
@@ -267,7 +267,7 @@ def alternatives_of(animation: Animation) -> list[Question]:
             break
         groups.append((entry.frames, GroupChoice(entry.basis, "reference", grid_index(entry.step))))
         frames += entry.frames
-    if not groups:
+    if not groups or bound is None:
         return [model_question(animation, bound, "paper")]
     reference, basis = animation.reference_and_space()
     points = animation.read_frames(0, frames)

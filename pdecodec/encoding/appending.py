@@ -12,27 +12,47 @@ from pdecodec.coding.residuals import LAST_BINADE, SAFETY
 from pdecodec.coding.spacebasis import SpaceBasis
 from pdecodec.decoder import Animation
 from pdecodec.encoding.autoprofile import AutoEncoder, EncodedPart
+from pdecodec.encoding.encodereport import GENERATOR
 from pdecodec.encoding.groupfit import EncodedGroup, GroupChoice
 from pdecodec.encoding.quantisation import grid_index
+from pdecodec.errors import SettingsError
 from pdecodec.sequence import MeshSequence, Progress
-from pdecodec.settings import EffortName, EncodeSettings
+from pdecodec.settings import SMALLEST_BOUND, EffortName, EncodeSettings
 
 
-def bound_of(animation: Animation, residual_step: float) -> float:
-    """The bound [scene units] that a file was encoded with: what its step of residuals keeps.
+def bound_of(animation: Animation) -> float | None:
+    """The bound [scene units] that a file was encoded with, or a little less; None where it says that there was none.
 
-    Parameters
-    ----------
-    animation : Animation
-        Of profile "auto".
-    residual_step : float [scene units]
-        Of its model.
+    What its step of residuals keeps, where a single bound has that step. Where float32 is so coarse that all bounds
+    below some have the same, what the file's remarks say; without them it may have been the least one there is.
     """
-    # Undoes pdecodec.coding.residuals.residual_step; where float32 is so coarse that a quarter of its spacing is the
-    # step, the least bound that has it.
-    largest = float(np.abs(animation.read_frames(0, 1)).max())
-    spacing = float(np.spacing(np.float32(min(largest, LAST_BINADE))))
-    return math.sqrt(3.0) / 2.0 * (residual_step / SAFETY + spacing)
+    reference, _ = animation.reference_and_space()
+    # The frame that the encoder saw is up to half a step away on each axis.
+    points, half = reference.points, reference.step / 2.0
+    largest = float(np.abs(points).max())
+    near, far = (float(np.spacing(np.float32(min(max(0.0, largest + more), LAST_BINADE)))) for more in (-half, half))
+    # Undoes pdecodec.coding.residuals.residual_step.
+    of_step = math.sqrt(3.0) / 2.0 * (animation.residual_step / SAFETY + near)
+    settings, is_alone = _recorded(animation), animation.residual_step > far / 4.0
+    if settings is None:
+        return of_step if is_alone else SMALLEST_BOUND
+    diagonal = math.hypot(*np.ptp(points, axis=0).tolist())
+    said = settings.bound(max(0.0, diagonal - 2.0 * math.sqrt(3.0) * half))
+    if said is None:
+        return None
+    # A tolerance is of a diagonal that is only about known here.
+    return of_step if is_alone and settings.max_error is None else min(said, of_step)
+
+
+def _recorded(animation: Animation) -> EncodeSettings | None:
+    """The settings that a file's remarks say it was made with, if they do."""
+    information = animation.info()
+    if not information["generator"].startswith(GENERATOR):
+        return None  # Of settings, those that are as usual are not recorded: others' remarks would say the usual ones.
+    try:
+        return EncodeSettings.from_json(information["settings"])
+    except (SettingsError, TypeError):
+        return None
 
 
 class AppendingEncoder(AutoEncoder):
@@ -62,7 +82,9 @@ class AppendingEncoder(AutoEncoder):
         effort: EffortName = "default",
         progress: Progress | None = None,
     ) -> None:
-        bound = bound_of(animation, residual_step)
+        bound = bound_of(animation)
+        if bound is None:
+            raise SettingsError("was encoded without a bound, within which frames could be coded", path=animation.path)
         super().__init__(sequence, EncodeSettings(max_error=bound, effort=effort), progress)
         self._first = animation.read_frames(0, 1)[0]
         self._residual_step = residual_step

@@ -9,6 +9,9 @@ from typing import Any
 
 from pdecodec import __version__
 
+GENERATOR = "pdecodec "
+"""What stands before the version in the remarks of files that this package made."""
+
 CONSTANT_SECTIONS = frozenset({"CONN", "ORDR", "ATTR"})
 """Sections that do not grow with the motion: rates in bits per vertex and frame leave them out."""
 
@@ -170,7 +173,7 @@ class EncodeReport:
 
 def generator() -> str:
     """What the file says it was made by."""
-    return f"pdecodec {__version__}"
+    return f"{GENERATOR}{__version__}"
 
 
 def counted(number: int, what: str, ending: str = "s", cut: int = 0) -> str:

@@ -273,7 +273,7 @@ def join_animations(
         times, names, coded_again = [head.animation.times], [os.path.basename(head.path)], 0
         before: MeshSequence = head.animation
         is_closed = head.entries[0].basis == "closed form"
-        jumps, bound = list(head.animation.jumps), bound_of(head.animation, head.animation.residual_step)
+        jumps, bound = list(head.animation.jumps), bound_of(head.animation)
         coming: list[CodedFile | MeshSequence] = []
         for other in others:
             if isinstance(other, MeshSequence):
@@ -296,7 +296,7 @@ def join_animations(
             times.append(_following(times[-1], sequence.times, head.animation.fps, shift=shift, path=where))
             coded_again += 0 if isinstance(coming[-1], CodedFile) else sequence.frame_count
             names.append(name)
-            if not is_closed and jumps_across(before, sequence, bound):
+            if not is_closed and bound is not None and jumps_across(before, sequence, bound):
                 jumps.append(sum(part.size for part in times[:-1]))
             before = sequence
 
