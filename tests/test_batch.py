@@ -427,29 +427,26 @@ def test_files_that_grew_since_an_earlier_batch_fail_the_check(clips: Path, caps
 
 
 def test_clips_share_the_memory_of_the_machine_in_turn() -> None:
-    budget, lock = MemoryBudget(10), threading.Lock()
-    used = most = 0
-    order = []
+    budget, inside, seen, threads = MemoryBudget(10), [], [], []
 
     def take(size: int) -> None:
-        nonlocal used, most
         with budget.room(size):
-            with lock:
-                used += size
-                most = max(most, used if size <= 10 else 0)
-                assert size <= 10 or used == size
-                order.append(size)
+            inside.append(size)
+            seen.append(tuple(inside))
             time.sleep(0.002)
-            with lock:
-                used -= size
+            inside.remove(size)
 
-    threads = [threading.Thread(target=take, args=(size,)) for size in (4, 3, 6, 25, 1, 5, 10, 2) * 4]
-    for thread in threads:
-        thread.start()
+    sizes = [7, 25, 5, 8, 10, 4, 9]  # none fits beside the one before it, and some beside those that are there first
+    with budget.room(1), budget.room(3):
+        for size in sizes:
+            threads.append(threading.Thread(target=take, args=(size,), daemon=True))
+            threads[-1].start()
+            while threads[-1].is_alive() and len(budget._waiting) < len(threads):
+                time.sleep(0.001)
+        assert seen == []
     for thread in threads:
         thread.join(10)
-    assert most <= 10
-    assert sorted(order) == sorted((4, 3, 6, 25, 1, 5, 10, 2) * 4)
+    assert seen == [(size,) for size in sizes]
 
 
 def test_the_estimate_of_memory_grows_with_vertices_and_not_with_frames_beyond_a_group() -> None:

@@ -12,6 +12,7 @@ import pytest
 import pdecodec
 from pdecodec import ArraySequence, InputError, SettingsError
 from pdecodec.cli.main import run
+from pdecodec.encoding.autoprofile import AutoEncoder
 from pdecodec.encoding.effort import EFFORTS
 from pdecodec.errors import CorruptFileError
 from pdecodec.files.cutting import CodedFile, cut_animation, join_animations
@@ -163,8 +164,13 @@ def test_frames_that_are_appended_without_a_search_may_be_many_groups(
 ) -> None:
     monkeypatch.setitem(EFFORTS, "fast", replace(EFFORTS["fast"], searched_clip=0))
     monkeypatch.setattr("pdecodec.encoding.encodememory.LONGEST_GROUP", 16)
+    ruled, unsearched = AutoEncoder._ruled, []
+    monkeypatch.setattr(
+        AutoEncoder, "_ruled", lambda self, group, *rest: unsearched.append(group.frames) or ruled(self, group, *rest)
+    )
     more, longer = waves(40, start=FRAMES), tmp_path / "longer.pdeanim"
     join_animations(clip, [more], longer, effort="fast")
+    assert (np.diff(edges_of(longer))[-3:].tolist(), unsearched) == ([13, 13, 14], [13, 14])
     bound = 1e-3 * pdecodec.metrics.frame_scale(waves(1).points[0])
     assert np.linalg.norm(frames_of(longer)[FRAMES:] - more.points, axis=2).max() <= 1.001 * bound
 
