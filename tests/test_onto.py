@@ -264,7 +264,9 @@ def test_usd_keeps_the_stage_and_a_layer_holds_points_normals_and_velocities_alo
     needed("usd")
     from pxr import Sdf, Usd, UsdGeom, UsdSkel
 
-    (tmp_path / "out").mkdir()
+    for folder in ("out", "maps"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "maps" / "wood.png").touch()
     source, out = tmp_path / "a.usda", tmp_path / "out" / "b.usda"
     source.write_text(USDA)
     with open_sequence(source) as read:
@@ -275,7 +277,7 @@ def test_usd_keeps_the_stage_and_a_layer_holds_points_normals_and_velocities_alo
     stage = Usd.Stage.Open(str(out))
     mesh = stage.GetPrimAtPath("/World/Root/Skin")
     assert mesh.GetAttribute("studio:shot").Get() == "12a"
-    assert Path(mesh.GetAttribute("studio:map").Get().resolvedPath or tmp_path / "maps" / "wood.png").name == "wood.png"
+    assert Path(mesh.GetAttribute("studio:map").Get().resolvedPath) == tmp_path / "maps" / "wood.png"
     assert stage.GetPrimAtPath("/World/Camera").GetAttribute("focalLength").GetTimeSamples() == [1, 30]
     assert stage.GetPrimAtPath("/World/Light").IsValid()
     assert stage.GetPrimAtPath("/World/Root/Skeleton").IsValid()
