@@ -12,7 +12,14 @@ import pytest
 import pdecodec
 from pdecodec.cli.main import run
 from pdecodec.decoder import usual_limits
-from pdecodec.encoding.encodememory import encoding_bytes, memory_plan
+from pdecodec.encoding.encodememory import (
+    FIXED_BYTES,
+    GROUP_COPIES,
+    SMOOTH_GROUP_COPIES,
+    VERTEX_BYTES,
+    encoding_bytes,
+    memory_plan,
+)
 
 ROOT = Path(__file__).resolve().parent.parent
 Capture = pytest.CaptureFixture[str]
@@ -94,11 +101,13 @@ def test_limits_of_a_context_hold_for_whatever_opens_a_file_within_it(animation:
 def test_a_plan_keeps_within_its_memory_and_is_the_usual_one_where_that_fits() -> None:
     usual = memory_plan(20_000, 400, None)
     assert memory_plan(20_000, 400, encoding_bytes(400, 20_000)) == usual
-    plans = [memory_plan(20_000, 400, size * 2**20) for size in (200, 400, 800, 1600)]
-    frames = [plan.group_frames for plan in plans]
-    assert frames == sorted(set(frames))
-    assert frames[0] >= 1
-    assert all(plan.functions >= 16 for plan in plans)
+    for size in (200, 400, 800, encoding_bytes(400, 20_000) / 2**20):
+        plan = memory_plan(20_000, 400, int(size * 2**20) - 1)
+        assert plan.group_frames < usual.group_frames
+        assert plan.functions >= 16
+        left = size * 2**20 - FIXED_BYTES - 20_000 * (VERTEX_BYTES + 8 * plan.functions)
+        assert left - GROUP_COPIES * 480_000 <= GROUP_COPIES * 480_000 * plan.group_frames < left
+        assert SMOOTH_GROUP_COPIES * 480_000 * plan.smooth_group_frames < left
 
 
 def test_an_encode_that_cannot_be_done_within_a_limit_says_how_much_it_takes(tmp_path: Path, capsys: Capture) -> None:
