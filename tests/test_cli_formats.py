@@ -212,15 +212,16 @@ def test_every_file_of_the_shared_data_is_read_or_refused_by_one_clear_line(
     shared_data: Path, folder: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     needed(folder.partition("/")[2])
-    refused = []
+    refused, codes = [], set()
     found = [file for file in (shared_data / folder).rglob("*") if file.suffix not in (".bin", ".txt", ".json", "")]
     for file in sorted(found):
         code = run(["info", str(file), "--fps", "30"])
         said = capsys.readouterr().err
+        codes.add(code)
         if code == 5:
             continue  # compressed glTF, whose package is not installed here
         if code:
             assert code == 3
             assert said.count("\n") == 1
             refused.append(file.name)
-    assert refused == REFUSED.get(folder, [])
+    assert (refused, 0 in codes) == (REFUSED.get(folder, []), True)

@@ -244,7 +244,9 @@ def test_a_file_that_shrinks_or_closes_while_it_is_read_is_our_error(tmp_path: P
 
 @pytest.mark.data
 def test_every_shared_sequence_is_read(shared_data: Path) -> None:
-    for path in sorted((shared_data / "sequences").glob("*.npz")):
+    paths = sorted((shared_data / "sequences").glob("*.npz"))
+    assert paths
+    for path in paths:
         with np.load(path) as known, open_sequence(path) as sequence:
             assert np.array_equal(sequence.read_frames(3, 9), known["points"][3:9])
             assert np.array_equal(sequence.times, known["times"])

@@ -26,28 +26,6 @@ def own_formats(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "_formats", own)
 
 
-@pytest.mark.parametrize(
-    ("program", "out", "error"),
-    [
-        (
-            "import sys, pdecodec.formats\n"
-            "print([name for name in ('h5py', 'fileseq', 'meshio', 'zipfile') if name in sys.modules])",
-            "[]\n",
-            "",
-        ),
-        ("import formats", "", "import this package as pdecodec.formats, not as formats"),
-    ],
-)
-def test_the_package_is_imported_under_its_full_name_and_loads_none_of_what_formats_need(
-    program: str, out: str, error: str
-):
-    checkout = Path(__file__).resolve().parent.parent
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=checkout)
-    assert done.stdout == out
-    assert error in done.stderr
-    assert (done.returncode == 0) == (error == "")
-
-
 def test_the_list_of_formats_says_what_each_can_do():
     table = {entry.name: (entry.extensions, entry.reads, entry.writes) for entry in list_formats()}
     assert table["obj"] == ((".obj",), True, True)
