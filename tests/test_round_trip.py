@@ -185,6 +185,18 @@ def test_every_effort_and_rates_that_are_asked_for_keep_the_bound(options: dict[
     assert_kept(sequence, *round_trip(sequence, max_error=0.01, **options))
 
 
+@pytest.mark.parametrize("effort", ["fast", "default"])
+@pytest.mark.parametrize("lengths", [20, 45, 80])
+def test_a_mesh_that_moves_by_many_times_its_own_length_is_kept_at_a_tight_bound(lengths: float, effort: str) -> None:
+    points = wave(24, 50, 50) / 50
+    points[..., 0] += lengths * np.linspace(0, 1, 24, dtype=np.float32)[:, None]
+    sequence = sheet(points, 50, 50)
+    report, animation = round_trip(sequence, tolerance=3e-7, effort=effort)
+    assert_kept(sequence, report, animation)
+    assert report.max_error <= report.bound
+    assert report.file_bytes < 0.5 * report.raw_bytes
+
+
 @PROFILES
 @settings(max_examples=25)
 @given(connectivities(), st.integers(1, 9), st.integers(0, 2**32 - 1), st.floats(-44, 36))

@@ -61,11 +61,13 @@ class QuantisedTimeFunctions:
     quantised : (functions, frames, axes) int64
     decoded : (frames, axes, functions) float64
         What :func:`decode_time_functions` gives, to the last bit.
+    step : float
     """
 
     method: int
     quantised: Int64Array
     decoded: Float64Array
+    step: float
 
     @cached_property
     def bits(self) -> float:
@@ -87,13 +89,14 @@ def quantise_time_functions(scaled: Float64Array, step: float) -> QuantisedTimeF
         Functions by falling energy, each times its singular value; finite.
     step : float
         Quantisation step, in the same unit. The mean squared error comes out near step^2 / 12, or below where
-        little moves.
+        little moves. A coarser one is taken where numbers would exceed :data:`MOST_STEPS`.
 
     Raises
     ------
     SettingsError
-        If the step is not positive, or so small that numbers exceed 2^30 steps.
+        If the step is not positive and finite.
     """
+    step = _possible(step, scaled)
 
     def cost(item: QuantisedTimeFunctions, of: Float64Array = scaled) -> float:
         error = (item.decoded - of) / step
@@ -124,8 +127,9 @@ class TimeFunctionCost:
         self._scaled = scaled
         self._off = np.abs(np.diff(scaled, n=2, axis=0, prepend=np.zeros((2, *scaled.shape[1:]))))
         every = SAMPLED if scaled.shape[2] >= SAMPLED * FEWEST_SAMPLED else 1
-        rough = _size(self._off[:, :, ::every] / step)
-        self._factor = quantise_time_functions(scaled[:, :, ::every], step).bits / rough if rough else 0.0
+        found = quantise_time_functions(scaled[:, :, ::every], step)
+        rough = _size(self._off[:, :, ::every] / found.step)
+        self._factor = found.bits / rough if rough else 0.0
 
     def bits(self, used: NDArray[np.intp], step: float) -> float:
         """Of some of the functions, about."""
@@ -145,16 +149,11 @@ def quantised_by_each_method(
 
     Predicted ones where the one cannot be.
     """
-    if not 0.0 < step < math.inf:
-        raise SettingsError(f"the step of functions of time must be a positive number, not {step}")
-    frames = scaled.shape[0]
-    with np.errstate(over="ignore"):
-        wanted = np.ascontiguousarray(scaled.transpose(2, 0, 1)) / step
-    if not np.all(np.abs(wanted) <= MOST_STEPS):
-        raise SettingsError(f"functions of time go beyond 2^30 steps of {step}; take a larger tolerance")
+    step, frames = _possible(step, scaled), scaled.shape[0]
+    wanted = np.ascontiguousarray(scaled.transpose(2, 0, 1)) / step
 
     def transformed(method: int, quantised: Int64Array) -> QuantisedTimeFunctions:
-        return QuantisedTimeFunctions(method, quantised, _core.time_function_values(method, quantised, step))
+        return QuantisedTimeFunctions(method, quantised, _core.time_function_values(method, quantised, step), step)
 
     ways: list[Callable[[], QuantisedTimeFunctions]] = []
     if only in (None, TRANSFORMED) and 0 < frames <= LONGEST_TRANSFORM:
@@ -164,7 +163,9 @@ def quantised_by_each_method(
         if np.count_nonzero(straight) <= MOST_TURNS * straight.size:
             ways.append(lambda: transformed(STRAIGHT, straight))
     if only in (None, PREDICTED) or not ways:
-        ways.insert(0, lambda: QuantisedTimeFunctions(PREDICTED, *_core.quantise_predicted(wanted, ROUNDING, step)))
+        ways.insert(
+            0, lambda: QuantisedTimeFunctions(PREDICTED, *_core.quantise_predicted(wanted, ROUNDING, step), step)
+        )
 
     def measured(way: Callable[[], QuantisedTimeFunctions]) -> QuantisedTimeFunctions:
         found = way()
@@ -200,6 +201,15 @@ def decode_time_functions(data: bytes, frames: int, functions: int, step: float,
     """
     with core_errors():
         return _core.decode_time_functions(data, frames, functions, axes, step)
+
+
+def _possible(step: float, scaled: Float64Array) -> float:
+    """A step, or a coarser one where numbers would exceed :data:`MOST_STEPS`: what many vertices have in common is as
+    many times larger than each as the root of their number, so that each is off by hardly more.
+    """
+    if not 0.0 < step < math.inf:
+        raise SettingsError(f"the step of functions of time must be a positive number, not {step}")
+    return max(step, float(np.abs(scaled).max(initial=0.0)) / MOST_STEPS)
 
 
 def _size(steps: Float64Array) -> float:

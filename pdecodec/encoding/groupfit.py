@@ -440,7 +440,7 @@ class GroupFitter:
             basis=time_basis_of(choice.time),
             single=self.is_single and count > 0,
             step=step,
-            time_step=0.0 if choice.time == "cosines" else time_step,
+            time_step=0.0 if choice.time == "cosines" else time_functions.step if time_functions else time_step,
         )
         return QuantisedGroup(entry, time_functions, quantised, values)
 
