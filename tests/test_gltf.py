@@ -179,8 +179,9 @@ def unpacked(path: Path) -> list[bytes]:
     return found
 
 
-def test_compressed_files_hold_the_same_numbers_in_fewer_bytes(tmp_path: Path) -> None:
-    clip = scene([body("root/arm/hand"), body("root/nail", [uv_with_seam("uv:second")])], frames=20, **SPACE)
+def test_compressed_files_hold_the_same_numbers(tmp_path: Path) -> None:
+    objects = [body("root/arm/hand"), body("root/nail", [uv_with_seam("uv:second")]), MeshObject("sheet", grid(9, 9))]
+    clip = scene(objects, frames=20, **SPACE)
     for name, meshopt in (("plain.glb", False), ("small.glb", True)):
         write_sequence(clip, tmp_path / name, meshopt=meshopt)
     plain, small = unpacked(tmp_path / "plain.glb"), unpacked(tmp_path / "small.glb")
@@ -196,6 +197,9 @@ def test_compressed_files_hold_the_same_numbers_in_fewer_bytes(tmp_path: Path) -
                 assert theirs in [mine, mine[1:] + mine[:1], mine[2:] + mine[:2]]
         else:
             assert one == other
+    views = read_gltf(tmp_path / "small.glb").root["bufferViews"]
+    packed = [view["extensions"] for view in views if "extensions" in view]
+    assert {one["EXT_meshopt_compression"]["mode"] for one in packed} == {"ATTRIBUTES", "TRIANGLES", "INDICES"}
     assert_valid(tmp_path / "small.glb")
 
 
