@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import print_json, print_table, progress_bar, say, say_notices
+from pdecodec.cli.console import print_json, print_table, progress_bar, say, say_notices, say_rounding
 from pdecodec.cli.options import fps_option, json_option, within_limits
 from pdecodec.errors import SettingsError
 
@@ -49,6 +49,7 @@ def compare(
     """
     from pdecodec.formats import open_sequence
     from pdecodec.formats.scene_space import bake_transforms
+    from pdecodec.rounding import rounding_noticed
     from pdecodec.runs import changed
 
     for name, value in (("--tolerance", tolerance), ("--max-error", max_error)):
@@ -62,7 +63,10 @@ def compare(
         say_notices(second)
         other_frames = _at_times_of(first, second) if at_frames else second
         # Transforms that were kept, here or there, are part of where vertices are.
-        result = _compare(changed(first, bake_transforms), changed(other_frames, bake_transforms))
+        with rounding_noticed() as rounding:
+            result = _compare(changed(first, bake_transforms), changed(other_frames, bake_transforms))
+    if result["diagonal"] is not None:
+        say_rounding(rounding.largest, result["diagonal"])
     failures = _failures(result, tolerance, max_error)
     if as_json:
         print_json({**result, "passed": not failures, "failures": failures})

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import extent, print_json, progress_bar, say, say_notices
+from pdecodec.cli.console import extent, print_json, progress_bar, say, say_notices, say_rounding
 from pdecodec.cli.jobs import STREAM, Job, job_options, jobs, opened_input, say_plan, say_start, streamed
 from pdecodec.cli.options import (
     bytes_of,
@@ -79,6 +79,8 @@ def _convert(
     from pdecodec.formats import write_sequence
     from pdecodec.formats.companions import input_files
     from pdecodec.formats.scene_space import velocities_of
+    from pdecodec.metrics import frame_scale
+    from pdecodec.rounding import rounding_noticed
 
     started = time.perf_counter()
     source, written = job.source, job.output
@@ -97,8 +99,10 @@ def _convert(
             files = input_files(source)
             say_plan(job, sequence, write, files=len(files), size=bytes_of(source, files))
             return
-        with progress_bar() as progress:
+        with progress_bar() as progress, rounding_noticed() as rounding:
             notices = write(sequence, written, overwrite=overwrite, progress=progress)
+        if rounding.largest:
+            say_rounding(rounding.largest, frame_scale(sequence.read_frames(0, 1)[0]))
         counts = {"frames": sequence.frame_count, "vertices": sequence.most_vertices, "runs": len(sequence.runs)}
         size = extent(sequence)
     for notice in notices:

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, print_json, progress_bar, ratio, say, say_alternatives, say_notices
+from pdecodec.cli.console import (
+    byte_size,
+    print_json,
+    progress_bar,
+    ratio,
+    rounding_words,
+    say,
+    say_alternatives,
+    say_notices,
+)
 from pdecodec.cli.jobs import (
     SAMPLES,
     STREAM,
@@ -144,7 +153,8 @@ def encode(
 ) -> None:
     """Encode mesh sequences into .pdeanim files.
 
-    The error bound holds for every vertex at every frame of IN, in the float32 positions that decoding returns.
+    The error bound holds for every vertex at every frame of IN, in the float32 positions that decoding returns. Of
+    float64 positions those that they are rounded to count, and a warning says where that moves them beyond the bound.
     Several IN go to a folder: -o folder/.
     """
     if output == STREAM and as_json:
@@ -227,6 +237,9 @@ def _encode(
         f"({ratio(report.raw_bytes, report.file_bytes)}), "
         f"max error {report.max_error:.3g} scene units ({bound}), {report.seconds:.1f} s"
     )
+    if report.is_rounding_beyond_bound:
+        beyond = "" if report.bound is None else ", more than the bound, which counts from there"
+        say(f"warning: {rounding_words(report.rounding)}{beyond}; move the scene nearer to its origin")
 
 
 def _as_json(report: EncodeReport, output: str, input_size: int, settings: EncodeSettings) -> dict[str, Any]:
@@ -249,6 +262,7 @@ def _as_json(report: EncodeReport, output: str, input_size: int, settings: Encod
         "diagonal": report.scale,
         "max_error": report.max_error,
         "rms_error": report.rms_error,
+        "rounding": report.rounding,
         "seconds": report.seconds,
         "profile": settings.profile,
         "groups": report.groups,

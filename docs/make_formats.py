@@ -57,6 +57,9 @@ CONVENTIONS = """\
   tangents are left out. Alembic: properties that its Python library has no type for, and bounds of children, are left
   out, aloud; instances that are moved are instances no more. OBJ: every frame is the original's first with other
   numbers.
+- **Positions** are float32; what is stored as float64, as text, or comes from transforms is rounded. `encode`,
+  `convert` and `compare` say how far that moves positions where it is more than the bound, or a millionth of the
+  diagonal: in scenes far from their origin. It is not measured of OFF and STL text, nor of OBJ nearer to the origin.
 - **Connectivity that changes** is runs of frames, each of one connectivity: Alembic, USD, OBJ, PLY, VTU and PVD are
   read as such and written from them. Between the last frame of a run and the first of the next the earlier is still.
   Frames without vertices are left out, aloud. In Alembic and USD an object is one shape, empty where a run does not

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.cells import Cells, left_out_notice, node_attribute
 from pdecodec.formats.times import rate_or_default, timing_of_stored
+from pdecodec.rounding import to_float32
 from pdecodec.sequence import Float32Array, MeshObject, MeshSequence, check_frame_range
 
 KINDS = {
@@ -131,8 +132,7 @@ class ExodusSequence(MeshSequence):
                 points[:, :, axis] += np.asarray(values[start:stop], np.float64)
         except _DAMAGE as error:
             raise InputError(f"cannot be read ({error})", path=self._path, frame=start) from error
-        with np.errstate(over="ignore"):
-            return (points if self._gather is None else points[:, self._gather]).astype(np.float32)
+        return to_float32(points if self._gather is None else points[:, self._gather])
 
     def close(self) -> None:
         self._moving = {}

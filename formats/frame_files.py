@@ -16,6 +16,7 @@ from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import ID
 from pdecodec.formats.registry import Output
 from pdecodec.formats.times import Timing, timing_of_numbers
+from pdecodec.rounding import to_float32
 from pdecodec.runs import ChangingSequence, OpenedRuns
 from pdecodec.sequence import (
     BLOCK_BYTES,
@@ -193,11 +194,15 @@ def _checked(sequence: Any, path: Path, *, wanted: Any) -> FrameFiles:
     )
 
 
+Positions = NDArray[Any]
+"""Of a frame, of the type of number that its file has."""
+
+
 @dataclass(frozen=True)
 class MeshFile:
-    """What one file holds: positions (vertices, 3) float32, and what must be the same in every frame."""
+    """What one file holds: positions (vertices, 3) as they are stored, and what must be the same in every frame."""
 
-    points: Float32Array
+    points: Positions
     connectivity: Connectivity
     attributes: tuple[Attribute, ...] = ()
     notices: tuple[str, ...] = ()
@@ -248,7 +253,7 @@ class FrameMeshes:
     def mesh(self, frame: int) -> MeshFile:
         return _joined([self._read(path) for path in self.files[frame]])
 
-    def points(self, frame: int, connectivity: Connectivity) -> Float32Array:
+    def points(self, frame: int, connectivity: Connectivity) -> Positions:
         """Positions of a frame; InputError where it has another connectivity."""
         found = self._kept.get(frame)
         if found is None or len(found) != connectivity.vertex_count:
@@ -283,12 +288,12 @@ class FrameMeshes:
         return starts
 
 
-class KeptPositions(dict[int, Float32Array]):
+class KeptPositions(dict[int, Positions]):
     """Positions of frames that were read to compare them, as many as fit in a block."""
 
     room = BLOCK_BYTES
 
-    def keep(self, frame: int, points: Float32Array) -> None:
+    def keep(self, frame: int, points: Positions) -> None:
         if points.nbytes <= self.room:
             self.room -= points.nbytes
             self[frame] = points
@@ -309,7 +314,8 @@ class FrameSequence(MeshSequence):
         check_frame_range(self, start, stop)
         points = np.empty((stop - start, self.vertex_count, 3), np.float32)
         for frame in range(start, stop):
-            points[frame - start] = self._meshes.points(self._first + frame, self.objects[0].connectivity)
+            stored = self._meshes.points(self._first + frame, self.objects[0].connectivity)
+            points[frame - start] = to_float32(stored)
         return points
 
 

@@ -34,6 +34,7 @@ from pdecodec.formats.times import (
     rate_or_default,
     snapped_times,
 )
+from pdecodec.rounding import to_float32
 from pdecodec.sequence import Float32Array, Float64Array
 
 TINY = 1e-30
@@ -152,7 +153,7 @@ def _skinned(
         blended = np.zeros((len(weights), 4, 3))
         for column in range(joints.shape[1]):
             blended += weights[:, column, None, None] * bound[frame, joints[:, column]]
-        moved[frame] = np.einsum("va,vab->vb", points[frame], blended[:, :3]) + blended[:, 3]
+        moved[frame] = to_float32(np.einsum("va,vab->vb", points[frame], blended[:, :3]) + blended[:, 3])
     return moved
 
 

@@ -17,6 +17,7 @@ from pdecodec.decoder import DecodeLimits, chosen_limits, usual_limits
 from pdecodec.formats.child import Answer, Child, serve
 from pdecodec.formats.object_arrays import LaidOutSequence, arrays_of
 from pdecodec.formats.registry import open_sequence
+from pdecodec.rounding import note_rounding, rounding_noticed
 from pdecodec.sequence import Float32Array, MeshSequence, Unsupported
 
 
@@ -55,6 +56,7 @@ class _Points:
 
     def __getitem__(self, frames: slice) -> Float32Array:
         found = self._child.ask(self._path, frames.start, start=frames.start, stop=frames.stop)
+        note_rounding(float(found["rounding"]))
         return found["points"]
 
 
@@ -72,7 +74,8 @@ def _answering() -> Any:
         nonlocal sequence
         if options is None:
             assert sequence is not None
-            return {"points": sequence.read_frames(start, stop)}
+            with rounding_noticed() as rounding:
+                return {"points": sequence.read_frames(start, stop), "rounding": np.array(rounding.largest)}
         with usual_limits(DecodeLimits(**(limits or {}))):
             sequence = open_sequence(path, **options)
         lost = [(one.name, one.feature, "" if one.frame is None else str(one.frame)) for one in sequence.unsupported]

@@ -30,10 +30,11 @@ from pdecodec._core import ObjScan, ObjStructure
 from pdecodec.errors import InputError
 from pdecodec.formats.frame_files import FrameFiles, KeptPositions, find_frames, runs_of_frames
 from pdecodec.formats.normals import normal_group, read_normal_group
-from pdecodec.formats.obj_text import NoVerticesError, ObjText, read_text, scan
+from pdecodec.formats.obj_text import NoVerticesError, ObjText, is_far, read_text, rounding_of_text, scan
 from pdecodec.formats.registry import read_errors
 from pdecodec.formats.scene_writing import DEFAULT_NAME
 from pdecodec.formats.times import Timing, timing_of_numbers
+from pdecodec.rounding import is_rounding_noticed, note_rounding
 from pdecodec.sequence import (
     Attribute,
     Connectivity,
@@ -143,6 +144,11 @@ class _ObjFrames:
         else:
             points[:] = kept
 
+    def note_rounding(self, frame: int, points: Float32Array) -> None:
+        """Note how far positions (vertices, 3) of a frame are from its text, which is read again."""
+        if is_far(points):
+            note_rounding(rounding_of_text(read_text(self.paths[frame], frame), points))
+
 
 class ObjSequence(MeshSequence):
     """Frames of one connectivity, from one on, that are read when they are asked for."""
@@ -168,6 +174,9 @@ class ObjSequence(MeshSequence):
             # map gives results in order, so the error raised is that of the first bad frame
             for _ in pool.map(read, range(start, stop)):
                 pass
+        if is_rounding_noticed():
+            for frame, found in enumerate(points, self._first + start):
+                self._frames.note_rounding(frame, found)
         return points
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +13,15 @@ from numpy.typing import NDArray
 from pdecodec._core import ObjFault, ObjScan
 from pdecodec.errors import InputError
 from pdecodec.formats.registry import read_errors
+from pdecodec.metrics import frame_scale
+from pdecodec.rounding import NOTEWORTHY, largest_rounding
 from pdecodec.sequence import Float32Array
 
 _CONTINUATION = re.compile(rb"\\[ \t]*\r?\n")
 _TOKEN = re.compile(rb"[^ \t\r\n\v\f]*")
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+
+_VERTEX = re.compile(rb"^[ \t]*v[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
 
 _PLAIN_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _NOT_A_NUMBER = re.compile(rb"[+-]?(nan(\(.*\))?|1\.#(QNAN|SNAN|IND)0*)", re.IGNORECASE)
@@ -106,6 +111,29 @@ class ObjText:
                 found = repr(self.token(offset)) if token else "the end of the line"
                 raise self.error(offset, f"expected a number, found {found}; correct or export it again")
             arrays[array].reshape(-1)[place] = value
+
+
+def is_far(points: Float32Array) -> bool:
+    """Whether rounding to float32 may move positions (vertices, 3) by more than :data:`NOTEWORTHY` of the diagonal."""
+    if not points.size or not np.isfinite(points).all():
+        return False
+    return math.sqrt(3) / 2 * float(np.spacing(np.abs(points).max())) > NOTEWORTHY * frame_scale(points)
+
+
+def rounding_of_text(text: ObjText, points: Float32Array) -> float:
+    """How far positions (vertices, 3) that were read of a text are from its numbers at most.
+
+    What is the shortest text of a float32 number stands for that number. Of numbers that Python does not read it is 0.
+    """
+    rows = _VERTEX.findall(text.data)
+    try:
+        numbers = np.array(rows).astype(np.float64)
+    except ValueError:
+        return 0.0
+    if numbers.shape != points.shape:
+        return 0.0
+    printed = points.astype(np.str_).astype(np.float64)
+    return largest_rounding(np.where(numbers == printed, points, numbers), points)
 
 
 def read_text(path: Path, frame: int) -> ObjText:

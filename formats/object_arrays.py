@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.times import timing_of_arrays
+from pdecodec.rounding import to_float32
 from pdecodec.sequence import (
     Attribute,
     AttributeDomain,
@@ -69,8 +70,7 @@ class LaidOutSequence(MeshSequence):
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
-        with np.errstate(over="ignore"):
-            return np.array(self._points[start:stop], np.float32, order="C")
+        return to_float32(self._points[start:stop])
 
 
 def check_has_points(names: Sequence[str], what: str) -> None:

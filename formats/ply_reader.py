@@ -68,7 +68,7 @@ def _mesh(data: Any) -> MeshFile:
     elements = {element.name: element.data for element in data.elements}
     vertex = elements.pop("vertex")
     names = set(vertex.dtype.names)
-    points = np.stack([vertex[axis] for axis in "xyz"], axis=1).astype(np.float32)
+    points = np.stack([vertex[axis] for axis in "xyz"], axis=1)
     counts, indices = _faces(elements.pop("face", None))
     edge = elements.pop("edge", None)
     lines: NDArray[Any] = np.zeros((0, 2), np.int64)

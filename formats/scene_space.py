@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats.attribute_roles import reversed_corners
+from pdecodec.rounding import rounding_noticed, to_float32
 from pdecodec.runs import changed
 from pdecodec.sequence import (
     Attribute,
@@ -166,7 +167,8 @@ class PlacedSequence(DerivedSequence):
         return MeshObject(item.name, item.connectivity, attributes)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
-        points = self._source.read_frames(start, stop)
+        with rounding_noticed(float(np.abs(self._turn).max())):
+            points = self._source.read_frames(start, stop)
         # Each new coordinate is one old one times a number, so nothing is rounded but by the scale.
         axes = np.abs(self._turn).argmax(axis=0)
         factors = self._turn[axes, np.arange(3)].astype(np.float32)
@@ -232,8 +234,7 @@ def apply_matrices(points: Float32Array, matrices: Float64Array) -> Float32Array
     if np.array_equal(matrices, np.broadcast_to(np.eye(4), matrices.shape)):
         return points
     with np.errstate(over="ignore", invalid="ignore"):
-        moved = points.astype(np.float64) @ matrices[:, :3, :3] + matrices[:, None, 3, :3]
-        return moved.astype(np.float32)
+        return to_float32(points.astype(np.float64) @ matrices[:, :3, :3] + matrices[:, None, 3, :3])
 
 
 def mirrors(matrices: Iterable[Float64Array]) -> bool:

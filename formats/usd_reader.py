@@ -31,6 +31,7 @@ from pdecodec.formats.times import (
 )
 from pdecodec.formats.usd_attributes import METADATA, SAMPLED
 from pdecodec.formats.usd_shapes import ShapeScan, UsdShape
+from pdecodec.rounding import to_float32
 from pdecodec.sequence import Float32Array, Float64Array, MeshSequence, Unsupported
 
 PARSE_ERROR = re.compile(r":(?P<line>\d+):\d+: parse error matching \S+ (?P<place>at .*)")
@@ -113,7 +114,7 @@ class UsdSequence(SceneSequence):
 
     def _read(self, shape: UsdShape, start: int, stop: int, out: Float32Array) -> None:
         for row, code in enumerate(self._codes[start:stop].tolist()):
-            points: Float32Array = np.asarray(shape.points.Get(shape.code_within(code)), np.float32).reshape(-1, 3)
+            points = to_float32(np.asarray(shape.points.Get(shape.code_within(code))).reshape(-1, 3))
             if shape.skinning is not None:
                 points = shape.skinning.deform(points, code)
             out[row] = shape.fitted(points, self._path, self._first_frame + start + row)

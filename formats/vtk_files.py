@@ -96,7 +96,7 @@ def read_with_meshio(path: Path) -> MeshFile:
 
 
 def _mesh_file(mesh: Any, path: Path) -> MeshFile:
-    points = np.zeros((len(mesh.points), 3), np.float32)
+    points = np.zeros((len(mesh.points), 3), np.result_type(mesh.points, np.float32))
     points[:, : mesh.points.shape[1]] = mesh.points
     cells = Cells(vtk=True)
     for block in mesh.cells:
@@ -289,7 +289,7 @@ class _XmlFile:
         array = piece.find("./Points/DataArray")
         if array is None:
             raise ValueError("there are no points")
-        points = self._array(array).reshape(-1, 3).astype(np.float32)
+        points = self._array(array).reshape(-1, 3)
         vertices, lines, faces = (self._cells(piece.find(kind)) for kind in ("Verts", "Lines", "Polys"))
         joined = (np.concatenate(both) for both in zip(vertices, lines, strict=True))
         names = [

@@ -132,7 +132,7 @@ def read_with_vtk(path: Path) -> MeshFile:
         if ids is None or not data.GetNumberOfPoints():
             raise InputError("VTK finds no surface in it; extract it as polygons first", path=path)
         gather = vtk_to_numpy(ids).astype(np.int64)
-    points = vtk_to_numpy(data.GetPoints().GetData()).astype(np.float32)
+    points = vtk_to_numpy(data.GetPoints().GetData())
 
     def cells(array: Any) -> tuple[NDArray[Any], NDArray[Any]]:
         offsets = vtk_to_numpy(array.GetOffsetsArray()).astype(np.int64)

@@ -24,6 +24,7 @@ from pdecodec.formats.hdf5 import new_hdf5
 from pdecodec.formats.normals import VertexNormals
 from pdecodec.formats.registry import Output
 from pdecodec.formats.times import rate_or_default, timing_of_stored
+from pdecodec.rounding import to_float32
 from pdecodec.sequence import Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range, check_times
 from pdecodec.whole_output import check_writable, partial_folder, publish, write_errors
 
@@ -155,7 +156,7 @@ class XdmfSequence(MeshSequence):
         named = ((str(one.get("Name")).lower(), one) for one in self._grids[frame].findall("Attribute"))
         return next((one for name, one in named if name in DISPLACEMENTS), None)
 
-    def _points(self, frame: int) -> Float32Array:
+    def _points(self, frame: int) -> NDArray[np.floating]:
         geometry = self._grids[frame].find("Geometry")
         if geometry is None:
             geometry = self._shared_geometry
@@ -165,11 +166,11 @@ class XdmfSequence(MeshSequence):
         if kind not in ("XYZ", "XY"):
             raise InputError(f"geometry of type {kind} is not read; write XYZ", path=self._path, frame=frame)
         stored = self._numbers(geometry.find("DataItem")).reshape(-1, len(kind))
-        points = np.zeros((len(stored), 3), np.float32)
+        points = np.zeros((len(stored), 3), np.result_type(stored, np.float32))
         points[:, : len(kind)] = stored
         moving = self._moving(frame)
         if moving is not None:
-            points = points + self._numbers(moving.find("DataItem")).reshape(points.shape).astype(np.float32)
+            points = points + self._numbers(moving.find("DataItem")).reshape(points.shape)
         return points
 
     def _numbers(self, item: ElementTree.Element | None) -> NDArray[Any]:
@@ -223,7 +224,7 @@ class XdmfSequence(MeshSequence):
                     raise InputError(message, path=self._path, frame=frame)
             except _DAMAGE as error:
                 raise InputError(f"this frame cannot be read ({error})", path=self._path, frame=frame) from error
-            found[frame - start] = points if self._gather is None else points[self._gather]
+            found[frame - start] = to_float32(points if self._gather is None else points[self._gather])
         return found
 
     def close(self) -> None:

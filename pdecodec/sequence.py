@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError
+from pdecodec.rounding import note_rounding, rounding_noticed, to_float32
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -387,7 +388,7 @@ class ArraySequence(MeshSequence):
     Parameters
     ----------
     points : (frames, vertices, 3) array [scene units]
-        Taken as float32 (other floating types are rounded).
+        Taken as float32 (other types are rounded).
     objects : sequence of MeshObject, optional
         Objects whose vertices, one after the other, are `points`. Default: one object of points alone.
     times : (frames,) array [s], optional
@@ -414,8 +415,9 @@ class ArraySequence(MeshSequence):
         array = np.asarray(points)
         if array.ndim != 3 or array.shape[2] != 3 or array.dtype.kind not in "fiu":
             raise InputError(f"points must be numbers of shape (frames, vertices, 3), not {array.dtype} {array.shape}")
-        with np.errstate(over="ignore"):
-            self.points: Float32Array = np.ascontiguousarray(array, dtype=np.float32)
+        with rounding_noticed() as rounding:
+            self.points: Float32Array = to_float32(array)
+        self._rounding = rounding.largest
         frames, vertices = array.shape[:2]
         self.objects = tuple(objects) if objects else (MeshObject("mesh", Connectivity(vertices)),)
         if self.vertex_count != vertices:
@@ -428,6 +430,7 @@ class ArraySequence(MeshSequence):
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
+        note_rounding(self._rounding)
         return self.points[start:stop]
 
 

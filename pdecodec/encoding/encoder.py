@@ -17,6 +17,7 @@ from typing import Any
 from pdecodec.encoding.encodereport import EncodeReport
 from pdecodec.encoding.profiles import make_encoder
 from pdecodec.errors import SettingsError
+from pdecodec.rounding import rounding_noticed
 from pdecodec.runs import ChangingSequence
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
@@ -71,8 +72,11 @@ def encode(
     target = None if path is None else Path(path)
     if target is not None:
         check_writable(target, overwrite=overwrite)
-    if isinstance(sequence, ChangingSequence):
-        from pdecodec.encoding.runencoder import encode_runs
+    with rounding_noticed() as rounding:
+        if isinstance(sequence, ChangingSequence):
+            from pdecodec.encoding.runencoder import encode_runs
 
-        return encode_runs(sequence, chosen, target, overwrite=overwrite, progress=progress)
-    return make_encoder(sequence, chosen, progress).run(target, overwrite=overwrite)
+            report = encode_runs(sequence, chosen, target, overwrite=overwrite, progress=progress)
+        else:
+            report = make_encoder(sequence, chosen, progress).run(target, overwrite=overwrite)
+    return replace(report, rounding=rounding.largest)

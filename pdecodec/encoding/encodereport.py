@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pdecodec import __version__
+from pdecodec.rounding import NOTEWORTHY
 
 GENERATOR = "pdecodec "
 """What stands before the version in the remarks of files that this package made."""
@@ -137,6 +138,8 @@ class EncodeReport:
         Where that was asked for: what else could have been taken, and what it would have cost.
     positions : int or None
         Vertices of all frames together, where that is not vertices times frames.
+    rounding : float [scene units]
+        How far the float32 positions that were encoded, and that errors count from, are from the input's at most.
     """
 
     path: Path | None
@@ -159,11 +162,17 @@ class EncodeReport:
     jumps: tuple[int, ...] = ()
     alternatives: tuple[Question, ...] = ()
     positions: int | None = None
+    rounding: float = 0.0
 
     @property
     def raw_bytes(self) -> int:
         """Of float32 positions alone."""
         return 12 * (self.frames * self.vertices if self.positions is None else self.positions)
+
+    @property
+    def is_rounding_beyond_bound(self) -> bool:
+        """Whether float32 alone is farther from the input than was asked, or where nothing was, noteworthily so."""
+        return self.rounding > (NOTEWORTHY * self.scale if self.bound is None else self.bound)
 
     @property
     def file_bytes(self) -> int:
