@@ -24,6 +24,7 @@ from pdecodec.sequence import Attribute, Connectivity, MeshObject
 from spec.decoder import contexts
 from spec.decoder.attributes import read_attributes
 from spec.decoder.fields import CorruptFileError as IndependentError
+from spec.decoder.mesh import Mesh
 from spec.sealing import EndOfScriptError, ScriptedCoder, numbers, text
 
 Int64Array = NDArray[np.int64]
@@ -46,13 +47,17 @@ def decoded_by_both(data: bytes, objects: list[MeshObject], levels: Int64Array) 
     found = decode_attributes(data, bare(objects), levels, PLENTY)
     meshes = meshes_of(bare(objects))
     read_attributes(data, meshes, levels.tolist())
-    for item, mesh in zip(found, meshes, strict=True):
+    assert_same_by_both(found, meshes)
+    return found
+
+
+def assert_same_by_both(ours: list[MeshObject], meshes: list[Mesh]) -> None:
+    for item, mesh in zip(ours, meshes, strict=True):
         theirs = [
             Attribute(one.name, one.domain, one.values, one.indices and np.array(one.indices), tuple(one.labels))
             for one in mesh.attributes
         ]
         assert_same_attributes(theirs, item.attributes)
-    return found
 
 
 def come_back(objects: list[MeshObject], levels: Int64Array | None = None) -> bytes:
@@ -172,7 +177,7 @@ def test_of_any_bytes_both_decoders_say_the_same(objects: list[MeshObject], data
             assert ours is None
         else:
             assert ours is not None
-            assert [len(item.attributes) for item in ours] == [len(mesh.attributes) for mesh in meshes]
+            assert_same_by_both(ours, meshes)
 
 
 @pytest.mark.parametrize("is_soup", [False, True])
@@ -513,9 +518,9 @@ def test_what_is_wrong_at_the_head_is_named(fields: list[tuple[str, int]], messa
         read_attributes(coded(*fields), meshes_of(objects), levels_of(objects).tolist())
 
 
-@pytest.mark.parametrize("rows", [2**20, 2**31 - 1])
-def test_rows_that_are_declared_and_not_there_end_soon(rows: int) -> None:
+@pytest.mark.parametrize(("rows", "message"), [(2**20, "a scale that is not known"), (2**31 - 1, "memory limit")])
+def test_rows_that_are_declared_and_not_there_are_refused(rows: int, message: str) -> None:
     objects = [MeshObject("m", connectivity_of(3, [[0, 1, 2]]))]
     data = coded(*head(domain=3), ("elements", rows), ("labels", 0))
-    with pytest.raises(CorruptFileError):
+    with pytest.raises(CorruptFileError, match=message):
         decode_attributes(data, objects, levels_of(objects), 2**32)

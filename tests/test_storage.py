@@ -162,9 +162,9 @@ def test_what_cannot_be_read_is_one_line(server: Server, folder: Path, monkeypat
         pdecodec.open(f"{server.address}/long.pdeanim")
 
 
-def test_a_file_that_is_cut_short_while_it_is_read_is_corrupt(server: Server, folder: Path) -> None:
+def test_a_file_that_is_cut_short_is_corrupt(server: Server, folder: Path) -> None:
     (folder / "short.pdeanim").write_bytes((folder / "long.pdeanim").read_bytes()[:-100])
-    with pytest.raises(CorruptFileError):
+    with pytest.raises(CorruptFileError, match="is truncated"):
         pdecodec.open(f"{server.address}/short.pdeanim")
 
 
