@@ -71,7 +71,11 @@ def test_garbage_of_every_kind_ends_in_one_line(
     source = tmp_path / f"garbage{extension}"
     source.write_bytes(content)
     code = CorruptFileError.exit_code if extension == ".pdeanim" else InputError.exit_code
-    commands: list[list[object]] = [["info"], ["encode", "-o", tmp_path / "o.pdeanim"], ["convert", "-o", "o.npz"]]
+    commands: list[list[object]] = [
+        ["info"],
+        ["encode", "-o", tmp_path / "o.pdeanim"],
+        ["convert", "-o", tmp_path / "o.npz"],
+    ]
     for command in commands + ([["decode", "-o", tmp_path / "o.npz"]] if code == 4 else []):
         assert str(source) in error_of(capsys, code, *command, source)
     assert [item.name for item in tmp_path.iterdir()] == [source.name]

@@ -90,13 +90,19 @@ def test_attributes_move_with_their_vertices_faces_and_corners() -> None:
         np.testing.assert_array_equal(by_name["first"], np.rint(by_name["at"].reshape(-1, 4).min(axis=1)))
 
 
-def test_attributes_of_every_kind_pass() -> None:
+def rows_of(attribute: Attribute) -> Counter[str]:
+    """How often each value is there."""
+    values = attribute.values if attribute.indices is None else attribute.values[attribute.indices]
+    return Counter(map(str, values.tolist()))
+
+
+def test_attributes_of_every_kind_keep_their_values() -> None:
     sequence = with_attributes()
     data = encode(sequence, order="free").data
     assert data is not None
     with open_animation(data) as animation:
-        names = [attribute.name for attribute in animation.objects[0].attributes]
-        assert names == [attribute.name for attribute in sequence.objects[0].attributes]
+        for found, expected in zip(animation.objects[0].attributes, sequence.objects[0].attributes, strict=True):
+            assert (found.name, found.domain, rows_of(found)) == (expected.name, expected.domain, rows_of(expected))
 
 
 def test_what_is_free_of_order_already_is_kept_as_it_is() -> None:
