@@ -125,5 +125,5 @@ def test_what_cannot_be_is_refused() -> None:
         for nothing in (lambda: evaluator.positions(np.nan), lambda: evaluator.weights(np.nan, 0)):
             with pytest.raises(SettingsError, match="times must be"):
                 nothing()
-        with pytest.raises(SettingsError):
+        with pytest.raises(SettingsError, match="is outside the clip"):
             evaluator.positions(-1.0, outside="refuse")

@@ -11,7 +11,6 @@ from pdecodec.formats import write_sequence
 from pdecodec.formats.normals import smooth_rows
 from pdecodec.sequence import ArraySequence, MeshObject
 from tests.interop.comparing import Difference, difference, expected_of
-from tests.interop.table import exodus
 from tests.interop.viewers import Job, Seen, blender_shows, failure, openusd_shows, three_shows
 from tests.mesh_cases import connectivity_of, grid
 from tests.scene_cases import SPACE, needed
@@ -117,14 +116,3 @@ def test_programs_show_what_was_written(tmp_path: Path, program: str, extension:
     assert (first.between or 0) < 1e-6
     assert isinstance(still, Difference)
     assert still.frames > 0.01
-
-
-@pytest.mark.data
-def test_every_exodus_file_has_a_row_with_a_surface_or_a_reason(shared_data: Path, tmp_path: Path) -> None:
-    rows = [row.split(" | ") for row in exodus(shared_data, tmp_path) if row.startswith("| `")]
-    assert len(rows) == len(list((shared_data / "interop" / "exodus").iterdir()))
-    refused = {row[0].strip("| `"): row[-1].removesuffix(" |") for row in rows if not row[1].strip()}
-    # Patches of an isogeometric analysis, and nothing else.
-    assert all("elements of type BEX_" in reason for reason in refused.values())
-    assert len(refused) == 4
-    assert all(int(row[2]) + int(row[3]) > 0 for row in rows if row[1].strip())

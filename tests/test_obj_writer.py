@@ -162,7 +162,7 @@ def test_frames_of_another_name_stay_where_frames_are_replaced(tmp_path: Path, t
     [
         ([], "walk.obj", r"3 frames do not fit one OBJ file; name it walk\.####\.obj"),
         (["head.obj"], ".", r"holds other OBJ files \(head\.obj\)"),
-        (["walk"], "walk", "cannot be written|does not exist|folder"),
+        (["walk"], "walk", "this folder does not exist; make it first"),
     ],
 )
 def test_a_place_that_does_not_take_frames_is_refused(tmp_path: Path, there: list[str], target: str, message: str):
