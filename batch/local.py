@@ -35,18 +35,23 @@ def run_local(
     """
     jobs = min(jobs or thread_count(), len(clips))
     budget = MemoryBudget(max_memory or int(AVAILABLE_SHARE * available_memory()))
-    left, found, stopped = deque(clips), SimpleQueue[Result | None](), Event()
+    left, found, stopped = _Clips(clips, jobs), SimpleQueue[Result | None](), Event()
     workers = [_Worker(max(1, thread_count() // max(1, jobs))) for _ in range(jobs)]
 
     def serve(worker: _Worker) -> None:
-        while not stopped.is_set():
-            try:
-                clip = left.popleft()
-            except IndexError:
-                break
-            found.put(worker.do(clip, work, budget))
-        worker.end()
-        found.put(None)
+        try:
+            while not stopped.is_set() and (clip := left.next()) is not None:
+                try:
+                    found.put(worker.do(clip, work, budget))
+                except _NotStartedError as error:
+                    if left.is_left_to_others(clip):
+                        break
+                    found.put(failure(clip, InputError(str(error), path=clip.source)))
+                except Exception as error:  # whatever one clip meets, the others go on
+                    found.put(failure(clip, error))
+        finally:
+            worker.end()
+            found.put(None)
 
     threads = [Thread(target=serve, args=(worker,), daemon=True) for worker in workers]
     try:
@@ -65,6 +70,34 @@ def run_local(
             worker.end()
 
 
+class _NotStartedError(Exception):
+    """A process that could not be started: the system allows no more of them, or no more open files."""
+
+
+class _Clips:
+    """Clips that nobody does yet, and how many take them."""
+
+    def __init__(self, clips: Sequence[Clip], takers: int) -> None:
+        self._clips, self._takers, self._lock = deque(clips), takers, Lock()
+
+    def next(self) -> Clip | None:
+        """A clip; None where there are no more, for one who then asks no further."""
+        with self._lock:
+            if self._clips:
+                return self._clips.popleft()
+            self._takers -= 1
+            return None
+
+    def is_left_to_others(self, clip: Clip) -> bool:
+        """Give a clip back and ask no further; False, and nothing is given back, where nobody else is there."""
+        with self._lock:
+            if self._takers == 1:
+                return False
+            self._takers -= 1
+            self._clips.appendleft(clip)
+            return True
+
+
 class _Worker:
     """A process that does one clip after the other, started when it is first needed and again when it ended."""
 
@@ -75,7 +108,13 @@ class _Worker:
         self._lock, self._over = Lock(), Event()
 
     def do(self, clip: Clip, work: Work, budget: MemoryBudget) -> Result:
-        """What becomes of a clip; a process that ends on it is its failure."""
+        """What becomes of a clip; a process that ends on it is its failure.
+
+        Raises
+        ------
+        _NotStartedError
+            If there can be no process.
+        """
         look: Result | Look = self._call(look_at, clip, work)
         if isinstance(look, Result):
             return look
@@ -88,11 +127,7 @@ class _Worker:
             if self._over.is_set():
                 return failure(clip, InputError("the batch was stopped", path=clip.source))
             if self._process is None:
-                context = multiprocessing.get_context("spawn")
-                self._pipe, theirs = context.Pipe()
-                self._process = context.Process(target=_serve, args=(theirs, self._threads), daemon=True)
-                self._process.start()
-                theirs.close()
+                self._start()
             pipe, process = self._pipe, self._process
         assert pipe is not None
         try:
@@ -110,6 +145,21 @@ class _Worker:
                 reason += ", as where memory runs out"
             message = f"the process that coded it ended ({reason}); see whether the file is damaged, take fewer --jobs"
             return failure(clip, InputError(message, path=clip.source))
+
+    def _start(self) -> None:
+        """Start the process; :class:`_NotStartedError` where it cannot be."""
+        context = multiprocessing.get_context("spawn")
+        try:
+            self._pipe, theirs = context.Pipe()
+            with theirs:
+                process = context.Process(target=_serve, args=(theirs, self._threads), daemon=True)
+                process.start()
+        except (OSError, ImportError) as error:  # what starts processes is imported only now
+            if self._pipe is not None:
+                self._pipe.close()
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise _NotStartedError(f"no process could be started to code it ({reason}); take fewer --jobs") from error
+        self._process = process
 
     def end(self) -> None:
         """End the process, whatever it is doing."""

@@ -62,12 +62,14 @@ class MemoryBudget:
         turn = object()
         with self._changed:
             self._waiting.append(turn)
-            self._changed.wait_for(
-                lambda: self._waiting[0] is turn and (self._used == 0 or self._used + size <= self._total)
-            )
-            self._waiting.popleft()
-            self._used += size
-            self._changed.notify_all()
+            try:
+                self._changed.wait_for(
+                    lambda: self._waiting[0] is turn and (self._used == 0 or self._used + size <= self._total)
+                )
+                self._used += size
+            finally:  # whoever is interrupted here does not keep the others waiting
+                self._waiting.remove(turn)
+                self._changed.notify_all()
         try:
             yield
         finally:

@@ -132,9 +132,12 @@ def look_at(clip: Clip, work: Work) -> Result | Look:
         if kept is not None:
             return kept
         if is_address(clip.source):
-            return Look(encoding_bytes_of_file(RemoteFile(clip.source).size()))
-        with _opened(clip) as sequence:
-            return Look(encoding_bytes(sequence.frame_count, sequence.most_vertices))
+            memory = encoding_bytes_of_file(RemoteFile(clip.source).size())
+        else:
+            with _opened(clip) as sequence:
+                memory = encoding_bytes(sequence.frame_count, sequence.most_vertices)
+        most = clip.options.settings.max_memory
+        return Look(memory if most is None else min(memory, most))
     except Exception as error:  # whatever one clip meets, the others go on
         return failure(clip, error)
 

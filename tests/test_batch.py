@@ -23,13 +23,14 @@ from pdecodec.batch import Clip, ClipOptions, Result, Work, clips_of, do_clip, l
 from pdecodec.batch.clips import OPTION_NAMES
 from pdecodec.batch.local import run_local
 from pdecodec.batch.memory import MemoryBudget, available_memory
-from pdecodec.batch.work import _verified, failure, make_clip
+from pdecodec.batch.work import Look, _verified, failure, look_at, make_clip
 from pdecodec.cli.main import run
 from pdecodec.encoding.encodememory import encoding_bytes
 from pdecodec.errors import CorruptFileError, InputError, SettingsError
 from pdecodec.formats import write_sequence
 from pdecodec.runs import ChangingSequence
 from pdecodec.sequence import ArraySequence, MeshObject
+from pdecodec.storage import RemoteFile
 from tests.mesh_cases import grid
 from tests.remote_server import serving
 
@@ -195,6 +196,57 @@ def test_a_process_that_ends_is_the_failure_of_its_clip_alone(clips: Path, monke
     results = list(run_local(clips_of("clips/*.npz"), Work(folder="out"), jobs=1))
     assert states(results) == {"a.pdeanim": "failed", "bad.pdeanim": "failed", "c.pdeanim": "done"}
     assert results[0].message.startswith("clips/a.npz: the process that coded it ended (exit code 7)")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such limit there")
+@pytest.mark.parametrize(("files", "state"), [(9, "failed"), (14, "done")])
+def test_a_batch_with_few_open_files_does_what_it_can_and_says_what_it_cannot(
+    clips: Path, files: int, state: str
+) -> None:
+    for number in range(4):
+        write_sequence(sheet(number), clips / f"c{number}.npz")
+    code = f"""
+import resource
+from pdecodec.batch import Work, clips_of
+from pdecodec.batch.local import run_local
+if __name__ == "__main__":
+    chosen = clips_of("clips/c*.npz")
+    resource.setrlimit(resource.RLIMIT_NOFILE, ({files}, {files}))
+    for result in run_local(chosen, Work(folder="out"), jobs=4):
+        print(result.state, result.message)
+"""
+    Path("few.py").write_text(code)
+    ran = subprocess.run([sys.executable, "few.py"], capture_output=True, text=True, timeout=100, check=False)
+    lines = ran.stdout.splitlines()
+    assert len(lines) == 4, ran.stderr
+    reason = "no process could be started to code it (Too many open files); take fewer --jobs"
+    for line in lines:
+        assert line.startswith(state)
+        assert line.endswith(reason) == (state == "failed")
+
+
+def test_a_clip_whose_process_cannot_be_started_is_done_by_another(
+    clips: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second one that is to be started cannot be, nor any later one."""
+    for number in range(4):
+        write_sequence(sheet(number), clips / f"c{number}.npz")
+    start, started = local._Worker._start, list[Any]()
+
+    def starts_once(worker: Any) -> None:
+        if started and worker is not started[0]:
+            raise local._NotStartedError("no process could be started")
+        started.append(worker)
+        start(worker)
+
+    monkeypatch.setattr(local._Worker, "_start", starts_once)
+    results = list(run_local(clips_of("clips/c*.npz"), Work(folder="out"), jobs=3))
+    assert set(states(results).values()) == {"done"}
+    assert len(results) == 4
+    started[:] = [None]
+    results = list(run_local(clips_of("clips/c*.npz"), Work(folder="other"), jobs=3))
+    assert set(states(results).values()) == {"failed"}
+    assert len(results) == 4
 
 
 def waits(clip: Clip, work: Work) -> Result:
@@ -447,6 +499,35 @@ def test_clips_share_the_memory_of_the_machine_in_turn() -> None:
     for thread in threads:
         thread.join(10)
     assert seen == [(size,) for size in sizes]
+
+
+def test_who_is_interrupted_while_waiting_for_memory_keeps_nobody_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    budget = MemoryBudget(10)
+
+    def interrupted(_: Any) -> bool:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(budget._changed, "wait_for", interrupted)
+        with pytest.raises(KeyboardInterrupt), budget.room(4):
+            pass
+    later = threading.Thread(target=lambda: budget.room(10).__enter__(), daemon=True)
+    later.start()
+    later.join(10)
+    assert not later.is_alive()
+
+
+def test_a_clip_takes_no_more_memory_than_it_may(clips: Path) -> None:
+    RemoteFile("memory://studio/a.npz").put(clips / "a.npz")
+    for source in (str(clips / "a.npz"), "memory://studio/a.npz"):
+        found = []
+        for more in ({}, {"max_memory": 2**20}, {"max_memory": 2**40}):
+            [clip] = clips_of(source, ClipOptions().with_values(more))
+            look = look_at(clip, Work(folder="out"))
+            assert isinstance(look, Look)
+            found.append(look.memory)
+        assert found[1] == 2**20
+        assert found[0] == found[2] > 2**20
 
 
 def test_the_estimate_of_memory_grows_with_vertices_and_not_with_frames_beyond_a_group() -> None:
