@@ -9,6 +9,8 @@ from dataclasses import asdict, dataclass, field, fields
 from numbers import Integral, Real
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from pdecodec.coding.basis import MAX_RATE
 from pdecodec.errors import SettingsError
 
@@ -75,8 +77,8 @@ class PaperSettings:
     r: float | None = None
 
     def __post_init__(self) -> None:
-        _check_kinds(self, ("segment_frames", "piece_points"), Integral, "a whole number")
-        _check_kinds(self, ("alpha", "r"), Real, "a number")
+        _settle(self, ("segment_frames", "piece_points"), int, Integral, "a whole number")
+        _settle(self, ("alpha", "r"), float, Real, "a number")
         if not 2 <= self.segment_frames <= MAX_SEGMENT_FRAMES:
             raise SettingsError(f"segment_frames must be from 2 to {MAX_SEGMENT_FRAMES}, not {self.segment_frames}")
         if self.piece_points is not None and self.piece_points < 2:
@@ -87,11 +89,18 @@ class PaperSettings:
                 raise SettingsError(f"{name} must be above 0 and at most {MAX_RATE:g}, not {value}")
 
 
-def _check_kinds(settings: object, names: tuple[str, ...], kind: type, what: str) -> None:
+def _settle(settings: object, names: tuple[str, ...], kind: type, taken: type, what: str) -> None:
+    """Numbers of other libraries become Python's own: the file records them as JSON, which knows no others."""
     for name in names:
         value = getattr(settings, name)
-        if value is not None and not isinstance(value, kind):
+        if value is None:
+            continue
+        if not isinstance(value, kind | taken):
             raise SettingsError(f"{name} must be {what}, not {value!r}")
+        try:
+            object.__setattr__(settings, name, kind(value))
+        except OverflowError as error:
+            raise SettingsError(f"{name} must be below 2^1024") from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,12 +155,13 @@ class EncodeSettings:
     def __post_init__(self) -> None:
         if self.tolerance is not None and self.max_error is not None:
             raise SettingsError("give either a tolerance or a maximum error, not both")
-        _check_kinds(self, ("tolerance", "max_error", "uv_tolerance"), Real, "a number")
+        _settle(self, ("tolerance", "max_error", "uv_tolerance"), float, Real, "a number")
+        _settle(self, ("why",), bool, np.bool_, "True or False")
         for name in ("tolerance", "max_error", "uv_tolerance"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise SettingsError(f"{name} must be a positive number, not {value}")
-        _check_kinds(self, ("group_frames", "max_memory"), Integral, "a whole number")
+        _settle(self, ("group_frames", "max_memory"), int, Integral, "a whole number")
         if self.group_frames is not None and self.group_frames < 2:
             raise SettingsError(f"group_frames must be at least 2, not {self.group_frames}")
         if self.group_frames is not None and self.profile == "paper":

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from fractions import Fraction
 from typing import Any, get_args
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import pdecodec
 from pdecodec import ArraySequence, EncodeSettings, PaperSettings, SettingsError, encode
 from pdecodec.coding.basis import MAX_RATE
 from pdecodec.settings import DEFAULT_TOLERANCE, MAX_SEGMENT_FRAMES, EffortName
@@ -36,6 +39,30 @@ def test_settings_and_what_was_changed_come_back_equal_from_json(
     wanted = EncodeSettings(**profile, **bound, effort=effort)
     for values in (wanted.to_json(), wanted.changed()):
         assert EncodeSettings.from_json(json.loads(json.dumps(values))) == wanted
+
+
+def test_numbers_of_other_libraries_become_pythons_own_and_are_recorded() -> None:
+    given = {
+        "tolerance": np.float32(0.01),
+        "uv_tolerance": Fraction(1, 3),
+        "group_frames": np.int64(8),
+        "max_memory": np.uint32(2**30),
+        "why": np.bool_(False),
+    }
+    wanted = {"tolerance": float(np.float32(0.01)), "uv_tolerance": 1 / 3, "group_frames": 8, "max_memory": 2**30}
+    found = EncodeSettings(**given)
+    assert found == EncodeSettings(**wanted)
+    assert {type(value) for value in found.to_json().values()} == {float, int, bool, str, dict, type(None)}
+    report = encode(ArraySequence(np.zeros((3, 4, 3))), settings=found)
+    with pdecodec.open(report.data or b"") as animation:
+        assert animation.info()["settings"] == wanted
+    paper = PaperSettings(segment_frames=np.int16(5), piece_points=np.int64(9), alpha=np.float64(2), r=Fraction(3, 2))
+    assert json.loads(json.dumps(EncodeSettings(profile="paper", paper=paper).changed()))["paper"] == {
+        "segment_frames": 5,
+        "piece_points": 9,
+        "alpha": 2.0,
+        "r": 1.5,
+    }
 
 
 def test_what_was_changed_leaves_out_what_is_as_it_is_by_default() -> None:
@@ -71,6 +98,8 @@ def test_the_bound_follows_from_tolerance_profile_and_scale(chosen: dict[str, An
         (EncodeSettings, {"tolerance": 0.0}, "tolerance must be a positive number, not 0.0"),
         (EncodeSettings, {"tolerance": float("nan")}, "tolerance must be a positive number, not nan"),
         (EncodeSettings, {"tolerance": "small"}, "tolerance must be a number"),
+        (EncodeSettings, {"tolerance": 10**400}, "tolerance must be below 2"),
+        (EncodeSettings, {"why": "no"}, "why must be True or False, not 'no'"),
         (EncodeSettings, {"max_error": float("inf")}, "max_error must be a positive number, not inf"),
         (EncodeSettings, {"profile": "best"}, "profile must be one of auto, paper, not 'best'"),
         (EncodeSettings, {"effort": "slow"}, "effort must be one of fast, default, best, not 'slow'"),
