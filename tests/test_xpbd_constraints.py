@@ -19,11 +19,11 @@ from pdecodec.xpbd.distance import ChainConstraints, DistanceConstraints
 from pdecodec.xpbd.meshing import bending_stencils, grid_quads, lattice_tetrahedra, triangulate
 from pdecodec.xpbd.scenes import build
 from pdecodec.xpbd.solver import Solver
-from pdecodec.xpbd.surroundings import AIR_DENSITY, AttachmentConstraints, Ground, Pins, Sphere, Wind
+from pdecodec.xpbd.surroundings import AIR_DENSITY, Ground, Pins, Sphere, Wind
 from pdecodec.xpbd.system import System
 from pdecodec.xpbd.tetrahedra import NeoHookeanConstraints, VolumeConstraints
 
-ONCE = {"time": 0.1, "substep": 0.1, "method": "xpbd"}
+ONCE = {"substep": 0.1, "method": "xpbd"}
 
 COLUMN, ROW = np.tile(np.arange(4.0), 3), np.repeat(np.arange(3.0), 4)
 SHEET = np.stack([COLUMN, ROW + 0.1 * COLUMN, np.zeros(12)], axis=1)
@@ -31,18 +31,11 @@ CUBE, CELLS = np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), axis=-
 PAIRS = [[0, 1], [1, 2], [2, 3], [4, 9], [0, 5], [1, 0]]
 CHAINS = [[0, 1, 2, 3, 7], [8, 4, 5, 6, 10]]
 STENCILS = bending_stencils(triangulate(grid_quads(4, 3)))
-HELD = np.array([[1], [5], [8]], np.int32)
 
 TYPES: dict[str, Callable[..., Constraints]] = {
     "distance": partial(DistanceConstraints.from_positions, SHEET, PAIRS, compliance=0.02),
     "chain": partial(ChainConstraints.from_positions, SHEET, CHAINS, compliance=0.02),
     "bending": partial(IsometricBendingConstraints.from_positions, SHEET, STENCILS, rigidity=30.0),
-    "attachment": partial(
-        AttachmentConstraints,
-        particles=HELD,
-        path=lambda time: SHEET[HELD[:, 0]] + time * np.array([0.1, 0.2, 0.3]),
-        compliance=0.02,
-    ),
     "volume": partial(VolumeConstraints.from_positions, CUBE, CELLS, compliance=0.02),
     "neo-hookean": partial(NeoHookeanConstraints.from_positions, CUBE, CELLS, young=50.0, poisson=0.3),
     "stiff neo-hookean": partial(NeoHookeanConstraints.from_positions, CUBE, CELLS, young=1e5, poisson=0.3),
@@ -51,7 +44,7 @@ TYPES: dict[str, Callable[..., Constraints]] = {
 
 def make(kind: str, *, damping: float = 0.0) -> tuple[Constraints, np.ndarray]:
     """A small batch and its rest positions."""
-    rest = SHEET if kind in ("distance", "chain", "bending", "attachment") else CUBE
+    rest = SHEET if kind in ("distance", "chain", "bending") else CUBE
     return TYPES[kind](damping=damping, stiffness=0.3), rest
 
 
@@ -61,11 +54,11 @@ def test_gradient_is_the_derivative_of_the_constraint(kind: str, method: Method)
     batch, rest = make(kind)
     positions = rest + 0.1 * np.random.default_rng(1).normal(size=rest.shape)
     for index in range(batch.count):
-        _, gradient = batch.evaluate(index, positions, time=0.5, method=method)
+        _, gradient = batch.evaluate(index, positions, method=method)
         for (corner, particle), axis in product(enumerate(batch.particles[index]), range(3)):
             step = np.zeros_like(positions)
             step[particle, axis] = 1e-6
-            ahead, behind = (batch.evaluate(index, positions + s, time=0.5, method=method)[0] for s in (step, -step))
+            ahead, behind = (batch.evaluate(index, positions + s, method=method)[0] for s in (step, -step))
             np.testing.assert_allclose(gradient[:, corner, axis], (ahead - behind) / 2e-6, atol=2e-8)
 
 
@@ -84,7 +77,7 @@ def test_compiled_sweeps_equal_the_plain_form(kind: str, method: Method, damping
         multipliers = batch.new_multipliers()
         for _ in range(3):
             state = State(positions, previous, inverse_masses)
-            solve(state, multipliers, time=0.5, substep=0.05, method=method)
+            solve(state, multipliers, substep=0.05, method=method)
         results.append((positions, multipliers))
     np.testing.assert_allclose(results[0][0], results[1][0], rtol=0, atol=1e-12)
     if method == "xpbd":
@@ -126,13 +119,13 @@ def test_constraints_that_are_taken_at_once_give_the_bits_of_one_after_another(k
 def test_values_are_those_of_each_constraint_and_energy_is_half_their_square_over_the_compliance(kind: str) -> None:
     batch, rest = make(kind)
     positions = rest + 0.1 * np.random.default_rng(4).normal(size=rest.shape)
-    values = batch.values(positions, time=0.5)
-    each = [batch.evaluate(index, positions, time=0.5)[0] for index in range(batch.count)]
+    values = batch.values(positions)
+    each = [batch.evaluate(index, positions)[0] for index in range(batch.count)]
     np.testing.assert_allclose(values, each, atol=1e-13)
     expected = 0.5 * (values**2 / batch.compliances).sum()
     if "neo-hookean" in kind:
-        expected -= 0.5 * (batch.values(rest, time=0.5) ** 2 / batch.compliances).sum()
-    assert batch.energy(positions, time=0.5) == pytest.approx(expected, rel=1e-10)
+        expected -= 0.5 * (batch.values(rest) ** 2 / batch.compliances).sum()
+    assert batch.energy(positions) == pytest.approx(expected, rel=1e-10)
 
 
 @pytest.mark.parametrize("kind", ["distance", "chain", "bending", "volume", "neo-hookean"])
@@ -140,8 +133,8 @@ def test_a_rigid_motion_stores_no_energy(kind: str) -> None:
     batch, rest = make(kind)
     turn = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
     moved = rest @ (turn * np.linalg.det(turn)) + np.array([3.0, -2.0, 1.0])
-    assert abs(batch.energy(moved, time=0.0)) < 1e-10
-    assert batch.energy(rest * 1.1 + 0.2 * np.sin(rest[:, [1, 2, 0]]), time=0.0) > 1e-4
+    assert abs(batch.energy(moved)) < 1e-10
+    assert batch.energy(rest * 1.1 + 0.2 * np.sin(rest[:, [1, 2, 0]])) > 1e-4
 
 
 def test_a_sweep_leaves_held_and_coinciding_particles_alone() -> None:
@@ -195,8 +188,8 @@ def test_bending_energy_of_a_cylinder_is_half_rigidity_times_squared_curvature(r
     bent = np.stack([radius * np.sin(along / radius), beside, radius * (1 - np.cos(along / radius))], axis=1)
     expected = 0.5 * rigidity / radius**2 * math.sqrt(0.75)
     # Edges of the border bend nothing; their share of the area falls with the resolution.
-    assert batch.energy(bent, time=0.0) == pytest.approx(expected, rel=1.2 / resolution)
-    assert batch.energy(flat, time=0.0) < 1e-20
+    assert batch.energy(bent) == pytest.approx(expected, rel=1.2 / resolution)
+    assert batch.energy(flat) < 1e-20
 
 
 def test_neo_hookean_energy_is_that_of_youngs_modulus_at_small_strain() -> None:
@@ -204,10 +197,10 @@ def test_neo_hookean_energy_is_that_of_youngs_modulus_at_small_strain() -> None:
     young, poisson, strain = 3e4, 0.35, 1e-4
     batch = NeoHookeanConstraints.from_positions(cube, lattice_tetrahedra(2), young=young, poisson=poisson)
     pulled = cube * (1 + strain * np.array([1, -poisson, -poisson]))
-    assert batch.energy(pulled, time=0.0) == pytest.approx(0.5 * young * strain**2, rel=1e-3)
+    assert batch.energy(pulled) == pytest.approx(0.5 * young * strain**2, rel=1e-3)
     sheared = cube + strain * cube[:, [1]] * np.array([1.0, 0, 0])
     shear = young / (2 * (1 + poisson))
-    assert batch.energy(sheared, time=0.0) == pytest.approx(0.5 * shear * strain**2, rel=1e-3)
+    assert batch.energy(sheared) == pytest.approx(0.5 * shear * strain**2, rel=1e-3)
 
 
 def test_wind_on_a_plate_presses_with_the_dynamic_pressure() -> None:
@@ -308,7 +301,6 @@ def solver(**change: Any) -> Solver:
         (lambda: DistanceConstraints(particles=np.array([0, 1]), lengths=np.ones(2)), "must have shape"),
         (lambda: ChainConstraints(particles=np.array([[0]]), lengths=np.ones((1, 0))), "2 points or more"),
         (lambda: ChainConstraints(particles=np.array([[0, 1, 0]]), lengths=np.ones((1, 2))), "particle twice"),
-        (lambda: AttachmentConstraints(particles=PAIR, path=np.zeros), "must have shape"),
         (lambda: IsometricBendingConstraints.from_positions(*TETRAHEDRON, rigidity=0.0), "more than 0"),
         (lambda: IsometricBendingConstraints.from_positions(np.zeros((4, 3)), [[0, 1, 2, 3]], rigidity=1), "without"),
         (lambda: NeoHookeanConstraints.from_positions(*TETRAHEDRON, young=0, poisson=0.3), "Young's modulus"),
@@ -370,7 +362,7 @@ def test_halves_are_taken_first_and_what_is_across_the_middle_after_them(kind: s
     batch.add_to(sheets, multipliers, substep=0.05, method="xpbd")
     for sweep in range(3):
         sheets.solve(positions, rest, is_first=sweep == 0)
-        plain.solve_plainly(State(expected, rest, inverse_masses), others, time=0.0, substep=0.05, method="xpbd")
+        plain.solve_plainly(State(expected, rest, inverse_masses), others, substep=0.05, method="xpbd")
     sheets.store()
     np.testing.assert_allclose(positions, expected, rtol=0, atol=1e-12)
     np.testing.assert_allclose(multipliers[order], others, rtol=1e-9, atol=1e-12)

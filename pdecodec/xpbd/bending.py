@@ -90,11 +90,11 @@ class IsometricBendingConstraints(SheetConstraints):
     def add_to(self, sheets: _core.Sheets, multipliers: Float64Array, *, substep: float, method: Method) -> None:
         sheets.add_bending(self.particles, self.coefficients, multipliers, self.scaling(substep, method))
 
-    def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
+    def evaluate(self, index: int, positions: Float64Array, *, method: Method = "xpbd") -> Linear:
         coefficients = self.coefficients[index]
         gradient = np.einsum("k,ai->aki", coefficients, np.eye(3))
         return coefficients @ positions[self.particles[index]], gradient
 
-    def values(self, positions: Float64Array, *, time: float) -> Float64Array:
+    def values(self, positions: Float64Array) -> Float64Array:
         values: Float64Array = np.einsum("ck,cki->ci", self.coefficients, positions[self.particles])
         return values

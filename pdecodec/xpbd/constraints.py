@@ -129,7 +129,7 @@ class Constraints(ABC):
         return np.zeros((self.count, self.rows))
 
     @abstractmethod
-    def solve(self, state: State, multipliers: Float64Array, *, time: float, substep: float, method: Method) -> None:
+    def solve(self, state: State, multipliers: Float64Array, *, substep: float, method: Method) -> None:
         """One Gauss-Seidel sweep, Eqs. 6 and 7, in the order of `particles`; changes positions and `multipliers`.
 
         Parameters
@@ -137,13 +137,12 @@ class Constraints(ABC):
         state : State
         multipliers : (constraints, rows) float64
             ``lambda_j``.
-        time, substep : float [s]
-            `time` is that at the end of the substep, for targets that move.
+        substep : float [s]
         method : {"xpbd", "pbd"}
         """
 
     @abstractmethod
-    def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
+    def evaluate(self, index: int, positions: Float64Array, *, method: Method = "xpbd") -> Linear:
         """One constraint and its gradient, in plain numpy: what the compiled sweeps are compared with.
 
         Returns
@@ -153,17 +152,15 @@ class Constraints(ABC):
         """
 
     @abstractmethod
-    def values(self, positions: Float64Array, *, time: float) -> Float64Array:
+    def values(self, positions: Float64Array) -> Float64Array:
         """``C`` of all constraints, (constraints, rows)."""
 
-    def energy(self, positions: Float64Array, *, time: float) -> float:
+    def energy(self, positions: Float64Array) -> float:
         """Elastic energy [J], Eq. 2; rigid rows store none."""
         inverse = np.divide(1.0, self.compliances, out=np.zeros_like(self.compliances), where=self.compliances > 0)
-        return float(0.5 * (self.values(positions, time=time) ** 2 * inverse).sum())  # Eq. 2
+        return float(0.5 * (self.values(positions) ** 2 * inverse).sum())  # Eq. 2
 
-    def solve_plainly(
-        self, state: State, multipliers: Float64Array, *, time: float, substep: float, method: Method
-    ) -> None:
+    def solve_plainly(self, state: State, multipliers: Float64Array, *, substep: float, method: Method) -> None:
         """As :meth:`solve`, in plain numpy as the equations stand: what the compiled sweeps must equal.
 
         XPBD solves the rows of one constraint together (Eq. 6). PBD (Mueller et al. 2007) has scalar constraints only
@@ -173,12 +170,12 @@ class Constraints(ABC):
         for index, members in enumerate(self.particles):
             weights = inverse_masses[members]
             for row in range(self.rows if method == "pbd" and weights.any() else 0):
-                value, gradient = self.evaluate(index, positions, time=time, method=method)
+                value, gradient = self.evaluate(index, positions, method=method)
                 slope = (weights[:, None] * gradient[row] ** 2).sum()
                 if slope > 0:
                     positions[members] -= weights[:, None] * gradient[row] * self.stiffness * value[row] / slope
             if method == "xpbd" and weights.any():
-                value, gradient = self.evaluate(index, positions, time=time)
+                value, gradient = self.evaluate(index, positions)
                 scaled = self.compliances_of(index, state, substep) / substep**2  # Eq. 5
                 damping = self.damping / substep
                 system = np.einsum("aki,k,bki->ab", gradient, weights, gradient)
@@ -232,7 +229,7 @@ class SheetConstraints(UniformConstraints):
     def add_to(self, sheets: _core.Sheets, multipliers: Float64Array, *, substep: float, method: Method) -> None:
         """Make this the next batch of `sheets`; `multipliers`, (constraints, rows), are where those are stored."""
 
-    def solve(self, state: State, multipliers: Float64Array, *, time: float, substep: float, method: Method) -> None:
+    def solve(self, state: State, multipliers: Float64Array, *, substep: float, method: Method) -> None:
         sheets = _core.Sheets(state.inverse_masses, len(state.inverse_masses))
         self.add_to(sheets, multipliers, substep=substep, method=method)
         sheets.solve(state.positions, state.previous, is_first=False)
@@ -266,7 +263,7 @@ class MeasuredConstraints(UniformConstraints):
     def measured(positions: Float64Array, particles: Int32Array) -> Float64Array:
         """What is measured, in the shape of the array of :attr:`rest`."""
 
-    def values(self, positions: Float64Array, *, time: float) -> Float64Array:
+    def values(self, positions: Float64Array) -> Float64Array:
         found: Float64Array = self.measured(positions, self.particles) - getattr(self, self.rest)
         return found.reshape(self.count, self.rows)
 

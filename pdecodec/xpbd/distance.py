@@ -61,7 +61,7 @@ class ChainConstraints(MeasuredConstraints, SheetConstraints):
         else:
             sheets.add_chains(self.particles, self.lengths, multipliers, scaling)
 
-    def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
+    def evaluate(self, index: int, positions: Float64Array, *, method: Method = "xpbd") -> Linear:
         difference = np.diff(positions[self.particles[index]], axis=0)
         lengths = np.linalg.norm(difference, axis=1)
         directions = np.divide(difference, lengths[:, None], out=np.zeros_like(difference), where=lengths[:, None] > 0)
@@ -70,10 +70,6 @@ class ChainConstraints(MeasuredConstraints, SheetConstraints):
         gradient[links, links] = -directions
         gradient[links, links + 1] = directions
         return lengths - self.lengths[index], gradient
-
-    def lengths_at(self, positions: Float64Array) -> Float64Array:
-        """Present lengths [m], in the shape of `lengths`."""
-        return self.measured(positions, self.particles)
 
     @staticmethod
     def measured(positions: Float64Array, particles: Int32Array) -> Float64Array:

@@ -134,7 +134,7 @@ class Solver:
                 batch, multipliers = part
                 if iteration == 0:
                     multipliers.fill(0.0)  # line 1
-                batch.solve(state, multipliers, time=time, substep=self.substep, method=self.method)
+                batch.solve(state, multipliers, substep=self.substep, method=self.method)
             for collider in system.colliders:
                 collider.solve(state)
         np.subtract(self.positions, self.previous, out=self.velocities)

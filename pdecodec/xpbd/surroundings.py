@@ -1,4 +1,4 @@
-"""What acts on particles from outside: pins and attachments, the ground and a sphere, wind.
+"""What acts on particles from outside: pins, the ground and a sphere, wind.
 
 Contacts are rigid inequalities, ``C = distance to the surface - thickness >= 0``, taken after the constraints in each
 iteration, so that no particle ends a substep inside. Friction acts on the positions: of the way that a particle slid
@@ -16,14 +16,13 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from pdecodec import _core
 from pdecodec.errors import SettingsError
 from pdecodec.sequence import Float64Array, Int32Array
-from pdecodec.xpbd.constraints import Linear, Method, State, UniformConstraints, check_positive
+from pdecodec.xpbd.constraints import State, check_positive
 
 Path = Callable[[float], Float64Array]
 """From time [s] to positions [m], (particles, 3) float64. Must depend on the time alone."""
@@ -44,35 +43,6 @@ class Pins:
 
     particles: Int32Array
     path: Path
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class AttachmentConstraints(UniformConstraints):
-    """Springs of rest length 0 from particles to points that stand or move and have no mass, ``C = x - p(t)``.
-
-    Each axis is a row with a constant gradient, so one solve is exact.
-
-    Parameters
-    ----------
-    particles : (constraints, 1) int32
-    path : callable
-        From time [s] to the points [m], (constraints, 3).
-    compliance : float [m/N]
-    """
-
-    members: ClassVar[int] = 1
-    rows_of_each: ClassVar[int] = 3
-    path: Path
-
-    def solve(self, state: State, multipliers: Float64Array, *, time: float, substep: float, method: Method) -> None:
-        targets = np.ascontiguousarray(self.path(time), dtype=np.float64)
-        _core.solve_attachments(state, self.particles, targets, multipliers, self.scaling(substep, method))
-
-    def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
-        return positions[self.particles[index, 0]] - self.path(time)[index], np.eye(3)[:, None, :]
-
-    def values(self, positions: Float64Array, *, time: float) -> Float64Array:
-        return positions[self.particles[:, 0]] - self.path(time)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -49,10 +49,10 @@ class VolumeConstraints(MeasuredConstraints):
     arrays: ClassVar[RowShapes] = {"volumes": ()}
     volumes: Float64Array
 
-    def solve(self, state: State, multipliers: Float64Array, *, time: float, substep: float, method: Method) -> None:
+    def solve(self, state: State, multipliers: Float64Array, *, substep: float, method: Method) -> None:
         _core.solve_volumes(state, self.particles, self.volumes, multipliers.reshape(-1), self.scaling(substep, method))
 
-    def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
+    def evaluate(self, index: int, positions: Float64Array, *, method: Method = "xpbd") -> Linear:
         corners = positions[self.particles[index]]
         first, second, third = corners[1:] - corners[0]
         slopes = np.stack([np.cross(second, third), np.cross(third, first), np.cross(first, second)]) / 6
@@ -143,7 +143,7 @@ class NeoHookeanConstraints(Constraints):
         return compliances
 
     def compliances_of(self, index: int, state: State, substep: float) -> Float64Array:
-        (size, determinant), _ = self.evaluate(index, state.positions, time=0.0)
+        (size, determinant), _ = self.evaluate(index, state.positions)
         inverse = self.inverse_rest[index]
         slopes = np.r_[-inverse.sum(axis=0)[None], inverse]
         spread = state.inverse_masses[self.particles[index]] @ (slopes**2).sum(axis=1)
@@ -152,7 +152,7 @@ class NeoHookeanConstraints(Constraints):
         compliances: Float64Array = self.compliances[index] * max(1.0, once)
         return compliances
 
-    def solve(self, state: State, multipliers: Float64Array, *, time: float, substep: float, method: Method) -> None:
+    def solve(self, state: State, multipliers: Float64Array, *, substep: float, method: Method) -> None:
         if method == "pbd":
             _core.project_tetrahedra(state, self.particles, self.inverse_rest, self.stiffness)
         else:
@@ -160,7 +160,7 @@ class NeoHookeanConstraints(Constraints):
             material = (self.shear, self.bulk, self.damping / substep)
             _core.solve_tetrahedra(state, *shapes, multipliers, *material, substep)
 
-    def evaluate(self, index: int, positions: Float64Array, *, time: float, method: Method = "xpbd") -> Linear:
+    def evaluate(self, index: int, positions: Float64Array, *, method: Method = "xpbd") -> Linear:
         inverse = self.inverse_rest[index]
         corners = positions[self.particles[index]]
         deformation = (corners[1:] - corners[0]).T @ inverse
@@ -174,7 +174,7 @@ class NeoHookeanConstraints(Constraints):
         rest = (math.sqrt(3), 1.0) if method == "pbd" else (0.0, self.target)
         return np.array([size - rest[0], np.linalg.det(deformation) - rest[1]]), gradient
 
-    def values(self, positions: Float64Array, *, time: float) -> Float64Array:
+    def values(self, positions: Float64Array) -> Float64Array:
         deformation = self.deformations(positions)
         size = np.sqrt(np.einsum("cij,cij->c", deformation, deformation))
         return np.stack([size, np.linalg.det(deformation) - self.target], axis=1)
@@ -184,7 +184,7 @@ class NeoHookeanConstraints(Constraints):
         corners = positions[self.particles]
         return (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1) @ self.inverse_rest
 
-    def energy(self, positions: Float64Array, *, time: float) -> float:
+    def energy(self, positions: Float64Array) -> float:
         """Elastic energy [J], Eq. 2, less its value at rest."""
         rest = 0.5 * (3 * self.shear + self.shear**2 / self.bulk) * float(self.volumes.sum())
-        return super().energy(positions, time=time) - rest
+        return super().energy(positions) - rest
