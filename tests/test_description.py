@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,10 @@ from damage import assert_cuts_are_refused, assert_only_corrupt_file_errors
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from sequence_cases import rich_sequence
 
-from pdecodec import _core
+from pdecodec import Animation, _core, encode, open_animation
 from pdecodec.coding.bytestream import FieldReader, FieldWriter
 from pdecodec.coding.description import (
-    ALL_FLAGS,
     AT_FRAME_RATE,
     MAX_JSON_BYTES,
     TIMES_BY_PERIOD,
@@ -24,34 +23,44 @@ from pdecodec.coding.description import (
     TIMES_LISTED,
     TIMES_STEPPED,
     decode_remarks,
-    decode_sequence_description,
     encode_remarks,
     encode_sequence_description,
 )
 from pdecodec.coding.entropy import compress
 from pdecodec.errors import CorruptFileError, InputError
-from pdecodec.runs import ChangingSequence
-from pdecodec.sequence import LARGEST_TIME, SHORTEST_TIME_STEP, ArraySequence, Connectivity, MeshObject
+from pdecodec.sequence import LARGEST_TIME, SHORTEST_TIME_STEP, ArraySequence, Connectivity, MeshObject, MeshSequence
+from spec.sealing import content, seal, take_apart
 
 
 def clip(times: NDArray[np.float64], fps: float | None = None) -> ArraySequence:
     return ArraySequence(np.zeros((len(times), 1, 3), np.float32), times=times, fps=fps)
 
 
-def times_kind(data: bytes) -> int:
+def encoded(sequence: MeshSequence) -> bytes:
+    data = encode(sequence, effort="fast").data
+    assert data is not None
+    return data
+
+
+def with_description(data: bytes, description: bytes) -> Animation:
+    """A file opened whose section SEQN is another."""
+    return open_animation(seal([replace(p, content=description) if p.kind == "SEQN" else p for p in take_apart(data)]))
+
+
+def times_kind(description: bytes) -> int:
     """How the times are stored: the byte after the numbers of runs and frames, less its flags."""
-    reader = FieldReader(data, "SEQN")
+    reader = FieldReader(description, "SEQN")
     reader.count(), reader.count()
     (rule,) = reader.integers("B")
-    return rule & ~ALL_FLAGS
+    return rule & 3
 
 
 def assert_times_come_back(sequence: ArraySequence) -> int:
-    data = encode_sequence_description(sequence)
-    found = decode_sequence_description(data, sequence.frame_count)
-    assert found.times.tobytes() == sequence.times.tobytes()
-    assert found.fps == sequence.fps
-    return times_kind(data)
+    data = encoded(sequence)
+    with open_animation(data) as found:
+        assert found.times.tobytes() == sequence.times.tobytes()
+        assert found.fps == sequence.fps
+    return times_kind(content(take_apart(data), "SEQN"))
 
 
 @pytest.mark.parametrize("fps", [1.0, 23.976, 24.0, 24000 / 1001, 25.0, 29.97, 60.0, 1e-3, 1e4])
@@ -91,47 +100,18 @@ def test_any_times_come_back_to_the_last_bit(values: list[float]) -> None:
     assert_times_come_back(clip(np.array(chosen)))
 
 
+def named(*names: str) -> ArraySequence:
+    return ArraySequence(np.zeros((2, len(names), 3)), objects=[MeshObject(name, Connectivity(1)) for name in names])
+
+
 def test_names_come_back() -> None:
     names = ("", "body", "ünï 二\n", "body")
-    objects = [MeshObject(name, Connectivity(k)) for k, name in enumerate(names)]
-    data = encode_sequence_description(ArraySequence(np.zeros((2, 6, 3)), objects=objects))
-    found = decode_sequence_description(data, 2)
-    assert found.names(len(names), int) == names
-    for count in (3, 5):
+    data = encoded(named(*names))
+    with open_animation(data) as found:
+        assert tuple(item.name for item in found.objects) == names
+    for others in (names[1:], (*names, "more")):
         with pytest.raises(CorruptFileError):
-            found.names(count, int)
-
-
-def test_runs_of_frames_are_counted_and_have_no_names_here() -> None:
-    parts = [clip(np.arange(*frames) / 24) for frames in ((0, 2), (2, 3), (3, 7))]
-    found = decode_sequence_description(encode_sequence_description(ChangingSequence(parts)), 7)
-    assert found.runs == (2, 1, 4)
-    assert np.array_equal(found.times, np.arange(7) / 24)
-    assert found.names(0, int) == ()
-    for runs in (b"\0\3", b"\2\3\0"):
-        with pytest.raises(CorruptFileError, match="declares no frames"):
-            decode_sequence_description(runs, 100)
-
-
-def decoded(data: bytes) -> None:
-    decode_sequence_description(data, 1000).names(3, int)
-
-
-def irregular() -> bytes:
-    return encode_sequence_description(rich_sequence(6))
-
-
-def test_a_description_that_is_cut_or_too_long_is_refused() -> None:
-    assert_cuts_are_refused(irregular(), decoded)
-    with pytest.raises(CorruptFileError):
-        decode_sequence_description(b"", 1000)
-
-
-def test_damage_to_a_description_ends_in_our_own_error() -> None:
-    assert times_kind(irregular()) == TIMES_LISTED
-    regular = encode_sequence_description(clip(np.arange(9) / 24))
-    for data in (irregular(), regular):
-        assert assert_only_corrupt_file_errors(data, decoded) > 50
+            _ = with_description(data, encode_sequence_description(named(*others))).objects
 
 
 def described(
@@ -148,16 +128,18 @@ def described(
 
 def listed(times: list[float]) -> bytes:
     """Section SEQN with times one by one."""
-    regular = encode_sequence_description(clip(np.array([0.0, 1.0, 2.5])))
-    head = regular[: -len(decode_sequence_description(regular, 9).coded)]
-    return head + _core.encode_description(np.array(times), [])
+    sequence = clip(np.array([0.0, 1.0, 2.5]))
+    regular, names = encode_sequence_description(sequence), [sequence.objects[0].name]
+    head = regular[: -len(_core.encode_description(sequence.times, names))]
+    return head + _core.encode_description(np.array(times), names)
 
 
 @pytest.mark.parametrize(
     ("data", "message"),
     [
         (described(frames=0), "declares no frames"),
-        (described(frames=101), "101 frames"),
+        (b"\0\3", "declares no run of frames"),
+        (b"\2\3\0", "declares no frames"),
         (described(frames=2**63 - 1), f"{2**63 - 1} frames"),
         (described(fps=0.0), "frame rate"),
         (described(fps=-24.0), "frame rate"),
@@ -177,7 +159,7 @@ def listed(times: list[float]) -> bytes:
 )
 def test_numbers_out_of_range_are_named(data: bytes, message: str) -> None:
     with pytest.raises(CorruptFileError, match=message):
-        decode_sequence_description(data, 100)
+        with_description(encoded(clip(np.arange(3) / 24)), data)
 
 
 REMARKS = st.dictionaries(

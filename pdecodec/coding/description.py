@@ -5,20 +5,18 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
-from pdecodec.coding.bytestream import FieldReader, FieldWriter
-from pdecodec.coding.connectivity import core_errors
+from pdecodec.coding.bytestream import FieldWriter
 from pdecodec.coding.entropy import compress, decompress
-from pdecodec.errors import CorruptFileError, InputError, LimitError
+from pdecodec.errors import CorruptFileError, InputError
 from pdecodec.runs import ChangingSequence
-from pdecodec.sequence import LARGEST_TIME, SHORTEST_TIME_STEP, MeshSequence
+from pdecodec.sequence import MeshSequence
 
 Float64Array = NDArray[np.float64]
 
@@ -29,7 +27,7 @@ rounds otherwise."""
 TIME_RULES = (TIMES_COUNTED, TIMES_STEPPED, TIMES_BY_PERIOD)
 """In the order in which they are tried."""
 
-AT_FRAME_RATE, WHOLE_FRAME_RATE, WHOLE_START, HAS_JUMPS, ALL_FLAGS = 4, 8, 16, 32, 60
+AT_FRAME_RATE, WHOLE_FRAME_RATE, WHOLE_START, HAS_JUMPS = 4, 8, 16, 32
 """Added to the rule: its rate is the frame rate, which then is not stored again; the frame rate, or the start, is a
 whole number of 0 or more, and stored as a count; jumps follow."""
 
@@ -44,49 +42,6 @@ JSON_MEMORY = 64
 
 DEEPEST_JSON = 32
 """Lists and objects in each other; programs that read JSON follow them by recursion."""
-
-
-@dataclass(frozen=True, eq=False)
-class SequenceDescription:
-    """Section SEQN.
-
-    Attributes
-    ----------
-    times : (frames,) float64 [s]
-    fps : float [1/s]
-    runs : tuple of int
-        Frames of each run.
-    jumps : tuple of int
-        Frames that motion jumps to from the frame before, increasing.
-    coded : bytes
-        Listed times, and the names of objects.
-    listed : int
-        How many of the former there are.
-    """
-
-    times: Float64Array
-    fps: float
-    runs: tuple[int, ...]
-    jumps: tuple[int, ...]
-    coded: bytes
-    listed: int
-
-    def names(self, count: int, take: Callable[[int], None]) -> tuple[str, ...]:
-        """Names of as many objects.
-
-        Parameters
-        ----------
-        count : int
-        take : callable
-            Called with a number of bytes before memory for them is taken.
-
-        Raises
-        ------
-        CorruptFileError
-            If there are more or fewer names, or they are not UTF-8.
-        """
-        with core_errors():
-            return tuple(_core.decode_names(self.coded, self.listed, count, take))
 
 
 def encode_sequence_description(sequence: MeshSequence, jumps: Sequence[int] = ()) -> bytes:
@@ -144,54 +99,6 @@ def checked_texts(texts: Iterable[str]) -> list[str]:
     return checked
 
 
-def decode_sequence_description(data: bytes, most_frames: int) -> SequenceDescription:
-    """Undo :func:`encode_sequence_description`.
-
-    Parameters
-    ----------
-    data : bytes
-    most_frames : int
-        Frames that the memory limit leaves room for.
-    """
-    reader = FieldReader(data, "SEQN")
-    runs = tuple(reader.count() for _ in range(min(reader.count(), most_frames + 1)))
-    frames = sum(runs)
-    if not runs or min(runs) < 1:
-        raise CorruptFileError("section SEQN declares no frames")
-    if frames > most_frames:
-        raise LimitError(f"section SEQN declares {frames} frames, more than the memory limit allows")
-    (all_flags,) = reader.integers("B")
-    flags, kind = all_flags & ~HAS_JUMPS, all_flags & ~ALL_FLAGS
-    fps = _read_real(reader, is_whole=bool(flags & WHOLE_FRAME_RATE))
-    if fps <= 0:
-        raise CorruptFileError("section SEQN has a frame rate that is not positive")
-    listed, times = 0, np.zeros(0)
-    jumps: tuple[int, ...] = ()
-    if flags | WHOLE_FRAME_RATE == TIMES_LISTED | WHOLE_FRAME_RATE:
-        jumps = _read_jumps(reader, frames) if all_flags & HAS_JUMPS else ()
-        listed, coded = frames, reader.rest()
-        with core_errors():
-            times = _core.decode_times(coded, listed)
-    elif kind in TIME_RULES:
-        start = _read_real(reader, is_whole=bool(flags & WHOLE_START))
-        rate = fps if flags & AT_FRAME_RATE else reader.reals("d")[0]
-        jumps = _read_jumps(reader, frames) if all_flags & HAS_JUMPS else ()
-        coded = reader.rest()
-        times = _ruled_times(kind, start, rate, frames) if rate > 0 else times
-    if not times.size:
-        raise CorruptFileError(f"section SEQN stores its times in an unknown way ({flags})")
-    if not (np.abs(times) <= LARGEST_TIME).all() or not (np.diff(times) >= SHORTEST_TIME_STEP).all():
-        raise CorruptFileError("section SEQN has times that do not increase or lie out of range")
-    return SequenceDescription(times, fps, runs, jumps, coded, listed)
-
-
-def _read_jumps(reader: FieldReader, frames: int) -> tuple[int, ...]:
-    gaps = [reader.count() for _ in range(min(reader.count(), frames))]
-    if not gaps or min(gaps) < 1 or sum(gaps) >= frames:
-        raise CorruptFileError("section SEQN has no jumps where it declares some, or one at no frame")
-    return tuple(itertools.accumulate(gaps))
-
-
 def _is_whole(value: float) -> bool:
     return 0 <= value <= LARGEST_WHOLE and value == int(value) and math.copysign(1.0, value) > 0
 
@@ -201,15 +108,6 @@ def _write_real(writer: FieldWriter, value: float, *, is_whole: bool) -> None:
         writer.count(int(value))
     else:
         writer.numbers("d", value)
-
-
-def _read_real(reader: FieldReader, *, is_whole: bool) -> float:
-    if not is_whole:
-        return reader.reals("d")[0]
-    value = reader.count()
-    if value > LARGEST_WHOLE:
-        raise CorruptFileError("section SEQN has a whole number out of range")
-    return float(value)
 
 
 def _ruled_times(kind: int, start: float, rate: float, frames: int) -> Float64Array:
