@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pdecodec.coding.groups import GroupEntry, TimeBasis, evaluate_group, group_functions
+from pdecodec.coding.groups import GroupEntry, GroupFunctions, TimeBasis, group_functions
 from pdecodec.coding.patches import build_patches, early_patches
 from pdecodec.coding.spacebasis import SpaceBasis, SpaceKind, build_space_basis, trial_space_basis
 from pdecodec.sequence import Connectivity, MeshObject
@@ -42,6 +42,13 @@ STEP = 2.0**-40
 
 def entry_of(frames: int, functions: int, basis: TimeBasis, *, single: bool) -> GroupEntry:
     return GroupEntry(frames=frames, functions=functions, basis=basis, single=single, step=STEP)
+
+
+def evaluate_group(
+    group: GroupFunctions, frames: slice, reference: NDArray[np.float64] | None, out: NDArray[np.floating]
+) -> None:
+    """Positions at some of its frames, before residuals; displacements without a reference frame."""
+    group.motion.evaluate(np.ascontiguousarray(group.time[frames]), reference, out, 2)
 
 
 def displaced(

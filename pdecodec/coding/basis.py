@@ -78,17 +78,6 @@ def paper_space_functions(u: ArrayLike, r: float) -> Float64Array:
     )
 
 
-def paper_functions(u: ArrayLike, t: ArrayLike, alpha: float, r: float) -> Float64Array:
-    """Eq. 18: the 32 products, in the paper's order (w_1 .. w_32), for paired values of u and t.
-
-    Returns
-    -------
-    (n, 32) float64
-    """
-    products = paper_time_functions(t, alpha)[..., :, None] * paper_space_functions(u, r)[..., None, :]
-    return products.reshape(*products.shape[:-2], TIME_FUNCTIONS * SPACE_FUNCTIONS)  # Eq. 18
-
-
 def series_functions(x: ArrayLike, rate: float, order: int) -> Float64Array:
     """The well-conditioned basis ``phi_0 .. phi_{order-1}`` of the solutions of ``w^(order) = rate^order w``.
 

@@ -264,17 +264,3 @@ def margins(entry: GroupEntry, time: FloatArray, largest: Int64Array, residual_s
     least = residual_step * (SINGLE_MARGIN if entry.single else DOUBLE_MARGIN)
     found: Float64Array = np.maximum(ROUNDING * added, least)
     return found
-
-
-def evaluate_group(group: GroupFunctions, frames: slice, reference: Float64Array | None, out: FloatArray) -> None:
-    """Positions at some of its frames, before residuals; displacements without a reference frame.
-
-    Parameters
-    ----------
-    group : GroupFunctions
-    frames : slice
-    reference : (vertices, 3) float64 [scene units], C-contiguous
-    out : (frames, vertices, 3) float32 or float64, C-contiguous, written
-    """
-    time = np.ascontiguousarray(group.time[frames])
-    group.motion.evaluate(time, reference, out, thread_count())
