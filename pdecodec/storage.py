@@ -40,7 +40,6 @@ STAMPS = (
     "Last-Modified",
     "mtime",
     "created",
-    "created",
 )
 """What storages say of a file that changes when it is written."""
 

@@ -29,6 +29,10 @@ PARTIAL, READY = ".partial", ".ready"
 MANIFEST = ".manifest.json"
 """In a folder that is ready: the names of files that its own replace, and of those that go."""
 
+TOLD = 24
+"""Letters of an output's name that are in that of what is being written: with four bytes each, and all that follows, a
+name is below 143 bytes, the least that a file system in use allows (eCryptfs)."""
+
 PROBE_BYTES = 2**16
 """What is written to learn whether a disk is full."""
 
@@ -39,6 +43,11 @@ def check_path(path: Path) -> None:
     """Raise InputError if no file can have this path."""
     if "\0" in str(path):
         raise InputError("holds a character that no path can have (NUL); give another name", path=path)
+    try:
+        os.lstat(path)
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise InputError("is longer than names may be there; give a shorter one", path=path) from error
 
 
 def check_writable(path: Path, *, overwrite: bool) -> None:
@@ -149,8 +158,10 @@ def finish_interrupted(folder: Path) -> None:
 
 
 def partial_path(path: Path) -> Path:
-    """A hidden name beside `path` that no other writer takes."""
-    return path.with_name(f".{path.name}.{_host()}-{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}")
+    """A hidden name beside `path` that no other writer takes; it tells the beginning of the name alone, which may be as
+    long as names can be.
+    """
+    return path.with_name(f".{path.name[:TOLD]}.{_host()}-{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}")
 
 
 @contextmanager

@@ -220,3 +220,26 @@ def test_a_path_that_no_file_can_have_is_refused() -> None:
             open_sequence(name)
     with pytest.raises(InputError, match="null"):
         open_animation("a\0.pdeanim")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="limits of another kind there")
+@pytest.mark.parametrize("letter", ["n", "\u00fc"])
+def test_names_as_long_as_names_can_be_are_written_and_longer_ones_refused(tmp_path: Path, letter: str) -> None:
+    most = os.pathconf(tmp_path, "PC_NAME_MAX")
+
+    def named(ending: str, size: int) -> Path:
+        count = (size - len(ending)) // len(letter.encode())
+        return tmp_path / (letter * count + ending)
+
+    clip = sheet(3)
+    encode(clip, named(".pdeanim", most))
+    for ending in (*(name[1:] for name in ONE_FILE if name not in ("x.abc", "x.usdc")), ".xdmf", ".####.obj"):
+        write_sequence(clip, named(ending, most))
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+    with open_animation(named(".pdeanim", most)) as animation:
+        assert animation.frame_count == 3
+    with pytest.raises(InputError, match="is longer than names may be there"):
+        encode(clip, named(".pdeanim", most + 2))
+    for ending in (".npz", ".xdmf", ".####.obj"):
+        with pytest.raises(InputError, match="is longer than names may be there"):
+            write_sequence(clip, named(ending, most + 2))
