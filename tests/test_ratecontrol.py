@@ -146,13 +146,32 @@ def test_what_cannot_be_is_refused_before_anything_is_encoded(
         control(quality=3)
 
 
-def test_a_limit_too_small_names_the_smallest_reached_and_writes_nothing(tmp_path: Path) -> None:
+def test_a_limit_too_small_names_the_smallest_reached_and_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     smallest = encode(SHEET, tolerance=COARSEST, effort="fast").file_bytes
     with pytest.raises(SettingsError, match=rf"file of 50 bytes: the smallest takes {smallest}; allow as many"):
         encode_to_size(SHEET, 50, tmp_path / "sheet.pdeanim", effort="fast")
     assert not list(tmp_path.iterdir())
-    with pytest.raises(SettingsError, match=r"rms error of 1e-12 of the diagonal: the smallest is \d[.e\d-]+; allow"):
+    monkeypatch.setattr("pdecodec.encoding.ratecontrol.FINEST", 1e-6)
+    message = (
+        r"no tolerance down to 1e-06 gives an rms error of 1e-12 of the diagonal: the smallest is \d[.e\d-]+; allow"
+    )
+    with pytest.raises(SettingsError, match=message):
         encode_to_rms(SHEET, 1e-12, effort="fast")
+
+
+@pytest.mark.parametrize("rms", [1e-8, 1e-10, 1e-15])
+def test_a_mean_error_below_the_spacing_of_float32_is_found(rms: float) -> None:
+    report = encode_to_rms(SHEET, rms, effort="fast")
+    assert report.rms_error <= rms * report.scale
+
+
+def test_a_file_that_may_be_as_large_as_it_likes_is_exact_and_no_finer_tolerance_is_tried() -> None:
+    attempts = set[str]()
+    report = encode_to_size(SHEET, 10**6, effort="fast", progress=lambda done, total, what: attempts.add(what))
+    assert report.max_error == 0
+    assert len(attempts) < MOST_ENCODES
 
 
 @pytest.mark.parametrize("limit", [0, -1, 1.5, math.inf, math.nan, "1500", None])

@@ -25,14 +25,15 @@ from pdecodec.whole_output import check_writable, whole_file
 
 Outcome = TypeVar("Outcome")
 
-FINEST = 1e-6
-"""Finest tolerance tried: sixteen float32 steps of a coordinate as large as the diagonal; below lies rounding."""
+FINEST = 1e-18
+"""Finest tolerance tried: a float32 step of coordinates of a hundred-billionth of the diagonal. Clips come back exactly
+long before it."""
 
 COARSEST = 1.0
 """Coarsest tolerance tried: vertices may be anywhere in the scene."""
 
 MOST_ENCODES = 10
-"""Encodes at most: five to bracket the limit from anywhere in the range, five to close in on it."""
+"""Encodes at most: six to bracket the limit from anywhere in the range, four to close in on it."""
 
 CLOSE = 0.01
 """A limit counts as met when it is kept and used up to this share, or the tolerance is known this well."""
@@ -106,7 +107,8 @@ def encode_to_size(
         falls=True,
         start=DEFAULT_TOLERANCE,
         refusal=lambda least: (
-            f"no tolerance gives a file of {size} bytes: the smallest takes {least:.0f}; allow as many, or encode less"
+            f"no tolerance up to {COARSEST:g} gives a file of {size} bytes: the smallest takes {least:.0f}; "
+            "allow as many, or encode less"
         ),
     )
     return _encode_within(limit, sequence, path, settings, options, overwrite=overwrite, progress=progress)
@@ -156,7 +158,8 @@ def encode_to_rms(
         falls=False,
         start=TOLERANCE_OVER_RMS * rms,
         refusal=lambda least: (
-            f"no tolerance gives an rms error of {rms:g} of the diagonal: the smallest is {least:.3g}; allow as much"
+            f"no tolerance down to {FINEST:g} gives an rms error of {rms:g} of the diagonal: the smallest is "
+            f"{least:.3g}; allow as much"
         ),
     )
     return _encode_within(limit, sequence, path, settings, options, overwrite=overwrite, progress=progress)
@@ -195,7 +198,9 @@ def _encode_within(
         values.append(limit.measure(report))
         return report, values[-1] / limit.value
 
-    found = search_tolerance(encode_at, start=limit.start, falls=limit.falls)
+    found = search_tolerance(
+        encode_at, start=limit.start, falls=limit.falls, is_exact=lambda report: report.max_error == 0
+    )
     if found is None:
         raise SettingsError(limit.refusal(min(values)))
     if target is not None:
@@ -206,7 +211,13 @@ def _encode_within(
     return replace(found, seconds=time.perf_counter() - started)
 
 
-def search_tolerance(measure: Callable[[float], tuple[Outcome, float]], *, start: float, falls: bool) -> Outcome | None:
+def search_tolerance(
+    measure: Callable[[float], tuple[Outcome, float]],
+    *,
+    start: float,
+    falls: bool,
+    is_exact: Callable[[Outcome], bool] = lambda _: False,
+) -> Outcome | None:
     """The outcome nearest to a limit among those that keep it, in :data:`MOST_ENCODES` measurements at most.
 
     Brackets the limit in growing strides, then interpolates on logarithmic scales, where size and error are
@@ -220,6 +231,8 @@ def search_tolerance(measure: Callable[[float], tuple[Outcome, float]], *, start
         First tolerance, brought into the range.
     falls : bool
         Whether the value falls as the tolerance grows: bytes do, errors do not.
+    is_exact : callable, optional
+        Whether an outcome has no error, so that nothing is gained by a finer tolerance.
 
     Returns
     -------
@@ -238,7 +251,7 @@ def search_tolerance(measure: Callable[[float], tuple[Outcome, float]], *, start
         excess = math.log(max(share, SMALLEST_VALUE))
         if excess <= 0.0:
             best = outcome
-            if excess > -CLOSE:
+            if excess > -CLOSE or (falls and is_exact(outcome)):
                 break
         is_too_fine = (excess > 0.0) == falls
         if is_too_fine:
