@@ -1,5 +1,5 @@
 """`python -m pdecodec.cli`, as `python -m pdecodec`."""
 
-from pdecodec.cli.main import main
+from pdecodec.__main__ import main
 
 main()

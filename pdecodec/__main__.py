@@ -1,6 +1,22 @@
-"""`python -m pdecodec` is the `pdecodec` script, of this very interpreter."""
+"""The script `pdecodec`, and `python -m pdecodec`, which is that of this very interpreter.
 
-from pdecodec.cli.main import main
+Little is imported before somebody waits for interrupts: the command itself takes a while.
+"""
+
+from __future__ import annotations
+
+import sys
+
+
+def main() -> None:
+    """Run the command line; interrupted where nothing is begun yet, end without a word."""
+    try:
+        from pdecodec.cli.main import main as command
+
+        command()
+    except KeyboardInterrupt:
+        sys.exit(130)  # as pdecodec.cli.main.EXIT_INTERRUPTED
+
 
 if __name__ == "__main__":
     main()

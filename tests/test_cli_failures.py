@@ -383,3 +383,20 @@ def test_a_bug_is_told_in_one_line_and_traced_on_request(monkeypatch: pytest.Mon
         assert process.returncode == 1
     assert texts[0].startswith(b"error: a bug in pdecodec: ZeroDivisionError: division by zero")
     assert [texts[0].count(b"\n"), b"Traceback" in texts[1]] == [1, True]
+
+
+@pytest.mark.parametrize("module", ["pdecodec", "pdecodec.cli"])
+@pytest.mark.parametrize("early", ["click", "pdecodec.errors"])
+def test_an_interrupt_before_the_command_has_begun_ends_without_a_word(module: str, early: str) -> None:
+    code = (
+        "import runpy, sys\n"
+        "class Interrupted:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        f"        if name == {early!r}:\n"
+        "            raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupted())\n"
+        f"runpy.run_module({module!r}, run_name='__main__')"
+    )
+    process = start("-c", code, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.communicate(timeout=120) == (b"", b"")
+    assert process.returncode == 130
