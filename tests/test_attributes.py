@@ -17,7 +17,9 @@ from mesh_cases import connectivities, connectivity_of, grid, grid_faces, meshes
 from numpy.typing import NDArray
 from sequence_cases import assert_same_attributes, rich_sequence
 
-from pdecodec.coding.attributes import VALUE_TYPES, decode_attributes, encode_attributes, reorder_attributes
+from pdecodec import _core
+from pdecodec.coding.attributes import DOMAINS, VALUE_TYPES, encode_attributes, reorder_attributes
+from pdecodec.coding.connectivity import core_errors, core_parts
 from pdecodec.coding.entropy import compress
 from pdecodec.errors import CorruptFileError, InputError, LimitError
 from pdecodec.sequence import Attribute, Connectivity, MeshObject
@@ -42,9 +44,23 @@ def levels_of(objects: list[MeshObject], seed: int = 0, size: int = 1000) -> Int
     return np.random.default_rng(seed).integers(0, size, (sum(item.vertex_count for item in objects), 3))
 
 
+def decode_attributes(
+    data: bytes, objects: list[MeshObject], levels: Int64Array, most_bytes: int = PLENTY
+) -> list[MeshObject]:
+    """The objects with the attributes of section ATTR, which is empty where there are none."""
+    if not data:
+        return list(objects)
+    with core_errors():
+        decoded = _core.decode_attributes(data, core_parts([item.connectivity for item in objects]), levels, most_bytes)
+    return [
+        replace(item, attributes=tuple(Attribute(name, DOMAINS[domain], *more) for name, domain, *more in attributes))
+        for item, attributes in zip(objects, decoded, strict=True)
+    ]
+
+
 def decoded_by_both(data: bytes, objects: list[MeshObject], levels: Int64Array) -> list[MeshObject]:
     """What the library decodes, after a look at what the decoder of the specification does."""
-    found = decode_attributes(data, bare(objects), levels, PLENTY)
+    found = decode_attributes(data, bare(objects), levels)
     meshes = meshes_of(bare(objects))
     read_attributes(data, meshes, levels.tolist())
     assert_same_by_both(found, meshes)
@@ -95,7 +111,6 @@ def test_every_domain_and_type_of_attribute_comes_back() -> None:
 def test_objects_without_attributes_take_no_bytes() -> None:
     objects = [MeshObject("a", Connectivity(3)), MeshObject("b", Connectivity(1))]
     assert encode_attributes(objects, levels_of(objects)) == b""
-    assert decode_attributes(b"", objects, levels_of(objects), 0) == objects
 
 
 SPECIAL = np.array([0.0, -0.0, np.inf, -np.inf, np.nan, 1e-45, -1e-40, 3.4e38, 0.5, 1.0], np.float32)
@@ -314,7 +329,7 @@ def test_values_that_do_not_lie_in_memory_in_order_come_back() -> None:
     values = np.arange(24, dtype=np.float32).reshape(4, 6)[::-1, ::2].astype(">f4")
     objects = [MeshObject("m", Connectivity(4), (Attribute("odd", "vertex", values),))]
     levels = levels_of(objects)
-    (found,) = decode_attributes(encode_attributes(objects, levels), bare(objects), levels, PLENTY)
+    (found,) = decode_attributes(encode_attributes(objects, levels), bare(objects), levels)
     assert found.attributes[0].values.dtype == np.float32
     assert np.array_equal(found.attributes[0].values, values)
 
@@ -435,12 +450,12 @@ def rich() -> tuple[list[MeshObject], Int64Array, bytes]:
 
 def test_attributes_that_are_cut_or_too_long_are_refused() -> None:
     objects, levels, data = rich()
-    assert_cuts_are_refused(data, lambda each: decode_attributes(each, bare(objects), levels, PLENTY))
+    assert_cuts_are_refused(data, lambda each: decode_attributes(each, bare(objects), levels))
 
 
 def test_damage_to_attributes_ends_in_our_own_error() -> None:
     objects, levels, data = rich()
-    refused = assert_only_corrupt_file_errors(data, lambda each: decode_attributes(each, bare(objects), levels, PLENTY))
+    refused = assert_only_corrupt_file_errors(data, lambda each: decode_attributes(each, bare(objects), levels))
     assert refused > 200
 
 
@@ -448,7 +463,7 @@ def test_attributes_of_other_objects_are_refused() -> None:
     objects, _, data = rich()
     for others in (bare(objects)[:1], bare(objects) * 2):
         with pytest.raises(CorruptFileError):
-            decode_attributes(data, others, np.zeros((sum(o.vertex_count for o in others), 3), np.int64), PLENTY)
+            decode_attributes(data, others, np.zeros((sum(o.vertex_count for o in others), 3), np.int64))
 
 
 @pytest.mark.parametrize(
@@ -467,7 +482,7 @@ def test_attributes_beyond_the_memory_limit_are_refused_and_others_are_not(attri
     data = encode_attributes(objects, levels)
     with pytest.raises(LimitError, match="memory limit"):
         decode_attributes(data, bare(objects), levels, 1 << 16)
-    assert_same_attributes(decode_attributes(data, bare(objects), levels, PLENTY)[0].attributes, (attribute,))
+    assert_same_attributes(decode_attributes(data, bare(objects), levels)[0].attributes, (attribute,))
 
 
 def coded(*fields: tuple[str, int]) -> bytes:
@@ -513,7 +528,7 @@ def head(domain: int = 0, kind: int = 0, columns: int = 3, rule: int = 0) -> lis
 def test_what_is_wrong_at_the_head_is_named(fields: list[tuple[str, int]], message: str) -> None:
     objects = [MeshObject("m", connectivity_of(3, [[0, 1, 2]]))]
     with pytest.raises(CorruptFileError, match=message):
-        decode_attributes(coded(*fields), objects, levels_of(objects), PLENTY)
+        decode_attributes(coded(*fields), objects, levels_of(objects))
     with pytest.raises(IndependentError):
         read_attributes(coded(*fields), meshes_of(objects), levels_of(objects).tolist())
 

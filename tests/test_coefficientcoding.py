@@ -13,14 +13,23 @@ from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.coding.coefficientcoding import (
-    decode_coefficients,
     encode_coefficients,
     measure_coefficients,
 )
+from pdecodec.coding.connectivity import core_errors
 from pdecodec.coding.limits import LARGEST
 from pdecodec.coding.spacebasis import SpaceBasis, build_space_basis
 from pdecodec.errors import CorruptFileError
 from tests.test_spacebasis import grid
+
+
+def decode_coefficients(data: bytes, basis: SpaceBasis, channels: int, *, axes: int) -> NDArray[np.int64]:
+    coefficients = np.zeros((basis.functions, channels), np.int64)
+    with core_errors():
+        decoder = _core.CoefficientDecoder(data, coefficients, *basis.subbands, axes)
+        decoder.decode(basis.subband_count)
+        decoder.finish()
+    return coefficients
 
 
 @pytest.fixture(scope="module")

@@ -14,13 +14,11 @@ from hypothesis import strategies as st
 from mesh_cases import connectivities, connectivity_of, grid, grid_faces
 from numpy.typing import NDArray
 
-from pdecodec.coding.connectivity import (
-    decode_connectivity,
-    decode_vertex_counts,
-    encode_connectivity,
-)
+from pdecodec import _core
+from pdecodec.coding.bytestream import FieldReader
+from pdecodec.coding.connectivity import core_errors, encode_connectivity
 from pdecodec.errors import CorruptFileError, LimitError
-from pdecodec.sequence import Connectivity
+from pdecodec.sequence import MAX_INDEX, Connectivity
 from spec.decoder import fields
 from spec.decoder.connectivity import read_faces_and_lines
 from spec.decoder.mesh import Mesh, read_vertex_counts
@@ -30,8 +28,17 @@ PLENTY = 10**6
 
 
 def decoded(conn: bytes, ordr: bytes, most_corners: int = PLENTY) -> list[Connectivity]:
-    counts, rest = decode_vertex_counts(conn)
-    return decode_connectivity(counts, rest, ordr, most_corners)
+    reader = FieldReader(conn, "CONN")
+    counts = [reader.count() for _ in range(reader.count())]
+    if not 1 <= sum(counts) <= MAX_INDEX:  # files are refused for it before
+        raise CorruptFileError("section CONN declares too few vertices, or too many")
+    return decode_connectivity(counts, reader.rest(), ordr, most_corners)
+
+
+def decode_connectivity(counts: list[int], conn: bytes, ordr: bytes, most_corners: int) -> list[Connectivity]:
+    with core_errors():
+        found = _core.decode_connectivity(conn, ordr, counts, most_corners)
+    return [Connectivity(vertices, *arrays) for vertices, arrays in zip(counts, found, strict=True)]
 
 
 def decoded_plainly(conn: bytes, ordr: bytes) -> list[Connectivity]:
@@ -231,7 +238,7 @@ def assert_read_alike(conn: bytes, ordr: bytes) -> None:
 @given(st.lists(surfaces(), min_size=1, max_size=2), st.data())
 def test_bytes_that_are_wrong_are_read_alike_by_both_decoders(parts: list[Connectivity], data: st.DataObject) -> None:
     conn, ordr = encode_connectivity(parts)
-    _, rest = decode_vertex_counts(conn)
+    _, rest = read_vertex_counts(conn)
     sections = [bytearray(rest), bytearray(ordr)]
     for _ in range(data.draw(st.integers(1, 3))):
         section = data.draw(st.sampled_from(sections))
@@ -242,7 +249,7 @@ def test_bytes_that_are_wrong_are_read_alike_by_both_decoders(parts: list[Connec
 
 def test_connectivity_of_other_objects_is_refused() -> None:
     conn, ordr = encode_connectivity(mixed())
-    _, rest = decode_vertex_counts(conn)
+    _, rest = read_vertex_counts(conn)
     for counts in ([35, 9, 30], [44, 8, 30], [44, 9, 29], [44, 9], [44, 9, 30, 4], [0, 0, 0]):
         with pytest.raises(CorruptFileError):
             decode_connectivity(counts, rest, ordr, PLENTY)

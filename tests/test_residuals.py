@@ -16,14 +16,11 @@ from residual_cases import FINITE, example, groups, none_of, of_field, of_frames
 
 from pdecodec import _core
 from pdecodec._core import BYTES_PER_RAW_VERTEX, BYTES_PER_RESIDUAL, Residuals
+from pdecodec.coding.connectivity import core_errors
 from pdecodec.coding.limits import LARGEST
 from pdecodec.coding.residuals import (
-    add_residuals,
-    decode_residuals,
     encode_residuals,
     plan_residuals,
-    quantise_residuals,
-    residual_displacements,
     residual_step,
 )
 from pdecodec.errors import CorruptFileError, LimitError
@@ -50,12 +47,17 @@ def assert_equal(found: Residuals, expected: Residuals) -> None:
         assert other.tobytes() == array.tobytes(), name
 
 
+def decode_residuals(data: bytes, frames: int, starts: Int64Array, *, most_bytes: int = PLENTY) -> Residuals:
+    with core_errors():
+        return _core.decode_residuals(data, frames, starts, most_bytes)
+
+
 def assert_comes_back(group: Residuals, starts: Int64Array) -> bytes:
     """Through bytes: the same both times, as long as measured."""
     data = encode_residuals(group, starts)
     assert encode_residuals(group, starts) == data
     assert -8 <= 8 * len(data) - plan_residuals(group, starts).bits < 64 + 0.005 * 8 * len(data)
-    found = decode_residuals(data, group.frames, starts, most_bytes=PLENTY)
+    found = decode_residuals(data, group.frames, starts)
     assert_equal(found, group)
     return data
 
@@ -173,7 +175,7 @@ def test_bytes_after_the_residuals_are_refused() -> None:
     group, starts = example()
     for more in (b"\0", b"\1" * 8):
         with pytest.raises(CorruptFileError, match="does not end"):
-            decode_residuals(encode_residuals(group, starts) + more, 6, starts, most_bytes=PLENTY)
+            decode_residuals(encode_residuals(group, starts) + more, 6, starts)
 
 
 @settings(max_examples=300)
@@ -249,7 +251,7 @@ def test_the_bound_holds_for_any_positions_at_all(
     places = np.array(order, np.int32)
     step = residual_step(bound, float(np.abs(points).max()))
     margins = np.array([margin, 0.0]) * step
-    group = quantise_residuals(points, base, places, bound=bound, margins=margins, step=step)
+    group = _core.quantise_residuals(points, base, places, margins, bound, step)
     starts, at, quantised, within = plain_residuals(points, base, places, bound, margins, step)
     assert np.array_equal(group.places, at[within])
     assert np.array_equal(group.quantised, quantised[within])
@@ -260,7 +262,7 @@ def test_the_bound_holds_for_any_positions_at_all(
     for side, frame in itertools.product(sides, range(2)):
         with np.errstate(over="ignore"):
             out = (base[frame] + side[frame] * margins[frame]).astype(np.float32)
-        add_residuals(out[None], group, frame, places, step=step)
+        _core.add_residuals(group, frame, places, step, out[None], 1.0, None)
         miss = out.astype(np.float64) - points[frame]
         assert (np.linalg.norm(miss, axis=1) <= bound * (1 + 1e-15)).all()
 
@@ -273,16 +275,16 @@ def test_residuals_are_added_in_float64_frame_by_frame() -> None:
     model[:, 7] = 1e12  # more than 2^40 steps away
     order = random.permutation(200).astype(np.int32)
     step = residual_step(0.003, 4.0)
-    group = quantise_residuals(points, model.astype(np.float64), order, bound=0.003, margins=np.zeros(4), step=step)
+    group = _core.quantise_residuals(points, model.astype(np.float64), order, np.zeros(4), 0.003, step)
     assert group.raw_places.size == 4
     together = model[1:].copy()
-    add_residuals(together, group, 1, order, step=step)
+    _core.add_residuals(group, 1, order, step, together, 1.0, None)
     for frame in range(4):
         some = slice(group.frame_starts[frame], group.frame_starts[frame + 1])
         at, raw = order[group.places[some]], order[group.raw_places[frame]]
         for weight, base in ((1.0, None), (0.3, model[frame]), (0.7, points[frame])):
             out = model[2].copy()
-            add_residuals(out[None], group, frame, order, step=step, weight=weight, base=base)
+            _core.add_residuals(group, frame, order, step, out[None], weight, base)
             expected = model[2].copy()
             expected[at] = expected[at].astype(np.float64) + weight * (group.quantised[some] * step)
             offset = group.raw_positions[frame].astype(np.float64) - (0 if base is None else base[raw])
@@ -290,30 +292,30 @@ def test_residuals_are_added_in_float64_frame_by_frame() -> None:
             assert out.tobytes() == expected.tobytes()
         if frame > 0:
             alone = model[frame].copy()
-            add_residuals(alone[None], group, frame, order, step=step)
+            _core.add_residuals(group, frame, order, step, alone[None], 1.0, None)
             assert np.array_equal(alone, together[frame - 1])
         displaced = np.zeros((200, 3))
         displaced[at] = group.quantised[some] * step
         displaced[raw] = group.raw_positions[frame].astype(np.float64) - model[frame, raw]
-        found = residual_displacements(group, frame, order, step=step, base=model[frame])
+        found = _core.residual_displacements(group, frame, order, step, model[frame])
         assert found.tobytes() == displaced.tobytes()
 
 
 def test_arrays_of_other_sizes_are_refused() -> None:
     group, starts = example()
     order, out = np.arange(60, dtype=np.int32), np.zeros((1, 60, 3), np.float32)
-    for first, some, base in ((6, order, None), (-1, order, None), (1, order[:39], None), (1, order + 21, None)):
+    for first, some in ((6, order), (-1, order), (1, order[:39]), (1, order + 21)):
         with pytest.raises(ValueError, match="other"):
-            add_residuals(out, group, first, some, step=1.0, base=base)
+            _core.add_residuals(group, first, some, 1.0, out, 1.0, None)
     with pytest.raises(ValueError, match="base"):
-        add_residuals(out, group, 1, order, step=1.0, base=out[0, :59])
+        _core.add_residuals(group, 1, order, 1.0, out, 1.0, out[0, :59])
     with pytest.raises(ValueError, match="base"):
-        residual_displacements(group, 1, order, step=1.0)
+        _core.residual_displacements(group, 1, order, 1.0, None)
     with pytest.raises(TypeError):
-        add_residuals(out.astype(np.float64), group, 0, order, step=1.0)  # type: ignore[arg-type]
+        _core.add_residuals(group, 0, order, 1.0, out.astype(np.float64), 1.0, None)  # type: ignore[arg-type]
     for wrong in (starts[1:], starts[::-1].copy(), starts[:0]):
         with pytest.raises(ValueError, match="patches"):
-            decode_residuals(b"\0", 6, wrong, most_bytes=PLENTY)
+            decode_residuals(b"\0", 6, wrong)
     with pytest.raises(ValueError, match="order"):
-        quantise_residuals(out, np.zeros(out.shape), order - 1, bound=1.0, margins=np.zeros(1), step=1.0)
+        _core.quantise_residuals(out, np.zeros(out.shape), order - 1, np.zeros(1), 1.0, 1.0)
     assert not out.any()

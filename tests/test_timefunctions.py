@@ -14,14 +14,15 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 from scipy.fft import idct
 
+from pdecodec import _core
 from pdecodec._core import cosine_wave, time_function_values
+from pdecodec.coding.connectivity import core_errors
 from pdecodec.coding.timefunctions import (
     LONGEST_TRANSFORM,
     MOST_STEPS,
     PREDICTED,
     STRAIGHT,
     TRANSFORMED,
-    decode_time_functions,
     quantise_time_functions,
     quantised_by_each_method,
 )
@@ -36,6 +37,11 @@ LARGEST = 2**40 - 2
 
 LARGEST_ERROR = 0.6
 """Of a number, in steps: fractions below are rounded down."""
+
+
+def decode_time_functions(data: bytes, frames: int, functions: int, step: float, *, axes: int = 3) -> Float64Array:
+    with core_errors():
+        return _core.decode_time_functions(data, frames, functions, axes, step)
 
 
 def encoded(scaled: Float64Array, step: float) -> tuple[bytes, Float64Array]:

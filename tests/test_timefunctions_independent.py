@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_timefunctions import LARGEST, any_functions, assert_same_bits, swings, wanderings
+from test_timefunctions import LARGEST, any_functions, assert_same_bits, decode_time_functions, swings, wanderings
 
 from pdecodec._core import time_function_values
 from pdecodec.coding.timefunctions import (
@@ -14,7 +14,6 @@ from pdecodec.coding.timefunctions import (
     STRAIGHT,
     TRANSFORMED,
     Float64Array,
-    decode_time_functions,
     quantised_by_each_method,
 )
 from pdecodec.errors import CorruptFileError

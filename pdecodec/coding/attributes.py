@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
-from pdecodec.coding.connectivity import core_errors, core_parts
+from pdecodec.coding.connectivity import core_parts
 from pdecodec.coding.description import checked_texts
 from pdecodec.errors import InputError
 from pdecodec.sequence import Attribute, AttributeDomain, MeshObject
@@ -62,45 +62,6 @@ def encode_attributes(
     attributes = [[_fields(item, attribute) for attribute in item.attributes] for item in objects]
     grid = np.ascontiguousarray(grid, np.int64)
     return _core.encode_attributes(_parts(objects), attributes, grid, uv_tolerance, order == "keep")
-
-
-def decode_attributes(
-    data: bytes, objects: Sequence[MeshObject], grid: Int64Array, most_bytes: int
-) -> list[MeshObject]:
-    """Give `objects` the attributes of section ATTR.
-
-    Parameters
-    ----------
-    data : bytes
-    objects : sequence of MeshObject
-    grid : (vertices, 3) int64
-        Of the reference frame.
-    most_bytes : int
-        Memory that all attributes together may take.
-
-    Raises
-    ------
-    CorruptFileError
-        If the section is damaged, or an attribute does not fit its object.
-    LimitError
-        If the attributes need more than `most_bytes`.
-    """
-    if not data:
-        return list(objects)
-    grid = np.ascontiguousarray(grid, np.int64)
-    with core_errors():
-        decoded = _core.decode_attributes(data, _parts(objects), grid, min(most_bytes, 2**62))
-    return [
-        MeshObject(
-            item.name,
-            item.connectivity,
-            tuple(
-                Attribute(name, DOMAINS[domain], values, indices, labels)
-                for name, domain, values, indices, labels in attributes
-            ),
-        )
-        for item, attributes in zip(objects, decoded, strict=True)
-    ]
 
 
 def reorder_attributes(item: MeshObject, rows: Mapping[AttributeDomain, Int64Array]) -> tuple[Attribute, ...]:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
-from pdecodec.coding.connectivity import core_errors
 from pdecodec.coding.spacebasis import SpaceBasis
 
 Int64Array = NDArray[np.int64]
@@ -29,29 +28,3 @@ def encode_coefficients(coefficients: Int64Array, basis: SpaceBasis, *, axes: in
 def measure_coefficients(coefficients: Int64Array, basis: SpaceBasis, *, axes: int) -> float:
     """Bits that :func:`encode_coefficients` would take."""
     return _core.measure_coefficients(coefficients, *basis.subbands, axes)
-
-
-def decode_coefficients(data: bytes, basis: SpaceBasis, channels: int, *, axes: int) -> Int64Array:
-    """Undo :func:`encode_coefficients`.
-
-    Parameters
-    ----------
-    data : bytes
-    basis : SpaceBasis
-    channels, axes : int
-
-    Returns
-    -------
-    (functions, channels) int64
-
-    Raises
-    ------
-    CorruptFileError
-        If the bytes are not coefficients of this basis, or not just these.
-    """
-    coefficients = np.zeros((basis.functions, channels), np.int64)
-    with core_errors():
-        decoder = _core.CoefficientDecoder(data, coefficients, *basis.subbands, axes)
-        decoder.decode(basis.subband_count)
-        decoder.finish()
-    return coefficients

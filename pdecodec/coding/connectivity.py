@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
-from pdecodec.coding.bytestream import FieldReader, FieldWriter
+from pdecodec.coding.bytestream import FieldWriter
 from pdecodec.errors import CorruptFileError, InputError, LimitError
-from pdecodec.sequence import MAX_INDEX, Connectivity
+from pdecodec.sequence import Connectivity
 
 MOST_CORNERS = 2**31 - 1
 """Face corners of an object, and points of its lines: they are numbered by int32."""
@@ -70,47 +70,6 @@ def encode_connectivity(parts: Sequence[Connectivity], *, keep_order: bool = Tru
 def coded_orders(parts: Sequence[Connectivity]) -> list[CodedOrder | None]:
     """The order in which each object's faces are coded where nothing is to be restored; None where it is its own."""
     return [None if order is None else CodedOrder(*order) for order in _core.coded_orders(core_parts(parts))]
-
-
-def decode_vertex_counts(conn: bytes) -> tuple[tuple[int, ...], bytes]:
-    """Vertices of each object, from the head of section CONN, and the rest of the section.
-
-    Raises
-    ------
-    CorruptFileError
-        If there are none, or more than int32 numbers.
-    """
-    reader = FieldReader(conn, "CONN")
-    counts = tuple(reader.count() for _ in range(reader.count()))
-    if not 1 <= sum(counts) <= MAX_INDEX:
-        raise CorruptFileError(f"section CONN declares {sum(counts)} vertices, 1 to {MAX_INDEX} can be")
-    return counts, reader.rest()
-
-
-def decode_connectivity(
-    vertex_counts: Sequence[int], conn: bytes, ordr: bytes, most_corners: int
-) -> list[Connectivity]:
-    """Undo :func:`encode_connectivity`.
-
-    Parameters
-    ----------
-    vertex_counts : sequence of int
-    conn : bytes
-        See :func:`decode_vertex_counts`.
-    ordr : bytes
-    most_corners : int
-        Face corners and line points that the memory limit leaves room for.
-
-    Raises
-    ------
-    CorruptFileError
-        If a section is damaged.
-    LimitError
-        If there are more corners than `most_corners`.
-    """
-    with core_errors():
-        found = _core.decode_connectivity(conn, ordr, list(vertex_counts), min(most_corners, 2**62))
-    return [Connectivity(vertices, *arrays) for vertices, arrays in zip(vertex_counts, found, strict=True)]
 
 
 @contextmanager

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec._core import Residuals
-from pdecodec.coding.connectivity import core_errors
-from pdecodec.shares import in_shares, side_by_side
+from pdecodec.shares import side_by_side
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -53,85 +52,6 @@ def residual_step(bound: float, largest: float) -> float:
     spacing = float(np.spacing(np.float32(min(largest, LAST_BINADE))))
     step = SAFETY * (2.0 * bound / math.sqrt(3.0) - spacing)
     return step if step > spacing / 4.0 else spacing / 4.0  # a quarter of the spacing rounds to the input itself
-
-
-def quantise_residuals(
-    points: Float32Array, base: Float64Array, order: Int32Array, *, bound: float, margins: Float64Array, step: float
-) -> Residuals:
-    """Residuals of the vertices that may miss the bound; raw vertices where a rounded residual still may.
-
-    Parameters
-    ----------
-    points : (frames, vertices, 3) float32
-        The input.
-    base : (frames, vertices, 3) float64
-        What the model alone decodes to, before it is rounded to float32.
-    order : (vertices,) int32
-        Vertex at each place.
-    bound : float [scene units]
-        Largest Euclidean distance; above 0.
-    margins : (frames,) float64 [scene units]
-        How far from `base` another decoder's coordinates may be, before it rounds them.
-    step : float
-        Of :func:`residual_step`.
-    """
-    parts: dict[int, Residuals] = {}
-
-    def quantise(first: int, end: int) -> None:
-        some = slice(first, end)
-        parts[first] = _core.quantise_residuals(points[some], base[some], order, margins[some], bound, step)
-
-    in_shares(quantise, len(points))
-    return _core.join_residuals([parts[first] for first in sorted(parts)])
-
-
-def add_residuals(
-    out: Float32Array,
-    residuals: Residuals,
-    first: int,
-    order: Int32Array,
-    *,
-    step: float,
-    weight: float = 1.0,
-    base: Float32Array | None = None,
-) -> None:
-    """Add the residuals of consecutive frames to positions, in place.
-
-    Parameters
-    ----------
-    out : (frames, vertices, 3) float32
-        C-contiguous.
-    residuals : Residuals
-    first : int
-        Frame of the group that ``out[0]`` is.
-    order : (vertices,) int32
-        Vertex at each place.
-    step : float
-    weight : float
-        1 at the residuals' frames, less beside one.
-    base : (vertices, 3) float32, optional
-        Needed beside a frame, one at a time, where there are raw vertices: what the model alone decodes to at the
-        residuals' frame.
-    """
-    _core.add_residuals(residuals, first, order, step, out, weight, base)
-
-
-def residual_displacements(
-    residuals: Residuals, frame: int, order: Int32Array, *, step: float, base: Float32Array | None = None
-) -> Float64Array:
-    """What the residuals of a frame add to its positions, (vertices, 3) float64.
-
-    Parameters
-    ----------
-    residuals : Residuals
-    frame : int
-        Within the group.
-    order : (vertices,) int32
-    step : float
-    base : (vertices, 3) float32, optional
-        As for :func:`add_residuals`.
-    """
-    return _core.residual_displacements(residuals, frame, order, step, base)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,26 +119,3 @@ def encode_residuals(residuals: Residuals, starts: Int64Array, plan: ResidualPla
     """
     plan = plan or plan_residuals(residuals, starts)
     return _core.encode_residuals(residuals, starts, plan.predicted, plan.distances)
-
-
-def decode_residuals(data: bytes, frames: int, starts: Int64Array, *, most_bytes: int) -> Residuals:
-    """Undo :func:`encode_residuals`.
-
-    Parameters
-    ----------
-    data : bytes
-    frames : int
-        Of the group.
-    starts : (patches + 1,) int64
-    most_bytes : int
-        Memory that the residuals may take.
-
-    Raises
-    ------
-    CorruptFileError
-        If the bytes say what cannot be, or do not end with the residuals.
-    LimitError
-        If there are more residuals than `most_bytes` has room for.
-    """
-    with core_errors():
-        return _core.decode_residuals(data, frames, starts, min(most_bytes, 2**62))

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
-from pdecodec.coding.connectivity import core_errors
 from pdecodec.coding.groups import cosines
 from pdecodec.errors import SettingsError
 from pdecodec.shares import side_by_side, thread_count
@@ -60,7 +59,7 @@ class QuantisedTimeFunctions:
     method : int
     quantised : (functions, frames, axes) int64
     decoded : (frames, axes, functions) float64
-        What :func:`decode_time_functions` gives, to the last bit.
+        What they decode to, to the last bit.
     step : float
     """
 
@@ -174,33 +173,6 @@ def quantised_by_each_method(
         return found
 
     return side_by_side(*(partial(measured, way) for way in ways))
-
-
-def decode_time_functions(data: bytes, frames: int, functions: int, step: float, *, axes: int = 3) -> Float64Array:
-    """Undo :meth:`QuantisedTimeFunctions.to_bytes`.
-
-    Parameters
-    ----------
-    data : bytes
-    frames, functions : int
-        0 or more; memory and time are bounded by their product, which the caller has held against its limits.
-    step : float
-        That of the encoder.
-    axes : int
-        3, or 1 where all three move alike.
-
-    Returns
-    -------
-    (frames, axes, functions) float64
-        Finite for every step below 2^900.
-
-    Raises
-    ------
-    CorruptFileError
-        If the method is unknown or cannot be, or bytes are left over or missing. Other damage gives other functions.
-    """
-    with core_errors():
-        return _core.decode_time_functions(data, frames, functions, axes, step)
 
 
 def _possible(step: float, scaled: Float64Array) -> float:
