@@ -132,10 +132,9 @@ def test_levels_of_any_size_come_back_from_surfaces_and_soups(size: int, width: 
 @pytest.mark.parametrize("extreme", [0, 2**LARGEST_BITS - 1])
 def test_predictions_beyond_the_range_of_levels_are_held_inside_it(extreme: int) -> None:
     # Zigzags between the ends of the range: whatever goes straight on leaves it.
-    coordinates = np.where(np.arange(40)[:, None] % 2 == 0, extreme, 2**LARGEST_BITS - 1 - extreme) + np.zeros(
-        (1, 3), int
-    )
-    coded(shape_of(coordinates), one(connectivity_of(40, lines=[list(range(40))])))
+    levels = np.where(np.arange(40)[:, None] % 2 == 0, extreme, 2**LARGEST_BITS - 1 - extreme) + np.zeros((1, 3), int)
+    objects = one(connectivity_of(40, lines=[list(range(40))]))
+    assert decoded_alike(coded(shape_of(levels), objects), objects) == levels.tolist()
 
 
 def test_an_even_line_costs_its_first_two_points_and_an_even_plane_its_first_three() -> None:
