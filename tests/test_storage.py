@@ -177,6 +177,7 @@ def test_paths_are_no_addresses() -> None:
 def test_files_are_written_to_addresses_when_they_are_whole(tmp_path: Path) -> None:
     clip = ArraySequence(long_clip().points[:8], objects=long_clip().objects, fps=RATE)
     report = pdecodec.encode(clip, "memory://shots/one/a.pdeanim", effort="fast")
+    assert report.path == "memory://shots/one/a.pdeanim"
     with pdecodec.open("memory://shots/one/a.pdeanim") as animation:
         assert animation.info()["file_bytes"] == report.file_bytes
         write_sequence(animation, "memory://shots/one/a.h5")
@@ -184,7 +185,8 @@ def test_files_are_written_to_addresses_when_they_are_whole(tmp_path: Path) -> N
         assert np.linalg.norm(read.read_frames(0, 8) - clip.points, axis=2).max() <= report.bound
     with pytest.raises(InputError, match="exists already"):
         pdecodec.encode(clip, "memory://shots/one/a.pdeanim")
-    pdecodec.encode_to_size(clip, 5000, "memory://shots/one/a.pdeanim", effort="fast", overwrite=True)
+    report = pdecodec.encode_to_size(clip, 5000, "memory://shots/one/a.pdeanim", effort="fast", overwrite=True)
+    assert (report.path, report.data) == ("memory://shots/one/a.pdeanim", None)
     assert RemoteFile("memory://shots/one/a.pdeanim").size() <= 5000
     with pytest.raises(InputError, match="stands for several files"):
         write_sequence(clip, "memory://shots/one/a.####.obj")

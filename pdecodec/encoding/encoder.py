@@ -68,7 +68,7 @@ def encode(
     chosen = replace(settings or EncodeSettings(), **options)
     if path is not None and is_address(path):
         with remote_output(str(path), overwrite=overwrite) as local:
-            return encode(sequence, local, chosen, progress=progress)
+            return replace(encode(sequence, local, chosen, progress=progress), path=str(path))
     target = None if path is None else Path(path)
     if target is not None:
         check_writable(target, overwrite=overwrite)

@@ -107,7 +107,8 @@ class EncodeReport:
 
     Attributes
     ----------
-    path : Path or None
+    path : Path, str or None
+        Where the file is, of one at an address that.
     frames, vertices : int
         Of several runs the vertices are the most that one has.
     sections : dict of str to int
@@ -142,7 +143,7 @@ class EncodeReport:
         How far the float32 positions that were encoded, and that errors count from, are from the input's at most.
     """
 
-    path: Path | None
+    path: Path | str | None
     frames: int
     vertices: int
     sections: dict[str, int]

@@ -185,7 +185,8 @@ def _encode_within(
         raise SettingsError("give one of a tolerance, a maximum error, an rms error and a size, not several")
     if path is not None and is_address(path):
         with remote_output(str(path), overwrite=overwrite) as local:
-            return _encode_within(limit, sequence, local, settings, options, overwrite=overwrite, progress=progress)
+            report = _encode_within(limit, sequence, local, settings, options, overwrite=overwrite, progress=progress)
+            return replace(report, path=str(path))
     target = None if path is None else Path(path)
     if target is not None:
         check_writable(target, overwrite=overwrite)
