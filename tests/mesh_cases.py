@@ -9,20 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pdecodec.sequence import Connectivity, MeshObject
+from spec.accepted import connectivity as connectivity_of
 from spec.decoder.mesh import Mesh
-
-
-def connectivity_of(
-    vertices: int, faces: Sequence[Sequence[int]] = (), lines: Sequence[Sequence[int]] = ()
-) -> Connectivity:
-    """From faces and polylines as lists of vertices."""
-    return Connectivity(
-        vertices,
-        face_counts=np.array([len(face) for face in faces], np.int32),
-        face_indices=np.array([corner for face in faces for corner in face], np.int32),
-        line_counts=np.array([len(line) for line in lines], np.int32),
-        line_indices=np.array([point for line in lines for point in line], np.int32),
-    )
 
 
 def grid_faces(rows: int, columns: int, *, closed: bool = False) -> NDArray[np.int64]:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from mesh_cases import mesh_objects
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from test_decoder import bits
 from test_round_trip import sheet, wave
 
 from pdecodec import (
@@ -41,10 +42,6 @@ def distances(sequence: ArraySequence, animation: Animation) -> Float64Array:
     decoded = animation.read_frames(0, sequence.frame_count).astype(np.float64)
     found: Float64Array = np.linalg.norm(sequence.points - decoded, axis=2)
     return found
-
-
-def bits(points: Float32Array) -> NDArray[np.uint32]:
-    return points.view(np.uint32)
 
 
 def turning(frames: int) -> ArraySequence:
