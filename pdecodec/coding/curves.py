@@ -18,9 +18,6 @@ from pdecodec.sequence import MeshObject
 Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 
-CELL_BITS = 20
-"""Bits per axis of a position: three of them fit in an int64."""
-
 
 @dataclass(frozen=True, eq=False)
 class Curves:
