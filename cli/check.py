@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pdecodec.cli.console import byte_size, counted, print_json, say, visible
+from pdecodec.cli.jobs import STREAM, standard_input
 from pdecodec.cli.options import decode_limits, json_option, limit_options, loudness_options
-from pdecodec.errors import CorruptFileError, InputError
+from pdecodec.errors import CorruptFileError, InputError, SettingsError
 
 if TYPE_CHECKING:
     from pdecodec.files.filecheck import FileCheck
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("sources", metavar="FILE...", nargs=-1, required=True)
+@click.argument("sources", metavar="FILE|-...", nargs=-1, required=True)
 @click.option("--deep", is_flag=True, help="Decode everything as well, within the limits.")
 @limit_options
 @loudness_options
@@ -35,22 +36,29 @@ def check(
 ) -> None:
     """Look for all that is wrong with .pdeanim files: structure, checksums, ranges; with --deep by decoding everything.
 
-    Findings go to standard output, a line each, or as JSON; each begins with a code that stays what it is
-    (docs/damage.md lists them). The exit code is 4 where there is one that is more than a note.
+    A FILE of - is standard input. Findings go to standard output, a line each, or as JSON; each begins with a code that
+    stays what it is (docs/damage.md lists them). The exit code is 4 where there is one that is more than a note.
     """
-    from pdecodec.files.filecheck import check_file
+    from pdecodec.files.filecheck import FileCheck, check_file
 
     for source in sources:
         if Path(source).is_dir():
             raise InputError("is a folder; check takes .pdeanim files", path=source)
-    checked = [check_file(source, deep=deep, limits=decode_limits(max_memory, max_output)) for source in sources]
+    if sources.count(STREAM) > 1:
+        raise SettingsError("standard input can be read once; leave out one -")
+    limits = decode_limits(max_memory, max_output)
+    checked, sizes = list[FileCheck](), list[int]()
+    for source in sources:
+        with standard_input(source) as path:
+            checked.append(dataclasses.replace(check_file(path, deep=deep, limits=limits), path=source))
+            sizes.append(Path(path).stat().st_size)
     if as_json:
         print_json({"files": [_as_json(one) for one in checked]})
-    for one in checked:
+    for one, size in zip(checked, sizes, strict=True):
         if not as_json:
             for finding in one.findings:
                 click.echo(visible(f"{one.path}: {_line(finding)}"))
-        say(f"{one.path}: {_summary(one)}")
+        say(f"{one.path}: {_summary(one, size)}")
     if not all(one.is_sound for one in checked):
         context.exit(CorruptFileError.exit_code)
 
@@ -65,12 +73,11 @@ def _line(finding: Finding) -> str:
     return f"{finding.code}: {place}{finding.message}"
 
 
-def _summary(checked: FileCheck) -> str:
+def _summary(checked: FileCheck, size: int) -> str:
     errors = sum(finding.severity == "error" for finding in checked.findings)
     what = "decoded" if checked.is_deep else "looked at"
     extent = f"{counted(checked.frames, 'frame')} in {counted(checked.groups, 'group')} {what}"
-    size = byte_size(Path(checked.path).stat().st_size)
-    return f"{'sound' if checked.is_sound else counted(errors, 'fault')}, {size}, {extent}"
+    return f"{'sound' if checked.is_sound else counted(errors, 'fault')}, {byte_size(size)}, {extent}"
 
 
 def _as_json(checked: FileCheck) -> dict[str, Any]:

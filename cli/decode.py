@@ -124,6 +124,8 @@ def _decode(
     refuse_pdeanim(job.output, "decode writes meshes; name another format")
     writing.check()
     outputs = writing.outputs(job.output)
+    if len(outputs) > 1 and job.output_name == STREAM:
+        raise SettingsError("-o -: velocities go to a file of their own, beside this format's; name a file")
     job.check(outputs, [times.times, writing.onto], overwrite=overwrite, dry_run=dry_run)
     if Path(source).is_dir():
         raise InputError("is a folder; decode takes a .pdeanim file", path=source)
@@ -161,7 +163,7 @@ def _decode(
         }
         if saved is not None:
             result |= {"missing_frames": saved.missing, "lost": saved.lost}
-            _say_missing(saved, source)
+            _say_missing(saved, job.source_name)
     if as_json:
         print_json(result)
     _say_written(job, result, size, with_speeds=writing.velocities)

@@ -18,6 +18,7 @@ from pdecodec.cli.console import (
     say,
     say_notices,
 )
+from pdecodec.cli.jobs import standard_input
 from pdecodec.cli.options import bytes_of, json_option, loudness_options, read_options, within_limits
 from pdecodec.encoding.encodereport import to_json
 from pdecodec.errors import InputError, SettingsError
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("source", metavar="FILE")
+@click.argument("source", metavar="FILE|-")
 @read_options
 @click.option("--all-frames", is_flag=True, help="Read every frame, for the bounds of the whole sequence.")
 @click.option("--tree", "as_tree", is_flag=True, help="Show objects as a tree of their names.")
@@ -46,20 +47,24 @@ def info(
 ) -> None:
     """Tell what a mesh sequence or a .pdeanim file holds.
 
-    Objects, faces, frames, times, attributes and bounds, and whether connectivity is constant: where it is not, the
-    first frame that changes it, how many runs of frames have one each, and the objects of the first run. Of a .pdeanim
-    file its sections, settings and model too; its positions and attributes are decoded for --all-frames alone.
+    A FILE of - is standard input. Objects, faces, frames, times, attributes and bounds, and whether connectivity is
+    constant: where it is not, the first frame that changes it, how many runs of frames have one each, and the objects
+    of the first run. Of a .pdeanim file its sections, settings and model too; its positions and attributes are decoded
+    for --all-frames alone.
     """
     from pdecodec.formats import open_sequence
     from pdecodec.formats.companions import input_files
 
     # What cannot be read is a fact to tell here, no reason to stop.
-    with open_sequence(source, skip_unsupported=True, **reading) as sequence:
+    with (
+        standard_input(source) as path,
+        open_sequence(path, skip_unsupported=True, **reading) as sequence,
+    ):
         say_notices(sequence)
-        files = input_files(source)
+        files = input_files(path)
         facts = {
             **_facts(sequence, all_frames=all_frames),
-            "source_bytes": bytes_of(source, files),
+            "source_bytes": bytes_of(path, files),
             **_connectivity_facts(sequence, len(files)),
         }
         if all_frames:

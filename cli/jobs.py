@@ -185,6 +185,33 @@ def opened_input(
 
 
 @contextmanager
+def standard_input(source: str) -> Iterator[str]:
+    """The path of an input; where it is standard input, of a file of what comes in, which errors name as such."""
+    if source != STREAM:
+        yield source
+        return
+    with tempfile.TemporaryDirectory(prefix="pdecodec-") as folder:
+        path = Path(folder) / "stdin"
+        with path.open("wb") as file:
+            shutil.copyfileobj(sys.stdin.buffer, file)
+        with _named(str(path), "standard input"):
+            yield str(path)
+
+
+@contextmanager
+def _named(path: str, name: str) -> Iterator[None]:
+    """Give a file of ours the name that a person knows it by, in errors."""
+    try:
+        yield
+    except PdecodecError as error:
+        place = name if error.path == path else error.path
+        message = error.message.replace(path, name)
+        if (place, message) == (error.path, error.message):
+            raise
+        raise type(error)(message, path=place, frame=error.frame, offset=error.offset) from error
+
+
+@contextmanager
 def streamed(job: Job, *, extension: str, dry_run: bool = False) -> Iterator[Job]:
     """The job with files in place of standard input and output, and the folder of its output made.
 
@@ -194,34 +221,22 @@ def streamed(job: Job, *, extension: str, dry_run: bool = False) -> Iterator[Job
         If nobody says which format goes to standard output, or it is more than one file.
     """
     with ExitStack() as stack:
-        source, output = job.source, job.output
-        if STREAM in (source, output):
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pdecodec-")))
-        if source == STREAM:
-            source = str(folder / "stdin")
-            with Path(source).open("wb") as file:
-                shutil.copyfileobj(sys.stdin.buffer, file)
+        source, output = stack.enter_context(standard_input(job.source)), job.output
         if output == STREAM:
             if not extension:
                 raise SettingsError("-o -: say which format goes to standard output, as --to glb")
             if sys.stdout.isatty() and not dry_run:
                 raise SettingsError("-o -: standard output is a terminal; name a file, or send it to a program")
-            (folder / "out").mkdir()
-            output = str(folder / "out" / f"stdout.{extension.lstrip('.')}")
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pdecodec-")))
+            output = str(folder / f"stdout.{extension.lstrip('.')}")
+            stack.enter_context(_named(output, "standard output"))
         elif is_address(output):
             pass
         elif job.in_folder and not dry_run:
             _make_folder(Path(output).parent)
-        try:
-            yield dataclasses.replace(job, source=source, output=output)
-        except PdecodecError as error:
-            if job.source == STREAM and error.path == source:
-                raise type(error)(
-                    error.message, path="standard input", frame=error.frame, offset=error.offset
-                ) from error
-            raise
+        yield dataclasses.replace(job, source=source, output=output)
         if job.output == STREAM and not dry_run:
-            found = [one for one in (folder / "out").rglob("*") if one.is_file()]
+            found = [one for one in folder.rglob("*") if one.is_file()]
             if len(found) != 1:
                 raise SettingsError(f"-o -: {len(found)} files do not go to standard output; name a folder")
             with found[0].open("rb") as written:

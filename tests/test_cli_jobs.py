@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import pytest
 
 from pdecodec.cli.console import byte_size
 from pdecodec.cli.main import COMMANDS, run
+from pdecodec.encoding.encoder import encode
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.sequence import ArraySequence, MeshObject
 from tests.mesh_cases import connectivity_of, grid
@@ -121,6 +123,39 @@ def test_files_come_and_go_through_pipes(clip: ArraySequence) -> None:
         assert (done.returncode, done.stdout) == (code, b"")
         assert message in done.stderr
     assert not Path("x.npz").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--to", "obj"], "error: standard output: 20 frames do not fit one OBJ file; name it stdout.####.obj"),
+        (["--to", "zzz"], "error: standard output: no format is written as '.zzz'; use .obj, "),
+        (["--to", "pdeanim"], "error: standard output: only pdecodec encode writes .pdeanim files; "),
+        (["--to", "glb", "--velocities"], "error: -o -: velocities go to a file of their own, beside this format's"),
+    ],
+)
+def test_failures_name_standard_output_and_no_file_of_ours(
+    clip: ArraySequence, arguments: list[str], message: str
+) -> None:
+    encode(clip, "a.pdeanim")
+    done = piped(["decode", "a.pdeanim", "-", *arguments])
+    assert (done.stdout, done.stderr.decode()[: len(message)]) == (b"", message)
+    assert done.returncode in (2, 3)
+    assert b"pdecodec-" not in done.stderr
+
+
+def test_info_and_check_read_standard_input(clip: ArraySequence) -> None:
+    data = encode(clip).data
+    assert data is not None
+    told = json.loads(piped(["info", "-", "--json"], data).stdout)
+    assert (told["frames"], told["source_bytes"]) == (20, len(data))
+    assert json.loads(piped(["info", "-", "--json"], Path("a.npz").read_bytes()).stdout)["frames"] == 20
+    sound = piped(["check", "-", "--deep"], data)
+    assert (sound.returncode, sound.stderr.startswith(b"-: sound, ")) == (0, True)
+    cut = piped(["check", "-"], data[:-7])
+    assert (cut.returncode, cut.stdout.startswith(b"-: truncated: ")) == (4, True)
+    assert piped(["info", "-"], b"nonsense").stderr.startswith(b"error: standard input: its format is not known")
+    assert piped(["check", "-", "-"], data).returncode == 2
 
 
 @pytest.mark.parametrize("output", ["x.obj", "x.####.obj", "x.npz", "x.abc", "x.xdmf", "x.pvd", "x.glb"])
