@@ -71,6 +71,10 @@ class ChainConstraints(MeasuredConstraints, SheetConstraints):
         gradient[links, links + 1] = directions
         return lengths - self.lengths[index], gradient
 
+    def lengths_at(self, positions: Float64Array) -> Float64Array:
+        """Present lengths [m], in the shape of `lengths`."""
+        return self.measured(positions, self.particles)
+
     @staticmethod
     def measured(positions: Float64Array, particles: Int32Array) -> Float64Array:
         lengths: Float64Array = np.linalg.norm(np.diff(positions[particles], axis=1), axis=2)
