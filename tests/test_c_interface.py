@@ -158,16 +158,18 @@ class Options(ctypes.Structure):
 
 
 @pytest.mark.parametrize("name", ["many_pieces", "runs"])
-def test_a_file_that_declares_more_positions_than_are_wanted_is_refused(installed: Path, name: str) -> None:
+def test_a_file_that_declares_more_positions_or_needs_more_memory_than_is_wanted_is_refused(
+    installed: Path, name: str
+) -> None:
     library = ctypes.CDLL(os.fspath(library_of(installed)))
     path = ROOT / "spec" / "vectors" / "accept" / f"{name}.pdeanim"
     data = path.read_bytes()
     with open_animation(path) as animation:
         declared = 12 * animation.position_count
 
-    def opened(max_output: int, size: int = ctypes.sizeof(Options)) -> tuple[int, bytes]:
+    def opened(max_output: int, size: int = ctypes.sizeof(Options), max_memory: int = 0) -> tuple[int, bytes]:
         handle, error = ctypes.c_void_p(), Error()
-        options = Options(size, 0, 1, max_output)
+        options = Options(size, max_memory, 1, max_output)
         status = library.pdeanim_open_memory(data, ctypes.c_size_t(len(data)), ctypes.byref(options),
                                              ctypes.byref(handle), ctypes.byref(error))  # fmt: skip
         assert (status == 0) == (handle.value is not None)
@@ -177,6 +179,8 @@ def test_a_file_that_declares_more_positions_than_are_wanted_is_refused(installe
     assert opened(declared) == opened(0) == (0, b"")
     status, text = opened(declared - 1)
     assert (status, b"the output limit is" in text) == (2, True)
+    status, text = opened(0, max_memory=1000)
+    assert (status, b"more than the memory limit allows" in text) == (2, True)
     # Callers that were compiled before the field was there have none.
     assert opened(1, size=Options.max_output.offset) == (0, b"")
 
@@ -202,7 +206,7 @@ def test_a_read_function_is_called_for_bytes_alone(installed: Path) -> None:
     assert min(sizes) > 0
 
 
-def test_memory_limits_arguments_and_damage_end_in_codes_and_never_in_a_crash(installed: Path, tmp_path: Path) -> None:
+def test_arguments_and_damage_end_in_codes_and_never_in_a_crash(installed: Path, tmp_path: Path) -> None:
     library = ctypes.CDLL(os.fspath(library_of(installed)))
     data = encoded(with_attributes(), tmp_path / "clip.pdeanim").read_bytes()
     handle, error = ctypes.c_void_p(), Error()
