@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -206,6 +207,18 @@ def test_any_mesh_of_any_size_comes_back_within_the_bound(
     points = noise(frames, connectivity.vertex_count, seed).astype(np.float64) * 10**magnitude
     sequence = ArraySequence(points, objects=[MeshObject("any", connectivity)])
     assert_kept(sequence, *round_trip(sequence, profile=profile, tolerance=1e-3, effort="fast"))
+
+
+def test_what_functions_carry_is_told_of_the_first_group_that_moves() -> None:
+    path = np.random.default_rng(4).normal(size=(24, 1, 3)).cumsum(axis=0)
+    points = wave(1, 9, 9) + path * np.linspace(0.5, 1, 81)[:, None]  # each goes some share of one path
+    points[:8] = points[8]
+    report = encode(sheet(points, 9, 9), group_frames=8, tolerance=1e-2)
+    assert report.groups == 3
+    assert report.summary.startswith("trajectories x ")
+    assert re.search(r" carr(y|ies) (9\d[.\d]*|100) % of the motion", report.summary)
+    points[8:] = points[8]
+    assert encode(sheet(points, 9, 9), group_frames=8).summary.startswith("static: ")
 
 
 @pytest.mark.parametrize(("frames", "groups"), [(2, [2, 2]), (3, [3, 4]), (5, [5, 7]), (11, [11, 11]), (64, [22, 22])])

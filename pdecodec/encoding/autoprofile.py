@@ -57,10 +57,11 @@ a group with more residuals is no reason for finer steps than leave the usual me
 
 @dataclass(frozen=True, eq=False)
 class EncodedPart:
-    """A group, and how it is encoded."""
+    """A group, how it is encoded, and the share of its motion that functions carry where that is yet to be told."""
 
     choice: GroupChoice
     group: EncodedGroup
+    explained: float | None = None
 
     @property
     def bits(self) -> int:
@@ -78,7 +79,7 @@ class AutoEncoder(Encoder):
         self._effort = EFFORTS[settings.effort]
         self._plan = memory_plan(sequence.vertex_count, sequence.frame_count, settings.max_memory)
         self._ranges: list[tuple[int, int]] = []
-        self._explained = 1.0
+        self._explained: float | None = None  # of the first group that moves
         self._jump_finder = JumpFinder()
 
     @property
@@ -124,6 +125,8 @@ class AutoEncoder(Encoder):
             if is_searched:
                 usual_bits = _bits(parts) / (end - begin)
             choices = [(part.group.entry.frames, part.choice) for part in parts]
+            if self._explained is None:
+                self._explained = next((part.explained for part in parts if part.explained is not None), None)
             yield from (part.group for part in parts)
 
     def _first_parts(self, steps: Mapping[str, float]) -> list[EncodedPart]:
@@ -153,13 +156,9 @@ class AutoEncoder(Encoder):
             self._model = search.run(look)
         self._reference, self._reference_bytes = self._model.reference, self._model.reference_data
         groups = self._model.groups
-        first = groups[0]
-        if first.choice.time != "cosines":
-            moved = first.fitter.displacements(first.choice.origin)
-            self._explained = moved.explained(first.fitted.entry.functions, first.choice.time)
         if self._settings.why:
             self._questions = self._alternatives(points, steps)
-        del search, look, points, first
+        del search, look, points
         # None is kept: the next group takes as much memory again.
         waiting = dict(enumerate(groups))
         groups.clear()
@@ -170,7 +169,10 @@ class AutoEncoder(Encoder):
         return side_by_side(*(partial(encoded, index) for index in sorted(waiting)))
 
     def _encoded(self, group: FinishedGroup) -> EncodedPart:
-        return EncodedPart(group.choice, group.fitter.encode(group.fitted, self._space))
+        choice, functions, explained = group.choice, group.fitted.entry.functions, None
+        if self._explained is None and functions and choice.time != "cosines":
+            explained = group.fitter.displacements(choice.origin).explained(functions, choice.time)
+        return EncodedPart(choice, group.fitter.encode(group.fitted, self._space), explained)
 
     def _alternatives(self, points: Float32Array, steps: Mapping[str, float]) -> list[Question]:
         from pdecodec.encoding.alternatives import GroupAlternatives, model_question
@@ -257,6 +259,7 @@ class AutoEncoder(Encoder):
             ending, cut = ("ies", 1) if bases == ["trajectories"] else ("s", 0)
             what = counted(most, "trajectory" if bases == ["trajectories"] else "shape", ending, cut)
             carry = "carries" if most == 1 else "carry"
+            assert self._explained is not None  # told by the first of these
             carried = f"{what} {carry} {100 * self._explained:.4g} % of the motion"
         else:
             carried = f"{most} functions of time"
