@@ -6,7 +6,7 @@ Algorithm 1 of Fang et al. 2024 (Mathematics 12, 3175), which is the method of M
 beside it for comparison: ``method="pbd"``.
 
 Units are SI: metres, kilograms, seconds, newtons. The y axis points up. There is no collision of an object with
-itself. Everything runs on one thread in a fixed order, so that the same scene gives the same bits.
+itself. Everything runs in a fixed order, a large sheet on two threads, so that the same scene gives the same bits.
 """
 
 from pdecodec.xpbd.scenes import SCENES, build
