@@ -132,6 +132,7 @@ class EncodeSettings:
         Whether vertices, faces and their first corners come back in the order they have, or in one that costs nothing.
     why : bool
         Keep in the file's remarks what else could have been taken, and what it would have cost: twice the time or more.
+        Not of several runs of frames, which choose each for itself.
     paper : PaperSettings
         Of profile "paper".
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -110,10 +111,17 @@ def test_under_the_papers_profile_the_other_one_is_the_alternative() -> None:
         assert [item.way for item in question.ways if item.chosen] == ["paper, in closed form"]
 
 
-def test_runs_are_encoded_each_by_itself() -> None:
+def test_runs_are_encoded_each_by_itself_and_nothing_else_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    def tried(*_: Any, **__: Any) -> None:
+        raise AssertionError("nobody would be told")
+
     later = waves(3)
     later.times = later.times + 1.0
-    report = pdecodec.encode(ChangingSequence([waves(3), later]), effort="fast")
+    for name in ("GroupAlternatives", "model_question"):
+        monkeypatch.setattr(f"pdecodec.encoding.alternatives.{name}", tried)
+    for settings in ({"effort": "fast"}, {"profile": "paper"}):
+        report = pdecodec.encode(ChangingSequence([waves(3), later]), why=True, **settings)
+        assert report.alternatives == ()
     with pdecodec.open(report.data or b"") as animation, pytest.raises(InputError, match="several runs"):
         alternatives_of(animation)
 

@@ -43,7 +43,9 @@ def encode_runs(
     started = time.perf_counter()
     scale = frame_scale(checked_frames(sequence.runs[0], 0, 1)[0])
     bound = settings.bound(scale)
-    of_run = settings if bound is None else replace(settings, tolerance=None, max_error=bound)
+    of_run = replace(settings, why=False)  # remarks are of all runs together, whose choices are each its own
+    if bound is not None:
+        of_run = replace(of_run, tolerance=None, max_error=bound)
     reports: list[EncodeReport] = []
     table = RunTable(None if path is None else path.parent)
     try:
