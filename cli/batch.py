@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import PartlyDoneError, byte_size, counted, print_json, progress_bar, ratio, say, visible
+from pdecodec.cli.console import PartlyDoneError, byte_size, counted, print_json, progress_bar, put, ratio, say, visible
 from pdecodec.cli.encode import encode
 from pdecodec.cli.options import json_option, loudness_options, naming_options, parse_bytes
 from pdecodec.cli.report import parse_share
@@ -176,7 +176,7 @@ def _planned(clips: Sequence[Clip], work: Work) -> list[Result]:
         result = plan_clip(clip, work)
         what = {"planned": "encode", "kept": "keep"}.get(result.state, "fail")
         size = result.figures.get("source_bytes")
-        click.echo(visible(f"{what} {clip.source} -> {clip.output}" + (f" ({byte_size(size)})" if size else "")))
+        put(visible(f"{what} {clip.source} -> {clip.output}" + (f" ({byte_size(size)})" if size else "")))
         results.append(result)
     return results
 

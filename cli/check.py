@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, counted, print_json, say, visible
+from pdecodec.cli.console import byte_size, counted, print_json, put, say, visible
 from pdecodec.cli.jobs import STREAM, standard_input
 from pdecodec.cli.options import decode_limits, json_option, limit_options, loudness_options
 from pdecodec.errors import CorruptFileError, InputError, SettingsError
@@ -57,7 +57,7 @@ def check(
     for one, size in zip(checked, sizes, strict=True):
         if not as_json:
             for finding in one.findings:
-                click.echo(visible(f"{one.path}: {_line(finding)}"))
+                put(visible(f"{one.path}: {_line(finding)}"))
         say(f"{one.path}: {_summary(one, size)}")
     if not all(one.is_sound for one in checked):
         context.exit(CorruptFileError.exit_code)

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from pdecodec.errors import InputError
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -68,9 +70,27 @@ def say_rounding(distance: float, scale: float) -> None:
         say(f"note: {rounding_words(distance)}; there are not enough digits so far from the origin")
 
 
+@contextmanager
+def standard_output() -> Iterator[None]:
+    """Name standard output where it cannot be written to; that nobody reads it any more is no failure of ours."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        message = f"cannot be written ({error.strerror}); check where it goes"
+        raise InputError(message, path="standard output") from error
+
+
+def put(text: str = "", *, nl: bool = True) -> None:
+    """Text to standard output, as it is."""
+    with standard_output():
+        click.echo(text, nl=nl)
+
+
 def print_json(data: Mapping[str, Any]) -> None:
     """One JSON object to standard output."""
-    click.echo(json.dumps(data, indent=2, allow_nan=False))
+    put(json.dumps(data, indent=2, allow_nan=False))
 
 
 def print_table(table: Table) -> None:
@@ -79,11 +99,12 @@ def print_table(table: Table) -> None:
 
     # Names in files may hold square brackets: they are no markup.
     if sys.stdout.isatty():
-        Console(file=sys.stdout, markup=False).print(table)
+        with standard_output():
+            Console(file=sys.stdout, markup=False).print(table)
         return
     text = io.StringIO()
     Console(file=text, markup=False, width=PIPE_WIDTH).print(table)
-    click.echo("\n".join(line.rstrip() for line in text.getvalue().splitlines()))
+    put("\n".join(line.rstrip() for line in text.getvalue().splitlines()))
 
 
 def print_rows(rows: Sequence[Sequence[str]]) -> None:
@@ -91,7 +112,7 @@ def print_rows(rows: Sequence[Sequence[str]]) -> None:
     rows = [[visible(text).replace("\n", "\\n").replace("\t", "\\t") for text in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
-        click.echo("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip())
+        put("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip())
 
 
 def alternatives_in_rows(questions: Sequence[Question]) -> list[tuple[str, str, str]]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, print_json, print_table, progress_bar, ratio, say
+from pdecodec.cli.console import byte_size, print_json, print_table, progress_bar, put, ratio, say
 from pdecodec.cli.options import json_option
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def demo(*, output: str, as_json: bool) -> None:
     else:
         for table in (_encodings_table(found), _between_table(found), _sections_table(found)):
             print_table(table)
-            click.echo()
+            put()
     first = found.encodings[0]
     for encoding in found.encodings:
         say(f"{encoding.report.path}: {encoding.report.summary}")

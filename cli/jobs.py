@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pdecodec.cli.console import byte_size, extent, say, visible
+from pdecodec.cli.console import byte_size, extent, put, say, standard_output, visible
 from pdecodec.cli.options import check_apart, check_output
-from pdecodec.errors import PdecodecError, SettingsError
+from pdecodec.errors import InputError, PdecodecError, SettingsError
 from pdecodec.storage import is_address
 
 if TYPE_CHECKING:
@@ -192,8 +192,12 @@ def standard_input(source: str) -> Iterator[str]:
         return
     with tempfile.TemporaryDirectory(prefix="pdecodec-") as folder:
         path = Path(folder) / "stdin"
-        with path.open("wb") as file:
-            shutil.copyfileobj(sys.stdin.buffer, file)
+        try:
+            with path.open("wb") as file:
+                shutil.copyfileobj(sys.stdin.buffer, file)
+        except OSError as error:
+            message = f"cannot be copied to {folder} ({error.strerror}); name a file instead of -"
+            raise InputError(message, path="standard input") from error
         with _named(str(path), "standard input"):
             yield str(path)
 
@@ -239,9 +243,9 @@ def streamed(job: Job, *, extension: str, dry_run: bool = False) -> Iterator[Job
             found = [one for one in folder.rglob("*") if one.is_file()]
             if len(found) != 1:
                 raise SettingsError(f"-o -: {len(found)} files do not go to standard output; name a folder")
-            with found[0].open("rb") as written:
+            with found[0].open("rb") as written, standard_output():
                 shutil.copyfileobj(written, sys.stdout.buffer)
-            sys.stdout.buffer.flush()
+                sys.stdout.buffer.flush()
 
 
 def _make_folder(folder: Path) -> None:
@@ -282,8 +286,8 @@ def say_plan(
 def say_sizes(job: Job, sequence: MeshSequence, becomes: str, *, files: int, size: int) -> None:
     """Print what a job would read, `files` of `size` bytes, and what it becomes."""
     there = f"{files} file{'s' * (files != 1)}, {byte_size(size)}"
-    click.echo(visible(f"read {job.source_name} ({there}): {extent(sequence)}"))
-    click.echo(visible(f"write {job.output_name}: {becomes}"))
+    put(visible(f"read {job.source_name} ({there}): {extent(sequence)}"))
+    put(visible(f"write {job.output_name}: {becomes}"))
 
 
 def say_start(job: Job, sequence: MeshSequence) -> None:

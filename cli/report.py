@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pdecodec.cli.console import print_json, progress_bar, say, say_notices, visible
+from pdecodec.cli.console import print_json, progress_bar, put, say, say_notices, visible
 from pdecodec.cli.options import fps_option, json_option, within_limits
 from pdecodec.errors import SettingsError
 
@@ -150,7 +150,7 @@ def report(
     if as_json:
         print_json(result.to_dict())
     else:
-        click.echo(visible(result.summary), nl=False)
+        put(visible(result.summary), nl=False)
     say(f"{result.page}: {result.measured} points measured, {result.kept} kept from an earlier run")
     failures = [f"{item.clip}, profile {item.coder}: the bound {item.tolerance:g} is broken" for item in result.broken]
     if fail_if_larger is not None:

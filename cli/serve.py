@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pdecodec.cli.console import counted, say
+from pdecodec.cli.console import counted, put, say
 from pdecodec.cli.options import loudness_options
 from pdecodec.errors import InputError
 
@@ -32,5 +32,5 @@ def serve(*, folder: str, port: int) -> None:
         raise InputError(f"port {port} cannot be served on ({error.strerror}); choose another") from error
     with server:
         say(f"{counted(sum(1 for _ in server.files()), 'file')} of {place}; Ctrl-C ends this")
-        click.echo(server.address)
+        put(server.address)
         server.serve_forever()

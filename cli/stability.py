@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from pdecodec.cli.console import print_json, progress_bar, say
+from pdecodec.cli.console import print_json, progress_bar, put, say
 from pdecodec.cli.options import json_option
 
 SECTIONS = ("fit", "parametrisation", "alignment", "simulation", "codec")
@@ -41,5 +41,5 @@ def stability(*, output: str, only: tuple[str, ...], quick: bool, as_json: bool)
         print_json({"page": str(page), "seconds": seconds, "figures": lessons})
     else:
         for figure in report.figures:
-            click.echo(f"{figure.title}\n  {figure.lesson}\n")
+            put(f"{figure.title}\n  {figure.lesson}\n")
     say(f"{page}: {len(report.figures)} entries, {seconds:.0f} s")

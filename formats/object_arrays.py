@@ -77,7 +77,7 @@ def check_has_points(names: Sequence[str], what: str) -> None:
     """Raise InputError unless one of the names is ``points``."""
     if "points" not in names:
         there = f"it has {', '.join(names)}: give that of the positions this name" if names else "it is empty"
-        raise InputError(f"needs positions as a {what} named points, of shape (frames, vertices, 3); {there}")
+        raise InputError(f"has no {what} named points, of shape (frames, vertices, 3); {there}")
 
 
 def arrays_of(sequence: MeshSequence, fps: float) -> dict[str, NDArray[Any]]:

@@ -256,6 +256,29 @@ def test_every_failure_has_its_exit_code_and_one_line(
     assert words in error_of(capsys, code, "info", "clip.npz")
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["info"],
+        ["info", "--json"],
+        ["encode", "-o", "-"],
+        ["convert", "-o", "-", "--to", "npz"],
+        ["encode", "--dry-run"],
+    ],
+)
+def test_standard_output_without_room_is_named(tmp_path: Path, arguments: list[str]) -> None:
+    command, *options = arguments
+    source = str(save_line(tmp_path / "line.npz"))
+    with Path("/dev/full").open("wb") as full:
+        process = start("-m", "pdecodec", command, source, *options, stdout=full.fileno(), stderr=subprocess.PIPE)
+        said = process.communicate(timeout=120)[1].decode()
+    assert said.splitlines()[-1] == (
+        "error: standard output: cannot be written (No space left on device); check where it goes"
+    )
+    assert process.returncode == 3
+
+
 def test_frames_that_are_read_are_never_replaced_and_others_may_be(tmp_path: Path, capsys: Capture) -> None:
     assert run(["convert", str(save_line(tmp_path / "line.npz")), "-o", str(tmp_path / "q.#.obj")]) == 0
     (tmp_path / "link").symlink_to(tmp_path)

@@ -122,10 +122,10 @@ RICH = {"points": rich_sequence().points, **arrays_of(rich_sequence(), 24.0)}
     [
         (
             {"vertices": POINTS},
-            "positions as a {kind} named points, .*; it has vertices: give",
+            "has no {kind} named points, .*; it has vertices: give",
         ),
-        ({}, "positions as a {kind} named points, .*; it is empty"),
-        ({"points/inner": POINTS}, "positions as a {kind} named points"),
+        ({}, "has no {kind} named points, .*; it is empty"),
+        ({"points/inner": POINTS}, "has no {kind} named points"),
         ({"points": POINTS[0]}, r"shape \(frames, vertices, 3\), not float32 \(4, 3\)"),
         ({"points": POINTS[:, :, :2]}, r"not float32 \(2, 4, 2\)"),
         ({"points": POINTS.astype(complex)}, "not complex128"),
