@@ -43,7 +43,11 @@ effort_option = click.option(
 @output_option
 @click.option("--frames", metavar="A:B", help="These frames, counted from 0, B excluded, as a Python slice.")
 @click.option("--times", metavar="A:B", help="Frames at these times and between [s].")
-@click.option("--recode", is_flag=True, help="Where a group of frames is cut through, code its frames again.")
+@click.option(
+    "--recode",
+    is_flag=True,
+    help="Where a group of frames is cut through, code its frames again; the bounds add up for them.",
+)
 @effort_option
 @within_limits
 @overwrite_option
@@ -64,8 +68,9 @@ def cut(
 
     Frames are coded in groups, and cuts are made between them: elsewhere a cut is refused, and the nearest places are
     named; or with --recode the frames of a group that is cut through are coded again, from what they decode to, within
-    the bound of the file. All other frames decode to the very same positions. Between frames positions follow a spline
-    through all frames of the file: near a cut it is another one.
+    the bound of the file: they are up to twice as far from what was encoded first. All other frames decode to the very
+    same positions. Between frames positions follow a spline through all frames of the file: near a cut it is another
+    one.
     """
     from pdecodec.decoder import open_animation
     from pdecodec.files.cutting import cut_animation

@@ -90,6 +90,30 @@ def test_a_file_that_ends_early_gives_the_groups_before(clip: Path, tmp_path: Pa
         assert (saved.missing, len(saved.lost)) == ((), 1)
 
 
+def test_a_file_that_ends_among_coefficients_gives_groups_that_have_no_residuals(clip: Path, tmp_path: Path) -> None:
+    unbounded = tmp_path / "unbounded.pdeanim"
+    with pdecodec.open(clip) as whole:
+        pdecodec.encode(whole, unbounded, profile="paper")
+    cut = damaged(unbounded, tmp_path, end=chunk_of_group(unbounded, 2))
+    with pdecodec.open(unbounded) as whole, pdecodec.salvage(cut) as saved:
+        assert len(whole.group_frames) > 2
+        (first, end) = whole.group_frames[2][0], whole.frame_count
+        assert saved.missing == ((first, end),)
+        assert (saved.sequence.read_frames(0, first) == whole.read_frames(0, first)).all()
+    with (
+        pytest.raises(pdecodec.CorruptFileError, match="nothing can be saved: group 0 is damaged"),
+        pdecodec.salvage(damaged(clip, tmp_path, end=place_of(clip, "CORR")[0] - 1)),
+    ):
+        pass
+
+
+def test_a_file_of_runs_that_ends_early_gives_the_runs_before(changing: Path, tmp_path: Path) -> None:
+    with pdecodec.salvage(damaged(changing, tmp_path, end=changing.stat().st_size * 3 // 4)) as saved:
+        ((first, end),) = saved.missing
+        assert (first in (40, 70), end) == (True, 71)
+        assert saved.sequence.frame_count == first
+
+
 def test_a_damaged_header_or_table_or_more_bytes_at_the_end_lose_nothing(clip: Path, tmp_path: Path) -> None:
     for place in (14, 20, 24):
         with pdecodec.salvage(damaged(clip, tmp_path, place)) as saved:
