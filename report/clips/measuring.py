@@ -23,6 +23,7 @@ from pdecodec.decoder import Animation, open_animation
 from pdecodec.encoding.encoder import encode
 from pdecodec.encoding.encodereport import CONSTANT_SECTIONS
 from pdecodec.errors import InputError
+from pdecodec.interrupts import end_when_interrupted, interrupts_held
 from pdecodec.metrics import Distortion, frame_scale, measure_distortion
 from pdecodec.report.baselines.baseline import Baseline, UnreachableError
 from pdecodec.report.baselines.search import RateCurve
@@ -256,9 +257,11 @@ def _measure_baselines(
             yield baseline, _measure_one(clip, sequence, baseline, tolerances)
         return
     # Started anew, not forked: threads of libraries do not survive a fork.
-    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"))
+    spawning = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(jobs, mp_context=spawning, initializer=end_when_interrupted)
     try:
-        running = {pool.submit(_measure_one, clip, sequence, item, absent): item for item, absent in tasks.items()}
+        with interrupts_held():
+            running = {pool.submit(_measure_one, clip, sequence, item, absent): item for item, absent in tasks.items()}
         for future in as_completed(running):
             yield running[future], future.result()
     except BrokenProcessPool as error:

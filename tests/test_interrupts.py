@@ -1,0 +1,44 @@
+"""Interrupts that come while processes are being started."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from pdecodec.interrupts import CAN_HOLD, interrupts_held
+
+pytestmark = pytest.mark.skipif(not CAN_HOLD, reason="signals cannot be held back here")
+
+CHILD = """
+import signal, sys
+signal.raise_signal(signal.SIGINT)
+print("started", flush=True)
+sys.stdin.readline()
+from pdecodec.interrupts import end_when_interrupted
+end_when_interrupted()
+print("unreachable")
+"""
+
+
+def test_an_interrupt_waits_until_a_process_that_is_started_can_end_without_a_word() -> None:
+    with interrupts_held():
+        process = subprocess.Popen(
+            [sys.executable, "-c", CHILD], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+    assert process.communicate(b"\n", timeout=120) == (b"started\n", b"")
+    assert process.returncode == -signal.SIGINT
+
+
+def test_an_interrupt_of_our_own_comes_when_the_block_ends() -> None:
+    done = False
+    with pytest.raises(KeyboardInterrupt):  # noqa: PT012 - it comes behind the block
+        with interrupts_held():
+            signal.raise_signal(signal.SIGINT)
+            done = True
+        time.sleep(1)
+    assert done
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
