@@ -9,6 +9,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 
 CAN_HOLD = hasattr(signal, "pthread_sigmask")
 """Not on Windows, where a process that is being started prints where it was."""
@@ -17,12 +18,16 @@ CAN_HOLD = hasattr(signal, "pthread_sigmask")
 @contextmanager
 def interrupts_held() -> Iterator[None]:
     """Hold interrupts back from this thread until the block ends, and from processes started inside until they ask."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if CAN_HOLD else ()
+    if not CAN_HOLD:
+        yield
+        return
+    # It lets interrupts come when it has been started, which the first process would do.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        if CAN_HOLD:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def end_when_interrupted() -> None:

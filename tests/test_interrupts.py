@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import signal
 import subprocess
 import sys
 import time
+from multiprocessing import resource_tracker
 
 import pytest
 
-from pdecodec.interrupts import CAN_HOLD, interrupts_held
+from pdecodec.interrupts import CAN_HOLD, end_when_interrupted, interrupts_held
 
 pytestmark = pytest.mark.skipif(not CAN_HOLD, reason="signals cannot be held back here")
 
@@ -31,6 +34,22 @@ def test_an_interrupt_waits_until_a_process_that_is_started_can_end_without_a_wo
         )
     assert process.communicate(b"\n", timeout=120) == (b"started\n", b"")
     assert process.returncode == -signal.SIGINT
+
+
+def end_of_a_worker() -> None:
+    end_when_interrupted()
+
+
+def test_the_first_process_that_multiprocessing_starts_is_held_too(capfd: pytest.CaptureFixture[str]) -> None:
+    resource_tracker._resource_tracker._stop()
+    with interrupts_held():
+        process = multiprocessing.get_context("spawn").Process(target=end_of_a_worker)
+        process.start()
+    assert process.pid is not None
+    os.kill(process.pid, signal.SIGINT)
+    process.join(120)
+    assert process.exitcode == -signal.SIGINT
+    assert capfd.readouterr().err == ""
 
 
 def test_an_interrupt_of_our_own_comes_when_the_block_ends() -> None:
