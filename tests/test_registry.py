@@ -61,7 +61,7 @@ def test_magic_bytes_choose_the_format_where_the_extension_says_nothing(tmp_path
 @pytest.mark.parametrize(
     ("name", "content", "error", "message"),
     [
-        ("x.npz", IDENTIFIER, InputError, r"animation file \(pdeanim\) .* rename it to end in \.pdeanim"),
+        ("x.npz", IDENTIFIER, InputError, r"animation \(pdeanim\); rename it to end in \.pdeanim"),
         ("x.obj", IDENTIFIER, InputError, r"\.pdeanim"),
         ("x.h5", b"PK\x03\x04", InputError, r"NumPy archive .* \.npz"),
         ("x.npz", b"\x89HDF\r\n\x1a\n", InputError, r"HDF5 .* \.h5"),

@@ -40,7 +40,8 @@ def encode(
     ----------
     sequence : MeshSequence
         Read once from front to back, after a look at a few windows of it. Of a :class:`pdecodec.ChangingSequence` one
-        run is read and encoded after the other; tolerances are of the diagonal of its first frame.
+        run is read and encoded after the other; tolerances are of the diagonal of its first frame. Bounds count from
+        the float32 positions that it gives: how far those are from its own, `rounding` of the report says.
     path : path-like, optional
         The `.pdeanim` file, or its address; it appears whole or not at all. Without one its bytes are in the report.
     settings : EncodeSettings, optional
