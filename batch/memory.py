@@ -9,21 +9,22 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Condition
 
-from pdecodec.coding.spacebasis import MOST_FUNCTIONS
-from pdecodec.encoding.encodememory import BASIS_BYTES, FIXED_BYTES, GROUP_BYTES, GROUP_COPIES
+from pdecodec.encoding.encodememory import encoding_bytes
+from pdecodec.settings import EncodeSettings
 
 AVAILABLE_SHARE = 0.8
 """Of the memory that is free when a batch begins: what else runs on the machine grows, too."""
+
+LIKELY_FRAMES = (16, 64, 256)
+"""Of a clip that nobody has looked at yet: of as many positions, few frames have many vertices."""
 
 UNKNOWN_MEMORY = 4 * 2**30
 """Where the system does not say how much there is [bytes]."""
 
 
-def encoding_bytes_of_file(size: int) -> int:
+def encoding_bytes_of_file(size: int, settings: EncodeSettings) -> int:
     """Memory that encoding a file takes that cannot be looked at yet: as if all its bytes were positions."""
-    group = min(2 * size, GROUP_BYTES)
-    basis = min(BASIS_BYTES, 8 * MOST_FUNCTIONS * size // 12)
-    return FIXED_BYTES + GROUP_COPIES * group + basis
+    return max(encoding_bytes(frames, size // (12 * frames), settings) for frames in LIKELY_FRAMES)
 
 
 def available_memory() -> int:

@@ -131,13 +131,11 @@ def look_at(clip: Clip, work: Work) -> Result | Look:
         kept = _kept(clip, work)
         if kept is not None:
             return kept
+        settings = clip.options.settings
         if is_address(clip.source):
-            memory = encoding_bytes_of_file(RemoteFile(clip.source).size())
-        else:
-            with _opened(clip) as sequence:
-                memory = encoding_bytes(sequence.frame_count, sequence.most_vertices)
-        most = clip.options.settings.max_memory
-        return Look(memory if most is None else min(memory, most))
+            return Look(encoding_bytes_of_file(RemoteFile(clip.source).size(), settings))
+        with _opened(clip) as sequence:
+            return Look(encoding_bytes(sequence.frame_count, sequence.most_vertices, settings))
     except Exception as error:  # whatever one clip meets, the others go on
         return failure(clip, error)
 

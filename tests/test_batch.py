@@ -30,6 +30,7 @@ from pdecodec.errors import CorruptFileError, InputError, SettingsError
 from pdecodec.formats import write_sequence
 from pdecodec.runs import ChangingSequence
 from pdecodec.sequence import ArraySequence, MeshObject
+from pdecodec.settings import EncodeSettings
 from pdecodec.storage import RemoteFile
 from tests.mesh_cases import grid
 from tests.remote_server import serving
@@ -531,8 +532,9 @@ def test_a_clip_takes_no_more_memory_than_it_may(clips: Path) -> None:
 
 
 def test_the_estimate_of_memory_grows_with_vertices_and_not_with_frames_beyond_a_group() -> None:
-    assert encoding_bytes(10**6, 20_000) == encoding_bytes(10**4, 20_000)
-    assert encoding_bytes(100, 200_000) > encoding_bytes(100, 20_000) > encoding_bytes(10, 20_000)
+    usual = EncodeSettings()
+    assert encoding_bytes(10**6, 20_000, usual) == encoding_bytes(10**4, 20_000, usual)
+    assert encoding_bytes(100, 200_000, usual) > encoding_bytes(50, 20_000, usual) > encoding_bytes(10, 20_000, usual)
     assert available_memory() > 2**20
 
 

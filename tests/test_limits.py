@@ -12,14 +12,8 @@ import pytest
 import pdecodec
 from pdecodec.cli.main import run
 from pdecodec.decoder import usual_limits
-from pdecodec.encoding.encodememory import (
-    FIXED_BYTES,
-    GROUP_COPIES,
-    SMOOTH_GROUP_COPIES,
-    VERTEX_BYTES,
-    encoding_bytes,
-    memory_plan,
-)
+from pdecodec.encoding.encodememory import encoding_bytes, memory_plan
+from pdecodec.settings import EncodeSettings
 
 ROOT = Path(__file__).resolve().parent.parent
 Capture = pytest.CaptureFixture[str]
@@ -98,16 +92,19 @@ def test_limits_of_a_context_hold_for_whatever_opens_a_file_within_it(animation:
         assert after.frame_count == 12
 
 
-def test_a_plan_keeps_within_its_memory_and_is_the_usual_one_where_that_fits() -> None:
-    usual = memory_plan(20_000, 400, None)
-    assert memory_plan(20_000, 400, encoding_bytes(400, 20_000)) == usual
-    for size in (200, 400, 800, encoding_bytes(400, 20_000) / 2**20):
-        plan = memory_plan(20_000, 400, int(size * 2**20) - 1)
-        assert plan.group_frames < usual.group_frames
-        assert plan.functions >= 16
-        left = size * 2**20 - FIXED_BYTES - 20_000 * (VERTEX_BYTES + 8 * plan.functions)
-        assert left - GROUP_COPIES * 480_000 <= GROUP_COPIES * 480_000 * plan.group_frames < left
-        assert SMOOTH_GROUP_COPIES * 480_000 * plan.smooth_group_frames < left
+@pytest.mark.parametrize(("vertices", "frames"), [(1000, 512), (20_000, 400), (150_000, 70)])
+def test_a_plan_keeps_within_its_memory_and_is_the_usual_one_where_that_fits(vertices: int, frames: int) -> None:
+    usual, most = memory_plan(vertices, frames, EncodeSettings()), encoding_bytes(frames, vertices, EncodeSettings())
+    assert memory_plan(vertices, frames, EncodeSettings(max_memory=most)) == usual
+    for limit in (most // 2, 2 * most // 3, most - 1):
+        plan = memory_plan(vertices, frames, EncodeSettings(max_memory=limit))
+        assert plan.group_frames <= usual.group_frames
+        assert plan.smooth_group_frames <= usual.smooth_group_frames
+        assert 16 <= plan.functions <= usual.functions
+        assert plan != usual
+        shorter = EncodeSettings(group_frames=plan.group_frames)
+        saved = 8 * vertices * (usual.functions - plan.functions)
+        assert encoding_bytes(frames, vertices, shorter) - saved <= limit
 
 
 def test_an_encode_that_cannot_be_done_within_a_limit_says_how_much_it_takes(tmp_path: Path, capsys: Capture) -> None:
@@ -115,7 +112,7 @@ def test_an_encode_that_cannot_be_done_within_a_limit_says_how_much_it_takes(tmp
     np.savez(source, points=np.zeros((3, 1000, 3), np.float32))
     assert run(["encode", str(source), str(tmp_path / "out.pdeanim"), "--max-memory", "1M"]) == 2
     line = capsys.readouterr().err
-    assert "--max-memory must be 135" in line
+    assert "--max-memory must be 77" in line
     assert "for 1000 vertices, not 1048576" in line
     with pytest.raises(pdecodec.SettingsError, match="max_memory is a setting of the profile auto"):
         pdecodec.EncodeSettings(max_memory=2**30, profile="paper")
@@ -149,5 +146,23 @@ def test_an_encode_stays_within_the_memory_that_it_is_given() -> None:
     limit = 144 * 2**20
     free, groups = measured(0)
     peak, more_groups = measured(limit)
-    assert peak < limit < free
+    assert peak < limit < free < encoding_bytes(180, 6000, EncodeSettings(effort="fast"))
     assert groups < more_groups
+
+
+FEW_VERTICES = """
+import numpy as np
+import pdecodec
+
+points = np.random.default_rng(0).normal(size=(512, 128, 3))
+pdecodec.encode(pdecodec.ArraySequence(points), tolerance=1e-5, effort="fast")
+status = dict(line.split(":", 1) for line in open("/proc/self/status"))
+print(int(status["VmHWM"].split()[0]) * 1024)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="peak memory is counted in kilobytes on Linux alone")
+def test_few_vertices_over_many_frames_take_no_more_memory_than_is_estimated() -> None:
+    done = subprocess.run([sys.executable, "-c", FEW_VERTICES], capture_output=True, text=True, check=True, cwd=ROOT)
+    estimate = encoding_bytes(512, 128, EncodeSettings(effort="fast"))
+    assert 0.5 * estimate < int(done.stdout) <= estimate

@@ -30,7 +30,7 @@ from pdecodec.encoding.modelchoice import reference_steps
 from pdecodec.encoding.quantisation import grid_index
 from pdecodec.errors import InputError
 from pdecodec.sequence import ArraySequence, Float32Array, MeshObject, MeshSequence
-from pdecodec.settings import Profile
+from pdecodec.settings import EncodeSettings, Profile
 
 SPACES: tuple[tuple[SpaceKind, int], ...] = (
     ("patch", 8),
@@ -278,7 +278,7 @@ def alternatives_of(animation: Animation) -> list[Question]:
         animation.meshes,
         reference=reference,
         basis=basis,
-        functions=memory_plan(animation.vertex_count, animation.frame_count, None).functions,
+        functions=memory_plan(animation.vertex_count, animation.frame_count, EncodeSettings()).functions,
         bound=bound,
         unit=max(bound, float(np.spacing(np.abs(points[0]).max()))),
         residual_step=animation.residual_step,

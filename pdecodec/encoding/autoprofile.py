@@ -77,7 +77,7 @@ class AutoEncoder(Encoder):
         if self._bound is None:
             raise SettingsError("without a bound there is nothing to choose the model by; give a tolerance")
         self._effort = EFFORTS[settings.effort]
-        self._plan = memory_plan(sequence.vertex_count, sequence.frame_count, settings.max_memory)
+        self._plan = memory_plan(sequence.vertex_count, sequence.frame_count, settings)
         self._ranges: list[tuple[int, int]] = []
         self._explained: float | None = None  # of the first group that moves
         self._jump_finder = JumpFinder()

@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pdecodec.coding.spacebasis import MOST_FUNCTIONS
+from pdecodec.encoding.effort import EFFORTS
+from pdecodec.encoding.groupfit import HEAVY
 from pdecodec.errors import SettingsError
+from pdecodec.settings import EncodeSettings
 
 GROUP_BYTES = 3 * 2**25
 """Memory for the displacements of a group, float64: up to 40 frames of 100,000 vertices."""
@@ -25,14 +28,21 @@ LONGEST_GROUP = 512
 SHORTEST_GROUP = 8
 """Frames of a group however large the mesh is, where nobody sets a limit."""
 
-GROUP_COPIES, SMOOTH_GROUP_COPIES = 13, 4
-"""Times the displacements of a group, in float64, that the search of a model holds at most: measured on noise, 13
-on 3,000 vertices and 9 on 20,000, where cloth takes 4; and on a swinging rope 3.4."""
+SEARCHED_COPIES, HEAVY_COPIES, SMOOTH_COPIES = 28, 8, 4
+"""Times the displacements of a group, in float64, that are held at most: where what is found of it is kept for the
+search; where memory counts more than time, or nothing is searched; and where motion is smooth. Noise takes most: at
+bounds of 1e-5, for which float32 is too coarse, 18 to 25 times as much, 5 to 8, and a sheet that swings 2. Cloth, of
+which little is left beside few functions, takes a quarter to two thirds of that: nobody knows before it is read."""
 
-FIXED_BYTES = 2**27
-"""Of interpreter and libraries."""
+TABLE_COPIES = 32
+"""Times the table of what functions of time have to do with one another, or with vertices where those are fewer: the
+sums of squares, what they are decomposed into, the functions themselves, from either origin. Of 1,024 vertices over 512
+frames it is more than half of all."""
 
-VERTEX_BYTES = 600
+FIXED_BYTES = 9 * 2**23
+"""Of interpreter and libraries: 65 to 75 MiB."""
+
+VERTEX_BYTES = 900
 """Of a vertex: its faces, reference frame and patches, however few frames there are."""
 
 BASIS_SHARE = 4
@@ -61,43 +71,84 @@ def _group_frames(vertices: int, size: int) -> int:
     return min(max(size // (24 * max(1, vertices)), SHORTEST_GROUP), LONGEST_GROUP)
 
 
-def memory_plan(vertices: int, frames: int, max_memory: int | None) -> MemoryPlan:
-    """How a clip is encoded within so many bytes.
+def _lengths(frames: int, most: int) -> tuple[int, int]:
+    """Frames of the groups that a clip is divided into, of so many at most: they are equal but for one."""
+    count = -(-frames // most)
+    return frames // count, -(-frames // count)
+
+
+def _group_bytes(frames: int, vertices: int, *, is_searched: bool) -> int:
+    """Memory that a group takes at most, however it moves."""
+    is_kept = is_searched and 12 * vertices * frames < HEAVY
+    displacements, table = 24 * vertices * frames, 24 * frames * min(3 * frames, vertices)
+    return (SEARCHED_COPIES if is_kept else HEAVY_COPIES) * displacements + TABLE_COPIES * table
+
+
+class _Need:
+    """What a clip takes, by the frames of its groups."""
+
+    def __init__(self, vertices: int, frames: int, settings: EncodeSettings) -> None:
+        self._vertices, self._frames = max(1, vertices), max(1, frames)
+        self._is_searched = self._frames * self._vertices <= EFFORTS[settings.effort].searched_clip
+        self.functions = _functions(BASIS_BYTES, self._vertices)
+        self.longest, self.smooth = (
+            min(_group_frames(self._vertices, size), settings.group_frames or LONGEST_GROUP)
+            for size in (GROUP_BYTES, SMOOTH_GROUP_BYTES)
+        )
+
+    def of_mesh(self, functions: int) -> int:
+        """However few frames there are."""
+        return FIXED_BYTES + (VERTEX_BYTES + 8 * functions) * self._vertices
+
+    def of_groups(self, most: int) -> int:
+        """Of groups of so many frames at most."""
+        lengths = _lengths(self._frames, most)
+        return max(_group_bytes(length, self._vertices, is_searched=self._is_searched) for length in lengths)
+
+    def of_smooth_groups(self, most: int) -> int:
+        """The same, of smooth motion."""
+        return SMOOTH_COPIES * 24 * self._vertices * _lengths(self._frames, most)[1]
+
+    @property
+    def usual(self) -> int:
+        """Of all of it, where nobody sets a limit."""
+        return self.of_mesh(self.functions) + max(self.of_groups(self.longest), self.of_smooth_groups(self.smooth))
+
+
+def memory_plan(vertices: int, frames: int, settings: EncodeSettings) -> MemoryPlan:
+    """How a clip is encoded within the memory that settings allow.
 
     Raises
     ------
     SettingsError
         If a group of one frame takes more.
     """
-    vertices = max(1, vertices)
-    longest, smooth = (_group_frames(vertices, size) for size in (GROUP_BYTES, SMOOTH_GROUP_BYTES))
-    functions = _functions(BASIS_BYTES, vertices)
-    if max_memory is None or encoding_bytes(frames, vertices) <= max_memory:
-        return MemoryPlan(longest, smooth, functions)
-    left = max_memory - FIXED_BYTES - VERTEX_BYTES * vertices
-    functions = min(functions, _functions(left // BASIS_SHARE, vertices))
-    left -= 8 * functions * vertices
-    shortened, smooth_shortened = (left // (copies * 24 * vertices) for copies in (GROUP_COPIES, SMOOTH_GROUP_COPIES))
-    if shortened < 1:
-        least = FIXED_BYTES + (VERTEX_BYTES + 8 * FEWEST_FUNCTIONS + GROUP_COPIES * 24) * vertices
-        raise SettingsError(f"max_memory must be {least} bytes or more for {vertices} vertices, not {max_memory}")
-    return MemoryPlan(min(longest, shortened), min(smooth, smooth_shortened), functions)
+    need, limit = _Need(vertices, frames, settings), settings.max_memory
+    if limit is None or need.usual <= limit:
+        return MemoryPlan(need.longest, need.smooth, need.functions)
+    functions = min(need.functions, _functions((limit - need.of_mesh(0)) // BASIS_SHARE, max(1, vertices)))
+    left = limit - need.of_mesh(functions)
+    group, smooth = (
+        next((most for most in range(longest, 0, -1) if taken(most) <= left), 0)
+        for longest, taken in ((need.longest, need.of_groups), (need.smooth, need.of_smooth_groups))
+    )
+    if not group:
+        least = need.of_mesh(FEWEST_FUNCTIONS) + need.of_groups(1)
+        raise SettingsError(f"max_memory must be {least} bytes or more for {vertices} vertices, not {limit}")
+    return MemoryPlan(group, smooth, functions)
 
 
 def _functions(size: int, vertices: int) -> int:
     return min(MOST_FUNCTIONS, max(FEWEST_FUNCTIONS, size // (8 * vertices)))
 
 
-def encoding_bytes(frames: int, vertices: int) -> int:
+def encoding_bytes(frames: int, vertices: int, settings: EncodeSettings) -> int:
     """Memory that encoding a clip takes at most, about [bytes]: however long the clip is, that of its longest group.
 
     Parameters
     ----------
     frames, vertices : int
+    settings : EncodeSettings
     """
-    of_a_group = max(
-        copies * 24 * vertices * min(frames, _group_frames(vertices, size))
-        for copies, size in ((GROUP_COPIES, GROUP_BYTES), (SMOOTH_GROUP_COPIES, SMOOTH_GROUP_BYTES))
-    )
-    basis = min(BASIS_BYTES, 8 * MOST_FUNCTIONS * vertices)
-    return FIXED_BYTES + of_a_group + basis + VERTEX_BYTES * vertices
+    usual = _Need(vertices, frames, settings).usual
+    return usual if settings.max_memory is None else min(usual, settings.max_memory)
