@@ -112,7 +112,7 @@ def test_an_encode_that_cannot_be_done_within_a_limit_says_how_much_it_takes(tmp
     np.savez(source, points=np.zeros((3, 1000, 3), np.float32))
     assert run(["encode", str(source), str(tmp_path / "out.pdeanim"), "--max-memory", "1M"]) == 2
     line = capsys.readouterr().err
-    assert "--max-memory must be 77" in line
+    assert "--max-memory must be 76" in line
     assert "for 1000 vertices, not 1048576" in line
     with pytest.raises(pdecodec.SettingsError, match="max_memory is a setting of the profile auto"):
         pdecodec.EncodeSettings(max_memory=2**30, profile="paper")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pdecodec.coding.spacebasis import MOST_FUNCTIONS
-from pdecodec.encoding.effort import EFFORTS
+from pdecodec.encoding.effort import EFFORTS, Effort
 from pdecodec.encoding.groupfit import HEAVY
 from pdecodec.errors import SettingsError
 from pdecodec.settings import EncodeSettings
@@ -33,6 +33,10 @@ SEARCHED_COPIES, HEAVY_COPIES, SMOOTH_COPIES = 28, 8, 4
 search; where memory counts more than time, or nothing is searched; and where motion is smooth. Noise takes most: at
 bounds of 1e-5, for which float32 is too coarse, 18 to 25 times as much, 5 to 8, and a sheet that swings 2. Cloth, of
 which little is left beside few functions, takes a quarter to two thirds of that: nobody knows before it is read."""
+
+SHORT_COPIES, COPIES_A_FRAME = 8, 0.5
+"""The same of a short group, which is not divided as often, where one search is done: so many, and more for each frame.
+Noise took 10 in 16 frames and 14 in 24; under "best", which searches again with what was found, 22 in 16."""
 
 TABLE_COPIES = 32
 """Times the table of what functions of time have to do with one another, or with vertices where those are fewer: the
@@ -77,11 +81,13 @@ def _lengths(frames: int, most: int) -> tuple[int, int]:
     return frames // count, -(-frames // count)
 
 
-def _group_bytes(frames: int, vertices: int, *, is_searched: bool) -> int:
+def _group_bytes(frames: int, vertices: int, effort: Effort, *, is_searched: bool) -> int:
     """Memory that a group takes at most, however it moves."""
-    is_kept = is_searched and 12 * vertices * frames < HEAVY
     displacements, table = 24 * vertices * frames, 24 * frames * min(3 * frames, vertices)
-    return (SEARCHED_COPIES if is_kept else HEAVY_COPIES) * displacements + TABLE_COPIES * table
+    copies: float = HEAVY_COPIES
+    if is_searched and 12 * vertices * frames < HEAVY:
+        copies = SEARCHED_COPIES if effort.also else min(SEARCHED_COPIES, SHORT_COPIES + COPIES_A_FRAME * frames)
+    return int(copies * displacements) + TABLE_COPIES * table
 
 
 class _Need:
@@ -89,7 +95,8 @@ class _Need:
 
     def __init__(self, vertices: int, frames: int, settings: EncodeSettings) -> None:
         self._vertices, self._frames = max(1, vertices), max(1, frames)
-        self._is_searched = self._frames * self._vertices <= EFFORTS[settings.effort].searched_clip
+        self._effort = EFFORTS[settings.effort]
+        self._is_searched = self._frames * self._vertices <= self._effort.searched_clip
         self.functions = _functions(BASIS_BYTES, self._vertices)
         self.longest, self.smooth = (
             min(_group_frames(self._vertices, size), settings.group_frames or LONGEST_GROUP)
@@ -103,7 +110,9 @@ class _Need:
     def of_groups(self, most: int) -> int:
         """Of groups of so many frames at most."""
         lengths = _lengths(self._frames, most)
-        return max(_group_bytes(length, self._vertices, is_searched=self._is_searched) for length in lengths)
+        return max(
+            _group_bytes(length, self._vertices, self._effort, is_searched=self._is_searched) for length in lengths
+        )
 
     def of_smooth_groups(self, most: int) -> int:
         """The same, of smooth motion."""
