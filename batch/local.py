@@ -16,6 +16,7 @@ from pdecodec.batch.clips import Clip
 from pdecodec.batch.memory import AVAILABLE_SHARE, MemoryBudget, available_memory
 from pdecodec.batch.work import Look, Result, Work, failure, look_at, make_clip
 from pdecodec.errors import InputError
+from pdecodec.interrupts import interrupts_held
 from pdecodec.shares import thread_count
 
 
@@ -153,7 +154,8 @@ class _Worker:
             self._pipe, theirs = context.Pipe()
             with theirs:
                 process = context.Process(target=_serve, args=(theirs, self._threads), daemon=True)
-                process.start()
+                with interrupts_held():
+                    process.start()
         except (OSError, ImportError) as error:  # what starts processes is imported only now
             if self._pipe is not None:
                 self._pipe.close()

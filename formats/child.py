@@ -20,12 +20,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError, MissingExtraError, PdecodecError
+from pdecodec.errors import CorruptFileError, InputError, LimitError, MissingExtraError, PdecodecError
 
 Answer = Mapping[str, Any]
 """Arrays by name, or what makes one."""
 
 _LENGTH_BYTES = 8
+
+_ERRORS = {one.__name__: one for one in (MissingExtraError, CorruptFileError, LimitError)}
+"""What a child meets that is told as it is; all else is an input that cannot be used."""
 
 
 class Child:
@@ -48,7 +51,7 @@ class Child:
 
         Raises
         ------
-        InputError, MissingExtraError
+        InputError, MissingExtraError, CorruptFileError, LimitError
             What the child met, or that it ended.
         """
         with self._lock:
@@ -68,7 +71,7 @@ class Child:
                 raise InputError(message, path=path, frame=frame) from error
         if "error" in found:
             message, kind, at = str(found["error"]), str(found["kind"]), int(found["frame"])
-            leaf = MissingExtraError if kind == "MissingExtraError" else InputError
+            leaf = _ERRORS.get(kind, InputError)
             raise leaf(message, path=path, frame=None if at < 0 else at)
         return found
 

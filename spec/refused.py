@@ -459,14 +459,10 @@ def _sizes(base: Base) -> Iterator[Refused]:
     yield Refused("limit_vertices", base.section("CONN", crowd), "2^30 vertices (20)", "limit")
     corners = seal(_script(base, "CONN", counted(2**28 + 1) + counted(5)))
     yield Refused("limit_corners", corners, "2^30 corners (20)", "limit")
-    points = take_apart(encoded(clip(np.zeros((1, 100_000, 3))), Choices(settings={"max_error": 1.0})))
-    points = [part for part in points if part.kind != "META"]
-    for name, frames, sound, reason in (
-        ("limit_time", 4096, base.parts, "12288 trajectories of 4096 frames (20)"),
-        ("limit_coefficients", 512, points, "1536 trajectories of 100000 vertices (20)"),
-    ):
-        bare = with_section(sound, "SEQN", b"\1" + count(frames) + content(sound, "SEQN")[2:])
-        for kind in CHUNKS:
-            bare = with_section(bare, kind, b"", sizes=[0, 0])
-        row = replace(base.rows[0], frames=frames, functions=3 * frames, sizes=(0, 0, 0))
-        yield Refused(name, seal(with_section(bare, "GRUP", row.pack())), reason, "limit")
+    frames = 4096
+    bare = with_section(base.parts, "SEQN", b"\1" + count(frames) + content(base.parts, "SEQN")[2:])
+    for kind in CHUNKS:
+        bare = with_section(bare, kind, b"", sizes=[0, 0])
+    row = replace(base.rows[0], frames=frames, functions=3 * frames, sizes=(0, 0, 0))
+    file = seal(with_section(bare, "GRUP", row.pack()))
+    yield Refused("limit_time", file, "12288 trajectories of 4096 frames (20)", "limit")

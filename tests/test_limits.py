@@ -77,8 +77,21 @@ def test_every_command_that_opens_a_file_takes_limits_and_names_the_option_that_
 
 
 def test_a_file_that_is_read_in_a_process_of_its_own_keeps_the_limits(animation: Path, capsys: Capture) -> None:
-    assert run(["info", "--isolate", str(animation), "--max-memory", "9k"]) in (3, 4)
-    assert "the limit is 9216" in capsys.readouterr().err
+    assert run(["info", "--isolate", str(animation), "--max-memory", "9k"]) == pdecodec.LimitError.exit_code
+    line = capsys.readouterr().err
+    assert "the limit is 9216" in line
+    assert line.endswith("; --max-memory raises the limit\n")
+
+
+def test_groups_that_fit_one_by_one_are_decoded_where_they_do_not_beside_each_other() -> None:
+    points = np.random.default_rng(0).normal(size=(64, 4000, 3))
+    settings = EncodeSettings(max_error=1.5, group_frames=8, effort="fast")
+    data = pdecodec.encode(pdecodec.ArraySequence(points), settings=settings).data or b""
+    with pdecodec.open(data) as animation:
+        expected = animation.sample(animation.times)
+    # Residuals of one group take a megabyte, those of all eight more than there is.
+    with pdecodec.open(data, limits=pdecodec.DecodeLimits(max_memory=6_500_000)) as animation:
+        np.testing.assert_array_equal(animation.sample(animation.times), expected)
 
 
 def test_limits_of_a_context_hold_for_whatever_opens_a_file_within_it(animation: Path) -> None:

@@ -29,9 +29,10 @@ from pdecodec import (
     encode,
     open_animation,
 )
+from pdecodec.coding.spacebasis import build_space_basis
 from spec.decoder.animation import decode
 from spec.decoder.fields import CorruptFileError as PlainCorruptFileError
-from spec.decoder.groups import TRAJECTORIES
+from spec.decoder.groups import SHAPES, TRAJECTORIES
 from spec.sealing import (
     CHUNKS,
     Part,
@@ -323,7 +324,21 @@ def many_runs(runs: int) -> bytes:
     return seal([Part("SEQN", times), Part("RUNS", first.row() + row * (runs - 1)), Part("RDAT", first.data)])
 
 
+def patches_of_one_point(vertices: int, groups: int, frames: int, functions: int, kind: int) -> bytes:
+    """A file of as many patches as vertices, and groups in which nothing moves."""
+    item = MeshObject("a", Connectivity(vertices))
+    basis = build_space_basis("patch", [item], np.zeros((vertices, 3), np.int64), points=1, functions=1)
+    parts = points_only(vertices, groups * frames)
+    model = bytes([0]) + count(1) + bytes([1, 0]) + struct.pack("<d", 1.0) + basis.layout
+    row = Row(frames, functions, kind, struct.pack("<dd", 1.0, 1.0), (0, 0, 0)).pack()
+    return seal(with_section(with_section(parts, "MODL", model), "GRUP", row * groups))
+
+
 MANY: dict[str, tuple[Callable[[], bytes], str]] = {
+    "patches of many groups": (lambda: patches_of_one_point(6_000, 1_000, 1, 1, TRAJECTORIES), SOUND),
+    "more patches": (lambda: patches_of_one_point(16_000, 1, 1, 1, TRAJECTORIES), LIMIT),
+    "patches and functions of time": (lambda: patches_of_one_point(500, 100, 64, 64, SHAPES), SOUND),
+    "more functions of time": (lambda: patches_of_one_point(6_000, 1, 64, 64, SHAPES), LIMIT),
     "as many frames as can be": (lambda: many_frames(260_000, 4096), SOUND),
     "more frames": (lambda: many_frames(270_000, 4096), LIMIT),
     "as many groups as can be": (lambda: many_frames(19_000, 1), SOUND),

@@ -160,6 +160,7 @@ def test_keys_play_step_and_choose(browser: Browser, waves: tuple[Path, Path], t
         ("c", "colour", "patches"),
         ("]", "speed", "2"),
         ("[", "speed", "1"),
+        ("[", "speed", "0.5"),
     ):
         browser.run(press, key)
         assert browser.run("return document.getElementById(arguments_[0]).value", what) == chosen

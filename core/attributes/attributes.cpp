@@ -39,26 +39,6 @@ constexpr double most_tabled = 0.95;  // share of different values beyond which 
 constexpr i64 immense = i64{1} << 60;
 constexpr i64 product(i64 a, i64 b) { return b && a > immense / b ? immense : a * b; }
 
-// Memory that is left for attributes.
-class Room {
-public:
-    explicit Room(i64 most_bytes) : left_(least(most_bytes, immense - 1)) {}
-
-    // LimitError where so many more bytes are needed for a while, and not there.
-    void check(i64 size, const std::string &what) const {
-        if (size > left_) throw LimitError("section ATTR has " + what + ", more than the memory limit allows");
-    }
-
-    // The same, for good.
-    void take(i64 size, const std::string &what) {
-        check(size, what);
-        left_ -= size;
-    }
-
-private:
-    i64 left_;
-};
-
 // Codes with tables of all values, or of the common ones.
 Codes tabled(const std::vector<i32> &full, int channels, bool all_in) {
     Codes found{full, {}};
@@ -119,7 +99,9 @@ struct Decoded {
 // Codes attributes one after the other; what it learns from one helps it with the next.
 template <Mode mode> class AttributeCoder {
 public:
-    AttributeCoder(RangeCoder<mode> &coder, Room room) : coder_(coder), room_(room) {}
+    // Memory of what is decoded is counted in `taken`.
+    AttributeCoder(RangeCoder<mode> &coder, TakenMemory &taken)
+        : coder_(coder), taken_(taken), for_a_while_(taken.another()) {}
 
     i64 code_count(i64 attributes) { return number(of_part, attributes); }
 
@@ -172,7 +154,7 @@ private:
     i64 number(Field field, i64 value) { return numbers_[field].code(coder_, value); }
 
     std::string text(std::string_view value) {
-        return texts_.code_text(coder_, value, [this](i64 size) { room_.take(size, "texts of many bytes"); });
+        return texts_.code_text(coder_, value, [this](i64 size) { taken_.take(size, "texts of many bytes"); });
     }
 
     AttributeHead code_head(const AttributeHead &head) {
@@ -188,7 +170,7 @@ private:
         const i64 labels = number(of_labels, static_cast<i64>(head.labels.size()));
         for (i64 label = 0; label < labels; ++label) {
             if constexpr (mode == Mode::decode) {
-                room_.take(bytes_per_label, "texts of many bytes");
+                taken_.take(bytes_per_label, "texts of many bytes");
                 found.labels.push_back(text(""));
             } else {
                 found.labels.push_back(text(head.labels[label]));
@@ -205,9 +187,10 @@ private:
         }
         if constexpr (mode == Mode::decode) {
             const i64 numbers = product(largest, head.channels()), indices = head.rule == not_indexed ? 0 : count;
-            room_.take(bytes_per_attribute + product(numbers, head.kind > raw ? 8 : 4) + 4 * indices, what);
+            taken_.take(bytes_per_attribute + product(numbers, head.kind > raw ? 8 : 4) + 4 * indices, what);
             const i64 peak = bytes_per_corner * mesh.corners() + bytes_per_element * largest;
-            room_.check(peak + product(numbers, bytes_per_number), what);
+            for_a_while_.keep(0);
+            for_a_while_.take(peak + product(numbers, bytes_per_number), what);
         }
         coder_.check_not_ended();
     }
@@ -329,7 +312,7 @@ private:
         table.is_complete = number(of_complete, table.is_complete) != 0;
         const i64 size = number(of_table, static_cast<i64>(table.entries.size()));
         if constexpr (mode == Mode::decode) {
-            room_.check(8 * size, "a table of " + std::to_string(size) + " values");
+            for_a_while_.take(8 * size, "a table of " + std::to_string(size) + " values");
             table.entries.resize(size);
         }
         constexpr const char *broken = "has a table that does not fit its values";
@@ -379,7 +362,8 @@ private:
     }
 
     RangeCoder<mode> &coder_;
-    Room room_;
+    TakenMemory &taken_;
+    TakenMemory for_a_while_;  // while one attribute is decoded
     std::array<NumberModel, fields> numbers_;
     TextModel texts_{true};
     std::optional<TextModel> bytes_;
@@ -395,7 +379,8 @@ private:
 std::vector<u8> encode_attributes(std::span<const AttributedPart> parts, std::span<const GridPoint> grid,
                                   const AttributeSettings &settings) {
     RangeCoder<Mode::encode> coder;
-    AttributeCoder<Mode::encode> attributes(coder, Room(immense));
+    TakenMemory not_counted;
+    AttributeCoder<Mode::encode> attributes(coder, not_counted);
     for (const AttributedPart &part : parts) {
         const std::size_t vertices = static_cast<std::size_t>(part.connectivity.vertices);
         AttributeMesh mesh(part.connectivity, grid.first(vertices));
@@ -408,11 +393,11 @@ std::vector<u8> encode_attributes(std::span<const AttributedPart> parts, std::sp
 }
 
 std::vector<std::vector<Attribute>> decode_attributes(std::span<const u8> data, std::span<const ConnectivityView> parts,
-                                                      std::span<const GridPoint> grid, i64 most_bytes) {
+                                                      std::span<const GridPoint> grid, TakenMemory &taken) {
     RangeCoder<Mode::decode> coder(data);
     std::vector<std::vector<Attribute>> found;
     try {
-        AttributeCoder<Mode::decode> attributes(coder, Room(most_bytes));
+        AttributeCoder<Mode::decode> attributes(coder, taken);
         for (const ConnectivityView &part : parts) {
             const std::size_t vertices = static_cast<std::size_t>(part.vertices);
             AttributeMesh mesh(part, grid.first(vertices));

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "attributes/attribute_mesh.hpp"
+#include "memory/memory_limit.hpp"
 
 namespace pdeanim {
 
@@ -63,8 +64,8 @@ std::vector<u8> encode_attributes(std::span<const AttributedPart> parts, std::sp
                                   const AttributeSettings &settings);
 
 // The attributes of each part. CorruptError where the section is damaged, LimitError where all attributes together need
-// more than `most_bytes`.
+// more than is left; what they take in the end is counted in `taken`.
 std::vector<std::vector<Attribute>> decode_attributes(std::span<const u8> data, std::span<const ConnectivityView> parts,
-                                                      std::span<const GridPoint> grid, i64 most_bytes);
+                                                      std::span<const GridPoint> grid, TakenMemory &taken);
 
 }  // namespace pdeanim

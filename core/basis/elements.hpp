@@ -50,6 +50,14 @@ public:
     // zero.
     void make(i64 element, i64 affine, i64 count);
 
+    // Memory that it takes for elements of so many points and functions at most.
+    static u64 bytes(i64 points, i64 functions) {
+        constexpr i64 coordinates = 9;  // of a point: on the grid, local ones, and these as they are multiplied
+        constexpr i64 padding = cache_line / sizeof(double);
+        const i64 columns = least(functions, points) + OrthonormalFunctions::columns_at_once + coordinates;
+        return sizeof(double) * static_cast<u64>((points + padding) * columns);
+    }
+
     const double *function(i64 k) const { return functions_.function(k); }
     Strided<double> functions() const { return functions_.all(); }
     double nearest() const { return functions_.nearest; }

@@ -89,6 +89,7 @@ SpaceLayout::SpaceLayout(const SpaceForm &form, std::shared_ptr<const Patches> p
     for (i64 e = 0; e < elements(); ++e) {
         coefficient_starts_[e + 1] = coefficient_starts_[e] + least(patches_->size(e), most) - affine(e);
     }
+    subbands_ = make_subbands();
 }
 
 SpaceLayout SpaceLayout::of_bytes(const SpaceForm &form, std::shared_ptr<const Patches> patches,
@@ -113,7 +114,7 @@ std::vector<u8> SpaceLayout::to_bytes() const {
     return coder.finish();
 }
 
-SubbandTable SpaceLayout::subbands() const {
+SubbandTable SpaceLayout::make_subbands() const {
     const Patches &patches = *patches_;
     std::vector<i64> depth(nodes()), above(nodes());
     SubbandTable found{{0}, {0}, {0}};

@@ -69,14 +69,17 @@ public:
     // Where a node's wavelets begin among the functions.
     i64 first_wavelet(i64 node) const { return wavelet_starts_[node]; }
 
-    SubbandTable subbands() const;
+    const SubbandTable &subbands() const { return subbands_; }
 
 private:
+    SubbandTable make_subbands() const;
+
     SpaceForm form_;
     std::shared_ptr<const Patches> patches_;
     std::vector<u8> local_, masks_;
     std::vector<i64> affine_;  // affine functions of each node, elements included
     std::vector<i64> wavelet_starts_, coefficient_starts_;
+    SubbandTable subbands_;
 };
 
 }  // namespace pdeanim

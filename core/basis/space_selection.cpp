@@ -4,7 +4,7 @@ namespace pdeanim {
 
 SpaceSelection::SpaceSelection(const SpaceLayout &layout, std::span<const i64> subbands)
     : tree_rows(layout.tree_functions(), -1), element_rows(layout.elements(), -1), has_elements(layout.nodes()) {
-    const SubbandTable all = layout.subbands();
+    const SubbandTable &all = layout.subbands();
     const i64 first_element = static_cast<i64>(all.kinds.size()) - layout.elements();
     for (const i64 subband : subbands) {
         const i64 begin = all.starts[subband], end = all.starts[subband + 1];

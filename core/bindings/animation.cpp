@@ -88,7 +88,7 @@ std::unique_ptr<Source> source_of(const nb::object &file) {
 class PyAnimation {
 public:
     PyAnimation(nb::object file, u64 max_memory, int threads, i64 kept_bytes)
-        : file_(std::move(file)), max_memory_(max_memory), options_{threads, kept_bytes}, opened_(open()) {}
+        : file_(std::move(file)), max_memory_(max_memory), options_{threads, kept_bytes, {}}, opened_(open()) {}
     PyAnimation(PyAnimation &whole, std::size_t run)
         : file_(whole.file_), max_memory_(whole.max_memory_), options_(whole.options_), run_(run) {
         const Opened own = whole.opened();
@@ -352,7 +352,10 @@ nb::object fields(PyAnimation &self, std::size_t index) {
 
 nb::tuple corrections(PyAnimation &self, std::size_t group) {
     group_of(self, group);
-    const std::vector<Correction> found = self.with([&](Animation &own) { return own.corrections(group); });
+    const std::vector<Correction> found = self.with([&](Animation &own) {
+        TakenMemory taken;
+        return own.corrections(group, taken);
+    });
     std::vector<i64> frames;
     std::vector<i32> vertices;
     std::vector<float> offsets;

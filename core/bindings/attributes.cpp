@@ -124,7 +124,9 @@ nb::list py_decode_attributes(const nb::bytes &data, const nb::list &parts, cons
     std::vector<std::vector<Attribute>> decoded;
     {
         nb::gil_scoped_release release;
-        decoded = decode_attributes(view(data), views, points_of(grid), most_bytes);
+        MemoryLimit limit(static_cast<u64>(most_bytes));
+        TakenMemory taken(limit);
+        decoded = decode_attributes(view(data), views, points_of(grid), taken);
     }
     return to_list(std::make_shared<const std::vector<std::vector<Attribute>>>(std::move(decoded)));
 }

@@ -93,7 +93,9 @@ nb::object py_reference_distances(const Residuals &residuals) {
 Residuals py_decode(const nb::bytes &data, i64 frames, const Flat<i64> &starts, i64 most_bytes) {
     if (frames < 0 || frames >= i64{1} << 31) throw ArgumentError("frames must be a number of frames");
     nb::gil_scoped_release release;
-    return decode_residuals(view(data), frames, patches_of(starts), most_bytes);
+    MemoryLimit limit(static_cast<u64>(most_bytes));
+    TakenMemory taken(limit);
+    return decode_residuals(view(data), frames, patches_of(starts), taken);
 }
 
 Residuals py_quantise(const Frames<const float> &points, const Frames<const double> &base, const Flat<i32> &order,

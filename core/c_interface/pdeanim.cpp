@@ -18,12 +18,15 @@ using namespace pdeanim;
 struct pdeanim_animation {
     pdeanim_animation(std::shared_ptr<const File> whole, const Animation::Options &chosen)
         : file(std::move(whole)), options(chosen) {
+        options.cancels = std::make_shared<std::atomic<u64>>(0);
         if (file->runs().size() == 1) animation = std::make_unique<Animation>(file, run, options);
     }
 
     pdeanim_animation(const pdeanim_animation &whole, std::size_t of_it)
-        : file(whole.file), options(whole.options), run(whole.animation ? whole.run : of_it),
-          animation(std::make_unique<Animation>(file, run, options)) {}
+        : file(whole.file), options(whole.options), run(whole.animation ? whole.run : of_it) {
+        options.cancels = std::make_shared<std::atomic<u64>>(0);
+        animation = std::make_unique<Animation>(file, run, options);
+    }
 
     // The run; ArgumentError where there are several.
     Animation &only() {
@@ -39,12 +42,13 @@ struct pdeanim_animation {
     std::size_t run = 0;
     std::unique_ptr<Animation> animation;
     std::vector<std::vector<std::vector<const char *>>> labels;  // of each object's attributes
-    std::vector<pdeanim_correction> corrections;                 // of the group that was asked for last
+    i64 corrected_group = -1;                                    // the one that was asked for last
+    std::vector<pdeanim_correction> corrections;                 // of it
+    TakenMemory of_corrections;
 
     // Of several runs:
     std::mutex lock;
     std::optional<std::vector<u8>> remarks;
-    std::atomic<bool> is_cancelled = false;
 };
 
 namespace {
@@ -183,10 +187,7 @@ pdeanim_status pdeanim_open_run(const pdeanim_animation *animation, int64_t run,
 
 void pdeanim_close(pdeanim_animation *animation) { delete animation; }
 
-void pdeanim_cancel(pdeanim_animation *animation) {
-    if (animation->animation) animation->animation->cancel();
-    animation->is_cancelled = true;
-}
+void pdeanim_cancel(pdeanim_animation *animation) { ++*animation->options.cancels; }
 
 int64_t pdeanim_frame_count(const pdeanim_animation *animation) {
     return animation->animation ? animation->animation->frames() : animation->file->frames();
@@ -375,10 +376,19 @@ pdeanim_status pdeanim_corrections(pdeanim_animation *handle, int64_t group, con
         Animation &animation = handle->only();
         check_index(group, pdeanim_group_count(handle), "group");
         const auto lock = animation.locked();
-        handle->corrections.clear();
-        for (const Correction &found : animation.corrections(static_cast<std::size_t>(group))) {
-            const auto &[x, y, z] = found.offset;
-            handle->corrections.push_back({static_cast<int32_t>(found.frame), found.vertex, {x, y, z}});
+        if (handle->corrected_group != group) {
+            handle->corrected_group = -1;
+            handle->corrections = {};
+            handle->of_corrections = TakenMemory();
+            TakenMemory taken;
+            const std::vector<Correction> found = animation.corrections(static_cast<std::size_t>(group), taken);
+            handle->of_corrections = taken.another();
+            handle->of_corrections.take(sizeof(pdeanim_correction) * found.size(), "corrections of a group of frames");
+            handle->corrections.reserve(found.size());
+            for (const auto &[frame, vertex, offset] : found) {
+                handle->corrections.push_back({frame, vertex, {offset[0], offset[1], offset[2]}});
+            }
+            handle->corrected_group = group;
         }
         *corrections = handle->corrections.data();
         *count = static_cast<int64_t>(handle->corrections.size());
@@ -413,11 +423,13 @@ pdeanim_status pdeanim_verify(pdeanim_animation *animation, pdeanim_error *error
             animation->animation->verify();
             return;
         }
+        const std::atomic<u64> &cancels = *animation->options.cancels;
+        const u64 before = cancels;
         animation->file->container().verify();
-        animation->is_cancelled = false;
         for (std::size_t run = 0; run < animation->file->runs().size(); ++run) {
-            if (animation->is_cancelled) throw CancelledError();
-            Animation(animation->file, run, animation->options).verify();
+            Animation own(animation->file, run, animation->options);
+            if (cancels != before) throw CancelledError();
+            own.verify();
         }
     });
 }

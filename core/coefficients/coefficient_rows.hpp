@@ -5,9 +5,11 @@
 
 #include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "arithmetic.hpp"
+#include "memory/memory_limit.hpp"
 
 namespace pdeanim {
 
@@ -17,7 +19,10 @@ using QuantisedRows = std::span<const std::span<const i64>>;
 class CoefficientRows {
 public:
     // Rows of no numbers; a row takes memory for a multiple of `block` numbers, and zeros follow its own there.
-    CoefficientRows(i64 rows, i64 block) : block_(block), rows_(rows) {}
+    CoefficientRows(i64 rows, i64 block, TakenMemory taken) : taken_(std::move(taken)), block_(block) {
+        taken_.take(sizeof(rows_[0]) * static_cast<u64>(rows), what);
+        rows_.resize(rows);
+    }
 
     QuantisedRows all() const { return rows_; }
     std::span<const i64> operator[](i64 row) const { return rows_[row]; }
@@ -34,6 +39,7 @@ public:
         const i64 wide = width(count), needed = (end - first) * wide;
         if (needed > left_) {
             left_ = most(needed, piece);
+            taken_.take(sizeof(i64) * static_cast<u64>(left_), what);
             pieces_.push_back(std::make_unique<i64[]>(left_));
             next_ = pieces_.back().get();
         }
@@ -47,7 +53,9 @@ public:
 
 private:
     static constexpr i64 piece = 1 << 13;  // numbers that memory is taken for at once: they fit into the nearest caches
+    static constexpr const char *what = "coefficients of a group of frames";
 
+    TakenMemory taken_;
     i64 block_, left_ = 0;
     i64 *next_ = nullptr;
     std::vector<std::span<const i64>> rows_;

@@ -250,8 +250,8 @@ class CoefficientDecoder::State : public CoefficientCoder<Mode::decode> {
     using CoefficientCoder::CoefficientCoder;
 };
 
-CoefficientDecoder::CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data)
-    : rows_(layout.rows, block_size(layout)) {
+CoefficientDecoder::CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data, TakenMemory taken)
+    : rows_(layout.rows, block_size(layout), std::move(taken)) {
     layout.check();
     if (!data.empty()) state_ = std::make_unique<State>(layout, rows_, RangeCoder<Mode::decode>(data));
 }

@@ -45,8 +45,9 @@ double measure_coefficients(const CoefficientLayout &layout, std::span<const i64
 // Undoes `encode_coefficients` some subbands at a time, so that others may go on with those while the next are decoded.
 class CoefficientDecoder {
 public:
-    // The layout's arrays and the data must outlive it; it stays where it is.
-    CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data);
+    // The layout's arrays and the data must outlive it; it stays where it is. LimitError, here or later, where rows take
+    // more than is left.
+    CoefficientDecoder(const CoefficientLayout &layout, std::span<const u8> data, TakenMemory taken = {});
     ~CoefficientDecoder();
 
     // Decode the rows of the subbands up to `end` - 1 that are not there yet; CorruptError where the bytes hold a number

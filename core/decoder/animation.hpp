@@ -46,8 +46,7 @@ struct Reference {
 
 // What a vertex at a frame lacks, if it is not what the model decodes to.
 struct Correction {
-    i64 frame;
-    i32 vertex;
+    i32 frame, vertex;
     std::array<float, 3> offset;  // [scene units]
 };
 
@@ -62,9 +61,13 @@ class Animation {
 public:
     static constexpr i64 usual_kept = i64{512} << 20;
 
+    // How often `cancel` was called.
+    using Cancels = std::shared_ptr<std::atomic<u64>>;
+
     struct Options {
         int threads = 0;              // 0: one a processor
         i64 kept_bytes = usual_kept;  // of decoded groups at most, where times go back to them
+        Cancels cancels;              // of others that are cancelled together with it; its own where there are none
     };
 
     // Read the headers of a run. CorruptError or LimitError where it is not sound, or asks for more than the file leaves.
@@ -116,8 +119,8 @@ public:
     // Fields of one group [scene units]: out is (functions, vertices, axes), with 1 axis or 3.
     void fields(std::size_t group, std::span<float> out);
 
-    // What the model lacks at the frames of one group, frame after frame.
-    std::vector<Correction> corrections(std::size_t group);
+    // What the model lacks at the frames of one group, frame after frame. `taken`: memory that they take, from now on.
+    std::vector<Correction> corrections(std::size_t group, TakenMemory &taken);
 
     // The element, a patch or a piece of a curve, that each vertex belongs to.
     std::vector<i32> elements();
@@ -129,18 +132,19 @@ public:
     std::unique_lock<std::recursive_mutex> locked() { return std::unique_lock(lock_); }
 
     // Make calls that are under way end with a CancelledError; later ones go on as if nothing had been.
-    void cancel() { ++cancels_; }
+    void cancel() { ++*cancels_; }
 
 private:
     // Groups, and what their functions of time count at a time.
     using CountingGroups = std::vector<std::pair<std::size_t, std::vector<double>>>;
 
-    void take(u64 bytes, const std::string &what);
     std::unique_lock<std::recursive_mutex> begin_call();
     void check_cancelled() const;
     std::vector<ConnectivityView> views();
-    u64 motion_bytes(u64 channels, u64 time_values) const;
-    void take_motion();
+    TakenMemory begin_group(std::size_t index);
+    u64 expected_bytes(std::size_t index) const;
+    void make_room(u64 bytes);
+    void give_up_oldest();
     void decode_ahead(std::span<const double> sorted);
     bool is_kept(std::size_t index) const;
 
@@ -150,11 +154,12 @@ private:
     const DecodedGroup &group(std::size_t index);
     struct Early;
     bool says_welds() const;
+    TakenMemory take_elements(const Patches &patches);
     std::shared_ptr<const SpaceLayout> layout_of(std::shared_ptr<const Patches> patches) const;
     std::shared_ptr<Early> begin_early(GroupsAhead *ahead);
     const SpaceBasis &space(GroupsAhead *ahead);
     std::unique_ptr<GroupsAhead> begin_ahead(std::span<const std::size_t> groups);
-    DecodedGroup decode(std::span<const std::size_t> groups, std::size_t k, GroupsAhead &ahead, int threads) const;
+    DecodedGroup decode(std::size_t index, TakenMemory taken, std::size_t k, GroupsAhead &ahead, int threads) const;
     void keep(std::size_t index, DecodedGroup group);
     ResidualScale residual_scale();
     template <class Real> const AnchoredReference<Real> &anchored();
@@ -184,7 +189,7 @@ private:
 
     std::shared_ptr<const File> file_;
     Container container_;
-    u64 max_memory_, left_;
+    MemoryLimit memory_;
     int threads_;
     i64 kept_limit_, most_kept_;  // at most ever, and for now
     SequenceDescription sequence_;
@@ -193,15 +198,16 @@ private:
     std::optional<GroupTable> table_;
     Model model_;
     std::recursive_mutex lock_;
-    std::atomic<u64> cancels_ = 0;  // how often `cancel` was called,
-    u64 cancels_before_ = 0;        // and how often before the call that holds the lock began
+    Cancels cancels_;
+    u64 cancels_before_ = 0;  // before the call that holds the lock began
 
     std::optional<std::vector<std::string>> names_;
     std::shared_ptr<const std::vector<Connectivity>> connectivity_;
     std::optional<Reference> reference_;
     std::shared_ptr<const std::vector<std::vector<Attribute>>> attributes_;
+    TakenMemory of_attributes_;
     std::unique_ptr<SpaceBasis> space_;
-    bool has_motion_memory_ = false;
+    TakenMemory of_elements_;
     std::optional<AnchoredReference<float>> anchored_single_;  // of the reference frame, for groups of either precision
     std::optional<AnchoredReference<double>> anchored_double_;
     std::optional<std::vector<u8>> remarks_;

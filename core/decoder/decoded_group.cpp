@@ -39,17 +39,17 @@ std::vector<double> cosines(i64 frames, i64 functions) {
 }
 
 template <class Real> DecodedGroup decode_in(const Group &group, const Chunks &chunks, const SpaceBasis &space,
-                                             std::span<const double> times, i64 most_bytes, int threads,
+                                             std::span<const double> times, TakenMemory taken, int threads,
                                              const GroupBegun &begun) {
     std::optional<GroupCoefficients> own;
-    if (!begun.coefficients) own.emplace(group, chunks[1], space.tree().layout());
+    if (!begun.coefficients) own.emplace(group, chunks[1], space.tree().layout(), taken.another());
     GroupCoefficients &coefficients = own ? *own : *begun.coefficients;
-    Motion<Real> motion(space, group.functions, group.axes(), group.step);
+    Motion<Real> motion(space, group.functions, group.axes(), group.step, taken.another());
     std::vector<double> time;
     Residuals residuals;
     const auto decode_rest = [&] {
         time = functions_of_time(group, times, begun.values());
-        residuals = decode_residuals(chunks[2], group.frames, space.elements().patches->starts, most_bytes);
+        residuals = decode_residuals(chunks[2], group.frames, space.elements().patches->starts, taken);
     };
     std::exception_ptr failure;
     if (threads < 2) {
@@ -80,14 +80,14 @@ template <class Real> DecodedGroup decode_in(const Group &group, const Chunks &c
     }
     if (failure) std::rethrow_exception(failure);
     motion.end();
-    return {group, std::move(time), std::move(motion), std::move(residuals)};
+    taken.keep(sizeof(double) * time.size() + static_cast<u64>(residuals.bytes()));
+    return {group, std::move(time), std::move(motion), std::move(residuals), std::move(taken)};
 }
 
 }  // namespace
 
 i64 DecodedGroup::bytes() const {
-    return static_cast<i64>(sizeof(double) * time.size()) + residuals.bytes() +
-           std::visit([](const auto &own) { return own.bytes(); }, motion);
+    return static_cast<i64>(taken.bytes() + std::visit([](const auto &own) { return own.taken().bytes(); }, motion));
 }
 
 std::vector<double> functions_of_time(const Group &group, std::span<const double> times, std::vector<double> values) {
@@ -111,14 +111,16 @@ std::vector<double> decode_group_times(const Group &group, std::span<const u8> c
 }
 
 DecodedGroup decode_group(const Group &group, const Chunks &chunks, const SpaceBasis &space,
-                          std::span<const double> times, i64 most_bytes, int threads, const GroupBegun &begun) {
+                          std::span<const double> times, TakenMemory taken, int threads, const GroupBegun &begun) {
     const auto decode = group.is_single ? &decode_in<float> : &decode_in<double>;
-    return decode(group, chunks, space, times, most_bytes, threads, begun);
+    return decode(group, chunks, space, times, std::move(taken), threads, begun);
 }
 
-std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space) {
-    const SubbandTable subbands = space.layout().subbands();
-    CoefficientDecoder decoder({view_of(subbands), space.functions(), group.channels(), group.axes()}, chunk);
+std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space,
+                                       TakenMemory taken) {
+    const SubbandTable &subbands = space.layout().subbands();
+    CoefficientDecoder decoder({view_of(subbands), space.functions(), group.channels(), group.axes()}, chunk,
+                               std::move(taken));
     decoder.decode(static_cast<i64>(subbands.kinds.size()));
     decoder.finish();
     std::vector<double> found(space.functions() * group.channels());

@@ -15,6 +15,7 @@
 namespace pdeanim {
 
 struct DecodedGroup {
+    // Memory that is counted for it.
     i64 bytes() const;
 
     // Functions of time at some of its frames in a row, the first one numbered as in the clip.
@@ -27,6 +28,7 @@ struct DecodedGroup {
     std::vector<double> time;  // functions of time at the frames, (frames, time axes, functions)
     std::variant<Motion<float>, Motion<double>> motion;  // in the precision of the group's sums
     Residuals residuals;
+    TakenMemory taken;  // for functions of time and residuals
 };
 
 // Functions of time at the frames of a group, (frames, axes, functions): as many axes as they have values at a frame.
@@ -42,12 +44,13 @@ struct GroupBegun {
     GroupCoefficients *coefficients = nullptr;    // which another thread decodes; none where nobody does
 };
 
-// Decode the chunks of a group. CorruptError where one is damaged, LimitError where residuals take more than `most_bytes`.
-// Coefficients are decoded while another thread is busy with the rest.
+// Decode the chunks of a group. CorruptError where one is damaged, LimitError where it takes more than is left; `taken` has
+// what its chunks and functions of time take. Coefficients are decoded while another thread is busy with the rest.
 DecodedGroup decode_group(const Group &group, const Chunks &chunks, const SpaceBasis &space,
-                          std::span<const double> times, i64 most_bytes, int threads, const GroupBegun &begun);
+                          std::span<const double> times, TakenMemory taken, int threads, const GroupBegun &begun);
 
 // The coefficients of a group [scene units]: (functions of space, functions of time, axes).
-std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space);
+std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space,
+                                       TakenMemory taken);
 
 }  // namespace pdeanim

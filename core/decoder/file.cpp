@@ -23,16 +23,11 @@ bool is_of_groups(std::string_view type) { return type == "TIME" || type == "COE
 
 }  // namespace
 
-void refuse_memory(const std::string &what, u64 bytes, u64 limit) {
-    throw LimitError("declares " + what + ", about " + std::to_string(bytes) + " bytes to decode; the limit is " +
-                     std::to_string(limit) + "; raise it if you trust the file");
-}
-
 File::File(std::unique_ptr<Source> source, u64 max_memory)
-    : source_(std::move(source)), container_(*source_), max_memory_(max_memory), left_(max_memory) {
+    : source_(std::move(source)), container_(*source_), memory_(max_memory) {
     container_.check_known();
-    sequence_ = SequenceDescription::of_bytes(container_.read("SEQN"), static_cast<i64>(max_memory_ / bytes_per_frame));
-    take(bytes_per_frame * frames(), std::to_string(frames()) + " frames");
+    sequence_ = SequenceDescription::of_bytes(container_.read("SEQN"), static_cast<i64>(max_memory / bytes_per_frame));
+    memory_.take(bytes_per_frame * frames(), std::to_string(frames()) + " frames");
     if (container_.find(table)) {
         read_runs();
         return;
@@ -47,11 +42,6 @@ File::File(std::unique_ptr<Source> source, u64 max_memory)
     runs_.push_back({.first = 0, .frames = frames()});
 }
 
-void File::take(u64 bytes, const std::string &what) {
-    if (bytes > left_) refuse_memory(what, bytes + max_memory_ - left_, max_memory_);
-    left_ -= bytes;
-}
-
 void File::read_runs() {
     for (const std::string_view type : of_run) {
         if (const SectionEntry *found = container_.find(type)) {
@@ -59,7 +49,7 @@ void File::read_runs() {
         }
     }
     const std::size_t count = sequence_.run_frames.size();
-    take(bytes_per_run * count, std::to_string(count) + " runs of frames");
+    memory_.take(bytes_per_run * count, std::to_string(count) + " runs of frames");
     sequence_.names(0, [](i64) {});  // runs have their own
     const std::vector<u8> bytes = container_.read(table);
     FieldReader fields(bytes, "RUNS");

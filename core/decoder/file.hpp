@@ -10,6 +10,7 @@
 
 #include "decoder/container.hpp"
 #include "decoder/sequence.hpp"
+#include "memory/memory_limit.hpp"
 
 namespace pdeanim {
 
@@ -35,8 +36,8 @@ public:
     const std::vector<Run> &runs() const { return runs_; }
     i64 frames() const { return static_cast<i64>(sequence_.times.size()); }
 
-    u64 max_memory() const { return max_memory_; }
-    u64 memory_left() const { return left_; }  // for what is decoded
+    // What it leaves for what is decoded of a run.
+    const MemoryLimit &memory() const { return memory_; }
 
     // The run that holds at a time [s]: the last one whose first frame is not after it, else the first.
     std::size_t run_at(double time) const;
@@ -49,17 +50,13 @@ public:
     SequenceDescription sequence_of(std::size_t run) const;
 
 private:
-    void take(u64 bytes, const std::string &what);
     void read_runs();
 
     std::unique_ptr<Source> source_;
     Container container_;
-    u64 max_memory_, left_;
+    MemoryLimit memory_;
     SequenceDescription sequence_;
     std::vector<Run> runs_;
 };
-
-// Refuse what a file declares for the memory [bytes] that it takes in all.
-[[noreturn]] void refuse_memory(const std::string &what, u64 bytes, u64 limit);
 
 }  // namespace pdeanim

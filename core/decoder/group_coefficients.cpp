@@ -13,13 +13,14 @@ constexpr i64 subbands_at_once = 16;  // before it looks whether they are still 
 Subbands view_of(const SubbandTable &table) { return {table.starts, table.kinds, table.parents}; }
 
 GroupCoefficients::GroupCoefficients(const Group &group, std::span<const u8> chunk,
-                                     std::shared_ptr<const SpaceLayout> layout)
-    : layout_(std::move(layout)), subbands_(layout_->subbands()),
-      decoder_({view_of(subbands_), layout_->functions(), group.channels(), group.axes()}, chunk) {}
+                                     std::shared_ptr<const SpaceLayout> layout, TakenMemory taken)
+    : layout_(std::move(layout)),
+      decoder_({view_of(layout_->subbands()), layout_->functions(), group.channels(), group.axes()}, chunk,
+               std::move(taken)) {}
 
 void GroupCoefficients::decode() noexcept {
     const i64 elements = layout_->elements();
-    const i64 others = static_cast<i64>(subbands_.kinds.size()) - elements;
+    const i64 others = static_cast<i64>(layout_->subbands().kinds.size()) - elements;
     const i64 cuts = least(parts, elements);
     try {
         for (i64 part = 0; part < cuts; ++part) {

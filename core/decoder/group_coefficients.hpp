@@ -21,8 +21,9 @@ Subbands view_of(const SubbandTable &table);
 
 class GroupCoefficients {
 public:
-    // The chunk of section COEF must outlive it.
-    GroupCoefficients(const Group &group, std::span<const u8> chunk, std::shared_ptr<const SpaceLayout> layout);
+    // The chunk of section COEF must outlive it. Memory of the coefficients is counted in `taken`.
+    GroupCoefficients(const Group &group, std::span<const u8> chunk, std::shared_ptr<const SpaceLayout> layout,
+                      TakenMemory taken);
 
     // Decode all, once. What goes wrong comes to those who take.
     void decode() noexcept;
@@ -44,7 +45,6 @@ private:
     template <class Real> void take_tree(Motion<Real> &motion);
 
     std::shared_ptr<const SpaceLayout> layout_;
-    SubbandTable subbands_;
     CoefficientDecoder decoder_;
     std::mutex lock_;
     std::condition_variable changed_;

@@ -35,6 +35,9 @@ struct Group {
 
     // Channels: coefficients of one function of space.
     i64 channels() const { return functions * axes(); }
+
+    // Of its chunks.
+    u64 bytes() const { return sizes[0] + sizes[1] + sizes[2]; }
 };
 
 // The bytes of a group in TIME, COEF and CORR.

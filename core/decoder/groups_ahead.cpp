@@ -72,11 +72,12 @@ void GroupsAhead::do_inserted() {
     if (task) task();
 }
 
-GroupCoefficients *GroupsAhead::make_coefficients(std::shared_ptr<const SpaceLayout> layout) {
+GroupCoefficients *GroupsAhead::make_coefficients(std::shared_ptr<const SpaceLayout> layout, TakenMemory taken) {
     const Chunks *read = chunks(0);
     if (!read) return nullptr;
     const std::span<const u8> chunk = (*read)[1];
-    coefficients_ = std::make_unique<GroupCoefficients>(table_->groups()[groups_[0]], chunk, std::move(layout));
+    coefficients_ =
+        std::make_unique<GroupCoefficients>(table_->groups()[groups_[0]], chunk, std::move(layout), std::move(taken));
     return coefficients_.get();
 }
 

@@ -37,7 +37,7 @@ public:
 
     // The coefficients of the first group, which whoever calls this, from a task, then decodes; nothing where it cannot be
     // read.
-    GroupCoefficients *make_coefficients(std::shared_ptr<const SpaceLayout> layout);
+    GroupCoefficients *make_coefficients(std::shared_ptr<const SpaceLayout> layout, TakenMemory taken);
 
     // Those of the k-th group, if they have been made.
     GroupCoefficients *coefficients(std::size_t k) const {

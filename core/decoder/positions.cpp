@@ -356,8 +356,9 @@ void Animation::evaluate(Quantity quantity, std::span<const double> asked, std::
         evaluate_all(quantity, asked, out);
         return;
     }
-    // As many times at once as fit in the memory that groups are kept in at first.
-    const std::size_t at_once = most<std::size_t>(kept_at_first() / (sizeof(float) * whole), 1);
+    // As many times at once as fit in the memory that groups are kept in at first, and in a part of what is left.
+    const u64 room = least(static_cast<u64>(kept_at_first()), memory_.left() / 4);
+    const std::size_t at_once = most<std::size_t>(room / (sizeof(float) * whole), 1);
     std::vector<float> rows;
     for (std::size_t first = 0; first < order.size(); first += at_once) {
         const std::size_t count = least(at_once, order.size() - first);

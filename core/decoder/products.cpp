@@ -109,10 +109,13 @@ void Animation::fields(std::size_t index, std::span<float> out) {
     }
 }
 
-std::vector<Correction> Animation::corrections(std::size_t index) {
+std::vector<Correction> Animation::corrections(std::size_t index, TakenMemory &taken) {
     const auto guard = begin_call();
     const Group &own = table_->groups()[index];
+    const u64 bytes = sizeof(Correction) * static_cast<u64>(group(index).residuals.count());
+    taken = TakenMemory(memory_, bytes, "corrections of a group of frames");
     std::vector<Correction> found;
+    found.reserve(group(index).residuals.count());
     std::vector<std::array<double, 3>> offsets(vertices());
     const ResidualScale scale = residual_scale();
     for (i64 frame = own.first; frame < own.first + own.frames; ++frame) {
@@ -128,7 +131,7 @@ std::vector<Correction> Animation::corrections(std::size_t index) {
         std::set_difference(residuals.begin(), residuals.end(), raw.begin(), raw.end(), std::back_inserter(places));
         for (const i32 place : places) {
             const i32 vertex = scale.order[place];
-            Correction &added = found.emplace_back(Correction{frame, vertex, {}});
+            Correction &added = found.emplace_back(Correction{static_cast<i32>(frame), vertex, {}});
             for (int axis = 0; axis < 3; ++axis) added.offset[axis] = static_cast<float>(offsets[vertex][axis]);
         }
     }

@@ -9,6 +9,9 @@ namespace pdeanim {
 
 namespace {
 
+// Peak memory of an element: its node and the one above, their functions, how the two go together, the reference frame.
+constexpr u64 bytes_per_element = 2048;
+
 // Of the memory that is left, functions of space are kept where they take no more than one of so many shares.
 constexpr u64 memory_shares = 8;
 
@@ -27,9 +30,18 @@ std::shared_ptr<const SpaceLayout> Animation::layout_of(std::shared_ptr<const Pa
     return std::make_shared<const SpaceLayout>(SpaceLayout::of_bytes(model_.form, std::move(patches), model_.layout));
 }
 
+// What they take, and the making of their functions by each thread.
+TakenMemory Animation::take_elements(const Patches &patches) {
+    i64 largest = 0;
+    for (i64 e = 0; e < patches.count(); ++e) largest = most(largest, patches.size(e));
+    const u64 making = ElementFunctions::bytes(largest, model_.form.functions) * static_cast<u64>(threads_);
+    return TakenMemory(memory_, bytes_per_element * static_cast<u64>(patches.count()) + making, "patches of vertices");
+}
+
 // Patches as they are unless vertices coincide, made beside the reference frame; then go on with coefficients.
 struct Animation::Early {
     std::shared_ptr<Patches> patches;  // none where a vertex has no neighbour
+    TakenMemory taken;
     std::shared_ptr<const SpaceLayout> layout;
     std::exception_ptr failure;
     std::latch made{1};
@@ -44,8 +56,13 @@ std::shared_ptr<Animation::Early> Animation::begin_early(GroupsAhead *ahead) {
         GroupCoefficients *coefficients = nullptr;
         try {
             own->patches = early_patches(parts, model_.form.points);
-            if (own->patches) own->layout = layout_of(own->patches);
-            if (own->layout && ahead) coefficients = ahead->make_coefficients(own->layout);
+            if (own->patches) {
+                own->taken = take_elements(*own->patches);
+                own->layout = layout_of(own->patches);
+            }
+            if (own->layout && ahead) {
+                coefficients = ahead->make_coefficients(own->layout, own->taken.another());
+            }
         } catch (const CorruptError &) {
             // They may not be the patches.
         } catch (...) {
@@ -66,7 +83,6 @@ std::shared_ptr<Animation::Early> Animation::begin_early(GroupsAhead *ahead) {
 const SpaceBasis &Animation::space(GroupsAhead *ahead) {
     const std::lock_guard guard(lock_);
     if (!space_) {
-        take_motion();
         const SpaceForm &form = model_.form;
         const std::vector<ConnectivityView> parts = views();
         std::shared_ptr<const SpaceLayout> layout;
@@ -81,19 +97,23 @@ const SpaceBasis &Animation::space(GroupsAhead *ahead) {
                 build_patches(parts, reference().grid, form.points, early ? early->patches : nullptr);
             if (early && early->layout && patches == early->patches) {
                 layout = early->layout;
+                of_elements_ = std::move(early->taken);
             } else {
                 if (ahead) ahead->drop_coefficients();
+                of_elements_ = take_elements(*patches);
                 layout = layout_of(std::move(patches));
             }
         } else {
             Curves curves = extract_curves(parts, reference().grid);
-            layout = layout_of(
-                std::make_shared<const Patches>(cut_curves(std::move(curves.order), curves.starts, form.points)));
+            auto pieces =
+                std::make_shared<const Patches>(cut_curves(std::move(curves.order), curves.starts, form.points));
+            of_elements_ = take_elements(*pieces);
+            layout = layout_of(std::move(pieces));
         }
         space_ = std::make_unique<SpaceBasis>(std::move(layout), reference().grid, threads_);
         const u64 bytes = static_cast<u64>(space_->bytes_to_keep());
-        if (table_->groups().size() > 1 && bytes <= left_ / memory_shares) {
-            left_ -= bytes;
+        if (table_->groups().size() > 1 && bytes <= memory_.left() / memory_shares) {
+            memory_.take(bytes, "functions of space");
             space_->keep_functions();
         }
     }

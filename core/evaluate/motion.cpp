@@ -8,8 +8,28 @@ namespace pdeanim {
 
 namespace {
 
+constexpr const char *counted = "coefficients of a group of frames";
+
+// Of an element that has no coefficients, with what holds its arrays.
+constexpr u64 bytes_per_element = sizeof(Motion<double>::Element) + 64;
+
 bool is_zero(std::span<const i64> row) {
     return std::all_of(row.begin(), row.end(), [](i64 number) { return number == 0; });
+}
+
+// Of a row the coefficients of one function of time, which begin at a channel.
+std::span<const i64> entry_of(std::span<const i64> row, i64 channel, int axes) {
+    return row.subspan(channel, least<i64>(axes, static_cast<i64>(row.size()) - channel));
+}
+
+// Functions of time that rows have coefficients of, over all rows.
+i64 count_entries(QuantisedRows rows, int axes) {
+    i64 entries = 0;
+    for (const std::span<const i64> row : rows) {
+        const i64 count = static_cast<i64>(row.size());
+        for (i64 channel = 0; channel < count; channel += axes) entries += !is_zero(entry_of(row, channel, axes));
+    }
+    return entries;
 }
 
 }  // namespace
@@ -40,8 +60,12 @@ template <class Real> AnchoredReference<Real>::AnchoredReference(const Patches &
     }
 }
 
-template <class Real> Motion<Real>::Motion(const SpaceBasis &basis, i64 functions, int axes, double step)
-    : basis(&basis), functions(functions), axes(axes), step(step), elements(basis.elements().count()) {}
+template <class Real>
+Motion<Real>::Motion(const SpaceBasis &basis, i64 functions, int axes, double step, TakenMemory taken)
+    : basis(&basis), functions(functions), axes(axes), step(step), taken_(std::move(taken)) {
+    taken_.take(bytes_per_element * static_cast<u64>(basis.elements().count()), counted);
+    elements.resize(basis.elements().count());
+}
 
 template <class Real> void Motion<Real>::choose(SpaceSelection selected) {
     const Patches &patches = *basis->elements().patches;
@@ -69,41 +93,66 @@ template <class Real> i64 Motion<Real>::bytes() const {
     return static_cast<i64>(total);
 }
 
-template <class Real> template <class Value>
-void Motion<Real>::append_row(Rows<Value> &to, std::span<const i64> row) const {
-    const i64 count = static_cast<i64>(row.size());
-    for (i64 channel = 0; channel < count; channel += axes) {
-        const std::span<const i64> own = row.subspan(channel, least<i64>(axes, count - channel));
-        if (is_zero(own)) continue;
-        to.functions.push_back(static_cast<u16>(channel / axes));
-        for (const i64 number : own) to.values.push_back(static_cast<Value>(static_cast<double>(number) * step));
-        if (axes == 3) to.values.resize(padded_axes * to.functions.size());
+// Append rows to those that there are.
+template <class Real> template <class Value> void Motion<Real>::append_rows(Rows<Value> &to, QuantisedRows rows) {
+    const i64 entries = count_entries(rows, axes), values = entries * (axes == 3 ? padded_axes : 1);
+    taken_.take(sizeof(i64) * (rows.size() + 1) + sizeof(u16) * entries + sizeof(Value) * values, counted);
+    to.starts.reserve(rows.size() + 1);
+    to.functions.reserve(entries);
+    to.values.reserve(values);
+    for (const std::span<const i64> row : rows) {
+        const i64 count = static_cast<i64>(row.size());
+        for (i64 channel = 0; channel < count; channel += axes) {
+            const std::span<const i64> own = entry_of(row, channel, axes);
+            if (is_zero(own)) continue;
+            to.functions.push_back(static_cast<u16>(channel / axes));
+            for (const i64 number : own) to.values.push_back(static_cast<Value>(static_cast<double>(number) * step));
+            if (axes == 3) to.values.resize(padded_axes * to.functions.size());
+        }
+        to.starts.push_back(static_cast<i64>(to.functions.size()));
     }
-    to.starts.push_back(static_cast<i64>(to.functions.size()));
 }
 
 template <class Real> void Motion<Real>::take_tree(QuantisedRows rows) {
     const i64 count = basis->layout().tree_functions();
-    for (i64 function = 0; function < count; ++function) {
-        const i64 row = selection ? selection->tree_rows[function] : function;
-        if (row >= 0) {
-            append_row(tree, rows[row]);
-        } else {
-            tree.starts.push_back(tree.starts.back());
+    if (selection) {
+        std::vector<std::span<const i64>> selected(count);
+        for (i64 function = 0; function < count; ++function) {
+            const i64 row = selection->tree_rows[function];
+            if (row >= 0) selected[function] = rows[row];
         }
+        append_rows(tree, selected);
+    } else {
+        append_rows(tree, rows.first(count));
     }
     if (!may_have_fields()) return;
+    TakenMemory for_a_while = taken_.another();
+    for_a_while.take(sizeof(double) * static_cast<u64>(count * channels()), counted);
     std::vector<double> values(count * channels());
     for (i64 function = 0; function < count; ++function) {
         multiply(rows[function], values.data() + function * channels());
     }
-    affine_.resize(affine_count * basis->layout().nodes() * channels());
+    const i64 numbers = affine_count * basis->layout().nodes() * channels();
+    taken_.take(sizeof(double) * static_cast<u64>(numbers), counted);
+    affine_.resize(numbers);
     basis->tree().synthesise(values.data(), affine_, channels());
+}
+
+template <class Real> void Motion<Real>::end() {
+    taken_.give_back(sizeof(double) * affine_.size());
+    affine_ = std::vector<double>();
 }
 
 // The coefficients of a row [scene units], written to as many numbers.
 template <class Real> void Motion<Real>::multiply(std::span<const i64> row, double *to) const {
     for (const i64 number : row) *to++ = static_cast<double>(number) * step;
+}
+
+// Make room for so many functions or fields of an element.
+template <class Real> void Motion<Real>::take_values(Element &own, i64 columns, i64 size) {
+    const i64 numbers = columns * padded<Real>(size);
+    taken_.take(sizeof(Real) * static_cast<u64>(numbers), counted);
+    own.values.resize(numbers);
 }
 
 // Keep what a function or a field is at an element's vertices in their order.
@@ -123,8 +172,11 @@ template <class Real> void Motion<Real>::make_fields(i64 element, std::span<cons
     const i64 affine = basis->layout().affine(element), size = all.patches->size(element), width = channels();
     const i64 node = all.patches->node_of[element];
     const i64 count = static_cast<i64>(used.size());
-    std::vector<double> multiples(count * width), counted, sums(width * size);
-    counted.reserve(count * size);
+    TakenMemory for_a_while = taken_.another();
+    for_a_while.take(sizeof(double) * static_cast<u64>(count * width + count * size + width * size), counted);
+    take_values(own, width, size);
+    std::vector<double> multiples(count * width), functions_used, sums(width * size);
+    functions_used.reserve(count * size);
     for (i64 i = 0; i < count; ++i) {
         const i64 k = used[i];
         double *to = multiples.data() + i * width;
@@ -133,10 +185,10 @@ template <class Real> void Motion<Real>::make_fields(i64 element, std::span<cons
         } else {
             multiply(rows[first_row(element) + k], to);
         }
-        counted.insert(counted.end(), values[i], values[i] + size);
+        functions_used.insert(functions_used.end(), values[i], values[i] + size);
     }
-    add_product<double>(sums.data(), size, {multiples.data(), 1, width}, counted.data(), size, {width, count, size});
-    own.values.resize(width * padded<Real>(size));
+    add_product<double>(sums.data(), size, {multiples.data(), 1, width}, functions_used.data(), size,
+                        {width, count, size});
     for (i64 channel = 0; channel < width; ++channel) keep_values(element, channel, sums.data() + channel * size);
     own.has_fields = true;
     own.columns = functions;
@@ -147,6 +199,7 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, Quant
     ElementFunctions making(all);
     std::vector<i64> used;  // of an element's functions but the constant one, those that count
     std::vector<const double *> values;
+    std::vector<std::span<const i64>> others;  // rows of those that are not affine
     for (i64 e = first; e < end; ++e) {
         if (is_left_out(e)) continue;
         Element &own = elements[e];
@@ -167,11 +220,13 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, Quant
             make_fields(e, used, rows, values);
             continue;
         }
-        own.values.resize(own.columns * padded<Real>(size));
+        take_values(own, own.columns, size);
+        others.clear();
         for (i64 i = 0; i < own.columns; ++i) {
             keep_values(e, i, values[i]);
-            if (used[i] >= affine) append_row(own.rows, rows[own_row + used[i]]);
+            if (used[i] >= affine) others.push_back(rows[own_row + used[i]]);
         }
+        append_rows(own.rows, others);
     }
 }
 

@@ -21,6 +21,7 @@
 #include "aligned_array.hpp"
 #include "basis/space_basis.hpp"
 #include "coefficients/coefficient_rows.hpp"
+#include "memory/memory_limit.hpp"
 
 namespace pdeanim {
 
@@ -57,8 +58,8 @@ template <class Real> struct Motion {
     static constexpr i64 most_functions = 1 << 14;  // 3 for each of 4096 frames, at most
 
     // axes: coefficients that a function of time has for each of space, 1 or 3; step: of the coefficients. The basis is the
-    // caller's.
-    Motion(const SpaceBasis &basis, i64 functions, int axes, double step);
+    // caller's. Memory is counted in `taken`: LimitError, here or when coefficients are taken over.
+    Motion(const SpaceBasis &basis, i64 functions, int axes, double step, TakenMemory taken = {});
 
     // Positions shall be those of some elements alone, whose vertices follow each other, moved by some functions; rows
     // that are taken over are those of these.
@@ -71,7 +72,7 @@ template <class Real> struct Motion {
     void take_elements(i64 first, i64 end, QuantisedRows rows);
 
     // All are taken over: give back the memory that this alone needed.
-    void end() { affine_ = std::vector<double>(); }
+    void end();
 
     i64 channels() const { return functions * axes; }
     int time_axes() const { return axes == 1 ? 3 : 1; }
@@ -85,7 +86,10 @@ template <class Real> struct Motion {
         if (selection) return selected_places.data() + selected_starts[element];
         return patches.ascending.data() + patches.starts[element];
     }
+    // Of what is read for an evaluation.
     i64 bytes() const;
+
+    const TakenMemory &taken() const { return taken_; }
 
     static constexpr i64 padded_axes = 4;  // of three, as they are read at once
 
@@ -128,12 +132,14 @@ private:
         const SpaceLayout &layout = basis->layout();
         return selection ? selection->element_rows[element] - layout.affine(element) : layout.first_function(element);
     }
-    template <class Value> void append_row(Rows<Value> &to, std::span<const i64> row) const;
+    template <class Value> void append_rows(Rows<Value> &to, QuantisedRows rows);
     void multiply(std::span<const i64> row, double *to) const;
+    void take_values(Element &own, i64 columns, i64 size);
     void keep_values(i64 element, i64 column, const double *values);
     void make_fields(i64 element, std::span<const i64> used, QuantisedRows rows, std::span<const double *const> values);
 
     std::vector<double> affine_;  // of all nodes, four rows of channels each, where elements may have fields
+    TakenMemory taken_;
 };
 
 // Vertices that several threads may evaluate beside each other: those of one of the subtrees of the partition tree so many

@@ -30,11 +30,15 @@ Graph::Graph(std::span<const Edge> edges, i64 vertices) : starts(vertices + 1), 
 }
 
 std::vector<Edge> edges_of(std::span<const ConnectivityView> objects) {
+    std::size_t most_edges = 0;
+    for (const ConnectivityView &object : objects) {
+        most_edges += object.face_indices.size() + object.line_indices.size();
+    }
     std::vector<Edge> edges;
+    edges.reserve(most_edges);
     i32 shift = 0;
     for (const ConnectivityView &object : objects) {
         const auto add = [&](i32 from, i32 to) { edges.push_back({from + shift, to + shift}); };
-        edges.reserve(edges.size() + object.face_indices.size() + object.line_indices.size());
         const i32 *corner = object.face_indices.data();
         for (const i32 size : object.face_sizes) {
             for (i32 k = 0; k < size; ++k) add(corner[k], corner[k + 1 < size ? k + 1 : 0]);

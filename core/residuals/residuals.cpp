@@ -200,7 +200,7 @@ double measure_residuals(const Residuals &residuals, std::span<const i64> patche
     return coder.bits();
 }
 
-Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const i64> patches, i64 most_bytes) {
+Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const i64> patches, TakenMemory &taken) {
     Residuals found;
     if (data.empty()) {
         found.frame_starts.resize(frames + 1);
@@ -214,10 +214,8 @@ Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const
         raw_vertex_bytes * (head.raw_vertices - 1) > static_cast<i64>(data.size())) {
         throw CorruptError("section CORR declares more residuals than there can be; get the file again");
     }
-    if (head.residuals * bytes_per_residual + head.raw_vertices * bytes_per_raw_vertex > most_bytes) {
-        throw LimitError("section CORR has " + std::to_string(head.residuals + head.raw_vertices) +
-                         " residuals in one group, more than the limit allows");
-    }
+    taken.take(static_cast<u64>(head.residuals * bytes_per_residual + head.raw_vertices * bytes_per_raw_vertex),
+               std::to_string(head.residuals + head.raw_vertices) + " residuals in one group");
     if (head.residuals) {
         const auto model =
             std::make_unique<ResidualModel<Mode::decode>>(coder, patches, head.is_predicted, found, head.residuals);

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "arithmetic.hpp"
+#include "memory/memory_limit.hpp"
 
 namespace pdeanim {
 
@@ -63,7 +64,7 @@ double measure_residuals(const Residuals &residuals, std::span<const i64> patche
                          double copies = 1.0);
 
 // Undo `encode_residuals`. CorruptError where the bytes say what cannot be, or do not end with the residuals;
-// LimitError where these take more than `most_bytes`.
-Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const i64> patches, i64 most_bytes);
+// LimitError where these take more than is left.
+Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const i64> patches, TakenMemory &taken);
 
 }  // namespace pdeanim

@@ -10,7 +10,7 @@ import { Stage } from "pdeanim/view/stage.js";
 
 const SPEEDS = [0.01, 0.05, 0.1, 0.25, 0.5, 1, 2, 4];
 const SHADINGS = { smooth: "smooth", flat: "flat", edges: "smooth with edges", wireframe: "wireframe" };
-const COLOURINGS = { plain: "one colour", patches: "patches or curves", error: "error" };
+const COLOURINGS = [["plain", "one colour"], ["patches", "patches or curves"]];
 
 /** What views of two clips are called; the first clip is A, the other one B. */
 const VIEWS = { side: "side by side", a: "A alone", b: "B alone", over: "B as wires over A", change: "A in colours of error" };
@@ -97,15 +97,15 @@ class App {
     }
     byId("comparing").hidden = false;
     if (!this.errors) byId("compare").querySelector('[value="change"]').remove();
-    this.#option("colour", this.errors ? COLOURINGS : { plain: COLOURINGS.plain, patches: COLOURINGS.patches });
+    this.#option("colour", this.errors ? [...COLOURINGS, ["error", "error"]] : COLOURINGS);
     byId("compare").value = this.errors ? "change" : "side";
   }
 
-  /** A choice: values, and what they are called. */
+  /** A choice: values with what they are called, in this order. */
   #option(id, choices, chosen) {
     const select = byId(id);
     const before = chosen ?? select.value;
-    select.replaceChildren(...Object.entries(choices).map(([value, text]) => new Option(text, value)));
+    select.replaceChildren(...choices.map(([value, text]) => new Option(text, value)));
     if (before) select.value = before;
     select.onchange = () => this.#draw();
     return select;
@@ -120,14 +120,13 @@ class App {
       this.seek(Number(time.value));
     });
     byId("play").onclick = () => (this.isPlaying ? this.pause() : this.play());
-    this.#option("speed", Object.fromEntries(SPEEDS.map((speed) => [speed, `${speed} ×`])), "1");
-    this.#option("shading", SHADINGS);
-    const { plain, patches } = COLOURINGS;
-    this.#option("colour", { plain, patches });
-    this.#option("compare", VIEWS);
+    this.#option("speed", SPEEDS.map((speed) => [speed, `${speed} ×`]), "1");
+    this.#option("shading", Object.entries(SHADINGS));
+    this.#option("colour", COLOURINGS);
+    this.#option("compare", Object.entries(VIEWS));
     const names = animation.at(animation.start).objects.map((object, index) => [index, object.name]);
     const isOne = names.length < 2 || animation.runCount > 1;
-    const object = this.#option("object", { all: "all" });
+    const object = this.#option("object", [["all", "all"]]);
     if (!isOne) object.append(...names.map(([index, name]) => new Option(name, index)));
     object.onchange = () => {
       this.object = object.value === "all" ? null : Number(object.value);
