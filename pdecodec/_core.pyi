@@ -1,7 +1,7 @@
 """Types of the native core (core/bindings)."""
 
 import enum
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, BinaryIO, Literal
 
 import numpy as np
@@ -124,7 +124,6 @@ def quantise_residuals(
     bound: float,
     step: float,
 ) -> Residuals: ...
-def join_residuals(parts: Sequence[Residuals]) -> Residuals: ...
 def reference_distances(residuals: Residuals) -> Int64Array: ...
 def measure_residuals(
     residuals: Residuals, patches: Int64Array, is_predicted: bool, distances: Int64Array, copies: float = 1.0
@@ -172,8 +171,6 @@ class FrameSpline:
         """
 
 def encode_description(times: NDArray[np.float64], names: Sequence[str]) -> bytes: ...
-def decode_times(data: bytes, times: int) -> NDArray[np.float64]: ...
-def decode_names(data: bytes, times: int, objects: int, take: Callable[[int], object]) -> list[str]: ...
 def encode_attributes(
     parts: Sequence[Part],
     attributes: Sequence[Sequence[AttributeFields]],
@@ -221,9 +218,6 @@ class Sheets:
     ) -> None: ...
     def store(self) -> None: ...
 
-def solve_attachments(
-    state: State, attached: Int32Array, targets: Float64Array, multipliers: Float64Array, scaling: Scaling
-) -> None: ...
 def solve_volumes(
     state: State, tetrahedra: Int32Array, volumes: Float64Array, multipliers: Float64Array, scaling: Scaling
 ) -> None: ...

@@ -113,13 +113,6 @@ Residuals py_quantise(const Frames<const float> &points, const Frames<const doub
     return quantise_residuals(rows_of<float>(points), rows_of<double>(base), view(order), view(margins), bound, step);
 }
 
-Residuals py_join(const nb::list &parts) {
-    std::vector<const Residuals *> residuals;
-    for (const nb::handle part : parts) residuals.push_back(nb::cast<const Residuals *>(part));
-    nb::gil_scoped_release release;
-    return join_residuals(residuals);
-}
-
 void check_frames(const Residuals &residuals, i64 first, std::size_t count, std::span<const i32> order,
                   std::size_t vertices) {
     if (first < 0 || first > residuals.frames() || residuals.frames() - first < static_cast<i64>(count)) {
@@ -201,7 +194,6 @@ void bind_residuals(nb::module_ &module) {
     module.def("quantise_residuals", &py_quantise, nb::arg("points"), nb::arg("base"), nb::arg("order"),
                nb::arg("margins"), nb::arg("bound"), nb::arg("step"),
                "Residuals of the vertices that may miss the bound.");
-    module.def("join_residuals", &py_join, nb::arg("parts"), "Residuals of consecutive runs of frames as one.");
     module.def("reference_distances", &py_reference_distances, nb::arg("residuals"), "(frames,) int64.");
     module.def("measure_residuals", &py_measure, nb::arg("residuals"), nb::arg("patches"), nb::arg("is_predicted"),
                nb::arg("distances"), nb::arg("copies") = 1.0,

@@ -109,17 +109,6 @@ void py_advance_sheets(Sheets &sheets, const ChangedPoints &positions, const Cha
     sheets.advance(moved, noted, speeds, pulls, substep, keep, substeps, iterations, threads);
 }
 
-void py_solve_attachments(const StateArrays &state, const Rows<i32, 1> &attached, const Points &targets,
-                          const ChangedPoints &multipliers, const ScalingNumbers &scaling) {
-    const Particles particles = particles_of(state);
-    const std::size_t count = attached.shape(0);
-    members_of<1>(attached, particles.positions.size());
-    const auto points = items<const Point>(targets, count);
-    const auto forces = items<Point>(multipliers, count);
-    nb::gil_scoped_release release;
-    solve_attachments(particles, {attached.data(), count}, points, forces, scaling_of(scaling));
-}
-
 void py_solve_volumes(const StateArrays &state, const Rows<i32, 4> &tetrahedra, const Flat<double> &volumes,
                       const ChangedNumbers &multipliers, const ScalingNumbers &scaling) {
     const Particles particles = particles_of(state);
@@ -196,8 +185,6 @@ void bind_xpbd(nb::module_ &module) {
              nb::arg("accelerations"), nb::arg("substep"), nb::arg("keep"), nb::arg("substeps"), nb::arg("iterations"),
              nb::arg("threads"), "Substeps of Algorithm 1 with nothing but these batches in it.")
         .def("store", &Sheets::store, "Write multipliers to the arrays that they came from.");
-    module.def("solve_attachments", &py_solve_attachments, changed("state"), nb::arg("attached"), nb::arg("targets"),
-               changed("multipliers"), nb::arg("scaling"), "One sweep over springs to points.");
     module.def("solve_volumes", &py_solve_volumes, changed("state"), nb::arg("tetrahedra"), nb::arg("volumes"),
                changed("multipliers"), nb::arg("scaling"), "One sweep over tetrahedra that keep their volumes.");
     module.def("solve_tetrahedra", &py_solve_tetrahedra, changed("state"), nb::arg("tetrahedra"),

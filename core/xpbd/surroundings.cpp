@@ -17,25 +17,6 @@ void predict(std::span<Point> positions, std::span<Point> previous, std::span<co
     }
 }
 
-void solve_attachments(const Particles &particles, std::span<const i32> attached, std::span<const Point> targets,
-                       std::span<Point> multipliers, const Scaling &scaling) {
-    const auto &[positions, previous, inverse_masses] = particles;
-    const auto [compliance, damping, relaxation] = scaling;
-    for (std::size_t i = 0; i < attached.size(); ++i) {
-        const i32 particle = attached[i];
-        const double weight = inverse_masses[particle];
-        if (weight == 0.0) continue;
-        for (int axis = 0; axis < 3; ++axis) {
-            double &position = positions[particle][axis];
-            const double moved = position - previous[particle][axis];
-            const double right = targets[i][axis] - position - compliance * multipliers[i][axis] - damping * moved;
-            const double change = right / ((1.0 + damping) * weight + compliance);  // Eq. 6
-            multipliers[i][axis] += change;
-            position += weight * relaxation * change;  // Eq. 7
-        }
-    }
-}
-
 void add_wind(std::span<const Point> positions, std::span<const Point> past, std::span<const Members<3>> triangles,
               double pressure, std::span<Point> forces) {
     for (const auto &[a, b, c] : triangles) {

@@ -42,9 +42,6 @@ using InverseRest = std::array<std::array<double, 3>, 3>;
 void predict(std::span<Point> positions, std::span<Point> previous, std::span<const double> inverse_masses,
              std::span<const Point> velocities, std::span<const Point> accelerations, double substep, double keep);
 
-void solve_attachments(const Particles &particles, std::span<const i32> attached, std::span<const Point> targets,
-                       std::span<Point> multipliers, const Scaling &scaling);
-
 void solve_volumes(const Particles &particles, std::span<const Members<4>> tetrahedra, std::span<const double> volumes,
                    std::span<double> multipliers, const Scaling &scaling);
 
