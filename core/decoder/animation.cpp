@@ -192,8 +192,9 @@ std::shared_ptr<const std::vector<std::vector<Attribute>>> Animation::shared_att
         std::vector<std::vector<Attribute>> found(objects());
         if (!data.empty()) {
             const std::vector<GridPoint> &grid = reference().grid;
-            of_attributes_ = TakenMemory(memory_);
-            found = decode_attributes(data, views(), grid, of_attributes_);
+            TakenMemory taken(memory_);
+            found = decode_attributes(data, views(), grid, taken);
+            of_attributes_ = std::move(taken);
         }
         attributes_ = std::make_shared<const std::vector<std::vector<Attribute>>>(std::move(found));
     }
