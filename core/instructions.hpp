@@ -3,6 +3,8 @@
 // same bits; tests compare them.
 #pragma once
 
+#include <type_traits>
+
 #include "multiversion.hpp"
 
 #if defined(PDEANIM_FOR)
@@ -11,6 +13,8 @@
 #endif
 
 namespace pdeanim {
+
+template <int bytes> using RegisterBytes = std::integral_constant<int, bytes>;
 
 #if defined(PDEANIM_FOR)
 
@@ -32,19 +36,20 @@ inline Instructions instructions() {
 inline bool has_avx512f() { return instructions() >= Instructions::avx512f; }
 inline bool has_avx2() { return instructions() >= Instructions::avx2; }
 
-template <class Work> PDEANIM_FOR("avx512f") void with_avx512f(const Work &work) { work(); }
-template <class Work> PDEANIM_FOR("avx2") void with_avx2(const Work &work) { work(); }
+template <class Work> PDEANIM_FOR("avx512f") void with_avx512f(const Work &work) { work(RegisterBytes<64>{}); }
+template <class Work> PDEANIM_FOR("avx2") void with_avx2(const Work &work) { work(RegisterBytes<32>{}); }
 
 #endif
 
-// Call a lambda, PDEANIM_INLINE_LAMBDA, that is compiled for each width of vector registers; so must be what it calls,
-// PDEANIM_INLINE. Vectors of one length, shorter or longer than registers, are what it does the same sums in.
+// Call a lambda, PDEANIM_INLINE_LAMBDA, that is compiled for each width of vector registers and gets how many bytes they
+// have; so must be what it calls, PDEANIM_INLINE. `Registers` of so many numbers, whatever their width, are what it does
+// the same sums in.
 template <class Work> void in_widest(const Work &work) {
 #if defined(PDEANIM_FOR)
     if (has_avx512f()) return with_avx512f(work);
     if (has_avx2()) return with_avx2(work);
 #endif
-    work();
+    work(RegisterBytes<16>{});
 }
 
 }  // namespace pdeanim

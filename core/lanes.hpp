@@ -1,4 +1,4 @@
-// Numbers side by side in a vector register, or in several where the processor's are shorter.
+// Numbers side by side in vector registers.
 #pragma once
 
 #include <cstring>
@@ -70,6 +70,60 @@ template <class Row> PDEANIM_INLINE Row where_positive(const Row &tested, const 
     }
     return found;
 #endif
+}
+
+// So many numbers side by side in registers of `bytes`, in several where one is too short. (Vectors longer than registers
+// are not what to write: GCC keeps those in memory.)
+template <class T, int count, int bytes> struct Registers {
+    static constexpr int size = bytes / static_cast<int>(sizeof(T)), parts = count / size;
+    static_assert(parts * size == count);
+
+    Lanes<T, size> part[parts];
+
+    T operator[](int i) const { return part[i / size][i % size]; }
+
+    static PDEANIM_INLINE Registers all(T value) {
+        Registers found;
+        for (int p = 0; p < parts; ++p) found.part[p] = value + Lanes<T, size>{};
+        return found;
+    }
+    static PDEANIM_INLINE Registers at(const T *numbers) {
+        Registers found;
+        for (int p = 0; p < parts; ++p) found.part[p] = lanes_at<size>(numbers + p * size);
+        return found;
+    }
+    PDEANIM_INLINE void put(T *numbers) const {
+        for (int p = 0; p < parts; ++p) put_lanes(numbers + p * size, part[p]);
+    }
+
+    PDEANIM_INLINE Registers &operator+=(const Registers &other) { return *this = *this + other; }
+    PDEANIM_INLINE Registers &operator-=(const Registers &other) { return *this = *this - other; }
+    PDEANIM_INLINE Registers operator-() const { return T{} - *this; }
+#define PDEANIM_BY_PARTS(sign)                                                       \
+    friend PDEANIM_INLINE Registers operator sign(Registers a, const Registers &b) { \
+        for (int p = 0; p < parts; ++p) a.part[p] = a.part[p] sign b.part[p];        \
+        return a;                                                                    \
+    }                                                                                \
+    friend PDEANIM_INLINE Registers operator sign(T a, Registers b) {                \
+        for (int p = 0; p < parts; ++p) b.part[p] = a sign b.part[p];                \
+        return b;                                                                    \
+    }                                                                                \
+    friend PDEANIM_INLINE Registers operator sign(Registers a, T b) {                \
+        for (int p = 0; p < parts; ++p) a.part[p] = a.part[p] sign b;                \
+        return a;                                                                    \
+    }
+    PDEANIM_BY_PARTS(+)
+    PDEANIM_BY_PARTS(-)
+    PDEANIM_BY_PARTS(*)
+    PDEANIM_BY_PARTS(/)
+#undef PDEANIM_BY_PARTS
+};
+
+template <class T, int count, int bytes>
+PDEANIM_INLINE Registers<T, count, bytes> where_positive(const Registers<T, count, bytes> &tested,
+                                                         Registers<T, count, bytes> values) {
+    for (int p = 0; p < values.parts; ++p) values.part[p] = where_positive(tested.part[p], values.part[p]);
+    return values;
 }
 
 }  // namespace pdeanim

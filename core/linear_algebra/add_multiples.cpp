@@ -8,26 +8,27 @@ namespace pdeanim {
 namespace {
 
 // So many sums are kept in registers while all rows are added.
-template <int eights> PDEANIM_INLINE void add_tiles(double *total, i64 &first, i64 width, const double *const *rows,
-                                                    const double *multiples, i64 count) {
+template <int eights, int bytes> PDEANIM_INLINE void add_tiles(double *total, i64 &first, i64 width,
+                                                               const double *const *rows, const double *multiples,
+                                                               i64 count) {
     constexpr i64 numbers = eights * abreast;
     for (; first + numbers <= width; first += numbers) {
-        Eight sums[eights];
-        for (int j = 0; j < eights; ++j) sums[j] = lanes_at<abreast>(total + first + j * abreast);
+        Eight<bytes> sums[eights];
+        for (int j = 0; j < eights; ++j) sums[j] = Eight<bytes>::at(total + first + j * abreast);
         for (i64 i = 0; i < count; ++i) {
-            for (int j = 0; j < eights; ++j) sums[j] += multiples[i] * lanes_at<abreast>(rows[i] + first + j * abreast);
+            for (int j = 0; j < eights; ++j) sums[j] += multiples[i] * Eight<bytes>::at(rows[i] + first + j * abreast);
         }
-        for (int j = 0; j < eights; ++j) put_lanes(total + first + j * abreast, sums[j]);
+        for (int j = 0; j < eights; ++j) sums[j].put(total + first + j * abreast);
     }
 }
 
 }  // namespace
 
 void add_multiples(double *total, i64 width, const double *const *rows, const double *multiples, i64 count) {
-    in_widest([&]() PDEANIM_INLINE_LAMBDA {
+    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
         i64 first = 0;
-        add_tiles<4>(total, first, width, rows, multiples, count);
-        add_tiles<1>(total, first, width, rows, multiples, count);
+        add_tiles<4, bytes>(total, first, width, rows, multiples, count);
+        add_tiles<1, bytes>(total, first, width, rows, multiples, count);
         for (; first < width; ++first) {
             for (i64 i = 0; i < count; ++i) total[first] += multiples[i] * rows[i][first];
         }

@@ -26,7 +26,7 @@ PDEANIM_INLINE double binary_logarithm(double value) {
 }  // namespace
 
 void binary_logarithms(double *out, const double *values, i64 count) {
-    in_widest([&]() PDEANIM_INLINE_LAMBDA {
+    in_widest([&](auto) PDEANIM_INLINE_LAMBDA {
         for (i64 i = 0; i < count; ++i) out[i] = binary_logarithm(values[i]);
     });
 }

@@ -14,11 +14,11 @@ struct Reflection {
 
 // Of a row, whole eights long, the reflection that leaves it only the number at a place; the row becomes v. A row of zeros,
 // or next to them, is left as it is: its factor is 0. Numbers are about one at most.
-PDEANIM_INLINE Reflection reflection_of(double *row, i64 count, i64 place) {
-    const double length = std::sqrt(dot(row, row, count));
+template <int bytes> PDEANIM_INLINE Reflection reflection_of(double *row, i64 count, i64 place) {
+    const double length = std::sqrt(dot<bytes>(row, row, count));
     if (!(length > no_length)) return {0.0, 0.0};
     const double shorter = 1.0 / length;
-    for (i64 i = 0; i < count; i += abreast) put_lanes(row + i, shorter * lanes_at<abreast>(row + i));
+    for (i64 i = 0; i < count; i += abreast) (shorter * Eight<bytes>::at(row + i)).put(row + i);
     const double pivot = row[place], sign = pivot < 0.0 ? -1.0 : 1.0;
     row[place] = pivot + sign;
     return {1.0 / (1.0 + std::abs(pivot)), -sign * length};

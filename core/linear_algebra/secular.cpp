@@ -25,8 +25,8 @@ constexpr double epsilon = std::numeric_limits<double>::epsilon();
 constexpr int usual_steps = 12, most_steps = 400;
 
 // Sums over the poles up to a zero's own and over those beyond it, and of their derivatives.
-struct Sums {
-    Eight before{}, beyond{}, slope_before{}, slope_beyond{};
+template <int bytes> struct Sums {
+    Eight<bytes> before{}, beyond{}, slope_before{}, slope_beyond{};
 };
 
 struct Equation {
@@ -36,8 +36,11 @@ struct Equation {
 };
 
 // At places so far from origins, of eight zeros from `first` on.
-PDEANIM_INLINE Sums sums_at(const Equation &of, i64 first, const Eight &origins, const Eight &offsets) {
-    Sums found;
+template <int bytes>
+PDEANIM_INLINE Sums<bytes> sums_at(const Equation &of, i64 first, const double *from, const double *at) {
+    using Eight = pdeanim::Eight<bytes>;
+    const Eight origins = Eight::at(from), offsets = Eight::at(at);
+    Sums<bytes> found;
     i64 j = 0;
     for (; j <= first && j < of.count; ++j) {
         const Eight term = of.z[j] / ((of.d[j] - origins) - offsets);
@@ -46,15 +49,15 @@ PDEANIM_INLINE Sums sums_at(const Equation &of, i64 first, const Eight &origins,
     }
     for (; j < first + abreast && j < of.count; ++j) {
         const Eight term = of.z[j] / ((of.d[j] - origins) - offsets);
-        Eight is_before, is_beyond;
+        double is_before[abreast], is_beyond[abreast];
         for (int lane = 0; lane < abreast; ++lane) {
             is_before[lane] = j <= first + lane ? 1.0 : 0.0;
             is_beyond[lane] = 1.0 - is_before[lane];
         }
-        found.before += where_positive(is_before, of.z[j] * term);
-        found.slope_before += where_positive(is_before, term * term);
-        found.beyond += where_positive(is_beyond, of.z[j] * term);
-        found.slope_beyond += where_positive(is_beyond, term * term);
+        found.before += where_positive(Eight::at(is_before), of.z[j] * term);
+        found.slope_before += where_positive(Eight::at(is_before), term * term);
+        found.beyond += where_positive(Eight::at(is_beyond), of.z[j] * term);
+        found.slope_beyond += where_positive(Eight::at(is_beyond), term * term);
     }
     for (; j < of.count; ++j) {
         const Eight term = of.z[j] / ((of.d[j] - origins) - offsets);
@@ -130,17 +133,17 @@ struct Search {
     }
 };
 
-PDEANIM_INLINE void find_eight(const Equation &of, i64 first, i64 *origins, double *offsets) {
+template <int bytes> PDEANIM_INLINE void find_eight(const Equation &of, i64 first, i64 *origins, double *offsets) {
     const int own = static_cast<int>(least<i64>(abreast, of.count - first));
     Search searches[abreast];
-    Eight at{}, from{};
+    double at[abreast] = {}, from[abreast] = {};
     for (int k = 0; k < own; ++k) {
         const i64 i = first + k;
         from[k] = of.d[i];
         at[k] = i + 1 < of.count ? (of.d[i + 1] - of.d[i]) / 2.0 : 1.0;
     }
     for (int k = own; k < abreast; ++k) at[k] = 1.0;
-    const Sums between = sums_at(of, first, from, at);
+    const Sums<bytes> between = sums_at<bytes>(of, first, from, at);
     for (int k = 0; k < own; ++k) {
         searches[k].begin(of, first + k, 1.0 / of.weight + between.before[k] + between.beyond[k]);
     }
@@ -150,7 +153,7 @@ PDEANIM_INLINE void find_eight(const Equation &of, i64 first, i64 *origins, doub
             from[k] = of.d[searches[k].origin];
             at[k] = searches[k].offset;
         }
-        const Sums sums = sums_at(of, first, from, at);
+        const Sums<bytes> sums = sums_at<bytes>(of, first, from, at);
         is_done = true;
         for (int k = 0; k < own; ++k) {
             if (searches[k].found) continue;
@@ -165,12 +168,13 @@ PDEANIM_INLINE void find_eight(const Equation &of, i64 first, i64 *origins, doub
 }
 
 // total_j *= (origin + offset - d_j) / (pole - d_j), for j from `first` to `end`.
-PDEANIM_INLINE void multiply_ratios(double *total, const double *d, i64 first, i64 end, double origin, double offset,
-                                    double pole) {
+template <int bytes> PDEANIM_INLINE void multiply_ratios(double *total, const double *d, i64 first, i64 end,
+                                                         double origin, double offset, double pole) {
+    using Eight = pdeanim::Eight<bytes>;
     i64 j = first;
     for (; j + abreast <= end; j += abreast) {
-        const Eight at = lanes_at<abreast>(d + j);
-        put_lanes(total + j, lanes_at<abreast>(total + j) * (((origin - at) + offset) / (pole - at)));
+        const Eight at = Eight::at(d + j);
+        (Eight::at(total + j) * (((origin - at) + offset) / (pole - at))).put(total + j);
     }
     for (; j < end; ++j) total[j] *= ((origin - d[j]) + offset) / (pole - d[j]);
 }
@@ -182,18 +186,19 @@ Secular::Secular(std::vector<double> d, std::vector<double> z, double weight, in
       origins_(count_), offsets_(count_) {
     const Equation equation{d_.data(), z_.data(), weight_, count_};
     in_shares((count_ + abreast - 1) / abreast, threads, [&](i64 block, i64 end) {
-        in_widest([&]() PDEANIM_INLINE_LAMBDA {
+        in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
             for (i64 own = block; own < end; ++own) {
-                find_eight(equation, own * abreast, origins_.data() + own * abreast, offsets_.data() + own * abreast);
+                find_eight<bytes>(equation, own * abreast, origins_.data() + own * abreast,
+                                  offsets_.data() + own * abreast);
             }
         });
     });
     // z_j^2 = product of (eigenvalue_i - d_j) over that of (d_i - d_j), each factor next to one of about its size.
-    in_widest([&]() PDEANIM_INLINE_LAMBDA {
+    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
         for (i64 i = 0; i + 1 < count_; ++i) {
             const double origin = d_[origins_[i]], offset = offsets_[i];
-            multiply_ratios(exact_z_.data(), d_.data(), 0, i + 1, origin, offset, d_[i + 1]);
-            multiply_ratios(exact_z_.data(), d_.data(), i + 1, count_, origin, offset, d_[i]);
+            multiply_ratios<bytes>(exact_z_.data(), d_.data(), 0, i + 1, origin, offset, d_[i + 1]);
+            multiply_ratios<bytes>(exact_z_.data(), d_.data(), i + 1, count_, origin, offset, d_[i]);
         }
     });
     for (i64 j = 0; j < count_; ++j) {
@@ -204,15 +209,16 @@ Secular::Secular(std::vector<double> d, std::vector<double> z, double weight, in
 
 void Secular::vector(double *out, i64 i, const double *at, const double *weights) const {
     const double origin = d_[origins_[i]], offset = offsets_[i];
-    in_widest([&]() PDEANIM_INLINE_LAMBDA {
+    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
+        using Eight = pdeanim::Eight<bytes>;
         Eight squares{};
         i64 j = 0;
         for (; j + abreast <= count_; j += abreast) {
-            const Eight found = lanes_at<abreast>(weights + j) / ((lanes_at<abreast>(at + j) - origin) - offset);
-            put_lanes(out + j, found);
+            const Eight found = Eight::at(weights + j) / ((Eight::at(at + j) - origin) - offset);
+            found.put(out + j);
             squares += found * found;
         }
-        double length = sum_of(squares);
+        double length = sum_of<bytes>(squares);
         for (; j < count_; ++j) {
             out[j] = weights[j] / ((at[j] - origin) - offset);
             length += out[j] * out[j];

@@ -24,8 +24,9 @@ struct Change {
 };
 
 // Change so many rows from `first` on, all in one block of eight, and add to p what they contribute to A v.
-template <int count> PDEANIM_INLINE void change_rows(double *matrix, i64 stride, i64 first, const Change &change,
-                                                     const double *next, double *p) {
+template <int count, int bytes> PDEANIM_INLINE void change_rows(double *matrix, i64 stride, i64 first,
+                                                                const Change &change, const double *next, double *p) {
+    using Eight = pdeanim::Eight<bytes>;
     const i64 block = first / abreast * abreast;
     double *rows = matrix + first * stride;
     double v[count], w[count], own[count];
@@ -36,48 +37,49 @@ template <int count> PDEANIM_INLINE void change_rows(double *matrix, i64 stride,
         own[r] = next[first + r];
     }
     for (i64 j = 0; j < block; j += abreast) {
-        const Eight vs = lanes_at<abreast>(change.v + j), ws = lanes_at<abreast>(change.w + j);
-        const Eight nexts = lanes_at<abreast>(next + j);
-        Eight total = lanes_at<abreast>(p + j);
+        const Eight vs = Eight::at(change.v + j), ws = Eight::at(change.w + j);
+        const Eight nexts = Eight::at(next + j);
+        Eight total = Eight::at(p + j);
         for (int r = 0; r < count; ++r) {
-            const Eight left = lanes_at<abreast>(rows + r * stride + j) - v[r] * ws - w[r] * vs;
-            put_lanes(rows + r * stride + j, left);
+            const Eight left = Eight::at(rows + r * stride + j) - v[r] * ws - w[r] * vs;
+            left.put(rows + r * stride + j);
             sums[r] += left * nexts;
             total += own[r] * left;
         }
-        put_lanes(p + j, total);
+        total.put(p + j);
     }
     for (int r = 0; r < count; ++r) {
-        const Eight left = lanes_at<abreast>(rows + r * stride + block) - v[r] * lanes_at<abreast>(change.w + block) -
-                           w[r] * lanes_at<abreast>(change.v + block);
-        put_lanes(rows + r * stride + block, left);
-        put_lanes(p + block, lanes_at<abreast>(p + block) + own[r] * left);
+        const Eight left = Eight::at(rows + r * stride + block) - v[r] * Eight::at(change.w + block) -
+                           w[r] * Eight::at(change.v + block);
+        left.put(rows + r * stride + block);
+        (Eight::at(p + block) + own[r] * left).put(p + block);
     }
-    for (int r = 0; r < count; ++r) p[first + r] += sum_of(sums[r]);
+    for (int r = 0; r < count; ++r) p[first + r] += sum_of<bytes>(sums[r]);
 }
 
+template <int bytes>
 PDEANIM_INLINE void reduce(double *matrix, double *factors, double *diagonal, double *beside, i64 size, i64 stride) {
     std::vector<double> v(stride), w(stride), next(stride), p(stride);
     for (i64 i = size - 1; i >= 0; --i) {
         double *row = matrix + i * stride;
         const i64 length = whole_eights(i + 1);
-        add_multiple(row, -v[i], w.data(), length);
-        add_multiple(row, -w[i], v.data(), length);
+        add_multiple<bytes>(row, -v[i], w.data(), length);
+        add_multiple<bytes>(row, -w[i], v.data(), length);
         diagonal[i] = row[i];
         if (i == 0) break;
         std::copy_n(row, i, next.data());
         std::fill(next.begin() + i, next.end(), 0.0);
-        const Reflection found = reflection_of(next.data(), length, i - 1);
+        const Reflection found = reflection_of<bytes>(next.data(), length, i - 1);
         factors[i] = found.factor;
         beside[i - 1] = found.image;
         std::copy_n(next.data(), stride, row);
         std::fill(p.begin(), p.end(), 0.0);
         const Change change{v.data(), w.data()};
         i64 first = 0;
-        for (; first + 4 <= i; first += 4) change_rows<4>(matrix, stride, first, change, next.data(), p.data());
-        for (; first < i; ++first) change_rows<1>(matrix, stride, first, change, next.data(), p.data());
+        for (; first + 4 <= i; first += 4) change_rows<4, bytes>(matrix, stride, first, change, next.data(), p.data());
+        for (; first < i; ++first) change_rows<1, bytes>(matrix, stride, first, change, next.data(), p.data());
         std::fill(p.begin() + i, p.end(), 0.0);
-        const double half = found.factor * found.factor / 2.0 * dot(p.data(), next.data(), length);
+        const double half = found.factor * found.factor / 2.0 * dot<bytes>(p.data(), next.data(), length);
         v.swap(next);
         for (i64 j = 0; j < length; ++j) w[j] = found.factor * p[j] - half * v[j];
     }
@@ -90,8 +92,8 @@ constexpr i64 reflections_at_once = 32, rows_at_once = 48;
 Tridiagonal::Tridiagonal(const double *matrix, i64 size)
     : diagonal(size), beside(size), size_(size), stride_(whole_eights(size)), vectors_(size * stride_), factors_(size) {
     for (i64 i = 0; i < size; ++i) std::copy_n(matrix + i * size, size, vectors_.data() + i * stride_);
-    in_widest([&]() PDEANIM_INLINE_LAMBDA {
-        reduce(vectors_.data(), factors_.data(), diagonal.data(), beside.data(), size_, stride_);
+    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
+        reduce<bytes>(vectors_.data(), factors_.data(), diagonal.data(), beside.data(), size_, stride_);
     });
 }
 

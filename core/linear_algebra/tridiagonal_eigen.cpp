@@ -208,7 +208,7 @@ std::vector<double> tridiagonal_eigen(std::vector<double> &diagonal, std::vector
     for (i64 i = 0; i < size; ++i) vectors[i * size + i] = 1.0;
     const int several = size < worth_threads ? 1 : threads;
     in_shares(parts, several, [&](i64 part, i64 end) {
-        in_widest([&]() PDEANIM_INLINE_LAMBDA {
+        in_widest([&](auto) PDEANIM_INLINE_LAMBDA {
             for (i64 own = part; own < end; ++own) {
                 const i64 place = start_of(own);
                 turn_to_diagonal(diagonal.data() + place, beside.data() + place, start_of(own + 1) - place,

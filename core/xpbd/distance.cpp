@@ -95,10 +95,10 @@ PDEANIM_INLINE void solve_pairs(Places places, PairSlots slots, std::size_t coun
 }
 
 void solve_damped(const Places &places, const PairSlots &slots, std::size_t count, const Scaling &scaling) {
-    in_widest([&]() PDEANIM_INLINE_LAMBDA { solve_pairs<true>(places, slots, count, scaling); });
+    in_widest([&](auto) PDEANIM_INLINE_LAMBDA { solve_pairs<true>(places, slots, count, scaling); });
 }
 void solve_undamped(const Places &places, const PairSlots &slots, std::size_t count, const Scaling &scaling) {
-    in_widest([&]() PDEANIM_INLINE_LAMBDA { solve_pairs<false>(places, slots, count, scaling); });
+    in_widest([&](auto) PDEANIM_INLINE_LAMBDA { solve_pairs<false>(places, slots, count, scaling); });
 }
 
 class Distances : public SlottedBatch {
@@ -301,7 +301,7 @@ PDEANIM_INLINE void substitute_forwards(const Places &places, const ChainSlot &c
 // Eqs. 6 and 7 for chain after chain, by elimination without pivoting: the matrix is positive definite.
 void solve_chains(const Places &places, const DistanceSlots &slots, std::size_t links, std::size_t count,
                   const Scaling &scaling, Link *row) {
-    in_widest([&]() PDEANIM_INLINE_LAMBDA {
+    in_widest([&](auto) PDEANIM_INLINE_LAMBDA {
         for (std::size_t slot = 0; slot < count; ++slot) {
             const ChainSlot chain{slots.members + slot * (links + 1) * slot_size,
                                   slots.lengths + slot * links * slot_size,
@@ -352,7 +352,7 @@ PDEANIM_INLINE ChainSlot chain_of(Divided &divided, const DistanceSlots &slots, 
 // What chains of both halves have of one half: first this, ...
 void eliminate_half(const Places &places, const DistanceSlots &slots, Divided &divided, const Scaling &scaling,
                     int half) {
-    in_widest([&]() PDEANIM_INLINE_LAMBDA {
+    in_widest([&](auto) PDEANIM_INLINE_LAMBDA {
         Link *row = divided.halves[half].rows.data();
         for (std::size_t slot = 0; slot < divided.meetings.size(); ++slot) {
             const ChainSlot chain = chain_of(divided, slots, slot, half);
@@ -369,7 +369,7 @@ void eliminate_half(const Places &places, const DistanceSlots &slots, Divided &d
 // ... and when both halves have done that, this.
 void substitute_half(const Places &places, const DistanceSlots &slots, Divided &divided, const Scaling &scaling,
                      int half) {
-    in_widest([&]() PDEANIM_INLINE_LAMBDA {
+    in_widest([&](auto) PDEANIM_INLINE_LAMBDA {
         auto &[first, second] = divided.halves;
         for (std::size_t slot = 0; slot < divided.meetings.size(); ++slot) {
             const ChainSlot chain = chain_of(divided, slots, slot, half);
