@@ -72,6 +72,18 @@ template <class Row> PDEANIM_INLINE Row where_positive(const Row &tested, const 
 #endif
 }
 
+// What a function of the lane returns.
+template <class T, int count, class Number> PDEANIM_INLINE Lanes<T, count> lanes_by(const Number &number) {
+    static_assert(count == 2 || count == 4 || count == 8);
+    if constexpr (count == 2) {
+        return Lanes<T, count>{number(0), number(1)};
+    } else if constexpr (count == 4) {
+        return Lanes<T, count>{number(0), number(1), number(2), number(3)};
+    } else {
+        return Lanes<T, count>{number(0), number(1), number(2), number(3), number(4), number(5), number(6), number(7)};
+    }
+}
+
 // So many numbers side by side in registers of `bytes`, in several where one is too short. (Vectors longer than registers
 // are not what to write: GCC keeps those in memory.)
 template <class T, int count, int bytes> struct Registers {
@@ -90,6 +102,14 @@ template <class T, int count, int bytes> struct Registers {
     static PDEANIM_INLINE Registers at(const T *numbers) {
         Registers found;
         for (int p = 0; p < parts; ++p) found.part[p] = lanes_at<size>(numbers + p * size);
+        return found;
+    }
+    // What a function of the lane returns.
+    template <class Number> static PDEANIM_INLINE Registers by_lane(const Number &number) {
+        Registers found;
+        for (int p = 0; p < parts; ++p) {
+            found.part[p] = lanes_by<T, size>([&](int lane) PDEANIM_INLINE_LAMBDA { return number(p * size + lane); });
+        }
         return found;
     }
     PDEANIM_INLINE void put(T *numbers) const {

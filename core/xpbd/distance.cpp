@@ -18,49 +18,43 @@ struct PairSlots : DistanceSlots {
     const double *inverse_masses;  // of both particles of each pair
 };
 
-// What a function of the lane returns.
-template <class Number> PDEANIM_INLINE Slot by_lane(const Number &number) {
-    static_assert(slot_size == 8);
-    return Slot{number(0), number(1), number(2), number(3), number(4), number(5), number(6), number(7)};
-}
-
-PDEANIM_INLINE Slot square_roots(const Slot &squares) {
-    return by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return std::sqrt(squares[lane]); });
+template <class Slot> PDEANIM_INLINE Slot square_roots(const Slot &squares) {
+    return Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return std::sqrt(squares[lane]); });
 }
 
 // Vectors of a slot's constraints, an axis after another.
-struct Vectors {
+template <class Slot> struct Vectors {
     Slot axes[3];
 };
 
-PDEANIM_INLINE Slot dot(const Vectors &u, const Vectors &v) {
+template <class Slot> PDEANIM_INLINE Slot dot(const Vectors<Slot> &u, const Vectors<Slot> &v) {
     return u.axes[0] * v.axes[0] + u.axes[1] * v.axes[1] + u.axes[2] * v.axes[2];
 }
 
 // Of a vector in each lane.
-PDEANIM_INLINE Vectors vectors(const Register *each) {
-    return {by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return each[lane][0]; }),
-            by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return each[lane][1]; }),
-            by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return each[lane][2]; })};
+template <class Slot> PDEANIM_INLINE Vectors<Slot> vectors(const Register *each) {
+    return {Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return each[lane][0]; }),
+            Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return each[lane][1]; }),
+            Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return each[lane][2]; })};
 }
 
-PDEANIM_INLINE Vectors vectors(const Place *places, const i32 *points) {
-    return {by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places[points[lane]].at[0]; }),
-            by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places[points[lane]].at[1]; }),
-            by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places[points[lane]].at[2]; })};
+template <class Slot> PDEANIM_INLINE Vectors<Slot> vectors(const Place *places, const i32 *points) {
+    return {Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places[points[lane]].at[0]; }),
+            Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places[points[lane]].at[1]; }),
+            Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places[points[lane]].at[2]; })};
 }
 
 // Inverse ones.
-PDEANIM_INLINE Slot masses(const Places &places, const i32 *points) {
-    return by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places.previous[points[lane]].at[3]; });
+template <class Slot> PDEANIM_INLINE Slot masses(const Places &places, const i32 *points) {
+    return Slot::by_lane([&](int lane) PDEANIM_INLINE_LAMBDA { return places.previous[points[lane]].at[3]; });
 }
 
-template <bool is_damped>
+template <bool is_damped, class Slot>
 PDEANIM_INLINE void solve_pairs(Places places, PairSlots slots, std::size_t count, Scaling scaling) {
     const auto [compliance, damping, relaxation] = scaling;
     for (std::size_t slot = 0; slot < count; ++slot) {
         const i32 *members = slots.members + slot * 2 * slot_size;
-        const Slot multipliers = lanes_at<slot_size>(slots.multipliers + slot * slot_size);
+        const Slot multipliers = Slot::at(slots.multipliers + slot * slot_size);
         Register ways[slot_size], steps[slot_size];
         for (int lane = 0; lane < slot_size; ++lane) {
             const i32 a = members[lane], b = members[slot_size + lane];
@@ -71,19 +65,19 @@ PDEANIM_INLINE void solve_pairs(Places places, PairSlots slots, std::size_t coun
                 steps[lane] = x_b - lanes_at<4>(old[b].at) - x_a + lanes_at<4>(old[a].at);
             }
         }
-        const Vectors way = vectors(ways);
+        const Vectors<Slot> way = vectors<Slot>(ways);
         const double *inverse_masses = slots.inverse_masses + slot * 2 * slot_size;
-        const Slot weight_a = lanes_at<slot_size>(inverse_masses);
-        const Slot weight_b = lanes_at<slot_size>(inverse_masses + slot_size);
+        const Slot weight_a = Slot::at(inverse_masses);
+        const Slot weight_b = Slot::at(inverse_masses + slot_size);
         const Slot weight = weight_a + weight_b;
         const Slot length = square_roots(dot(way, way));
         const Slot inverse = 1.0 / length;
-        Slot right = lanes_at<slot_size>(slots.lengths + slot * slot_size) - length - compliance * multipliers;
-        if constexpr (is_damped) right -= damping * dot(way, vectors(steps)) * inverse;
+        Slot right = Slot::at(slots.lengths + slot * slot_size) - length - compliance * multipliers;
+        if constexpr (is_damped) right -= damping * dot(way, vectors<Slot>(steps)) * inverse;
         // Two held particles have nothing to give; two at one place have no direction to part in.
         Slot change = right / ((1.0 + damping) * weight + compliance);  // Eq. 6
         change = where_positive(weight, where_positive(length, change));
-        put_lanes(slots.multipliers + slot * slot_size, multipliers + change);
+        (multipliers + change).put(slots.multipliers + slot * slot_size);
         const Slot scale = where_positive(length, relaxation * change * inverse);
         const Slot share_a = weight_a * scale, share_b = weight_b * scale;
         for (int lane = 0; lane < slot_size; ++lane) {  // Eq. 7
@@ -95,10 +89,11 @@ PDEANIM_INLINE void solve_pairs(Places places, PairSlots slots, std::size_t coun
 }
 
 void solve_damped(const Places &places, const PairSlots &slots, std::size_t count, const Scaling &scaling) {
-    in_widest([&](auto) PDEANIM_INLINE_LAMBDA { solve_pairs<true>(places, slots, count, scaling); });
+    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA { solve_pairs<true, Slot<bytes>>(places, slots, count, scaling); });
 }
 void solve_undamped(const Places &places, const PairSlots &slots, std::size_t count, const Scaling &scaling) {
-    in_widest([&](auto) PDEANIM_INLINE_LAMBDA { solve_pairs<false>(places, slots, count, scaling); });
+    in_widest([&](auto bytes)
+                  PDEANIM_INLINE_LAMBDA { solve_pairs<false, Slot<bytes>>(places, slots, count, scaling); });
 }
 
 class Distances : public SlottedBatch {
@@ -122,24 +117,26 @@ private:
     std::vector<double> lengths_, inverse_masses_;
 };
 
-// A link of each chain of a slot, in a matrix that is eliminated from both ends of the chain. Aligned by its own word, as
-// arrays of them are on the heap: GCC takes a vector for as aligned as the registers are of the variant it compiles, and
-// leaves it at sixteen bytes elsewhere.
-struct alignas(64) Link {
-    Vectors direction;
+// A link of each chain of a slot, in a matrix that is eliminated from both ends of the chain.
+struct Link {
+    StoredSlot direction[3];
     // coupling: on the way to the link where the ends meet, its share of the next one that is left of it; then Eq. 6's
     // change. right: what is left to the right of the equation.
-    Slot coupling, right, mass;  // mass: the inverse one of its first point
+    StoredSlot coupling, right, mass;  // mass: the inverse one of its first point
 };
 
 // The last link that is eliminated, and the inverse pivot of the one beyond it, to which the other end has come.
-struct alignas(64) Meeting {
-    Slot full, diagonal, beyond;
+struct Meeting {
+    StoredSlot full, diagonal, beyond;
 };
 
+template <class Slot> PDEANIM_INLINE Vectors<Slot> direction_of(const Link &link) {
+    return {link.direction[0], link.direction[1], link.direction[2]};
+}
+
 // The same point of each chain of a slot.
-struct Looked {
-    Vectors now, before;
+template <class Slot> struct Looked {
+    Vectors<Slot> now, before;
     Slot mass;
 };
 
@@ -155,116 +152,141 @@ struct ChainSlot {
 // too many, and that link is left as it is.
 constexpr double smallest_pivot = 1e-12;
 
-PDEANIM_INLINE Slot inverse_pivot(const Slot &diagonal, const Slot &full) {
+template <class Slot> PDEANIM_INLINE Slot inverse_pivot(const Slot &diagonal, const Slot &full) {
     return where_positive(diagonal - smallest_pivot * full, 1.0 / diagonal);
 }
 
-PDEANIM_INLINE Looked look(const Places &places, const i32 *points) {
-    return {vectors(places.positions, points), vectors(places.previous, points), masses(places, points)};
+template <class Slot> PDEANIM_INLINE Looked<Slot> look(const Places &places, const i32 *points) {
+    return {vectors<Slot>(places.positions, points), vectors<Slot>(places.previous, points),
+            masses<Slot>(places, points)};
 }
 
-// Direction and right side of a link; its diagonal.
-PDEANIM_INLINE Slot measure(Link &link, const Looked &from, const Looked &to, const ChainSlot &chain, std::size_t i,
-                            const Scaling &scaling) {
-    link.mass = from.mass;
-    for (int axis = 0; axis < 3; ++axis) link.direction.axes[axis] = to.now.axes[axis] - from.now.axes[axis];
-    const Slot length = square_roots(dot(link.direction, link.direction));
+// A link as its equation begins: `full` is its diagonal.
+template <class Slot> struct Measured {
+    Vectors<Slot> direction;
+    Slot right, mass, full;
+};
+
+template <class Slot> PDEANIM_INLINE Measured<Slot> measure(const Looked<Slot> &from, const Looked<Slot> &to,
+                                                            const ChainSlot &chain, std::size_t i,
+                                                            const Scaling &scaling) {
+    Vectors<Slot> direction{}, moved{};
+    for (int axis = 0; axis < 3; ++axis) direction.axes[axis] = to.now.axes[axis] - from.now.axes[axis];
+    const Slot length = square_roots(dot(direction, direction));
     const Slot inverse = where_positive(length, 1.0 / length);
-    Vectors moved{};
     for (int axis = 0; axis < 3; ++axis) {
-        link.direction.axes[axis] = link.direction.axes[axis] * inverse;
+        direction.axes[axis] = direction.axes[axis] * inverse;
         moved.axes[axis] = to.now.axes[axis] - to.before.axes[axis] - from.now.axes[axis] + from.before.axes[axis];
     }
-    const Slot multiplier = lanes_at<slot_size>(chain.multipliers + i * slot_size);
-    link.right = lanes_at<slot_size>(chain.lengths + i * slot_size) - length - scaling.compliance * multiplier -
-                 scaling.damping * dot(link.direction, moved);
-    const Slot directed = where_positive(length, Slot{} + (1.0 + scaling.damping));
-    return directed * (from.mass + to.mass) + scaling.compliance;
+    const Slot multiplier = Slot::at(chain.multipliers + i * slot_size);
+    const Slot right = Slot::at(chain.lengths + i * slot_size) - length - scaling.compliance * multiplier -
+                       scaling.damping * dot(direction, moved);
+    const Slot directed = where_positive(length, Slot::all(1.0 + scaling.damping));
+    return {direction, right, from.mass, directed * (from.mass + to.mass) + scaling.compliance};
 }
 
-// Entry of the matrix for two links that follow each other.
-PDEANIM_INLINE Slot coupling_of(const Link &link, const Link &next, const Scaling &scaling) {
-    return -(1.0 + scaling.damping) * next.mass * dot(link.direction, next.direction);
+template <class Slot> PDEANIM_INLINE void store(Link &link, const Measured<Slot> &own) {
+    for (int axis = 0; axis < 3; ++axis) link.direction[axis] = own.direction.axes[axis];
+    link.right = own.right;
+    link.mass = own.mass;
+}
+
+// Entry of the matrix for two links that follow each other; `mass`: of the point between them.
+template <class Slot> PDEANIM_INLINE Slot coupling_of(const Vectors<Slot> &direction, const Vectors<Slot> &next,
+                                                      const Slot &mass, const Scaling &scaling) {
+    return -(1.0 + scaling.damping) * mass * dot(direction, next);
 }
 
 // From the first link to the last, whose own pivot waits for the other end.
-PDEANIM_INLINE void eliminate_forwards(const Places &places, const ChainSlot &chain, const Scaling &scaling, Link *row,
-                                       Meeting &meeting) {
+template <class Slot> PDEANIM_INLINE void eliminate_forwards(const Places &places, const ChainSlot &chain,
+                                                             const Scaling &scaling, Link *row, Meeting &meeting) {
     Slot pivot{};
-    Looked from = look(places, chain.points);
+    Measured<Slot> before{};
+    Looked from = look<Slot>(places, chain.points);
     for (std::size_t i = 0; i < chain.links; ++i) {
-        const Looked to = look(places, chain.points + (i + 1) * slot_size);
-        const Slot full = measure(row[i], from, to, chain, i, scaling);
-        Slot diagonal = full;
+        const Looked to = look<Slot>(places, chain.points + (i + 1) * slot_size);
+        Measured<Slot> own = measure(from, to, chain, i, scaling);
+        Slot diagonal = own.full;
         if (i > 0) {
-            const Slot coupling = coupling_of(row[i - 1], row[i], scaling);
-            row[i - 1].coupling = coupling * pivot;
-            diagonal -= coupling * row[i - 1].coupling;
-            row[i].right -= coupling * row[i - 1].right;
+            const Slot coupling = coupling_of(before.direction, own.direction, own.mass, scaling);
+            const Slot share = coupling * pivot;
+            row[i - 1].coupling = share;
+            diagonal -= coupling * share;
+            own.right -= coupling * before.right;
         }
         if (i + 1 < chain.links) {
-            pivot = inverse_pivot(diagonal, full);
-            row[i].right = row[i].right * pivot;
+            pivot = inverse_pivot(diagonal, own.full);
+            own.right = own.right * pivot;
         } else {
-            meeting.full = full;
+            meeting.full = own.full;
             meeting.diagonal = diagonal;
         }
+        store(row[i], own);
+        before = own;
         from = to;
     }
 }
 
 // From the last link to the first.
-PDEANIM_INLINE void eliminate_backwards(const Places &places, const ChainSlot &chain, const Scaling &scaling, Link *row,
-                                        Meeting &meeting) {
+template <class Slot> PDEANIM_INLINE void eliminate_backwards(const Places &places, const ChainSlot &chain,
+                                                              const Scaling &scaling, Link *row, Meeting &meeting) {
     Slot pivot{};
-    Looked to = look(places, chain.points + chain.links * slot_size);
+    Measured<Slot> behind{};
+    Looked to = look<Slot>(places, chain.points + chain.links * slot_size);
     for (std::size_t i = chain.links; i-- > 0;) {
-        const Looked from = look(places, chain.points + i * slot_size);
-        const Slot full = measure(row[i], from, to, chain, i, scaling);
-        Slot diagonal = full;
+        const Looked from = look<Slot>(places, chain.points + i * slot_size);
+        Measured<Slot> own = measure(from, to, chain, i, scaling);
+        Slot diagonal = own.full;
         if (i + 1 < chain.links) {
-            const Slot coupling = coupling_of(row[i], row[i + 1], scaling);
-            row[i + 1].coupling = coupling * pivot;
-            diagonal -= coupling * row[i + 1].coupling;
-            row[i].right -= coupling * row[i + 1].right;
+            const Slot coupling = coupling_of(own.direction, behind.direction, behind.mass, scaling);
+            const Slot share = coupling * pivot;
+            row[i + 1].coupling = share;
+            diagonal -= coupling * share;
+            own.right -= coupling * behind.right;
         }
-        pivot = inverse_pivot(diagonal, full);
-        row[i].right = row[i].right * pivot;
+        pivot = inverse_pivot(diagonal, own.full);
+        own.right = own.right * pivot;
+        store(row[i], own);
+        behind = own;
         to = from;
     }
     meeting.beyond = pivot;
 }
 
-struct Met {
+template <class Slot> struct Met {
     Slot change, coupling;  // of the last link, and what that has of the link beyond it
 };
 
 // `beyond`: the link after `link`, to which the other end has come; null where there is none.
-PDEANIM_INLINE Met meet(const Link &link, const Link *beyond, const Scaling &scaling, const Meeting &meeting) {
+template <class Slot>
+PDEANIM_INLINE Met<Slot> meet(const Link &link, const Link *beyond, const Scaling &scaling, const Meeting &meeting) {
     Slot diagonal = meeting.diagonal, right = link.right, share{};
     if (beyond) {
-        const Slot coupling = coupling_of(link, *beyond, scaling);
+        const Slot coupling =
+            coupling_of<Slot>(direction_of<Slot>(link), direction_of<Slot>(*beyond), beyond->mass, scaling);
         share = coupling * meeting.beyond;
         diagonal -= coupling * share;
         right -= coupling * beyond->right;
     }
-    return {right * inverse_pivot(diagonal, meeting.full), share};
+    return {right * inverse_pivot<Slot>(diagonal, meeting.full), share};
 }
 
 // Eq. 7 for the points before `end`, for each the link before it first; Eq. 6 for the links that begin at them. `step`: of
 // the link before the first of them.
-PDEANIM_INLINE void move_points(const Places &places, const ChainSlot &chain, std::size_t end, const Link *row,
-                                Vectors step) {
+template <class Slot> PDEANIM_INLINE void move_points(const Places &places, const ChainSlot &chain, std::size_t end,
+                                                      const Link *row, Vectors<Slot> step) {
     for (std::size_t i = 0; i < end; ++i) {
         const i32 *particles = chain.points + i * slot_size;
-        Vectors at = vectors(places.positions, particles);
-        const Slot inverse_mass = i < chain.links ? row[i].mass : masses(places, particles);
+        Vectors<Slot> at = vectors<Slot>(places.positions, particles);
+        const Slot inverse_mass = i < chain.links ? Slot(row[i].mass) : masses<Slot>(places, particles);
         for (int axis = 0; axis < 3; ++axis) at.axes[axis] += inverse_mass * step.axes[axis];
         if (i < chain.links) {
             double *const multipliers = chain.multipliers + i * slot_size;
-            put_lanes(multipliers, lanes_at<slot_size>(multipliers) + row[i].coupling);  // Eq. 6
+            const Slot change = row[i].coupling;
+            (Slot::at(multipliers) + change).put(multipliers);  // Eq. 6
+            const Vectors<Slot> direction = direction_of<Slot>(row[i]);
             for (int axis = 0; axis < 3; ++axis) {
-                step.axes[axis] = row[i].direction.axes[axis] * row[i].coupling;
+                step.axes[axis] = direction.axes[axis] * change;
                 at.axes[axis] -= inverse_mass * step.axes[axis];
             }
         }
@@ -276,39 +298,44 @@ PDEANIM_INLINE void move_points(const Places &places, const ChainSlot &chain, st
 }
 
 // Changes of links from the last to the first, and what moves by them of the points before `end`.
-PDEANIM_INLINE void substitute_backwards(const Places &places, const ChainSlot &chain, std::size_t end, Link *row,
-                                         const Met &met) {
-    row[chain.links - 1].coupling = met.change;
+template <class Slot> PDEANIM_INLINE void substitute_backwards(const Places &places, const ChainSlot &chain,
+                                                               std::size_t end, Link *row, const Met<Slot> &met) {
+    Slot change = met.change;
+    row[chain.links - 1].coupling = change;
     for (std::size_t i = chain.links - 1; i-- > 0;) {
-        row[i].coupling = row[i].right - row[i].coupling * row[i + 1].coupling;
+        change = row[i].right - change * row[i].coupling;
+        row[i].coupling = change;
     }
-    move_points(places, chain, end, row, Vectors{});
+    move_points<Slot>(places, chain, end, row, {});
 }
 
 // Changes of links behind `link`, and what moves by them and by it. What the other half reads stays as it is.
-PDEANIM_INLINE void substitute_forwards(const Places &places, const ChainSlot &chain, const Link &link, Link *row,
-                                        const Met &met) {
+template <class Slot> PDEANIM_INLINE void substitute_forwards(const Places &places, const ChainSlot &chain,
+                                                              const Link &link, Link *row, const Met<Slot> &met) {
     Slot change = met.change;
     for (std::size_t i = 0; i < chain.links; ++i) {
-        change = row[i].right - (i == 0 ? met.coupling : row[i].coupling) * change;
+        const Slot coupling = i == 0 ? met.coupling : Slot(row[i].coupling);
+        change = row[i].right - coupling * change;
         row[i].coupling = change;
     }
-    Vectors step{};
-    for (int axis = 0; axis < 3; ++axis) step.axes[axis] = link.direction.axes[axis] * met.change;
+    Vectors<Slot> step = direction_of<Slot>(link);
+    for (Slot &axis : step.axes) axis = axis * met.change;
     move_points(places, chain, chain.links + 1, row, step);
 }
 
 // Eqs. 6 and 7 for chain after chain, by elimination without pivoting: the matrix is positive definite.
 void solve_chains(const Places &places, const DistanceSlots &slots, std::size_t links, std::size_t count,
                   const Scaling &scaling, Link *row) {
-    in_widest([&](auto) PDEANIM_INLINE_LAMBDA {
+    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
+        using Slot = xpbd::Slot<bytes>;
         for (std::size_t slot = 0; slot < count; ++slot) {
             const ChainSlot chain{slots.members + slot * (links + 1) * slot_size,
                                   slots.lengths + slot * links * slot_size,
                                   slots.multipliers + slot * links * slot_size, links};
             Meeting meeting{};
-            eliminate_forwards(places, chain, scaling, row, meeting);
-            substitute_backwards(places, chain, links + 1, row, meet(row[links - 1], nullptr, scaling, meeting));
+            eliminate_forwards<Slot>(places, chain, scaling, row, meeting);
+            substitute_backwards<Slot>(places, chain, links + 1, row,
+                                       meet<Slot>(row[links - 1], nullptr, scaling, meeting));
         }
     });
 }
@@ -352,14 +379,15 @@ PDEANIM_INLINE ChainSlot chain_of(Divided &divided, const DistanceSlots &slots, 
 // What chains of both halves have of one half: first this, ...
 void eliminate_half(const Places &places, const DistanceSlots &slots, Divided &divided, const Scaling &scaling,
                     int half) {
-    in_widest([&](auto) PDEANIM_INLINE_LAMBDA {
+    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
+        using Slot = xpbd::Slot<bytes>;
         Link *row = divided.halves[half].rows.data();
         for (std::size_t slot = 0; slot < divided.meetings.size(); ++slot) {
             const ChainSlot chain = chain_of(divided, slots, slot, half);
             if (half == 0) {
-                eliminate_forwards(places, chain, scaling, row, divided.meetings[slot]);
+                eliminate_forwards<Slot>(places, chain, scaling, row, divided.meetings[slot]);
             } else {
-                eliminate_backwards(places, chain, scaling, row, divided.meetings[slot]);
+                eliminate_backwards<Slot>(places, chain, scaling, row, divided.meetings[slot]);
             }
             row += chain.links;
         }
@@ -369,15 +397,16 @@ void eliminate_half(const Places &places, const DistanceSlots &slots, Divided &d
 // ... and when both halves have done that, this.
 void substitute_half(const Places &places, const DistanceSlots &slots, Divided &divided, const Scaling &scaling,
                      int half) {
-    in_widest([&](auto) PDEANIM_INLINE_LAMBDA {
+    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
+        using Slot = xpbd::Slot<bytes>;
         auto &[first, second] = divided.halves;
         for (std::size_t slot = 0; slot < divided.meetings.size(); ++slot) {
             const ChainSlot chain = chain_of(divided, slots, slot, half);
             Link *before = first.rows.data() + slot * first.links, *behind = second.rows.data() + slot * second.links;
             const Link &link = before[divided.last];
-            const Met met = meet(link, second.links > 0 ? behind : nullptr, scaling, divided.meetings[slot]);
+            const Met met = meet<Slot>(link, second.links > 0 ? behind : nullptr, scaling, divided.meetings[slot]);
             if (half == 0) {
-                substitute_backwards(places, chain, chain.links, before, met);
+                substitute_backwards<Slot>(places, chain, chain.links, before, met);
             } else {
                 substitute_forwards(places, chain, link, behind, met);
             }

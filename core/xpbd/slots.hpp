@@ -26,8 +26,19 @@ struct Slots {
 // Constraints of `each` particles, given in the batch's order.
 Slots make_slots(std::span<const i32> members, std::size_t each, const Halves &halves);
 
-// A number of each constraint of a slot.
-using Slot = Lanes<double, slot_size>;
+// A number of each constraint of a slot, in registers of so many bytes,
+template <int bytes> using Slot = Registers<double, slot_size, bytes>;
+
+// and in memory.
+struct alignas(64) StoredSlot {
+    double numbers[slot_size];
+
+    template <int bytes> PDEANIM_INLINE operator Slot<bytes>() const { return Slot<bytes>::at(numbers); }
+    template <int bytes> PDEANIM_INLINE StoredSlot &operator=(const Slot<bytes> &slot) {
+        slot.put(numbers);
+        return *this;
+    }
+};
 
 // How the multipliers of a constraint stand in its slot: each of all constraints side by side, or those of the axes side by
 // side, constraint after constraint, with room for a fourth.
