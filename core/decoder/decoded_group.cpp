@@ -17,10 +17,18 @@ namespace {
 // Each function divided by its length over all frames and axes; those that are all zero stay so. Squares are added up
 // frame after frame, axis after axis.
 void normalise(std::vector<double> &values, i64 functions) {
+    if (values.empty()) return;
     std::vector<double> lengths(functions);
-    for (std::size_t i = 0; i < values.size(); ++i) lengths[i % functions] += values[i] * values[i];
+    const i64 rows = static_cast<i64>(values.size()) / functions;
+    for (i64 row = 0; row < rows; ++row) {
+        const double *own = values.data() + row * functions;
+        for (i64 k = 0; k < functions; ++k) lengths[k] += own[k] * own[k];
+    }
     for (double &length : lengths) length = length > 0.0 ? std::sqrt(length) : 1.0;
-    for (std::size_t i = 0; i < values.size(); ++i) values[i] /= lengths[i % functions];
+    for (i64 row = 0; row < rows; ++row) {
+        double *own = values.data() + row * functions;
+        for (i64 k = 0; k < functions; ++k) own[k] /= lengths[k];
+    }
 }
 
 // cos(j pi (f + 1/2) / frames), orthonormal.

@@ -8,7 +8,15 @@ namespace pdeanim {
 
 GroupsAhead::GroupsAhead(const Container &container, const GroupTable &table, std::span<const std::size_t> groups)
     : table_(&table), groups_(groups.begin(), groups.end()), found_(groups.size()), is_over_(false),
-      thread_([&container, &table, this] { work(container, table); }) {}
+      thread_(begin([&container, &table, this] { work(container, table); })) {}
+
+std::jthread GroupsAhead::begin(std::function<void()> task) {
+    ++busy_;
+    return std::jthread([this, own = std::move(task)] {
+        own();
+        --busy_;
+    });
+}
 
 void GroupsAhead::work(const Container &container, const GroupTable &table) {
     try {
@@ -60,7 +68,7 @@ void GroupsAhead::insert(std::function<void()> task) {
             return;
         }
     }
-    later_ = std::jthread(std::move(task));
+    later_ = begin(std::move(task));
 }
 
 void GroupsAhead::do_inserted() {

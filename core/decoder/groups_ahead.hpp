@@ -2,6 +2,7 @@
 // coefficients the patches alone.
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
 #include <functional>
 #include <memory>
@@ -32,6 +33,9 @@ public:
     const Chunks *chunks(std::size_t k);
     std::optional<std::vector<double>> values(std::size_t k);
 
+    // Threads that are at work.
+    int busy() const { return busy_; }
+
     // Do something else in the same thread, when it is done with a group. What it looks at must outlive this.
     void insert(std::function<void()> task);
 
@@ -55,6 +59,7 @@ private:
     };
 
     void work(const Container &container, const GroupTable &table);
+    std::jthread begin(std::function<void()> task);
     void do_inserted();
     bool takes_over(std::size_t k);
 
@@ -68,6 +73,7 @@ private:
     std::function<void()> inserted_;
     std::unique_ptr<GroupCoefficients> coefficients_;
     bool is_dropped_ = false;
+    std::atomic<int> busy_ = 0;
     // Last, for they write to the others until they end; the second does what is inserted when the first has ended.
     std::jthread thread_, later_;
 };

@@ -110,7 +110,9 @@ const SpaceBasis &Animation::space(GroupsAhead *ahead) {
             of_elements_ = take_elements(*pieces);
             layout = layout_of(std::move(pieces));
         }
-        space_ = std::make_unique<SpaceBasis>(std::move(layout), reference().grid, threads_);
+        // Whoever waited for a thread that finds no processor would wait for those that are busy.
+        const int threads = most(threads_ - (ahead ? ahead->busy() : 0), 1);
+        space_ = std::make_unique<SpaceBasis>(std::move(layout), reference().grid, threads);
         const u64 bytes = static_cast<u64>(space_->bytes_to_keep());
         if (table_->groups().size() > 1 && bytes <= memory_.left() / memory_shares) {
             memory_.take(bytes, "functions of space");
