@@ -1,7 +1,6 @@
 #include "mesh/bisection.hpp"
 
 #include <algorithm>
-#include <array>
 #include <numeric>
 #include <utility>
 
@@ -13,30 +12,31 @@ namespace {
 
 // Chains through the vertices at equal places: from each but the last of a place to the one after it.
 std::vector<Edge> coincident_vertices(std::span<const GridPoint> grid) {
-    constexpr int digit_bits = 11;
-    constexpr u64 digits = u64{1} << digit_bits;
-    std::vector<i32> order(grid.size()), sorted(grid.size());
-    std::iota(order.begin(), order.end(), 0);
-    // A radix sort: no mesh makes it slow.
-    for (int axis = 0; axis < 3; ++axis) {
-        const auto by_axis = [axis](const GridPoint &a, const GridPoint &b) { return a[axis] < b[axis]; };
-        const auto [low, high] = std::minmax_element(grid.begin(), grid.end(), by_axis);
-        const i64 origin = (*low)[axis];
-        const u64 extent = static_cast<u64>((*high)[axis] - origin);
-        for (int shift = 0; shift < 64 && extent >> shift > 0; shift += digit_bits) {
-            const auto digit = [&](i32 vertex) {
-                return static_cast<u64>(grid[vertex][axis] - origin) >> shift & (digits - 1);
-            };
-            std::array<i32, digits + 1> place{};
-            for (const i32 vertex : order) ++place[digit(vertex) + 1];
-            std::partial_sum(place.begin(), place.end(), place.begin());
-            for (const i32 vertex : order) sorted[place[digit(vertex)]++] = vertex;
-            std::swap(order, sorted);
-        }
+    // Equal places are in one bucket, and few others are. Where many are, sorting makes good for it: no mesh makes it slow.
+    constexpr u64 factor = 0x9E3779B97F4A7C15;  // 2^64 over the golden ratio (Knuth, volume 3, section 6.4)
+    const int bits = bit_length(static_cast<i64>(grid.size()));
+    const auto bucket_of = [&](const GridPoint &point) {
+        u64 mixed = 0;
+        for (const i64 coordinate : point) mixed = (mixed ^ static_cast<u64>(coordinate)) * factor;
+        return static_cast<std::size_t>(mixed >> (64 - bits));
+    };
+    std::vector<i32> buckets(grid.size()), starts((std::size_t{1} << bits) + 1), order(grid.size());
+    for (std::size_t vertex = 0; vertex < grid.size(); ++vertex) {
+        buckets[vertex] = static_cast<i32>(bucket_of(grid[vertex]));
+        ++starts[buckets[vertex]];
+    }
+    std::partial_sum(starts.begin(), starts.end(), starts.begin());
+    for (std::size_t vertex = grid.size(); vertex-- > 0;) {
+        order[--starts[buckets[vertex]]] = static_cast<i32>(vertex);
     }
     std::vector<Edge> chains;
-    for (std::size_t k = 1; k < order.size(); ++k) {
-        if (grid[order[k - 1]] == grid[order[k]]) chains.push_back({order[k - 1], order[k]});
+    for (std::size_t bucket = 0; bucket + 1 < starts.size(); ++bucket) {
+        const auto begin = order.begin() + starts[bucket], end = order.begin() + starts[bucket + 1];
+        if (end - begin < 2) continue;
+        std::sort(begin, end, [&](i32 a, i32 b) { return grid[a] != grid[b] ? grid[a] < grid[b] : a < b; });
+        for (auto at = begin + 1; at < end; ++at) {
+            if (grid[at[-1]] == grid[*at]) chains.push_back({at[-1], *at});
+        }
     }
     return chains;
 }

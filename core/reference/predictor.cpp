@@ -43,12 +43,14 @@ Around Predictor::look_around(i32 vertex) const {
     Vector first{};
     const i64 begin = corners_.fan_starts[vertex];
     const i64 end = least(corners_.fan_starts[vertex + 1], begin + most_corners);
-    const auto known = [&](i32 v) { return v >= 0 && points_[v].is_known; };
+    const auto known = [&](i32 v) { return v >= 0 && is_known_[v]; };
     for (i64 row = begin; row < end; ++row) {
-        const Neighbourhood own = neighbourhood_at(corners_, corners_.fan[row]);
+        const i32 corner = corners_.fan[row];
+        if (!known(corners_.vertex(corners_.next[corner])) && !known(corners_.vertex(corners_.previous[corner])))
+            continue;
+        const Neighbourhood own = neighbourhood_at(corners_, corner);
         const i32 a = own.after, b = own.before, d = own.opposite;
         const bool a_known = known(a), b_known = known(b);
-        if (!a_known && !b_known) continue;
         if (reference < 0) reference = a_known ? a : b;
         const bool over_a_known = known(own.straight_after), over_b_known = known(own.straight_before);
         const Vector &from = grid[reference];
@@ -160,7 +162,7 @@ void Predictor::learn(i32 vertex, const Around &around, const Vector &residual) 
         point.error[k] = residual[k];
         if (around.kind == 0) seed_errors_[k] = (3 * seed_errors_[k] + (residual[k] << fraction_bits)) >> 2;
     }
-    point.is_known = true;
+    is_known_[vertex] = 1;
     last_ = vertex;
     if (around.kind == 0) last_seed_ = vertex;
 }

@@ -50,7 +50,7 @@ struct Around {
 class Predictor {
 public:
     Predictor(const CornerTable &corners, std::vector<Vector> grid)
-        : grid(std::move(grid)), corners_(corners), points_(this->grid.size()) {}
+        : grid(std::move(grid)), corners_(corners), points_(this->grid.size()), is_known_(this->grid.size()) {}
 
     // What is known around a vertex that comes next.
     Around look_around(i32 vertex) const;
@@ -63,13 +63,13 @@ public:
 private:
     struct Point {
         Vector miss{}, error{};  // grid coordinates minus base [1/16]; sizes of residuals
-        bool is_known = false;
     };
 
     void add_normal(i32 a, i32 b, i32 d, Vector &normal) const;
 
     const CornerTable &corners_;
     std::vector<Point> points_;
+    std::vector<u8> is_known_;        // bytes side by side, as most vertices are asked for this alone
     i32 last_ = -1, last_seed_ = -1;  // the vertex before, and the last one that nothing was known around
     Vector seed_errors_{};            // sizes of residuals of such vertices [1/16]
 };
