@@ -1,6 +1,7 @@
 // Numbers side by side in vector registers.
 #pragma once
 
+#include <cstddef>
 #include <cstring>
 
 #include "multiversion.hpp"
@@ -56,6 +57,12 @@ template <int count, class T> PDEANIM_INLINE Lanes<T, count> lanes_at(const T *n
 // Write them.
 template <class Row, class T> PDEANIM_INLINE void put_lanes(T *numbers, const Row &lanes) {
     std::memcpy(numbers, &lanes, sizeof lanes);
+}
+
+// Numbers, and arrays of them. What is `= {}` GCC makes zero in memory, too, where it stays in registers.
+template <class Row> PDEANIM_INLINE void make_zero(Row &lanes) { lanes = Row{}; }
+template <class Row, std::size_t count> PDEANIM_INLINE void make_zero(Row (&rows)[count]) {
+    for (Row &row : rows) make_zero(row);
 }
 
 // Values where what is tested is more than 0, else 0.

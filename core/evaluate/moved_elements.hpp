@@ -93,7 +93,8 @@ private:
         }
         // A half may stand where the node does: each number of it is read before those at its place are written.
         for (int p = 0; p < columns; p += size) {
-            Pack sums[most_functions] = {};
+            Pack sums[most_functions];
+            make_zero(sums);
             for (i64 k = 0; k < used; ++k) {
                 const Pack row = lanes_at<size>(rows[k] + p);
                 for (int i = 0; i < most_functions; ++i) sums[i] += multiples[k][i] * row;

@@ -64,7 +64,8 @@ constexpr int partial_sums = 2;
 template <int packs, int size, class Real>
 PDEANIM_INLINE void add_up_part(const Real *time, i64 stride, const RowOf<Real> &own, Real *row) {
     using Pack = Lanes<Real, size>;
-    Pack sums[partial_sums][packs] = {};
+    Pack sums[partial_sums][packs];
+    make_zero(sums);
     const auto add = [&](int part, i64 k) PDEANIM_INLINE_LAMBDA {
         const Real value = own.values[k], *from = time + own.functions[k] * stride;
         for (int i = 0; i < packs; ++i) sums[part][i] += value * lanes_at<size>(from + i * size);
@@ -83,7 +84,8 @@ PDEANIM_INLINE void add_up_part(const Real *time, i64 stride, const RowOf<Real> 
 template <int packs, int size, int frames, class Real>
 PDEANIM_INLINE void add_up_axes(const Real *time, const RowOf<Real> &own, Real *row) {
     using Pack = Lanes<Real, size>;
-    Pack sums[3][packs] = {};
+    Pack sums[3][packs];
+    make_zero(sums);
     for (i64 k = 0; k < own.count; ++k) {
         const Real *values = own.values + Motion<Real>::padded_axes * k, *from = time + own.functions[k] * frames;
         for (int i = 0; i < packs; ++i) {
