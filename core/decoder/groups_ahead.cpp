@@ -7,16 +7,11 @@
 namespace pdeanim {
 
 GroupsAhead::GroupsAhead(const Container &container, const GroupTable &table, std::span<const std::size_t> groups)
-    : table_(&table), groups_(groups.begin(), groups.end()), found_(groups.size()), is_over_(false),
-      thread_(begin([&container, &table, this] { work(container, table); })) {}
-
-std::jthread GroupsAhead::begin(std::function<void()> task) {
-    ++busy_;
-    return std::jthread([this, own = std::move(task)] {
-        own();
-        --busy_;
-    });
-}
+    : table_(&table), groups_(groups.begin(), groups.end()), found_(groups.size()), is_over_(false), busy_(1),
+      thread_([&container, &table, this] {
+          work(container, table);
+          --busy_;
+      }) {}
 
 void GroupsAhead::work(const Container &container, const GroupTable &table) {
     try {
@@ -38,14 +33,12 @@ void GroupsAhead::work(const Container &container, const GroupTable &table) {
     } catch (...) {
         // Who does it again comes upon it.
     }
-    std::function<void()> last;
     {
         const std::lock_guard guard(lock_);
         is_over_ = true;
         changed_.notify_all();
-        std::swap(last, inserted_);
     }
-    if (last) last();
+    do_inserted();
 }
 
 // Whether who asks is the first one to decode the functions of time of the k-th.
@@ -61,14 +54,14 @@ const Chunks *GroupsAhead::chunks(std::size_t k) {
 }
 
 void GroupsAhead::insert(std::function<void()> task) {
-    {
-        const std::lock_guard guard(lock_);
-        if (!is_over_) {
-            inserted_ = std::move(task);
-            return;
-        }
-    }
-    later_ = begin(std::move(task));
+    const std::lock_guard guard(lock_);
+    inserted_ = std::move(task);
+    if (!is_over_) return;
+    ++busy_;
+    later_ = std::jthread([this] {
+        do_inserted();
+        --busy_;
+    });
 }
 
 void GroupsAhead::do_inserted() {

@@ -59,7 +59,6 @@ private:
     };
 
     void work(const Container &container, const GroupTable &table);
-    std::jthread begin(std::function<void()> task);
     void do_inserted();
     bool takes_over(std::size_t k);
 

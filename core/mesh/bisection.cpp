@@ -14,26 +14,27 @@ namespace {
 std::vector<Edge> coincident_vertices(std::span<const GridPoint> grid) {
     // Equal places are in one bucket, and few others are. Where many are, sorting makes good for it: no mesh makes it slow.
     constexpr u64 factor = 0x9E3779B97F4A7C15;  // 2^64 over the golden ratio (Knuth, volume 3, section 6.4)
-    const int bits = bit_length(static_cast<i64>(grid.size()));
-    const auto bucket_of = [&](const GridPoint &point) {
-        u64 mixed = 0;
-        for (const i64 coordinate : point) mixed = (mixed ^ static_cast<u64>(coordinate)) * factor;
-        return static_cast<std::size_t>(mixed >> (64 - bits));
-    };
-    std::vector<i32> buckets(grid.size()), starts((std::size_t{1} << bits) + 1), order(grid.size());
+    const int shift = 64 - bit_length(static_cast<i64>(grid.size()));
+    std::vector<i32> buckets(grid.size()), starts((std::size_t{1} << (64 - shift)) + 1), order(grid.size());
     for (std::size_t vertex = 0; vertex < grid.size(); ++vertex) {
-        buckets[vertex] = static_cast<i32>(bucket_of(grid[vertex]));
+        u64 mixed = 0;
+        for (const i64 coordinate : grid[vertex]) mixed = (mixed ^ static_cast<u64>(coordinate)) * factor;
+        buckets[vertex] = static_cast<i32>(mixed >> shift);
         ++starts[buckets[vertex]];
     }
     std::partial_sum(starts.begin(), starts.end(), starts.begin());
-    for (std::size_t vertex = grid.size(); vertex-- > 0;) {
-        order[--starts[buckets[vertex]]] = static_cast<i32>(vertex);
-    }
+    for (i32 vertex = static_cast<i32>(grid.size()); vertex-- > 0;) order[--starts[buckets[vertex]]] = vertex;
     std::vector<Edge> chains;
     for (std::size_t bucket = 0; bucket + 1 < starts.size(); ++bucket) {
         const auto begin = order.begin() + starts[bucket], end = order.begin() + starts[bucket + 1];
         if (end - begin < 2) continue;
-        std::sort(begin, end, [&](i32 a, i32 b) { return grid[a] != grid[b] ? grid[a] < grid[b] : a < b; });
+        // All of it, by a heap: the code is short.
+        std::partial_sort(begin, end, end, [&](i32 a, i32 b) {
+            for (int axis = 0; axis < 3; ++axis) {
+                if (grid[a][axis] != grid[b][axis]) return grid[a][axis] < grid[b][axis];
+            }
+            return a < b;
+        });
         for (auto at = begin + 1; at < end; ++at) {
             if (grid[at[-1]] == grid[*at]) chains.push_back({at[-1], *at});
         }
