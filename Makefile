@@ -24,8 +24,9 @@ READY := .venv/ready
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
 
-test: BUILDS = gcc-O3-fused
-test: lint types browser sanitize exactness
+# What compiles and what checks types go side by side: neither takes two processors all the time.
+test:
+	$(MAKE) --no-print-directory --jobs 2 BUILDS=gcc-O3-fused lint types browser sanitize exactness
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
 # Tests that take minutes, and print what they measured: kills, full disks, threads, the worst files of each section.

@@ -125,7 +125,6 @@ template <class T, int count, int bytes> struct Registers {
 
     PDEANIM_INLINE Registers &operator+=(const Registers &other) { return *this = *this + other; }
     PDEANIM_INLINE Registers &operator-=(const Registers &other) { return *this = *this - other; }
-    PDEANIM_INLINE Registers operator-() const { return T{} - *this; }
 #define PDEANIM_BY_PARTS(sign)                                                       \
     friend PDEANIM_INLINE Registers operator sign(Registers a, const Registers &b) { \
         for (int p = 0; p < parts; ++p) a.part[p] = a.part[p] sign b.part[p];        \

@@ -64,7 +64,7 @@ PDEANIM_INLINE void take_away_all(double *const *column, const double *rows, i64
     i64 k = 0;
     for (; k + rows_at_once <= count; k += rows_at_once)
         take_away<columns, rows_at_once, bytes>(column, rows + k * width, width);
-    // Few are left; code for them is one after the other for one column.
+    // The few that are left are taken away from one column after the other, which is less code.
     for (; k < count; ++k) {
         for (int c = 0; c < columns; ++c) take_away<1, 1, bytes>(column + c, rows + k * width, width);
     }
