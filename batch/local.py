@@ -102,6 +102,9 @@ class _Clips:
 class _Worker:
     """A process that does one clip after the other, started when it is first needed and again when it ended."""
 
+    _starting = Lock()
+    """Processes start one after the other: what one needs of open files meanwhile may be all that there are."""
+
     def __init__(self, threads: int) -> None:
         self._threads = threads
         self._process: Any = None
@@ -128,7 +131,8 @@ class _Worker:
             if self._over.is_set():
                 return failure(clip, InputError("the batch was stopped", path=clip.source))
             if self._process is None:
-                self._start()
+                with self._starting:
+                    self._start()
             pipe, process = self._pipe, self._process
         assert pipe is not None
         try:

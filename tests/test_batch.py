@@ -200,7 +200,7 @@ def test_a_process_that_ends_is_the_failure_of_its_clip_alone(clips: Path, monke
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such limit there")
-@pytest.mark.parametrize(("files", "state"), [(9, "failed"), (32, "done")])
+@pytest.mark.parametrize(("files", "state"), [(9, "failed"), (14, "done")])
 def test_a_batch_with_few_open_files_does_what_it_can_and_says_what_it_cannot(
     clips: Path, files: int, state: str
 ) -> None:
