@@ -24,10 +24,11 @@ READY := .venv/ready
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
 
-# What compiles and what checks types go side by side: neither takes two processors all the time.
+# What compiles and what checks types go side by side: neither takes two processors all the time. Tests start many
+# processes: where Python may write no byte code, each would compile all that it imports.
 test:
 	$(MAKE) --no-print-directory --jobs 2 BUILDS=gcc-O3-fused lint types browser sanitize exactness
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest -n auto --dist loadfile
 
 # Tests that take minutes, and print what they measured: kills, full disks, threads, the worst files of each section.
 long: $(READY)

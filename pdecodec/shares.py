@@ -7,24 +7,48 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import lru_cache
 from itertools import pairwise
-from typing import TypeVar
+from typing import TypeVar, cast
 
 Result = TypeVar("Result")
+Other = TypeVar("Other")
 
 SHARES_A_THREAD = 4
 """Shares are alike in size, not in work: who is done with one takes the next."""
 
+LEAST_SHARED = 6000
+"""Vertices times frames of a clip from which on several threads are done sooner than one alone, by measurement: below,
+they mostly wait for each other."""
+
+_is_alone: ContextVar[bool] = ContextVar("is_alone", default=False)
+
+
+@contextmanager
+def threads_for(size: int) -> Iterator[None]:
+    """One thread works alone in this block where `size`, vertices times frames, is small and nobody asked for more."""
+    before = _is_alone.set(size < LEAST_SHARED and _asked_threads() is None)
+    try:
+        yield
+    finally:
+        _is_alone.reset(before)
+
+
+def _asked_threads() -> int | None:
+    asked = os.environ.get("PDECODEC_THREADS", "")
+    return int(asked) if asked.isdecimal() and int(asked) > 0 else None
+
 
 def thread_count() -> int:
-    """Threads that work at once: one a processor, or as many as the environment's PDECODEC_THREADS says."""
-    asked = os.environ.get("PDECODEC_THREADS", "")
-    if asked.isdecimal() and int(asked) > 0:
-        return int(asked)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Threads that work at once: as many as the environment's PDECODEC_THREADS says, else one a processor, or one."""
+    if _is_alone.get():
+        return 1
+    usual = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return _asked_threads() or usual
 
 
 @lru_cache
@@ -48,6 +72,12 @@ def side_by_side(*works: Callable[[], Result]) -> list[Result]:
 
     in_shares(call, len(works))
     return [found[index] for index in range(len(works))]
+
+
+def both(one: Callable[[], Result], other: Callable[[], Other]) -> tuple[Result, Other]:
+    """What two calls return, made at once where there is a thread for it."""
+    found = side_by_side(one, other)
+    return cast(Result, found[0]), cast(Other, found[1])
 
 
 def in_shares(work: Callable[[int, int], None], count: int) -> None:

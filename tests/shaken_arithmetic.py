@@ -27,22 +27,30 @@ COUNTER = itertools.count()
 Shake = Callable[[Any], Any]
 
 
-class Shaker(ast.NodeTransformer):
-    """Puts a call of `shake` around sums, differences, products, quotients, powers and functions."""
+class Renamer(ast.NodeTransformer):
+    """Imports the decoder's modules under another package's name."""
+
+    def __init__(self, package: str) -> None:
+        self._package = package
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> ast.AST:
+        if node.module and node.module.startswith("spec.decoder"):
+            node.module = self._package + node.module.removeprefix("spec.decoder")
+        return node
+
+
+class Shaker(Renamer):
+    """Puts a call of `shake` around sums, differences, products, quotients, powers and functions, too."""
 
     def __init__(self, package: str, exempt: set[str]) -> None:
-        self._package, self._exempt = package, exempt
+        super().__init__(package)
+        self._exempt = exempt
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
         return node if node.name in self._exempt else self.generic_visit(node)
 
     def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
         return node if node.name in self._exempt else self.generic_visit(node)
-
-    def visit_ImportFrom(self, node: ast.ImportFrom) -> ast.AST:
-        if node.module and node.module.startswith("spec.decoder"):
-            node.module = self._package + node.module.removeprefix("spec.decoder")
-        return node
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
         self.generic_visit(node)
@@ -102,8 +110,8 @@ def matrix_product(shake: Shake) -> Callable[[Any, Any], Any]:
 
 
 @contextmanager
-def decoder(shake: Shake, exempt: set[str] = EXACT) -> Iterator[dict[str, ModuleType]]:
-    """The modules of the independent decoder, under names of their own, with `shake` in its arithmetic."""
+def decoder(shake: Shake | None, exempt: set[str] = EXACT) -> Iterator[dict[str, ModuleType]]:
+    """The modules of the independent decoder, under names of their own, with `shake`, if any, in its arithmetic."""
     package = f"shaken_decoder_{next(COUNTER)}"
     parent = ModuleType(package)
     parent.__path__ = []
@@ -120,10 +128,12 @@ def decoder(shake: Shake, exempt: set[str] = EXACT) -> Iterator[dict[str, Module
                 for other in [item.name for item in node.names] if node.module == "spec.decoder" else needed:
                     load(other)
         module = modules[name] = ModuleType(f"{package}.{name}")
-        module.__dict__.update(shake=shake, matrix_product=matrix_product(shake))
+        if shake:
+            module.__dict__.update(shake=shake, matrix_product=matrix_product(shake))
         sys.modules[module.__name__] = module
         setattr(parent, name, module)
-        tree = ast.fix_missing_locations(Shaker(package, exempt).visit(tree))
+        changed = Shaker(package, exempt) if shake else Renamer(package)
+        tree = ast.fix_missing_locations(changed.visit(tree))
         exec(compile(tree, f"{name}.py", "exec"), module.__dict__)
 
     try:

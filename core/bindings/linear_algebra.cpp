@@ -2,12 +2,12 @@
 #include <memory>
 
 #include "bindings/bindings.hpp"
+#include "decomposition/orthonormal_columns.hpp"
+#include "decomposition/products.hpp"
+#include "decomposition/symmetric_eigen.hpp"
 #include "large_array.hpp"
 #include "linear_algebra/logarithm.hpp"
-#include "linear_algebra/orthonormal_columns.hpp"
-#include "linear_algebra/products.hpp"
 #include "linear_algebra/sum_of_products.hpp"
-#include "linear_algebra/symmetric_eigen.hpp"
 
 namespace pdeanim::bindings {
 

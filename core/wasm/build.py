@@ -24,11 +24,8 @@ from pathlib import Path
 
 CORE = Path(__file__).resolve().parent.parent
 
-NOT_DECODED_WITH = {"bindings", "encode", "linear_algebra", "tests", "text", "xpbd", "wasm"}
-"""Folders of the core that a decoder does without,"""
-
-BUT_FOR = {"add_multiples", "add_product", "gram_schmidt", "sum_of_products", "vectors"}
-"""and what it takes of them: names of files without their extensions."""
+NOT_DECODED_WITH = {"bindings", "decomposition", "encode", "tests", "text", "xpbd", "wasm"}
+"""Folders of the core that a decoder does without."""
 
 SECTION = b"pdeanim.sources"
 """Name of the custom section that says what a module was built from."""
@@ -92,7 +89,7 @@ def sources() -> list[Path]:
     """What the module is built from, headers too."""
 
     def is_decoded_with(path: Path) -> bool:
-        return path.stem in BUT_FOR or path.relative_to(CORE).parts[0] not in NOT_DECODED_WITH
+        return path.relative_to(CORE).parts[0] not in NOT_DECODED_WITH
 
     found = [path for path in CORE.rglob("*") if path.suffix in {".cpp", ".hpp", ".h"} and is_decoded_with(path)]
     wasm = [path for path in (CORE / "wasm").rglob("*") if path.is_file() and "__pycache__" not in path.parts]

@@ -33,6 +33,7 @@ from pdecodec.errors import InputError
 from pdecodec.metrics import frame_scale
 from pdecodec.sequence import MeshSequence, Progress
 from pdecodec.settings import EncodeSettings
+from pdecodec.shares import threads_for
 
 Float32Array = NDArray[np.float32]
 
@@ -89,11 +90,12 @@ class Encoder(ABC):
             # Nothing waits for it until the end.
             self._connectivity = beside.submit(encode_connectivity, parts, keep_order=keep)
             frames = 0
-            for encoded in self._groups():
-                self._write_group(encoded, spools)
-                frames += encoded.entry.frames
-                if self._progress:
-                    self._progress(frames, self._sequence.frame_count, "encoding")
+            with threads_for(self._sequence.vertex_count * self._sequence.frame_count):
+                for encoded in self._groups():
+                    self._write_group(encoded, spools)
+                    frames += encoded.entry.frames
+                    if self._progress:
+                        self._progress(frames, self._sequence.frame_count, "encoding")
             yield self._sections(spools)
         finally:
             beside.shutdown()

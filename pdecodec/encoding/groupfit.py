@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import bisect
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -44,7 +43,7 @@ from pdecodec.encoding.quantisation import (
     quantise_on,
     quantise_sparsely,
 )
-from pdecodec.shares import thread_count
+from pdecodec.shares import both, thread_count
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -470,10 +469,10 @@ class GroupFitter:
             )
             return missing, plan_residuals(missing[0], basis.starts)
 
-        with ThreadPoolExecutor(1) as beside:
-            against_input = beside.submit(held)
-            bits = _bits(basis, entry, quantised, time_functions) if is_measured else math.inf
-            missing, plan = against_input.result()
+        def measured() -> float:
+            return _bits(basis, entry, quantised, time_functions) if is_measured else math.inf
+
+        (missing, plan), bits = both(held, measured)
         packed: NDArray[np.signedinteger[Any]] = quantised
         if self.is_heavy:
             packed = quantised.astype(np.result_type(np.int16, np.min_scalar_type(-int(largest.max(initial=0)) - 1)))
@@ -485,25 +484,27 @@ class GroupFitter:
         Where adding up in float32 turns out to take more than half of the margin for it, positions are added up in
         float64: another order of the same sums may take as much again.
         """
-        entry, quantised, time_functions = fitted.entry, fitted.quantised, fitted.time_functions
+        quantised, time_functions = fitted.quantised, fitted.time_functions
 
-        def beside() -> tuple[bytes, bytes]:
-            coefficients = encode_coefficients(quantised, basis, axes=entry.axes) if entry.width else b""
+        def model() -> tuple[bytes, bytes]:
+            coefficients = encode_coefficients(quantised, basis, axes=fitted.entry.axes) if fitted.entry.width else b""
             return time_functions.to_bytes() if time_functions else b"", coefficients
 
-        with ThreadPoolExecutor(1) as helper:
-            encoded = helper.submit(beside)
+        def rest() -> tuple[FittedGroup, bytes]:
+            last, entry = fitted, fitted.entry
             if entry.single and not self._is_single_enough(basis, entry, quantised, time_functions):
                 entry = replace(entry, single=False)
-                fitted = self.fitted(basis, entry, quantised, time_functions, is_measured=False)
-            residual_bytes = encode_residuals(fitted.residuals, basis.starts, fitted.plan)
-            chunks = *encoded.result(), residual_bytes
+                last = self.fitted(basis, entry, quantised, time_functions, is_measured=False)
+            return last, encode_residuals(last.residuals, basis.starts, last.plan)
+
+        (last, residual_bytes), model_bytes = both(rest, model)
+        chunks = *model_bytes, residual_bytes
         return EncodedGroup(
-            entry.with_chunks(chunks),
+            last.entry.with_chunks(chunks),
             chunks,
-            fitted.largest_square,
-            fitted.sum_of_squares,
-            fitted.residuals.count,
+            last.largest_square,
+            last.sum_of_squares,
+            last.residuals.count,
             int(np.count_nonzero(quantised)) + (time_functions.decoded.size if time_functions else 0),
         )
 

@@ -1,9 +1,9 @@
-#include "linear_algebra/orthonormal_columns.hpp"
+#include "decomposition/orthonormal_columns.hpp"
 
 #include <algorithm>
 
+#include "decomposition/reflection.hpp"
 #include "instructions.hpp"
-#include "linear_algebra/reflection.hpp"
 
 namespace pdeanim {
 

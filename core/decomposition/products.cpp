@@ -1,4 +1,4 @@
-#include "linear_algebra/products.hpp"
+#include "decomposition/products.hpp"
 
 #include <algorithm>
 #include <memory>

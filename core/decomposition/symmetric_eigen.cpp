@@ -1,11 +1,11 @@
-#include "linear_algebra/symmetric_eigen.hpp"
+#include "decomposition/symmetric_eigen.hpp"
 
 #include <algorithm>
 #include <numeric>
 
-#include "linear_algebra/scale.hpp"
-#include "linear_algebra/tridiagonal.hpp"
-#include "linear_algebra/tridiagonal_eigen.hpp"
+#include "decomposition/scale.hpp"
+#include "decomposition/tridiagonal.hpp"
+#include "decomposition/tridiagonal_eigen.hpp"
 
 namespace pdeanim {
 

@@ -1,4 +1,4 @@
-#include "linear_algebra/secular.hpp"
+#include "decomposition/secular.hpp"
 
 #include <algorithm>
 #include <cmath>

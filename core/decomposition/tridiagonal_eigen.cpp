@@ -1,14 +1,14 @@
-#include "linear_algebra/tridiagonal_eigen.hpp"
+#include "decomposition/tridiagonal_eigen.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numeric>
 
+#include "decomposition/scale.hpp"
+#include "decomposition/secular.hpp"
 #include "instructions.hpp"
 #include "linear_algebra/add_product.hpp"
-#include "linear_algebra/scale.hpp"
-#include "linear_algebra/secular.hpp"
 #include "parallel.hpp"
 
 // Divide and conquer (Cuppen 1981): the matrix is cut in two, and two halves again, down to a few rows, which the QL

@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "linear_algebra/scale.hpp"
+#include "decomposition/scale.hpp"
 #include "linear_algebra/vectors.hpp"
 
 namespace pdeanim {

@@ -1,10 +1,10 @@
-#include "linear_algebra/tridiagonal.hpp"
+#include "decomposition/tridiagonal.hpp"
 
 #include <algorithm>
 
+#include "decomposition/reflection.hpp"
 #include "instructions.hpp"
 #include "linear_algebra/add_product.hpp"
-#include "linear_algebra/reflection.hpp"
 #include "parallel.hpp"
 
 // Row after row, from the last one up, is cleared but for the number beside the diagonal. The reflection I - f v v^T from
