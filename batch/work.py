@@ -44,7 +44,7 @@ State = Literal["done", "kept", "failed", "planned"]
 
 FIGURES = (
     "frames", "vertices", "source_bytes", "raw_bytes", "bytes", "ratio", "bound", "max_error", "rms_error", "diagonal",
-    "groups", "verified_error", "seconds", "generator", "notes",
+    "groups", "rounding", "verified_error", "seconds", "generator", "notes",
 )  # fmt: skip
 """What the record of a clip and its line of the summary hold, where they are known."""
 
@@ -299,8 +299,9 @@ def _made(clip: Clip, work: Work) -> Result:
             "rms_error": report.rms_error,
             "diagonal": report.scale,
             "groups": report.groups,
+            "rounding": report.rounding,
             "generator": generator(),
-            "notes": list(sequence.notices),
+            "notes": [*sequence.notices, *filter(None, [report.rounding_warning])],
         }
         if work.verify:
             figures["verified_error"] = _verified(written, sequence, clip.options, figures)

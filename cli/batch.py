@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -147,6 +148,9 @@ def batch(
     sizes = f"in {byte_size(totals.source_bytes)} ({byte_size(totals.raw_bytes)} of positions) -> "
     sizes += f"out {byte_size(totals.bytes)} ({ratio(totals.raw_bytes, totals.bytes)})"
     say(f"{counted(len(results), 'clip')}: {states}" + (f"; {sizes}" if totals.clips else ""))
+    rounded = sum((item.figures.get("rounding") or 0) > (item.figures.get("bound") or math.inf) for item in results)
+    if rounded:
+        say(f"warning: rounding to float32 takes more than the bound of {counted(rounded, 'clip')}; -v says of which")
     if failures:
         context.exit(1)
 
@@ -219,6 +223,8 @@ def _said(clips: Sequence[Clip]) -> Iterator[Callable[[Result], None]]:
             size = result.figures.get("bytes")
             what = result.message if result.state == "failed" else f"{byte_size(size or 0)}, {result.state}"
             say(f"{result.output}: {what}", level=1)
+            for text in result.figures.get("notes") or ():
+                say(f"{result.output}: note: {text}", level=1)
             if progress is not None:
                 progress(done, len(clips), "clips")
             elif time.monotonic() - said >= SAID_EVERY:

@@ -57,14 +57,9 @@ def say_notices(sequence: MeshSequence) -> None:
         say(f"note: {notice}")
 
 
-def rounding_words(distance: float) -> str:
-    """What rounding does to positions of more digits than float32 has."""
-    return f"positions are rounded to float32, which moves them by up to {distance:.3g} scene units"
-
-
 def say_rounding(distance: float, scale: float) -> None:
     """A line where rounding moves positions noticeably, beside the diagonal of the scene."""
-    from pdecodec.rounding import NOTEWORTHY
+    from pdecodec.rounding import NOTEWORTHY, rounding_words
 
     if distance > NOTEWORTHY * scale:
         say(f"note: {rounding_words(distance)}; there are not enough digits so far from the origin")

@@ -12,7 +12,6 @@ from pdecodec.cli.console import (
     print_json,
     progress_bar,
     ratio,
-    rounding_words,
     say,
     say_alternatives,
     say_notices,
@@ -237,9 +236,8 @@ def _encode(
         f"({ratio(report.raw_bytes, report.file_bytes)}), "
         f"max error {report.max_error:.3g} scene units ({bound}), {report.seconds:.1f} s"
     )
-    if report.is_rounding_beyond_bound:
-        beyond = "" if report.bound is None else ", more than the bound, which counts from there"
-        say(f"warning: {rounding_words(report.rounding)}{beyond}; move the scene nearer to its origin")
+    if report.rounding_warning:
+        say(f"warning: {report.rounding_warning}")
 
 
 def _as_json(report: EncodeReport, output: str, input_size: int, settings: EncodeSettings) -> dict[str, Any]:

@@ -123,7 +123,7 @@ def is_far(points: Float32Array) -> bool:
 def rounding_of_text(text: ObjText, points: Float32Array) -> float:
     """How far positions (vertices, 3) that were read of a text are from its numbers at most.
 
-    What is the shortest text of a float32 number stands for that number. Of numbers that Python does not read it is 0.
+    Of numbers that Python does not read it is 0.
     """
     rows = _VERTEX.findall(text.data)
     try:
@@ -132,8 +132,13 @@ def rounding_of_text(text: ObjText, points: Float32Array) -> float:
         return 0.0
     if numbers.shape != points.shape:
         return 0.0
-    printed = points.astype(np.str_).astype(np.float64)
-    return largest_rounding(np.where(numbers == printed, points, numbers), points)
+    return largest_rounding(meant_by_text(numbers, points), points)
+
+
+def meant_by_text(numbers: NDArray[np.float64], rounded: Float32Array) -> NDArray[np.float64]:
+    """Numbers of a text: where it is the shortest of a float32 number, that number."""
+    printed = rounded.astype(np.str_).astype(np.float64)
+    return np.where(numbers == printed, rounded, numbers)
 
 
 def read_text(path: Path, frame: int) -> ObjText:

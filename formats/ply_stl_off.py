@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.attribute_roles import joined_colors, lost_by_joining
-from pdecodec.formats.frame_files import FrameBytes, MeshFile, open_frames, write_frames
+from pdecodec.formats.frame_files import FrameBytes, MeshFile, Positions, open_frames, write_frames
 from pdecodec.formats.normals import VertexNormals
+from pdecodec.formats.obj_text import is_far, meant_by_text
 from pdecodec.formats.registry import Output, read_errors
 from pdecodec.sequence import Connectivity, Float32Array, MeshSequence
 
@@ -111,7 +112,7 @@ def _read_stl(path: Path) -> MeshFile:
         found = _STL_VERTEX.findall(data) if data.lstrip().startswith(b"solid") else []
         if not found or len(found) % 3 or b"endsolid" not in data:
             raise InputError("is no STL file, or a truncated one; export it again", path=path)
-        points = _numbers([number for row in found for number in row], path).reshape(-1, 3)
+        points = _positions([number for row in found for number in row], path)
     corners = np.arange(len(points), dtype=np.int32)
     return MeshFile(points, Connectivity(len(points), np.full(len(points) // 3, 3, np.int32), corners))
 
@@ -142,15 +143,21 @@ def _read_off(path: Path) -> MeshFile:
         flat: NDArray[Any] = np.array(corners, np.int64)
     except (IndexError, OverflowError, ValueError) as error:
         raise InputError(f"is a damaged OFF file ({error}); export it again", path=path) from error
-    points = _numbers([number for row in rows for number in row[:3]], path).reshape(-1, 3)
+    points = _positions([number for row in rows for number in row[:3]], path)
     is_face = sizes >= 3
     on_face = np.repeat(is_face, sizes)
     connectivity = Connectivity(vertices, sizes[is_face], flat[on_face], sizes[~is_face], flat[~on_face])
     return MeshFile(points, connectivity)
 
 
-def _numbers(words: list[bytes], path: Path) -> Float32Array:
+def _positions(words: list[bytes], path: Path) -> Positions:
+    """Positions (vertices, 3) of a text: float32, or float64 where rounding moves them noticeably."""
+    if not words:
+        return np.zeros((0, 3), np.float32)
     try:
-        return np.array(words).astype(np.float64).astype(np.float32) if words else np.zeros(0, np.float32)
+        numbers = np.array(words).astype(np.float64).reshape(-1, 3)
     except ValueError as error:
         raise InputError(f"holds what is no number ({error}); export it again", path=path) from error
+    with np.errstate(over="ignore"):
+        rounded = numbers.astype(np.float32)
+    return meant_by_text(numbers, rounded) if is_far(rounded) else rounded

@@ -64,6 +64,11 @@ def note_rounding(distance: float) -> None:
         found.largest = max(found.largest, distance)
 
 
+def rounding_words(distance: float) -> str:
+    """What rounding by so much [scene units] does to positions of more digits than float32 has."""
+    return f"positions are rounded to float32, which moves them by up to {distance:.3g} scene units"
+
+
 def to_float32(points: NDArray[Any]) -> NDArray[np.float32]:
     """Positions (..., 3) of any kind of number as float32 in C order; how far they are moved is noted.
 

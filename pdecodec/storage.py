@@ -43,6 +43,9 @@ STAMPS = (
 )
 """What storages say of a file that changes when it is written."""
 
+BEYOND_END = 416
+"""A server's answer where a part that is asked for begins beyond the end of the file."""
+
 
 def is_address(place: str | os.PathLike[str]) -> bool:
     """Whether this is the address of a file elsewhere, and no path."""
@@ -115,7 +118,9 @@ class RemoteFile:
         """Bytes `begin` to `end` - 1."""
         with storage_errors(self.address):
             data: bytes = self.storage.cat_file(self._path, start=begin, end=end)
-        if len(data) != end - begin:
+        if len(data) < end - begin:
+            raise InputError("became shorter while it was read; open it again", path=self.address)
+        if len(data) > end - begin:
             raise InputError("the server does not give parts of files; fetch it, and read the copy", path=self.address)
         return data
 
@@ -246,6 +251,8 @@ def storage_errors(address: str) -> Iterator[None]:
     except PermissionError as error:
         raise InputError("may not be read or written with what this machine is known by there", path=address) from error
     except Exception as error:
+        if getattr(error, "status", None) == BEYOND_END:
+            raise InputError("became shorter while it was read; open it again", path=address) from error
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"cannot be reached or read ({reason}); check the address", path=address) from error
 

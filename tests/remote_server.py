@@ -44,6 +44,9 @@ class _Handler(BaseHTTPRequestHandler):
         begin, end = 0, len(data)
         if asked and self.server.gives_ranges:
             begin, end = int(asked[1]), min(int(asked[2] or len(data) - 1) + 1, len(data))
+            if begin >= len(data):
+                self.send_error(416)
+                return
             self.send_response(206)
             self.send_header("Content-Range", f"bytes {begin}-{end - 1}/{len(data)}")
         else:

@@ -40,10 +40,19 @@ def written(folder: Path, kind: str, points: np.ndarray = POINTS) -> Path:
         elif kind == "ply":
             vertices = np.rec.fromarrays(rows.T, names="x,y,z")
             PlyData([PlyElement.describe(np.asarray(vertices), "vertex")]).write(str(path))
-    return folder / (f"a.####.{kind}" if kind in ("obj", "ply") else f"a.{kind}")
+        elif kind == "off":
+            lines = [f"OFF\n{len(rows)} 0 0", *(f"{x!r} {y!r} {z!r}" for x, y, z in rows.tolist())]
+            path.write_text("\n".join(lines) + "\n")
+        elif kind == "stl":
+            corners = [f"vertex {x!r} {y!r} {z!r}\n" for x, y, z in rows.tolist()]
+            facets = [
+                "facet\nouter loop\n" + "".join(corners[k : k + 3]) + "endloop\nendfacet\n" for k in range(0, 30, 3)
+            ]
+            path.write_text("solid a\n" + "".join(facets) + "endsolid a\n")
+    return folder / (f"a.{kind}" if kind in ("npz", "h5") else f"a.####.{kind}")
 
 
-@pytest.mark.parametrize("kind", ["npz", "h5", "obj", "ply"])
+@pytest.mark.parametrize("kind", ["npz", "h5", "obj", "ply", "off", "stl"])
 def test_readers_note_how_far_rounding_moves_positions(tmp_path: Path, kind: str) -> None:
     with open_sequence(written(tmp_path, kind)) as read, rounding_noticed() as rounding:
         found = read.read_frames(0, 5)
@@ -78,17 +87,20 @@ def test_transforms_that_move_far_away_are_noted() -> None:
 
 def test_text_of_float32_numbers_stands_for_these(tmp_path: Path) -> None:
     write_sequence(ArraySequence(POINTS.astype(np.float32)), tmp_path / "a.####.obj")
-    with open_sequence(tmp_path / "a.####.obj") as read, rounding_noticed() as rounding:
-        read.read_frames(0, 5)
-    assert rounding.largest == 0
+    for frame, rows in enumerate(POINTS.astype(np.float32).astype(str)):
+        (tmp_path / f"b.{frame}.off").write_text("OFF 30 0 0\n" + "".join(f"{' '.join(row)}\n" for row in rows))
+    for name in ("a.####.obj", "b.#.off"):
+        with open_sequence(tmp_path / name) as read, rounding_noticed() as rounding:
+            assert np.array_equal(read.read_frames(0, 5), POINTS.astype(np.float32))
+        assert rounding.largest == 0
 
 
 def test_the_report_tells_and_the_bound_counts_from_float32() -> None:
     report = encode(ArraySequence(POINTS), tolerance=1e-3)
     assert report.rounding == pytest.approx(LARGEST, rel=1e-12)
     assert report.max_error <= report.bound < report.rounding
-    assert report.is_rounding_beyond_bound
-    assert not encode(ArraySequence(POINTS), tolerance=0.1).is_rounding_beyond_bound
+    assert "more than the bound" in report.rounding_warning
+    assert not encode(ArraySequence(POINTS), tolerance=0.1).rounding_warning
     assert encode(ArraySequence(POINTS.astype(np.float32))).rounding == 0
 
 
@@ -113,3 +125,19 @@ def test_conversion_and_comparison_tell_of_rounding_far_from_the_origin(
     assert ("positions are rounded to float32" in capsys.readouterr().err) == far
     assert run(["compare", source, str(tmp_path / "b.h5")]) == 0
     assert ("positions are rounded to float32" in capsys.readouterr().err) == far
+
+
+def test_a_batch_notes_where_rounding_takes_more_than_the_bound(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("clips").mkdir()
+    for name, points in (("far", POINTS), ("near", POINTS - FAR)):
+        written(tmp_path, "npz", points).rename(f"clips/{name}.npz")
+    assert run(["batch", "clips", "-o", "out", "--jobs", "1", "--json", "-v"]) == 0
+    out, said = capsys.readouterr()
+    notes = {row["source"]: " ".join(row["notes"]) for row in json.loads(out)["clips"]}
+    assert "rounded to float32" in notes["clips/far.npz"]
+    assert "rounded to float32" not in notes["clips/near.npz"]
+    assert "far.pdeanim: note: positions are rounded" in said
+    assert "warning: rounding to float32 takes more than the bound of 1 clip; -v says of which" in said

@@ -168,6 +168,18 @@ def test_a_file_that_is_cut_short_is_corrupt(server: Server, folder: Path) -> No
         pdecodec.open(f"{server.address}/short.pdeanim")
 
 
+@pytest.mark.parametrize("missing", [10, 1000])
+def test_a_file_that_becomes_shorter_while_it_is_read_is_told_as_that(
+    server: Server, folder: Path, missing: int
+) -> None:
+    path = folder / "shorter.pdeanim"
+    path.write_bytes((folder / "long.pdeanim").read_bytes())
+    with pdecodec.open(f"{server.address}/shorter.pdeanim") as animation:
+        path.write_bytes(path.read_bytes()[:-missing])
+        with pytest.raises(InputError, match=r"shorter\.pdeanim: became shorter while it was read"):
+            animation.read_frames(animation.frame_count - 1, animation.frame_count)
+
+
 def test_paths_are_no_addresses() -> None:
     assert all(map(is_address, ("https://a/b.abc", "s3://b/c", "memory://x", "zip://a.npz::https://b/c.zip")))
     assert not any(map(is_address, ("a.npz", "/a//b.npz", "C:\\a.npz", "c://a.npz", "walk.####.obj", Path("s3://a"))))

@@ -95,10 +95,9 @@ def quantise_time_functions(scaled: Float64Array, step: float) -> QuantisedTimeF
     SettingsError
         If the step is not positive and finite.
     """
-    step = _possible(step, scaled)
 
     def cost(item: QuantisedTimeFunctions, of: Float64Array = scaled) -> float:
-        error = (item.decoded - of) / step
+        error = (item.decoded - of) / item.step
         return item.bits + BITS_OF_AN_ERROR * _core.sum_of_products(error.ravel(), error.ravel())
 
     some = scaled[:, :, ::SAMPLED]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pdecodec import __version__
-from pdecodec.rounding import NOTEWORTHY
+from pdecodec.rounding import NOTEWORTHY, rounding_words
 
 GENERATOR = "pdecodec "
 """What stands before the version in the remarks of files that this package made."""
@@ -171,9 +171,14 @@ class EncodeReport:
         return 12 * (self.frames * self.vertices if self.positions is None else self.positions)
 
     @property
-    def is_rounding_beyond_bound(self) -> bool:
-        """Whether float32 alone is farther from the input than was asked, or where nothing was, noteworthily so."""
-        return self.rounding > (NOTEWORTHY * self.scale if self.bound is None else self.bound)
+    def rounding_warning(self) -> str:
+        """What is to be said where float32 alone is farther from the input than was asked, or where nothing was,
+        noteworthily so; else nothing.
+        """
+        if self.rounding <= (NOTEWORTHY * self.scale if self.bound is None else self.bound):
+            return ""
+        beyond = "" if self.bound is None else ", more than the bound, which counts from there"
+        return f"{rounding_words(self.rounding)}{beyond}; move the scene nearer to its origin"
 
     @property
     def file_bytes(self) -> int:
