@@ -264,12 +264,14 @@ class _Writing(_Part):
 
     def write(self, sequence: MeshSequence, path: str, *, bound: float | None, **options: Any) -> tuple[str, ...]:
         """Write a sequence, its rigid parts within a bound as nodes; returns what was left out."""
-        from pdecodec.formats import write_onto, write_sequence
-
         if self.onto is not None:
+            from pdecodec.formats import write_onto
+
             return write_onto(
                 sequence, self.onto, path, clip=self.clip, layer=self.layer, meshopt=self.meshopt, **options
             )
+        from pdecodec.formats import write_sequence
+
         return write_sequence(sequence, path, quantize=self.quantize, meshopt=self.meshopt, rigid=bound, **options)
 
 

@@ -20,7 +20,6 @@ from pdecodec.cli.console import (
 )
 from pdecodec.cli.jobs import standard_input
 from pdecodec.cli.options import bytes_of, json_option, loudness_options, read_options, within_limits
-from pdecodec.encoding.encodereport import to_json
 from pdecodec.errors import InputError, SettingsError
 
 if TYPE_CHECKING:
@@ -71,6 +70,8 @@ def info(
             facts["bounds"] = _bounds(sequence)
         questions = _alternatives(sequence, source) if why else ()
         if why:
+            from pdecodec.encoding.encodereport import to_json
+
             facts["alternatives"] = to_json(questions)
     if as_json:
         print_json(facts)

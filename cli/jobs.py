@@ -133,10 +133,12 @@ def _usage_error(message: str) -> click.UsageError:
 
 def _gathered(paths: Sequence[str]) -> list[str]:
     """Inputs, frames of one sequence joined to its pattern."""
+    if len(paths) < 2:
+        return list(paths)
     from pdecodec.formats.companions import frame_extensions
 
     frames = [path for path in paths if Path(path).suffix.lower() in frame_extensions() and Path(path).is_file()]
-    if len(paths) < 2 or len(frames) < 2:
+    if len(frames) < 2:
         return list(dict.fromkeys(paths))
     from fileseq.constants import PAD_STYLE_HASH1
     from fileseq.filesequence import FileSequence

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -65,19 +65,27 @@ def select_frames(sequence: MeshSequence, text: str | None) -> MeshSequence:
     return select(sequence, chosen)
 
 
-def _positions_of_numbers(sequence: MeshSequence, text: str) -> list[int]:
+def _frame_numbers(text: str) -> Iterable[int]:
+    """Numbers of a frame range, as fileseq has them."""
+    if text.strip().isdecimal():
+        return (int(text),)  # fileseq takes longer to load than such a frame to decode
     from fileseq.exceptions import FileSeqException
     from fileseq.frameset import FrameSet
 
     try:
-        ranges = [FrameSet(part) for part in text.split(",") if part.strip()]
+        numbers = FrameSet(text)
     except FileSeqException as error:
-        raise SettingsError(f"--frames {text}: write positions as A:B:STEP or frame numbers as 1-100x2") from error
-    for numbers in ranges:
-        if numbers[0] > numbers[-1]:
-            raise SettingsError(
-                f"--frames {text}: {numbers} goes backwards, and frames are taken as time goes; the lower number first"
-            )
+        raise SettingsError("write positions as A:B:STEP or frame numbers as 1-100x2") from error
+    if numbers[0] > numbers[-1]:
+        raise SettingsError(f"{numbers} goes backwards, and frames are taken as time goes; the lower number first")
+    return numbers
+
+
+def _positions_of_numbers(sequence: MeshSequence, text: str) -> list[int]:
+    try:
+        ranges = [_frame_numbers(part) for part in text.split(",") if part.strip()]
+    except SettingsError as error:
+        raise SettingsError(f"--frames {text}: {error}") from error
     wanted = sorted(set().union(*ranges))
     if not wanted:
         raise SettingsError(

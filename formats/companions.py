@@ -57,13 +57,13 @@ def output_files(output: str) -> list[Path]:
         return sorted(file for file in path.iterdir() if file.suffix.lower() in frame_extensions())
     if is_frame_pattern(path):
         return frames_there(path)
-    beside = {
-        ".xdmf": [path.with_suffix(".h5")],
-        ".xmf": [path.with_suffix(".h5")],
-        ".pvd": frames_there(path.with_name(f"{path.stem}.####.vtu")),
-    }
+    beside: list[Path] = []
+    if path.suffix.lower() in (".xdmf", ".xmf"):
+        beside = [path.with_suffix(".h5")]
+    elif path.suffix.lower() == ".pvd":
+        beside = frames_there(path.with_name(f"{path.stem}.####.vtu"))
     # Links count where they lead nowhere, too.
-    return [one for one in (path, *beside.get(path.suffix.lower(), [])) if one.exists() or one.is_symlink()]
+    return [one for one in (path, *beside) if one.exists() or one.is_symlink()]
 
 
 def _named_by(path: Path) -> Iterator[Path]:

@@ -261,12 +261,12 @@ def _changes(
         if attribute is not None:
             rows = np.arange(faces) if attribute.indices is None else attribute.indices
             values = np.where(rows >= 0, attribute.values[rows].astype(np.int64), -1)
+        starts = np.flatnonzero(np.diff(values, prepend=values[0] - 1)).tolist()
         if name == "smoothing":
-            labels: dict[int, str] = {value: str(value) for value in np.unique(values[values > 0]).tolist()}
+            labels: dict[int, str] = {value: str(value) for value in values[starts].tolist() if value > 0}
         else:
             labels = dict(enumerate(attribute.labels if attribute else ()))
         held = None if name in names_held else unsetting
-        starts = np.flatnonzero(np.diff(values, prepend=values[0] - 1)).tolist()
         for start in starts:
             label = labels.get(int(values[start]))
             statement = unsetting if label is None else setting.format(_one_line(label))

@@ -106,8 +106,8 @@ def select(sequence: MeshSequence, frames: Sequence[int] | range) -> MeshSequenc
 
 def _rate(chosen: NDArray[np.int64], fps: float) -> float | None:
     """Frames a second of evenly chosen frames: the source's over the step, not what rounded times say; else None."""
-    steps = np.unique(np.diff(chosen))
-    if steps.size > 1:
+    steps = np.diff(chosen)
+    if (steps != steps[:1]).any():
         return None
     return fps / int(steps[0]) if steps.size else fps
 

@@ -8,12 +8,14 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import lru_cache
 from itertools import pairwise
-from typing import TypeVar, cast
+from typing import TYPE_CHECKING, TypeVar, cast
+
+if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
 
 Result = TypeVar("Result")
 Other = TypeVar("Other")
@@ -54,6 +56,8 @@ def thread_count() -> int:
 @lru_cache
 def _helpers(count: int) -> ThreadPoolExecutor:
     """Threads that wait for work: starting one takes longer than many a share."""
+    from concurrent.futures import ThreadPoolExecutor  # who only decodes has no use for it
+
     return ThreadPoolExecutor(count)
 
 
@@ -106,6 +110,8 @@ def in_shares(work: Callable[[int, int], None], count: int) -> None:
     if threads < 2:
         take()
         return
+    from concurrent.futures import wait
+
     others = [_helpers(threads - 1).submit(take) for _ in range(threads - 1)]
     try:
         take()

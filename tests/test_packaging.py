@@ -10,9 +10,13 @@ import sys
 import sysconfig
 import tomllib
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from pdecodec import ArraySequence, encode
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -46,9 +50,9 @@ def test_a_folder_imported_by_its_bare_name_says_which_name_to_use(name: str) ->
     assert f"pdecodec.{name}" in result.stderr
 
 
-def loaded_after(statement: str) -> set[str]:
-    """Which of the heavy packages are loaded after a statement, in a fresh interpreter."""
-    code = f"import json, sys\n{statement}\nprint(json.dumps([name for name in {HEAVY!r} if name in sys.modules]))"
+def loaded_after(statement: str, names: Sequence[str] = HEAVY) -> set[str]:
+    """Which of some modules, the heavy packages, are loaded after a statement, in a fresh interpreter."""
+    code = f"import json, sys\n{statement}\nprint(json.dumps([name for name in {names!r} if name in sys.modules]))"
     result = run_python("-c", code)
     assert result.returncode == 0, result.stderr
     return set(json.loads(result.stdout.splitlines()[-1]))
@@ -123,6 +127,18 @@ def test_an_installation_that_is_read_only_and_without_bytecode_loads_and_writes
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["encode", "--help"], ["decode", "--help"]])
 def test_help_pages_are_light(arguments: list[str]) -> None:
     assert loaded_after(f"from pdecodec.cli.main import run\nassert run({arguments!r}) == 0") == set()
+
+
+NEEDLESS = ("concurrent.futures", "fileseq", "importlib.metadata", "numpy.ma", "pdecodec.formats.onto")
+"""Modules that take a tenth of a second to load, together, and that who only looks at a file has no use for."""
+
+
+@pytest.mark.parametrize("arguments", ["info a.pdeanim", "decode a.pdeanim b.npz --frames 0", "decode a.pdeanim b.obj"])
+def test_looking_at_a_file_loads_little(tmp_path: Path, arguments: str) -> None:
+    encode(ArraySequence(np.random.default_rng(0).normal(size=(1, 9, 3))), tmp_path / "a.pdeanim")
+    call = f"os.chdir({str(tmp_path)!r})\nassert run({arguments.split()!r}) == 0"
+    statement = f"import os\nfrom pdecodec.cli.main import run\n{call}"
+    assert loaded_after(statement, NEEDLESS) == set()
 
 
 def test_every_public_name_can_be_imported() -> None:
