@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
+from typing import Any
 
 import numpy as np
 
@@ -65,7 +66,7 @@ def select_frames(sequence: MeshSequence, text: str | None) -> MeshSequence:
     return select(sequence, chosen)
 
 
-def _frame_numbers(text: str) -> Iterable[int]:
+def _frame_numbers(text: str) -> Iterable[Any]:
     """Numbers of a frame range, as fileseq has them."""
     if text.strip().isdecimal():
         return (int(text),)  # fileseq takes longer to load than such a frame to decode
