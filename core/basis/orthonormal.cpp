@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "linear_algebra/gram_schmidt.hpp"
 #include "linear_algebra/sum_of_products.hpp"
@@ -13,6 +14,9 @@ namespace {
 // Share of the squared norm that must be left after one pass for the second to be skipped: then little more than one
 // binary digit was lost.
 constexpr double once_is_enough = 0.125;
+
+// Of the share that must be new of a unit vector, so much less is certainly too little, however it is computed.
+constexpr double certainly = 0.5;
 
 void grow(AlignedArray<double> &numbers, i64 size) {
     if (static_cast<i64>(numbers.size()) < size) numbers = AlignedArray<double>(size);
@@ -84,11 +88,13 @@ std::array<i64, OrthonormalFunctions::columns_at_once> OrthonormalFunctions::add
     return added;
 }
 
+void OrthonormalFunctions::note_nearest(double left) { nearest = std::min(nearest, std::abs(left - 1.0)); }
+
 // Add what is left of a column.
 i64 OrthonormalFunctions::keep(const Column &column, double share) {
     if (share > 0.0) {
         const double least_left = share * column.before;
-        if (column.before > 0.0) nearest = std::min(nearest, std::abs(column.left / least_left - 1.0));
+        if (column.before > 0.0) note_nearest(column.left / least_left);
         if (!(column.left > least_left)) return -1;
     }
     const double scale = column.left > 0.0 ? 1.0 / std::sqrt(column.left) : 0.0;
@@ -98,7 +104,16 @@ i64 OrthonormalFunctions::keep(const Column &column, double share) {
 }
 
 void OrthonormalFunctions::add_unit_vectors(double share) {
-    for (i64 j = 0; j < points_ && !is_complete(); ++j) {
+    // Of the squares of unit vectors, what is along no function: next to nothing of those that come last.
+    std::vector<double> left(points_, 1.0);
+    for (i64 j = 0, known = 0; j < points_ && !is_complete(); ++j) {
+        for (; known < count_; ++known) {
+            for (i64 i = j; i < points_; ++i) left[i] -= function(known)[i] * function(known)[i];
+        }
+        if (left[j] < certainly * share) {
+            note_nearest(left[j] / share);
+            continue;
+        }
         std::fill_n(column(), points_, 0.0);
         column()[j] = 1.0;
         add(share);

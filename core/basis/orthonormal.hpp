@@ -68,6 +68,9 @@ private:
     void take_away_again(std::span<Column *const> columns, i64 end);
     i64 keep(const Column &column, double share);
 
+    // `left`: of the share that decides, how much is new of a column.
+    void note_nearest(double left);
+
     i64 points_ = 0, most_ = 0, count_ = 0;
     i64 width_ = 0;  // of a function in memory, where zeros follow it
     AlignedArray<double> columns_, functions_;

@@ -17,7 +17,7 @@ constexpr i64 rows_at_once = 192, worth_sharing = i64{1} << 22;
 
 // Sums of squares are added up in so many spans of rows, and of so many columns at once. The sums of a span are in double,
 // of blocks of rows that are added up in float or double: so many bytes of each column.
-constexpr i64 spans = 4, columns_at_once = 48;
+constexpr i64 spans = 4, columns_at_once = 32;
 template <class Real> constexpr i64 block_rows = std::is_same_v<Real, float> ? 512 : 1024;
 
 int threads_for(const ProductSizes &sizes, i64 times, int threads) {
