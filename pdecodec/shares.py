@@ -49,8 +49,10 @@ def thread_count() -> int:
     """Threads that work at once: as many as the environment's PDECODEC_THREADS says, else one a processor, or one."""
     if _is_alone.get():
         return 1
-    usual = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return _asked_threads() or usual
+    asked = _asked_threads()
+    if asked is not None:
+        return asked
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @lru_cache

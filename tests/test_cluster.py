@@ -30,7 +30,7 @@ import pdecodec.dask as clip_tasks  # noqa: E402 - after what it needs was found
 
 Capture = pytest.CaptureFixture[str]
 
-CLIPS = 100
+CLIPS = 200
 
 
 @pytest.fixture(scope="module")
