@@ -238,18 +238,23 @@ Patches cut_curves(std::vector<i32> order, std::span<const i64> starts, i64 poin
     found.order = std::move(order);
     found.node_of.resize(count);
     // The tree halves the pieces by their number.
-    std::vector<i64> begins = {0}, ends = {count};
-    for (std::size_t node = 0; node < begins.size(); ++node) {
-        const i64 begin = begins[node], end = ends[node], middle = (begin + end) / 2;
+    std::vector<i64> begins(2 * count - 1), ends(2 * count - 1);
+    ends[0] = count;
+    i64 made = 1;
+    for (i64 node = 0; node < made; ++node) {
+        const i64 begin = begins[node], end = ends[node];
         found.begins.push_back(found.starts[begin]);
         if (end - begin == 1) {
             found.children.push_back(-1);
-            found.node_of[begin] = static_cast<i64>(node);
+            found.node_of[begin] = node;
             continue;
         }
-        found.children.push_back(static_cast<i64>(begins.size()));
-        begins.insert(begins.end(), {begin, middle});
-        ends.insert(ends.end(), {middle, end});
+        found.children.push_back(made);
+        const i64 middle = (begin + end) / 2;
+        begins[made] = begin;
+        ends[made++] = middle;
+        begins[made] = middle;
+        ends[made++] = end;
     }
     found.sort_vertices();
     return found;
