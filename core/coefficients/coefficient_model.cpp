@@ -1,5 +1,6 @@
 #include "coefficients/coefficient_model.hpp"
 
+#include "entropy/looked_up.hpp"
 #include "errors.hpp"
 
 namespace pdeanim {
@@ -8,21 +9,25 @@ namespace {
 
 [[noreturn]] void broken() { throw CorruptError("section COEF holds levels that cannot be; get the file again"); }
 
-}  // namespace
+constexpr int ratios = CoefficientModel::ratios, ranks = CoefficientModel::ranks;
 
 // 0 to 7 as they are, then four to an octave.
-int CoefficientModel::ratio_class(i64 total) {
+constexpr int ratio_class_of(i64 total) {
     if (total < 8) return static_cast<int>(total);
     const int octave = bit_length(total) - 3;
     return least(4 * octave + static_cast<int>((total >> octave) & 3) + 4, ratios - 1);
 }
+int ratio_class(i64 total) { return looked_up<ratio_class_of>(total); }
 
 // Two to an octave.
-int CoefficientModel::rank_class(i64 rank) {
+constexpr int rank_class_of(i64 rank) {
     if (rank < 2) return static_cast<int>(rank);
     const int digits = bit_length(rank);
     return least(2 * digits - 2 + static_cast<int>((rank >> (digits - 2)) & 1), ranks - 1);
 }
+int rank_class(i64 rank) { return looked_up<rank_class_of>(rank); }
+
+}  // namespace
 
 i64 CoefficientModel::nearest_class(i64 one_row, i64 two_rows, i64 one, i64 two, i64 beside) {
     const i64 rows = least<i64>(one_row, 3) * 3 + least<i64>(two_rows, 2);

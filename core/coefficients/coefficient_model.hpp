@@ -35,6 +35,8 @@ public:
     static constexpr int largest_exponent = 40;
     static constexpr i64 largest = i64{1} << largest_exponent;  // magnitude of a coefficient
     static constexpr i64 most_channels = (1 << 19) - 1;
+    static constexpr int ratios = 24;  // classes of sums of neighbours' sizes
+    static constexpr int ranks = 20;   // classes of ranks
 
     // Code how many channels, at most `most`, a band needs; `before` is how many the band before it in the subband
     // does. CorruptError where the bits hold more.
@@ -56,15 +58,11 @@ private:
     template <std::size_t count> using Models = std::array<BitModel, count>;
     template <std::size_t rows, std::size_t columns> using Table = std::array<Models<columns>, rows>;
 
-    static constexpr int ratios = 24;     // classes of sums of neighbours' sizes
-    static constexpr int ranks = 20;      // classes of ranks
     static constexpr int exponents = 14;  // that are told apart; larger ones share the last
     static constexpr int modelled_digits = 2;
     static constexpr int count_digits = 20;
     static constexpr int heads = 64;  // leading digits of a count that are told apart
 
-    static int ratio_class(i64 total);
-    static int rank_class(i64 rank);
     static i64 nearest_class(i64 one_row, i64 two_rows, i64 one, i64 two, i64 beside);
 
     template <Mode mode> i64 code_size(RangeCoder<mode> &coder, int band, int ratio, int rank, i64 size);

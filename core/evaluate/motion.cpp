@@ -94,8 +94,8 @@ template <class Real> i64 Motion<Real>::bytes() const {
 }
 
 // Append rows to those that there are.
-template <class Real> template <class Value> void Motion<Real>::append_rows(Rows<Value> &to, QuantisedRows rows) {
-    const i64 entries = count_entries(rows, axes), values = entries * (axes == 3 ? padded_axes : 1);
+template <class Real> template <class Value> void Motion<Real>::append_rows(SpaceRows<Value> &to, QuantisedRows rows) {
+    const i64 entries = count_entries(rows, axes), values = entries * (axes == 3 ? SpaceRows<Value>::padded_axes : 1);
     taken_.take(sizeof(i64) * (rows.size() + 1) + sizeof(u16) * entries + sizeof(Value) * values, counted);
     to.starts.reserve(rows.size() + 1);
     to.functions.reserve(entries);
@@ -107,7 +107,7 @@ template <class Real> template <class Value> void Motion<Real>::append_rows(Rows
             if (is_zero(own)) continue;
             to.functions.push_back(static_cast<u16>(channel / axes));
             for (const i64 number : own) to.values.push_back(static_cast<Value>(static_cast<double>(number) * step));
-            if (axes == 3) to.values.resize(padded_axes * to.functions.size());
+            if (axes == 3) to.values.resize(SpaceRows<Value>::padded_axes * to.functions.size());
         }
         to.starts.push_back(static_cast<i64>(to.functions.size()));
     }

@@ -54,6 +54,16 @@ template <class Real> struct AnchoredReference {
     std::vector<i64> starts;      // where an element's begin there
 };
 
+// Coefficients of functions of space: of each function of time that one has any of, one, or those of three axes, padded.
+// Some of the three may be 0, but to go through a list for each axis takes longer than to add these.
+template <class Value> struct SpaceRows {
+    static constexpr i64 padded_axes = 4;  // of three, as they are read at once
+
+    std::vector<i64> starts{0};  // of each function of space
+    std::vector<u16> functions;  // of time
+    AlignedArray<Value> values;
+};
+
 template <class Real> struct Motion {
     static constexpr i64 most_functions = 1 << 14;  // 3 for each of 4096 frames, at most
 
@@ -78,7 +88,6 @@ template <class Real> struct Motion {
     int time_axes() const { return axes == 1 ? 3 : 1; }
     i64 vertices() const { return selection ? static_cast<i64>(selected_places.size()) : basis->vertices(); }
     bool is_left_out(i64 element) const { return selection && !selection->has_element(element); }
-    bool is_node_left_out(i64 node) const { return selection && !selection->has_elements[node]; }
 
     // Where an element's vertices, ascending, are among the positions.
     const i32 *places(i64 element) const {
@@ -91,29 +100,19 @@ template <class Real> struct Motion {
 
     const TakenMemory &taken() const { return taken_; }
 
-    static constexpr i64 padded_axes = 4;  // of three, as they are read at once
-
-    // Coefficients of functions of space: of each function of time that one has any of, one, or those of three axes,
-    // padded. Some of the three may be 0, but to go through a list for each axis takes longer than to add these.
-    template <class Value> struct Rows {
-        std::vector<i64> starts{0};  // of each function of space
-        std::vector<u16> functions;  // of time
-        AlignedArray<Value> values;
-    };
-
     struct Element {
         i64 columns = 0;  // functions but the constant one that have coefficients, and affine ones; or fields
         bool has_fields = false;
         double constant = 0.0;      // value of its constant function; 0 without
         AlignedArray<Real> values;  // (columns, vertices ascending), padded; fields of each axis where they differ
-        Rows<Real> rows;            // of its functions that are not affine
+        SpaceRows<Real> rows;       // of its functions that are not affine
     };
 
     const SpaceBasis *basis;
     i64 functions;
     int axes;
     double step;
-    Rows<double> tree;
+    SpaceRows<double> tree;
     std::vector<Element> elements;
     std::optional<SpaceSelection> selection;  // nothing where all functions move all vertices
     std::vector<i32> selected_places;
@@ -132,7 +131,7 @@ private:
         const SpaceLayout &layout = basis->layout();
         return selection ? selection->element_rows[element] - layout.affine(element) : layout.first_function(element);
     }
-    template <class Value> void append_rows(Rows<Value> &to, QuantisedRows rows);
+    template <class Value> void append_rows(SpaceRows<Value> &to, QuantisedRows rows);
     void multiply(std::span<const i64> row, double *to) const;
     void take_values(Element &own, i64 columns, i64 size);
     void keep_values(i64 element, i64 column, const double *values);

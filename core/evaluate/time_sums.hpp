@@ -29,7 +29,7 @@ template <int frames> constexpr int width = frames == 1 ? 4 : 3 * frames;
 
 // Of every function of time its values at some frames: `width` numbers, or one a frame where all axes share them.
 template <int frames, class Real> struct TimeRows {
-    template <class Own> PDEANIM_INLINE TimeRows(const Motion<Own> &motion, const double *time, i64 given)
+    template <class Own> TimeRows(const Motion<Own> &motion, const double *time, i64 given)
         : is_shared(motion.axes == 3), stride(is_shared ? frames : width<frames>),
           values(static_cast<std::size_t>(motion.functions * stride)) {
         constexpr i64 at_once = 8;  // functions whose rows stay in the nearest cache
@@ -87,7 +87,7 @@ PDEANIM_INLINE void add_up_axes(const Real *time, const RowOf<Real> &own, Real *
     Pack sums[3][packs];
     make_zero(sums);
     for (i64 k = 0; k < own.count; ++k) {
-        const Real *values = own.values + Motion<Real>::padded_axes * k, *from = time + own.functions[k] * frames;
+        const Real *values = own.values + SpaceRows<Real>::padded_axes * k, *from = time + own.functions[k] * frames;
         for (int i = 0; i < packs; ++i) {
             const Pack counted = lanes_at<size>(from + i * size);
             for (int axis = 0; axis < 3; ++axis) sums[axis][i] += values[axis] * counted;
@@ -100,7 +100,7 @@ PDEANIM_INLINE void add_up_axes(const Real *time, const RowOf<Real> &own, Real *
 
 // The same at one frame.
 template <class Real> PDEANIM_INLINE void add_up_axes_once(const Real *time, const RowOf<Real> &own, Real *row) {
-    constexpr int axes = static_cast<int>(Motion<Real>::padded_axes);
+    constexpr int axes = static_cast<int>(SpaceRows<Real>::padded_axes);
     static_assert(axes == width<1>);
     Lanes<Real, axes> sums{};
     for (i64 k = 0; k < own.count; ++k) sums += time[own.functions[k]] * lanes_at<axes>(own.values + axes * k);
@@ -108,9 +108,9 @@ template <class Real> PDEANIM_INLINE void add_up_axes_once(const Real *time, con
 }
 
 // What one function of space counts at some frames: the sum over its coefficients of functions of time.
-template <int bytes, int frames, class Real, class Rows>
-PDEANIM_INLINE void add_up(const TimeRows<frames, Real> &time, const Rows &rows, i64 function, Real *row) {
-    const i64 start = rows.starts[function], numbers = time.is_shared ? Motion<Real>::padded_axes : 1;
+template <int bytes, int frames, class Real>
+PDEANIM_INLINE void add_up(const TimeRows<frames, Real> &time, const SpaceRows<Real> &rows, i64 function, Real *row) {
+    const i64 start = rows.starts[function], numbers = time.is_shared ? SpaceRows<Real>::padded_axes : 1;
     const RowOf<Real> own{rows.functions.data() + start, rows.values.data() + numbers * start,
                           rows.starts[function + 1] - start};
     if (time.is_shared) {

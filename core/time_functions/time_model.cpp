@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <memory>
 
+#include "entropy/looked_up.hpp"
+
 namespace pdeanim {
 
 namespace {
@@ -19,10 +21,11 @@ constexpr int margin = 2;  // places before the first frame and after the last w
 constexpr int sign_sizes = 6;
 
 // A number that is not negative: 0, 1, 2, 3, 4, 4, 5, 5, 6, 6, 6, 6, 7, ...
-int grade(i64 number) {
+constexpr int grade_of(i64 number) {
     const int shift = most(bit_length(number) - 2, 0);
     return static_cast<int>(least<i64>(2 * shift + (number >> shift), grades - 1));
 }
+int grade(i64 number) { return looked_up<grade_of>(number); }
 
 int sign_class(i64 number) { return number == 0 ? 0 : number < 0 ? 1 : 2; }
 
