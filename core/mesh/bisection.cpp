@@ -65,15 +65,17 @@ public:
         }
         // Nodes are numbered breadth first.
         Patches found;
-        std::vector<i64> numbered = {0};
-        for (std::size_t node = 0; node < numbered.size(); ++node) {
+        std::vector<i64> numbered(sets.size());  // the root is the first set
+        i64 next = 1;
+        for (i64 node = 0; node < next; ++node) {
             const Set &own = sets[numbered[node]];
             found.begins.push_back(own.begin);
-            found.children.push_back(own.halves < 0 ? -1 : static_cast<i64>(numbered.size()));
+            found.children.push_back(own.halves < 0 ? -1 : next);
             if (own.halves < 0) {
-                found.node_of.push_back(static_cast<i64>(node));
+                found.node_of.push_back(node);
             } else {
-                numbered.insert(numbered.end(), {own.halves, own.halves + 1});
+                numbered[next++] = own.halves;
+                numbered[next++] = own.halves + 1;
             }
         }
         const std::vector<i64> &begins = found.begins;
@@ -240,8 +242,8 @@ Patches cut_curves(std::vector<i32> order, std::span<const i64> starts, i64 poin
     // The tree halves the pieces by their number.
     std::vector<i64> begins(2 * count - 1), ends(2 * count - 1);
     ends[0] = count;
-    i64 made = 1;
-    for (i64 node = 0; node < made; ++node) {
+    i64 next = 1;
+    for (i64 node = 0; node < next; ++node) {
         const i64 begin = begins[node], end = ends[node];
         found.begins.push_back(found.starts[begin]);
         if (end - begin == 1) {
@@ -249,12 +251,12 @@ Patches cut_curves(std::vector<i32> order, std::span<const i64> starts, i64 poin
             found.node_of[begin] = node;
             continue;
         }
-        found.children.push_back(made);
+        found.children.push_back(next);
         const i64 middle = (begin + end) / 2;
-        begins[made] = begin;
-        ends[made++] = middle;
-        begins[made] = middle;
-        ends[made++] = end;
+        begins[next] = begin;
+        ends[next++] = middle;
+        begins[next] = middle;
+        ends[next++] = end;
     }
     found.sort_vertices();
     return found;
