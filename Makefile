@@ -61,7 +61,7 @@ fuzz: .venv/tools
 # Readers of other formats for so many MINUTES each, or those that READERS names. What it finds is left in build/.
 READERS ?=
 fuzz-readers: $(READY)
-	$(BIN)/python -m tests.fuzz.readers $(MINUTES) $(READERS)
+	$(BIN)/python -m tests.slow.fuzz.readers $(MINUTES) $(READERS)
 
 # What compilers, their settings and processors make of the vectors: the same. Those that are not here are skipped.
 exactness: $(INSTALLED)
@@ -83,11 +83,11 @@ types: $(READY)
 	cd build/types && ../../$(BIN)/mypy --config-file ../../pyproject.toml -p pdecodec
 
 bench: $(INSTALLED)
-	$(BIN)/python -m pdecodec.report.bench
+	$(BIN)/python -m pdecodec.research.bench
 
 # How time and memory grow with frames and vertices; minutes.
 growth: $(INSTALLED)
-	$(BIN)/python -m pdecodec.report.growth
+	$(BIN)/python -m pdecodec.research.growth
 
 # make bench-rd SEQUENCES="a.npz b.npz" OPTIONS="--tolerance 1e-3 --no-baselines"; without them a rope is simulated.
 bench-rd: $(READY)
@@ -123,7 +123,7 @@ docs: $(INSTALLED)
 wasm: $(INSTALLED)
 	$(PIP) 'ziglang==0.17.1'
 	npm install --silent --no-audit --no-fund --no-package-lock --prefix build/binaryen binaryen@132.0.0
-	$(BIN)/python core/wasm/build.py player/pdeanim.wasm
+	$(BIN)/python core/bindings/wasm/build.py player/pdeanim.wasm
 
 # What other programs see of real files: the shared data's folder is named by PDECODEC_DATA.
 interop: $(READY) browser

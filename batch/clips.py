@@ -12,12 +12,12 @@ from glob import glob, has_magic
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
+from pdecodec.codec.settings import EncodeSettings, PaperSettings, parse_byte_count
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import list_formats
-from pdecodec.formats.companions import check_there, frame_extensions, input_files
-from pdecodec.formats.frame_files import is_frame_pattern, parse_pattern, sequences_in
-from pdecodec.settings import EncodeSettings, PaperSettings, parse_byte_count
-from pdecodec.storage import RemoteFile, is_address
+from pdecodec.formats.base.companions import check_there, frame_extensions, input_files
+from pdecodec.formats.base.frame_files import is_frame_pattern, parse_pattern, sequences_in
+from pdecodec.system.storage import RemoteFile, is_address
 
 MANIFESTS = (".csv", ".json", ".jsonl")
 """Extensions of manifests."""
@@ -48,7 +48,7 @@ class ClipOptions:
     fps, mesh, clip, transforms, skip_unsupported, isolate
         As :func:`pdecodec.open_sequence` takes them.
     up_axis, scale, unit
-        As :func:`pdecodec.formats.scene_space.place` takes them.
+        As :func:`pdecodec.formats.base.scene_space.place` takes them.
     """
 
     settings: EncodeSettings = field(default_factory=EncodeSettings)

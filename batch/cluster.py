@@ -16,8 +16,8 @@ from pdecodec.batch.memory import AVAILABLE_SHARE, MemoryBudget, available_memor
 from pdecodec.batch.records import STATE_FOLDER
 from pdecodec.batch.work import Result, Work, do_clip, failure
 from pdecodec.errors import InputError, MissingExtraError, PdecodecError
-from pdecodec.storage import is_address
-from pdecodec.whole_output import write_errors
+from pdecodec.system.storage import is_address
+from pdecodec.system.whole_output import write_errors
 
 CONNECT_SECONDS = 20
 """Until a scheduler that does not answer is one that is not there."""

@@ -16,8 +16,8 @@ from pdecodec.batch.clips import Clip
 from pdecodec.batch.memory import AVAILABLE_SHARE, MemoryBudget, available_memory
 from pdecodec.batch.work import Look, Result, Work, failure, look_at, make_clip
 from pdecodec.errors import InputError
-from pdecodec.interrupts import interrupts_held
-from pdecodec.shares import thread_count
+from pdecodec.system.interrupts import interrupts_held
+from pdecodec.system.shares import thread_count
 
 
 def run_local(

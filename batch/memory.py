@@ -9,8 +9,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Condition
 
-from pdecodec.encoding.encodememory import encoding_bytes
-from pdecodec.settings import EncodeSettings
+from pdecodec.codec.encode.memory import encoding_bytes
+from pdecodec.codec.settings import EncodeSettings
 
 AVAILABLE_SHARE = 0.8
 """Of the memory that is free when a batch begins: what else runs on the machine grows, too."""

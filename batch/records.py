@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from pdecodec.errors import InputError
-from pdecodec.storage import RemoteFile, is_address
-from pdecodec.whole_output import partial_path, write_errors
+from pdecodec.system.storage import RemoteFile, is_address
+from pdecodec.system.whole_output import partial_path, write_errors
 
 STATE_FOLDER = ".batch"
 """In the folder of the outputs."""

@@ -14,7 +14,7 @@ from typing import Any
 from pdecodec.batch.records import place_of
 from pdecodec.batch.work import Result
 from pdecodec.errors import InputError
-from pdecodec.whole_output import whole_file
+from pdecodec.system.whole_output import whole_file
 
 SUMMARY = "summary"
 """Name of the tables, in the folder of the outputs; the extension is the notation's."""

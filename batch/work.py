@@ -26,19 +26,19 @@ from pdecodec.batch.records import (
     stamp_of,
     write_record,
 )
-from pdecodec.encoding.encodememory import encoding_bytes
-from pdecodec.encoding.encodereport import EncodeReport, generator
+from pdecodec.codec.encode.memory import encoding_bytes
+from pdecodec.codec.encode.report import EncodeReport, generator
 from pdecodec.errors import CorruptFileError, InputError, PdecodecError
 from pdecodec.formats import open_sequence
-from pdecodec.formats.choosing import select_frames, select_objects
-from pdecodec.formats.companions import input_files
-from pdecodec.formats.scene_space import place
-from pdecodec.metrics import measure_distortion
-from pdecodec.runs import changed
-from pdecodec.selection import CodedOrderSequence
-from pdecodec.sequence import MeshSequence
-from pdecodec.storage import RemoteFile, is_address
-from pdecodec.whole_output import move_into, partial_folder, write_errors
+from pdecodec.formats.base.choosing import select_frames, select_objects
+from pdecodec.formats.base.companions import input_files
+from pdecodec.formats.base.scene_space import place
+from pdecodec.mesh.metrics import measure_distortion
+from pdecodec.mesh.runs import changed
+from pdecodec.mesh.selection import CodedOrderSequence
+from pdecodec.mesh.sequence import MeshSequence
+from pdecodec.system.storage import RemoteFile, is_address
+from pdecodec.system.whole_output import move_into, partial_folder, write_errors
 
 State = Literal["done", "kept", "failed", "planned"]
 
@@ -355,8 +355,8 @@ def _extent(sequence: MeshSequence, source_bytes: int) -> dict[str, Any]:
 
 
 def _encoded(sequence: MeshSequence, path: Path, options: ClipOptions) -> EncodeReport:
-    from pdecodec.encoding.encoder import encode
-    from pdecodec.encoding.ratecontrol import encode_to_rms, encode_to_size
+    from pdecodec.codec.encode.encoder import encode
+    from pdecodec.codec.encode.rate_control import encode_to_rms, encode_to_size
 
     if options.size is not None:
         return encode_to_size(sequence, options.size, path, options.settings)
@@ -373,7 +373,7 @@ def _verified(path: Place, sequence: MeshSequence, options: ClipOptions, figures
     CorruptFileError
         If it does not decode, is of another mesh or other times, or breaks its bound.
     """
-    from pdecodec.decoder import open_animation
+    from pdecodec.codec.decoder import open_animation
 
     reference = changed(sequence, CodedOrderSequence) if options.settings.order == "free" else sequence
     with open_animation(os.fspath(path)) as decoded:

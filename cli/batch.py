@@ -17,7 +17,7 @@ from pdecodec.cli.encode import encode
 from pdecodec.cli.options import json_option, loudness_options, naming_options, parse_bytes
 from pdecodec.cli.report import parse_share
 from pdecodec.errors import InputError, SettingsError
-from pdecodec.storage import is_address
+from pdecodec.system.storage import is_address
 
 if TYPE_CHECKING:
     from pdecodec.batch.clips import Clip, ClipOptions

@@ -14,8 +14,8 @@ from pdecodec.cli.options import decode_limits, json_option, limit_options, loud
 from pdecodec.errors import CorruptFileError, InputError, SettingsError
 
 if TYPE_CHECKING:
-    from pdecodec.files.filecheck import FileCheck
-    from pdecodec.files.mending import Finding
+    from pdecodec.codec.checking import FileCheck
+    from pdecodec.codec.mending import Finding
 
 
 @click.command()
@@ -39,7 +39,7 @@ def check(
     A FILE of - is standard input. Findings go to standard output, a line each, or as JSON; each begins with a code that
     stays what it is (docs/damage.md lists them). The exit code is 4 where there is one that is more than a note.
     """
-    from pdecodec.files.filecheck import FileCheck, check_file
+    from pdecodec.codec.checking import FileCheck, check_file
 
     for source in sources:
         if Path(source).is_dir():

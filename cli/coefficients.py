@@ -11,10 +11,10 @@ import click
 from pdecodec.cli.console import counted, say
 from pdecodec.cli.options import check_apart, check_output, output_option, overwrite_option, within_limits
 from pdecodec.errors import InputError, SettingsError, naming_file
-from pdecodec.whole_output import whole_file
+from pdecodec.system.whole_output import whole_file
 
 if TYPE_CHECKING:
-    from pdecodec.paperform import PaperForm
+    from pdecodec.codec.paper_form import PaperForm
 
 AXES = "xyz"
 
@@ -31,7 +31,7 @@ def coefficients(*, source: str, output: str, overwrite: bool) -> None:
     axes, 4 of time, 8 of space), condition, order, starts, reference, u, r, times, and for each group alpha, centre,
     half_length, first_frame. A .csv file has a row for each group, piece and axis: alpha, r, condition, c_w1 to c_w32.
     """
-    from pdecodec.decoder import open_animation
+    from pdecodec.codec.decoder import open_animation
 
     path = Path(output)
     if path.suffix.lower() not in (".npz", ".csv"):

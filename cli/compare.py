@@ -13,7 +13,7 @@ from pdecodec.cli.options import fps_option, json_option, within_limits
 from pdecodec.errors import SettingsError
 
 if TYPE_CHECKING:
-    from pdecodec.sequence import MeshSequence
+    from pdecodec.mesh.sequence import MeshSequence
 
 TIME_TOLERANCE = 1e-6
 """Seconds by which equal times may differ: formats that count frames round theirs to the frame rate."""
@@ -48,9 +48,9 @@ def compare(
     exit code is 1 when faces or counts differ, or an error bound given here is exceeded.
     """
     from pdecodec.formats import open_sequence
-    from pdecodec.formats.scene_space import bake_transforms
-    from pdecodec.rounding import rounding_noticed
-    from pdecodec.runs import changed
+    from pdecodec.formats.base.scene_space import bake_transforms
+    from pdecodec.mesh.rounding import rounding_noticed
+    from pdecodec.mesh.runs import changed
 
     for name, value in (("--tolerance", tolerance), ("--max-error", max_error)):
         if value is not None and not value >= 0:
@@ -84,8 +84,8 @@ def _rate_for(path: str, fps: float | None) -> float | None:
 
 
 def _at_times_of(first: MeshSequence, second: MeshSequence) -> MeshSequence:
-    from pdecodec.decoder import Animation
-    from pdecodec.resample import sampled
+    from pdecodec.codec.decoder import Animation
+    from pdecodec.mesh.resample import sampled
 
     if not isinstance(second, Animation):
         raise SettingsError("--at-frames evaluates B between its frames, so B must be a .pdeanim file")
@@ -95,7 +95,7 @@ def _at_times_of(first: MeshSequence, second: MeshSequence) -> MeshSequence:
 def _compare(first: MeshSequence, second: MeshSequence) -> dict[str, Any]:
     import numpy as np
 
-    from pdecodec.metrics import Distortion, measure_distortion
+    from pdecodec.mesh.metrics import Distortion, measure_distortion
     from pdecodec.report.surface_metrics import SurfaceDistortion, measure_surfaces
 
     result: dict[str, Any] = {

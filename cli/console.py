@@ -16,8 +16,8 @@ from pdecodec.errors import InputError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from pdecodec.encoding.encodereport import Question
-    from pdecodec.sequence import MeshSequence, Progress
+    from pdecodec.codec.encode.report import Question
+    from pdecodec.mesh.sequence import MeshSequence, Progress
 
 PIPE_WIDTH = 200
 """Columns of a table that goes to a file or a pipe, where nobody counts them."""
@@ -59,7 +59,7 @@ def say_notices(sequence: MeshSequence) -> None:
 
 def say_rounding(distance: float, scale: float) -> None:
     """A line where rounding moves positions noticeably, beside the diagonal of the scene."""
-    from pdecodec.rounding import NOTEWORTHY, rounding_words
+    from pdecodec.mesh.rounding import NOTEWORTHY, rounding_words
 
     if distance > NOTEWORTHY * scale:
         say(f"note: {rounding_words(distance)}; there are not enough digits so far from the origin")

@@ -25,7 +25,7 @@ from pdecodec.cli.options import (
 from pdecodec.errors import SettingsError
 
 if TYPE_CHECKING:
-    from pdecodec.sequence import MeshSequence
+    from pdecodec.mesh.sequence import MeshSequence
 
 
 @click.command()
@@ -77,10 +77,10 @@ def _convert(
 ) -> None:
     """Do one job; `options` are what :func:`opened_input` takes."""
     from pdecodec.formats import write_sequence
-    from pdecodec.formats.companions import input_files
-    from pdecodec.formats.scene_space import velocities_of
-    from pdecodec.metrics import frame_scale
-    from pdecodec.rounding import rounding_noticed
+    from pdecodec.formats.base.companions import input_files
+    from pdecodec.formats.base.scene_space import velocities_of
+    from pdecodec.mesh.metrics import frame_scale
+    from pdecodec.mesh.rounding import rounding_noticed
 
     started = time.perf_counter()
     source, written = job.source, job.output

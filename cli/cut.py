@@ -21,10 +21,10 @@ from pdecodec.cli.options import (
 from pdecodec.errors import SettingsError
 
 if TYPE_CHECKING:
-    from pdecodec.decoder import Animation
-    from pdecodec.files.cutting import CutReport
-    from pdecodec.sequence import MeshSequence
-    from pdecodec.settings import EffortName
+    from pdecodec.codec.decoder import Animation
+    from pdecodec.codec.editing import CutReport
+    from pdecodec.codec.settings import EffortName
+    from pdecodec.mesh.sequence import MeshSequence
 
 SPAN = re.compile(r"\s*(?P<begin>[^:]*?)\s*:\s*(?P<end>[^:]*?)\s*")
 """``A:B``, each part optional."""
@@ -72,8 +72,8 @@ def cut(
     same positions. Between frames positions follow a spline through all frames of the file: near a cut it is another
     one.
     """
-    from pdecodec.decoder import open_animation
-    from pdecodec.files.cutting import cut_animation
+    from pdecodec.codec.decoder import open_animation
+    from pdecodec.codec.editing import cut_animation
 
     if (frames is None) == (times is None):
         raise SettingsError("give either --frames or --times")
@@ -121,7 +121,7 @@ def join(
     """
     from contextlib import ExitStack
 
-    from pdecodec.files.cutting import join_animations
+    from pdecodec.codec.editing import join_animations
     from pdecodec.formats import open_sequence
 
     _check_output(output, [source, *others])

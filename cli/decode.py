@@ -32,10 +32,10 @@ from pdecodec.cli.options import (
 from pdecodec.errors import InputError, PdecodecError, SettingsError
 
 if TYPE_CHECKING:
-    from pdecodec.decoder import Animation, DecodeLimits
-    from pdecodec.files.salvaging import Salvage
-    from pdecodec.sequence import MeshSequence
-    from pdecodec.times import Outside
+    from pdecodec.codec.decoder import Animation, DecodeLimits
+    from pdecodec.codec.salvaging import Salvage
+    from pdecodec.mesh.sequence import MeshSequence
+    from pdecodec.mesh.times import Outside
 
 MUCH_OUTPUT = 10 * 10**9
 """Bytes of positions from which on a line is worth it: longer than most disks have room for, or a person waits for."""
@@ -205,9 +205,9 @@ class _Times(_Part):
 
     def of(self, animation: Animation) -> MeshSequence:
         """The animation at these times or frames."""
-        from pdecodec.formats.choosing import select_frames
-        from pdecodec.resample import sampled
-        from pdecodec.times import times_at_rate
+        from pdecodec.formats.base.choosing import select_frames
+        from pdecodec.mesh.resample import sampled
+        from pdecodec.mesh.times import times_at_rate
 
         if self.fps is not None:
             return sampled(animation, times_at_rate(float(animation.times[0]), float(animation.times[-1]), self.fps))
@@ -230,8 +230,8 @@ class _Place(_Part):
     unit: str | None
 
     def of(self, sequence: MeshSequence, name: str) -> MeshSequence:
-        from pdecodec.formats.choosing import select_objects
-        from pdecodec.formats.scene_space import place
+        from pdecodec.formats.base.choosing import select_objects
+        from pdecodec.formats.base.scene_space import place
 
         chosen = select_objects(sequence, self.objects, name)
         return place(chosen, up_axis=self.up_axis, scale=self.scale, unit=self.unit)
@@ -279,8 +279,8 @@ def _decoded(
     animation: MeshSequence, times: _Times, place: _Place, name: str, *, with_speeds: bool
 ) -> tuple[MeshSequence, MeshSequence | None]:
     """What is written: positions, and velocities where they are wanted. What was salvaged has the frames it has."""
-    from pdecodec.decoder import Animation
-    from pdecodec.resample import sampled
+    from pdecodec.codec.decoder import Animation
+    from pdecodec.mesh.resample import sampled
 
     chosen = times.of(animation) if isinstance(animation, Animation) else animation
     positions = place.of(chosen, name)
@@ -292,7 +292,7 @@ def _decoded(
 
 
 def _say_written(job: Job, result: Mapping[str, Any], size: str, *, with_speeds: bool) -> None:
-    from pdecodec.formats.companions import output_files
+    from pdecodec.formats.base.companions import output_files
 
     outputs = result["outputs"]
     written = sum(bytes_of(path, output_files(path)) for path in outputs)
@@ -309,12 +309,12 @@ def _say_written(job: Job, result: Mapping[str, Any], size: str, *, with_speeds:
 def _opened(source: str, limits: DecodeLimits, *, is_damaged: bool) -> Iterator[tuple[MeshSequence, Salvage | None]]:
     """The animation; or what is undamaged of it, and what is missing."""
     if is_damaged:
-        from pdecodec.files.salvaging import salvage
+        from pdecodec.codec.salvaging import salvage
 
         with salvage(source, limits=limits) as saved:
             yield saved.sequence, saved
         return
-    from pdecodec.decoder import open_animation
+    from pdecodec.codec.decoder import open_animation
 
     with open_animation(source, limits=limits) as animation:
         yield animation, None

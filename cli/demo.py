@@ -125,7 +125,7 @@ def _surface_rows(each: list[SurfaceDistortion]) -> list[tuple[str, list[str]]]:
 def _sections_table(found: Demonstration) -> Table:
     from rich.table import Table
 
-    from pdecodec.encoding.encodereport import SECTION_TITLES
+    from pdecodec.codec.encode.report import SECTION_TITLES
 
     names = dict.fromkeys(name for item in found.encodings for name in item.report.sections)
     table = Table("bytes", *(item.name for item in found.encodings), title="where they go", title_justify="left")

@@ -45,9 +45,9 @@ from pdecodec.cli.options import (
 from pdecodec.errors import SettingsError, naming_file
 
 if TYPE_CHECKING:
-    from pdecodec.encoding.encodereport import EncodeReport
-    from pdecodec.sequence import MeshSequence
-    from pdecodec.settings import EncodeSettings
+    from pdecodec.codec.encode.report import EncodeReport
+    from pdecodec.codec.settings import EncodeSettings
+    from pdecodec.mesh.sequence import MeshSequence
 
 SAMPLED_POSITIONS = 2**20
 """A clip of no more is encoded for --dry-run, in a second or two, to tell how large its file becomes; of a longer one
@@ -160,7 +160,7 @@ def encode(
         raise SettingsError("-o - and --json both want standard output; leave out one")
     if extension is not None and extension.lstrip(".").lower() != "pdeanim":
         raise SettingsError(f"--to {extension}: encode writes .pdeanim files; for other formats use pdecodec convert")
-    from pdecodec.decoder import usual_limits
+    from pdecodec.codec.decoder import usual_limits
 
     limits = decode_limits(options["max_memory"], options.pop("max_output"))
     dry_run = options["dry_run"]
@@ -180,10 +180,10 @@ def _encode(
     **options: Any,
 ) -> None:
     """Do one job; `options` are fields of the two classes of settings, and what :func:`opened_input` takes."""
-    from pdecodec.encoding.encoder import encode as encode_sequence
-    from pdecodec.encoding.ratecontrol import encode_to_rms, encode_to_size
-    from pdecodec.formats.companions import input_files
-    from pdecodec.settings import EncodeSettings, PaperSettings
+    from pdecodec.codec.encode.encoder import encode as encode_sequence
+    from pdecodec.codec.encode.rate_control import encode_to_rms, encode_to_size
+    from pdecodec.codec.settings import EncodeSettings, PaperSettings
+    from pdecodec.formats.base.companions import input_files
 
     source, output = job.source, job.output
     settings, paper = (
@@ -242,8 +242,8 @@ def _encode(
 
 def _as_json(report: EncodeReport, output: str, input_size: int, settings: EncodeSettings) -> dict[str, Any]:
     """The report with the names and ratios that scripts want."""
-    from pdecodec.encoding.encodereport import CONSTANT_SECTIONS, to_json
-    from pdecodec.metrics import bits_per_vertex_frame
+    from pdecodec.codec.encode.report import CONSTANT_SECTIONS, to_json
+    from pdecodec.mesh.metrics import bits_per_vertex_frame
 
     constant = sum(report.sections.get(name, 0) for name in CONSTANT_SECTIONS)
     return {

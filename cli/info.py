@@ -23,8 +23,8 @@ from pdecodec.cli.options import bytes_of, json_option, loudness_options, read_o
 from pdecodec.errors import InputError, SettingsError
 
 if TYPE_CHECKING:
-    from pdecodec.encoding.encodereport import Question
-    from pdecodec.sequence import MeshObject, MeshSequence, Progress
+    from pdecodec.codec.encode.report import Question
+    from pdecodec.mesh.sequence import MeshObject, MeshSequence, Progress
 
 
 @click.command()
@@ -52,7 +52,7 @@ def info(
     for --all-frames alone.
     """
     from pdecodec.formats import open_sequence
-    from pdecodec.formats.companions import input_files
+    from pdecodec.formats.base.companions import input_files
 
     # What cannot be read is a fact to tell here, no reason to stop.
     with (
@@ -70,7 +70,7 @@ def info(
             facts["bounds"] = _bounds(sequence)
         questions = _alternatives(sequence, source) if why else ()
         if why:
-            from pdecodec.encoding.encodereport import to_json
+            from pdecodec.codec.encode.report import to_json
 
             facts["alternatives"] = to_json(questions)
     if as_json:
@@ -82,15 +82,15 @@ def info(
 
 def _alternatives(sequence: MeshSequence, source: str) -> Sequence[Question]:
     """What else could have been taken: as the file says, else as it turns out now."""
-    from pdecodec.decoder import Animation
-    from pdecodec.encoding.encodereport import from_json
+    from pdecodec.codec.decoder import Animation
+    from pdecodec.codec.encode.report import from_json
 
     if not isinstance(sequence, Animation):
         raise SettingsError(f"{source}: --why is about .pdeanim files")
     kept = from_json(sequence.info().get("alternatives"))
     if kept:
         return kept
-    from pdecodec.encoding.alternatives import alternatives_of
+    from pdecodec.codec.encode.alternatives import alternatives_of
 
     say("note: the file does not keep what else was tried; found out from what it decodes to, so about")
     return alternatives_of(sequence)
@@ -137,8 +137,8 @@ def _bounds(sequence: MeshSequence) -> list[list[float]]:
 
 
 def _facts(sequence: MeshSequence, *, all_frames: bool) -> dict[str, Any]:
-    from pdecodec.decoder import Animation
-    from pdecodec.runs import ChangingSequence
+    from pdecodec.codec.decoder import Animation
+    from pdecodec.mesh.runs import ChangingSequence
 
     is_decoded = all_frames or not isinstance(sequence, Animation)
     first = sequence.runs[0]
@@ -172,7 +172,7 @@ def _first_frame(sequence: MeshSequence, *, is_read: bool) -> dict[str, Any]:
     """Bounds and diagonal of the first frame; None where it is not finite, or not read."""
     import numpy as np
 
-    from pdecodec.metrics import frame_scale
+    from pdecodec.mesh.metrics import frame_scale
 
     if not is_read:
         return dict.fromkeys(("finite_at_first_frame", "bounds_at_first_frame", "diagonal"))
@@ -186,7 +186,7 @@ def _first_frame(sequence: MeshSequence, *, is_read: bool) -> dict[str, Any]:
 
 
 def _animation_facts(found: dict[str, Any]) -> dict[str, Any]:
-    from pdecodec.settings import EncodeSettings
+    from pdecodec.codec.settings import EncodeSettings
 
     settings = found["settings"]
     # Remarks in a file are what somebody wrote there: they need not be what this encoder writes, which leaves out

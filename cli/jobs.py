@@ -17,10 +17,10 @@ import click
 from pdecodec.cli.console import byte_size, extent, put, say, standard_output, visible
 from pdecodec.cli.options import check_apart, check_output
 from pdecodec.errors import InputError, PdecodecError, SettingsError
-from pdecodec.storage import is_address
+from pdecodec.system.storage import is_address
 
 if TYPE_CHECKING:
-    from pdecodec.sequence import MeshSequence
+    from pdecodec.mesh.sequence import MeshSequence
 
 STREAM = "-"
 """Standard input, or output."""
@@ -135,7 +135,7 @@ def _gathered(paths: Sequence[str]) -> list[str]:
     """Inputs, frames of one sequence joined to its pattern."""
     if len(paths) < 2:
         return list(paths)
-    from pdecodec.formats.companions import frame_extensions
+    from pdecodec.formats.base.companions import frame_extensions
 
     frames = [path for path in paths if Path(path).suffix.lower() in frame_extensions() and Path(path).is_file()]
     if len(frames) < 2:
@@ -151,7 +151,7 @@ def _gathered(paths: Sequence[str]) -> list[str]:
 
 def _stem(source: str) -> str:
     """The name of an output in a folder."""
-    from pdecodec.formats.frame_files import is_frame_pattern, parse_pattern
+    from pdecodec.formats.base.frame_files import is_frame_pattern, parse_pattern
 
     path = Path(source)
     if source == STREAM:
@@ -178,8 +178,8 @@ def opened_input(
     `place_options`.
     """
     from pdecodec.formats import open_sequence
-    from pdecodec.formats.choosing import select_frames, select_objects
-    from pdecodec.formats.scene_space import place
+    from pdecodec.formats.base.choosing import select_frames, select_objects
+    from pdecodec.formats.base.scene_space import place
 
     with open_sequence(job.source, **reading) as whole:
         chosen = select_objects(select_frames(whole, frames), objects, job.source_name)
@@ -269,7 +269,7 @@ def say_plan(
 
     Those are the first frames, in the numbers of `samples`; a clip of no more is written whole.
     """
-    from pdecodec.selection import select
+    from pdecodec.mesh.selection import select
 
     counts = sorted({min(count, sequence.frame_count) for count in samples})
     if counts[-1] == sequence.frame_count:

@@ -13,18 +13,18 @@ import click
 
 from pdecodec.cli.console import set_loudness
 from pdecodec.errors import InputError, SettingsError
-from pdecodec.storage import RemoteFile, is_address
+from pdecodec.system.storage import RemoteFile, is_address
 
 if TYPE_CHECKING:
-    from pdecodec.decoder import DecodeLimits
-    from pdecodec.sequence import MeshSequence
+    from pdecodec.codec.decoder import DecodeLimits
+    from pdecodec.mesh.sequence import MeshSequence
 
 
 def parse_bytes(context: click.Context, parameter: click.Parameter, value: str | None) -> int | None:
-    """Click callback: a number of bytes, as :func:`pdecodec.settings.parse_byte_count` reads it; else BadParameter."""
+    """Click callback: parse a number of bytes with :func:`pdecodec.codec.settings.parse_byte_count`."""
     if value is None:
         return None
-    from pdecodec.settings import parse_byte_count
+    from pdecodec.codec.settings import parse_byte_count
 
     try:
         return parse_byte_count(value)
@@ -150,8 +150,8 @@ _WRITE_OPTIONS = (
 
 def rigid_bound(source: MeshSequence, scale: float) -> float:
     """What `--rigid` means: the bound of the file that is decoded, scaled as its positions are [scene units]."""
-    from pdecodec.decoder import Animation
-    from pdecodec.encoding.appending import bound_of
+    from pdecodec.codec.decoder import Animation
+    from pdecodec.codec.encode.appending import bound_of
 
     if not isinstance(source, Animation) or len(source.runs) > 1:
         raise SettingsError("--rigid is for a .pdeanim file of one connectivity, which knows its bound; leave it out")
@@ -187,7 +187,7 @@ def within_limits(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def limited(*arguments: Any, max_memory: int | None, max_output: int | None, **options: Any) -> None:
-        from pdecodec.decoder import usual_limits
+        from pdecodec.codec.decoder import usual_limits
 
         with usual_limits(decode_limits(max_memory, max_output)):
             command(*arguments, **options)
@@ -197,7 +197,7 @@ def within_limits(command: Callable[..., None]) -> Callable[..., None]:
 
 def decode_limits(max_memory: int | None, max_output: int | None) -> DecodeLimits:
     """The limits that options give; those that are not given are the usual ones."""
-    from pdecodec.decoder import DecodeLimits
+    from pdecodec.codec.decoder import DecodeLimits
 
     usual = DecodeLimits()
     return DecodeLimits(max_memory=usual.max_memory if max_memory is None else max_memory, max_output=max_output)
@@ -216,7 +216,7 @@ def naming_options(names: Iterable[str]) -> Iterator[None]:
 
 
 def place_options(command: Callable[..., None]) -> Callable[..., None]:
-    """How the scene is turned and scaled: the options of :func:`pdecodec.formats.scene_space.place`."""
+    """How the scene is turned and scaled: the options of :func:`pdecodec.formats.base.scene_space.place`."""
     for option in reversed(_PLACE_OPTIONS):
         command = option(command)
     return command
@@ -253,7 +253,7 @@ def check_output(output: str, *, overwrite: bool) -> None:
         raise InputError("is a folder; name a file in it", path=path)
     if overwrite:
         return
-    from pdecodec.formats.companions import output_files
+    from pdecodec.formats.base.companions import output_files
 
     taken = [path] if path.is_dir() and any(path.iterdir()) else output_files(output)
     if taken:
@@ -280,7 +280,7 @@ def check_apart(sources: Iterable[str | None], outputs: Iterable[str]) -> None:
     SettingsError
         If a file of an input is one that an output would replace, by whatever name or link.
     """
-    from pdecodec.formats.companions import input_files, output_files
+    from pdecodec.formats.base.companions import input_files, output_files
 
     inputs = {file.resolve() for source in sources if source is not None for file in input_files(source)}
     for output in outputs:

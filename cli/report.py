@@ -14,9 +14,9 @@ from pdecodec.cli.options import fps_option, json_option, within_limits
 from pdecodec.errors import SettingsError
 
 if TYPE_CHECKING:
-    from pdecodec.runs import ChangingSequence
-    from pdecodec.sequence import ArraySequence
-    from pdecodec.settings import EffortName
+    from pdecodec.codec.settings import EffortName
+    from pdecodec.mesh.runs import ChangingSequence
+    from pdecodec.mesh.sequence import ArraySequence
 
 NAMED_PROFILES = ("auto", "paper")
 """Those of :data:`pdecodec.report.clips.measuring.PROFILES`, which a help page should not load."""
@@ -105,13 +105,13 @@ def report(
 
     What was measured is kept in DIR (measurements.json): a run that was cut off goes on where it was.
     """
+    from pdecodec.codec.settings import EncodeSettings
     from pdecodec.formats import list_formats
-    from pdecodec.formats.companions import check_there
-    from pdecodec.report.baselines import available_baselines
+    from pdecodec.formats.base.companions import check_there
     from pdecodec.report.clips.comparison import read_measurements, too_large
     from pdecodec.report.clips.making import find_clips, make_report
     from pdecodec.report.clips.measuring import PROFILES, TOLERANCES, ReportPlan
-    from pdecodec.settings import EncodeSettings
+    from pdecodec.research.baselines import available_baselines
 
     if fail_if_larger is not None and compare is None:
         raise SettingsError("--fail-if-larger needs --compare, to know what files were before")
@@ -164,8 +164,8 @@ def report(
 def _opened(clips: Mapping[str, Path], fps: float | None) -> Iterator[tuple[str, ArraySequence | ChangingSequence]]:
     """Every clip, one after the other: in memory, unless its connectivity changes."""
     from pdecodec.formats import open_sequence
-    from pdecodec.formats.scene_space import bake_transforms
-    from pdecodec.runs import ChangingSequence, changed
+    from pdecodec.formats.base.scene_space import bake_transforms
+    from pdecodec.mesh.runs import ChangingSequence, changed
 
     for name, path in clips.items():
         with open_sequence(path, fps=None if path.suffix.lower() == ".pdeanim" else fps) as sequence:

@@ -26,12 +26,12 @@ def reproduce(*, output: str, rings: int, sides: int, fps: float, as_json: bool)
     """
     from rich.table import Table
 
-    from pdecodec.report.charts import require_drawing
-    from pdecodec.report.page import write_report
-    from pdecodec.report.reproduction.findings import measure
-    from pdecodec.report.reproduction.report import make_report
-    from pdecodec.report.reproduction.rope import RopeSettings
-    from pdecodec.report.reproduction.verdicts import judge
+    from pdecodec.report.charts.drawing import require_drawing
+    from pdecodec.report.charts.page import write_report
+    from pdecodec.research.reproduction.findings import measure
+    from pdecodec.research.reproduction.report import make_report
+    from pdecodec.research.reproduction.rope import RopeSettings
+    from pdecodec.research.reproduction.verdicts import judge
 
     require_drawing()
     started = time.perf_counter()

@@ -21,7 +21,7 @@ def serve(*, folder: str, port: int) -> None:
     The page is for this machine alone: the loopback address. Nothing is written, and nothing outside the folder is
     read. Ctrl-C ends it.
     """
-    from pdecodec.report.serve import FolderServer
+    from pdecodec.report.viewer.serve import FolderServer
 
     place = Path(folder)
     if not place.is_dir():

@@ -9,7 +9,7 @@ import click
 
 from pdecodec.cli.console import extent, print_json, progress_bar, say
 from pdecodec.cli.options import check_output, json_option, output_option, overwrite_option, refuse_pdeanim
-from pdecodec.xpbd.scenes import SCENES, OptionInfo
+from pdecodec.simulate.scenes import SCENES, OptionInfo
 
 
 @click.group(subcommand_metavar="SCENE -o OUT [OPTIONS]")
@@ -78,7 +78,7 @@ def _simulate(
     as_json: bool,
 ) -> None:
     from pdecodec.formats import write_sequence
-    from pdecodec.xpbd import build
+    from pdecodec.simulate import build
 
     started = time.perf_counter()
     refuse_pdeanim(output, f"simulate to .npz or .h5 first, then pdecodec encode it into {output}")

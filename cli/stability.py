@@ -11,7 +11,7 @@ from pdecodec.cli.console import print_json, progress_bar, put, say
 from pdecodec.cli.options import json_option
 
 SECTIONS = ("fit", "parametrisation", "alignment", "simulation", "codec")
-"""Those of :data:`pdecodec.report.stability.atlas.SECTIONS`, which a help page should not load."""
+"""Those of :data:`pdecodec.research.stability.atlas.SECTIONS`, which a help page should not load."""
 
 
 @click.command()
@@ -26,8 +26,8 @@ def stability(*, output: str, only: tuple[str, ...], quick: bool, as_json: bool)
     page that works offline (index.html), and a PNG and a CSV for each of its charts. Files of an earlier atlas in DIR
     are replaced.
     """
-    from pdecodec.report.page import write_report
-    from pdecodec.report.stability.atlas import make_atlas
+    from pdecodec.report.charts.page import write_report
+    from pdecodec.research.stability.atlas import make_atlas
 
     started = time.perf_counter()
     directory = Path(output)

@@ -12,7 +12,7 @@ from pdecodec.cli.options import check_apart, fps_option, loudness_options, with
 from pdecodec.errors import SettingsError
 
 if TYPE_CHECKING:
-    from pdecodec.report.view import Original
+    from pdecodec.report.viewer.view import Original
 
 
 @click.command()
@@ -38,9 +38,9 @@ def view(
     All that the page needs is in it: it works offline, and from a disk. It plays at any speed, between frames too; with
     a second file, or the original, it shows both, and how far apart they are, at every vertex and over time.
     """
-    from pdecodec.decoder import open_animation
-    from pdecodec.report.view import view_page
-    from pdecodec.whole_output import check_writable, whole_file
+    from pdecodec.codec.decoder import open_animation
+    from pdecodec.report.viewer.view import view_page
+    from pdecodec.system.whole_output import check_writable, whole_file
 
     if second and original:
         raise SettingsError("give a second file or --original, not both")
@@ -62,9 +62,9 @@ def view(
 
 def _prepared(path: Path, original: str | None, fps: float | None) -> tuple[str | None, Original | None]:
     """The up axis, and what the original differs by."""
-    from pdecodec.decoder import open_animation
+    from pdecodec.codec.decoder import open_animation
     from pdecodec.formats import open_sequence
-    from pdecodec.report.view import difference
+    from pdecodec.report.viewer.view import difference
 
     with open_animation(path) as animation:
         up_axis = animation.metadata.get("up_axis")

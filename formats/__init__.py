@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 if __name__ != "pdecodec.formats":
     raise ImportError(f"import this package as pdecodec.formats, not as {__name__}")
 
+from pdecodec.formats.base.registry import Format, list_formats, open_sequence, register_format, write_sequence
 from pdecodec.formats.catalogue import BUILT_IN
-from pdecodec.formats.registry import Format, list_formats, open_sequence, register_format, write_sequence
 
 if TYPE_CHECKING:
-    from pdecodec.formats.onto import write_onto
+    from pdecodec.formats.base.onto import write_onto
 
 for _entry in BUILT_IN:
     register_format(_entry)
@@ -26,7 +26,7 @@ __all__ = ["Format", "list_formats", "open_sequence", "register_format", "write_
 
 def __getattr__(name: str) -> Any:
     if name == "write_onto":
-        from pdecodec.formats.onto import write_onto
+        from pdecodec.formats.base.onto import write_onto
 
         return write_onto
     raise AttributeError(f"module 'pdecodec.formats' has no attribute {name!r}")

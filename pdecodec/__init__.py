@@ -12,79 +12,79 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pdecodec.arrays import ArrayEvaluator as ArrayEvaluator
-    from pdecodec.decoder import Animation as Animation
-    from pdecodec.decoder import DecodeLimits as DecodeLimits
-    from pdecodec.decoder import open_animation as open  # noqa: F401 - __all__ is computed, ruff cannot see it there
-    from pdecodec.decoder import open_animation as open_animation
-    from pdecodec.encoding.encoder import encode as encode
-    from pdecodec.encoding.encodereport import EncodeReport as EncodeReport
-    from pdecodec.encoding.ratecontrol import encode_to_rms as encode_to_rms
-    from pdecodec.encoding.ratecontrol import encode_to_size as encode_to_size
+    from pdecodec.codec.array_evaluator import ArrayEvaluator as ArrayEvaluator
+    from pdecodec.codec.checking import FileCheck as FileCheck
+    from pdecodec.codec.checking import check_file as check_file
+    from pdecodec.codec.decoder import Animation as Animation
+    from pdecodec.codec.decoder import DecodeLimits as DecodeLimits
+    from pdecodec.codec.decoder import open_animation as open  # noqa: F401 - __all__ is computed, ruff cannot see it there
+    from pdecodec.codec.decoder import open_animation as open_animation
+    from pdecodec.codec.editing import cut_animation as cut_animation
+    from pdecodec.codec.editing import join_animations as join_animations
+    from pdecodec.codec.encode.encoder import encode as encode
+    from pdecodec.codec.encode.rate_control import encode_to_rms as encode_to_rms
+    from pdecodec.codec.encode.rate_control import encode_to_size as encode_to_size
+    from pdecodec.codec.encode.report import EncodeReport as EncodeReport
+    from pdecodec.codec.mending import Finding as Finding
+    from pdecodec.codec.paper_form import PaperForm as PaperForm
+    from pdecodec.codec.salvaging import Salvage as Salvage
+    from pdecodec.codec.salvaging import salvage as salvage
+    from pdecodec.codec.settings import EncodeSettings as EncodeSettings
+    from pdecodec.codec.settings import PaperSettings as PaperSettings
     from pdecodec.errors import CorruptFileError as CorruptFileError
     from pdecodec.errors import InputError as InputError
     from pdecodec.errors import LimitError as LimitError
     from pdecodec.errors import MissingExtraError as MissingExtraError
     from pdecodec.errors import PdecodecError as PdecodecError
     from pdecodec.errors import SettingsError as SettingsError
-    from pdecodec.files.cutting import cut_animation as cut_animation
-    from pdecodec.files.cutting import join_animations as join_animations
-    from pdecodec.files.filecheck import FileCheck as FileCheck
-    from pdecodec.files.filecheck import check_file as check_file
-    from pdecodec.files.mending import Finding as Finding
-    from pdecodec.files.salvaging import Salvage as Salvage
-    from pdecodec.files.salvaging import salvage as salvage
     from pdecodec.formats import open_sequence as open_sequence
     from pdecodec.formats import write_sequence as write_sequence
-    from pdecodec.paperform import PaperForm as PaperForm
-    from pdecodec.runs import ChangingSequence as ChangingSequence
-    from pdecodec.selection import FrameSelection as FrameSelection
-    from pdecodec.selection import ObjectSelection as ObjectSelection
-    from pdecodec.sequence import ArraySequence as ArraySequence
-    from pdecodec.sequence import Attribute as Attribute
-    from pdecodec.sequence import Connectivity as Connectivity
-    from pdecodec.sequence import MeshObject as MeshObject
-    from pdecodec.sequence import MeshSequence as MeshSequence
-    from pdecodec.settings import EncodeSettings as EncodeSettings
-    from pdecodec.settings import PaperSettings as PaperSettings
+    from pdecodec.mesh.runs import ChangingSequence as ChangingSequence
+    from pdecodec.mesh.selection import FrameSelection as FrameSelection
+    from pdecodec.mesh.selection import ObjectSelection as ObjectSelection
+    from pdecodec.mesh.sequence import ArraySequence as ArraySequence
+    from pdecodec.mesh.sequence import Attribute as Attribute
+    from pdecodec.mesh.sequence import Connectivity as Connectivity
+    from pdecodec.mesh.sequence import MeshObject as MeshObject
+    from pdecodec.mesh.sequence import MeshSequence as MeshSequence
 
 __version__ = "0.1.0"
 
 _HOME = {
-    "Animation": "decoder",
-    "ArrayEvaluator": "arrays",
-    "ArraySequence": "sequence",
-    "Attribute": "sequence",
-    "ChangingSequence": "runs",
-    "Connectivity": "sequence",
+    "Animation": "codec.decoder",
+    "ArrayEvaluator": "codec.array_evaluator",
+    "ArraySequence": "mesh.sequence",
+    "Attribute": "mesh.sequence",
+    "ChangingSequence": "mesh.runs",
+    "Connectivity": "mesh.sequence",
     "CorruptFileError": "errors",
-    "DecodeLimits": "decoder",
-    "EncodeReport": "encoding.encodereport",
-    "EncodeSettings": "settings",
-    "FileCheck": "files.filecheck",
-    "Finding": "files.mending",
-    "FrameSelection": "selection",
+    "DecodeLimits": "codec.decoder",
+    "EncodeReport": "codec.encode.report",
+    "EncodeSettings": "codec.settings",
+    "FileCheck": "codec.checking",
+    "Finding": "codec.mending",
+    "FrameSelection": "mesh.selection",
     "InputError": "errors",
     "LimitError": "errors",
-    "MeshObject": "sequence",
-    "MeshSequence": "sequence",
+    "MeshObject": "mesh.sequence",
+    "MeshSequence": "mesh.sequence",
     "MissingExtraError": "errors",
-    "ObjectSelection": "selection",
-    "PaperForm": "paperform",
-    "PaperSettings": "settings",
+    "ObjectSelection": "mesh.selection",
+    "PaperForm": "codec.paper_form",
+    "PaperSettings": "codec.settings",
     "PdecodecError": "errors",
-    "Salvage": "files.salvaging",
+    "Salvage": "codec.salvaging",
     "SettingsError": "errors",
-    "check_file": "files.filecheck",
-    "cut_animation": "files.cutting",
-    "encode": "encoding.encoder",
-    "encode_to_rms": "encoding.ratecontrol",
-    "encode_to_size": "encoding.ratecontrol",
-    "join_animations": "files.cutting",
-    "open": "decoder",
-    "open_animation": "decoder",
+    "check_file": "codec.checking",
+    "cut_animation": "codec.editing",
+    "encode": "codec.encode.encoder",
+    "encode_to_rms": "codec.encode.rate_control",
+    "encode_to_size": "codec.encode.rate_control",
+    "join_animations": "codec.editing",
+    "open": "codec.decoder",
+    "open_animation": "codec.decoder",
     "open_sequence": "formats",
-    "salvage": "files.salvaging",
+    "salvage": "codec.salvaging",
     "write_sequence": "formats",
 }
 

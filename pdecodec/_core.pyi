@@ -351,7 +351,7 @@ class SpaceBasis:
         """The same."""
 
 class Motion:
-    """What moves the vertices in a group of frames (core/evaluate/motion.hpp), or those of some elements alone."""
+    """What moves the vertices in a group of frames, or those of some elements (core/decode/evaluate/motion.hpp)."""
 
     def __init__(
         self,
@@ -441,7 +441,7 @@ def integer_root(square: int) -> int: ...
 def writable_view(array: object) -> Float32Array: ...
 
 class Animation:
-    """An open file (core/decoder/animation.hpp); `file` is its bytes, or a binary file that is read when needed: by its
+    """An open file (core/decode/animation.hpp); `file` is its bytes, or a binary file that is read when needed: by its
     descriptor (not on Windows), or as Python reads it. Of several runs each is opened by itself: what is not of all is
     an error else.
     """

@@ -1,6 +1,6 @@
 import { CODES, PdeanimError } from "./errors.js";
 
-/** Structures of the C interface (core/include/pdeanim.h) as a 32-bit machine has them: bytes, and where fields are. */
+/** Structures of the C interface (core/bindings/c/include/pdeanim.h) as a 32-bit machine has them: bytes, and where fields are. */
 const ERROR = { bytes: 280, status: 0, offset: 8, frame: 16, text: 24 };
 const OPTIONS = { bytes: 24, size: 0, maxMemory: 8, threads: 16 };
 

@@ -12,18 +12,27 @@ from typing import Any
 
 import numpy as np
 
-from pdecodec.decoder import open_animation
-from pdecodec.encoding.encoder import encode
-from pdecodec.encoding.encodereport import SECTION_TITLES, EncodeReport
-from pdecodec.metrics import Distortion, bits_per_vertex_frame, frame_scale, measure_distortion
-from pdecodec.report.charts import as_seen, draw_mesh, draw_near, heat_map, hide_axes, quads_of, require_drawing, write
-from pdecodec.report.figure import Canvas
+from pdecodec.codec.decoder import open_animation
+from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encode.report import SECTION_TITLES, EncodeReport
+from pdecodec.codec.settings import EncodeSettings
+from pdecodec.mesh.metrics import Distortion, bits_per_vertex_frame, frame_scale, measure_distortion
+from pdecodec.mesh.resample import LinearInterpolation, SampledAnimation
+from pdecodec.mesh.selection import FrameSelection
+from pdecodec.mesh.sequence import ArraySequence, Float32Array, Float64Array, Progress
+from pdecodec.report.charts.drawing import (
+    as_seen,
+    draw_mesh,
+    draw_near,
+    heat_map,
+    hide_axes,
+    quads_of,
+    require_drawing,
+    write,
+)
+from pdecodec.report.charts.figure import Canvas
 from pdecodec.report.surface_metrics import SurfaceDistortion, measure_surfaces
-from pdecodec.resample import LinearInterpolation, SampledAnimation
-from pdecodec.selection import FrameSelection
-from pdecodec.sequence import ArraySequence, Float32Array, Float64Array, Progress
-from pdecodec.settings import EncodeSettings
-from pdecodec.xpbd import build
+from pdecodec.simulate import build
 
 FRAMES = 61
 """Odd, so that the frames left out of every second one all lie between two that are kept."""

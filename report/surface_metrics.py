@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from pdecodec.sequence import Connectivity, Float32Array, Float64Array, Int32Array, MeshSequence, Progress
-from pdecodec.shares import side_by_side
+from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array, Int32Array, MeshSequence, Progress
+from pdecodec.system.shares import side_by_side
 
 CHUNK_VALUES = 2**22
 """Numbers of an array that are worked on at once."""

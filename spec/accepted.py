@@ -25,13 +25,14 @@ from pdecodec import (
     encode,
 )
 from pdecodec._core import Residuals
-from pdecodec.coding.residuals import encode_residuals
-from pdecodec.coding.spacebasis import SpaceKind
-from pdecodec.encoding import autoprofile, modelchoice
-from pdecodec.encoding.displacements import TimeFunctions
-from pdecodec.encoding.effort import EFFORTS
-from pdecodec.encoding.groupfit import GroupFitter
-from pdecodec.sequence import MeshSequence
+from pdecodec.codec.encode import auto_profile as autoprofile
+from pdecodec.codec.encode import model_choice as modelchoice
+from pdecodec.codec.encode.displacements import TimeFunctions
+from pdecodec.codec.encode.effort import EFFORTS
+from pdecodec.codec.encode.group_fit import GroupFitter
+from pdecodec.codec.sections.residuals import encode_residuals
+from pdecodec.codec.sections.space_basis import SpaceKind
+from pdecodec.mesh.sequence import MeshSequence
 from spec.sealing import Part, content, run_of, seal, take_apart, with_first_group
 
 Points = NDArray[np.float64]

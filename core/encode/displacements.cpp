@@ -3,7 +3,7 @@
 #include <cmath>
 #include <mutex>
 
-#include "parallel.hpp"
+#include "base/parallel.hpp"
 
 namespace pdeanim {
 

@@ -3,7 +3,7 @@
 
 #include <span>
 
-#include "arithmetic.hpp"
+#include "base/arithmetic.hpp"
 
 namespace pdeanim {
 

@@ -4,10 +4,10 @@
 #include <cmath>
 #include <mutex>
 
-#include "large_array.hpp"
-#include "parallel.hpp"
-#include "residuals/added.hpp"
-#include "residuals/missed.hpp"
+#include "base/large_array.hpp"
+#include "base/parallel.hpp"
+#include "sections/residuals/added.hpp"
+#include "sections/residuals/missed.hpp"
 
 namespace pdeanim {
 

@@ -5,8 +5,8 @@
 #include <span>
 #include <vector>
 
-#include "evaluate/motion.hpp"
-#include "residuals/residuals.hpp"
+#include "decode/evaluate/motion.hpp"
+#include "sections/residuals/residuals.hpp"
 
 namespace pdeanim {
 

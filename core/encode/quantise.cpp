@@ -4,7 +4,7 @@
 #include <cmath>
 #include <mutex>
 
-#include "parallel.hpp"
+#include "base/parallel.hpp"
 
 namespace pdeanim {
 

@@ -4,8 +4,8 @@
 #include <span>
 #include <vector>
 
-#include "arithmetic.hpp"
-#include "large_array.hpp"
+#include "base/arithmetic.hpp"
+#include "base/large_array.hpp"
 
 namespace pdeanim {
 

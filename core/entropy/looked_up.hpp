@@ -3,7 +3,7 @@
 
 #include <array>
 
-#include "arithmetic.hpp"
+#include "base/arithmetic.hpp"
 
 namespace pdeanim {
 

@@ -10,9 +10,9 @@
 #include <span>
 #include <vector>
 
-#include "arithmetic.hpp"
+#include "base/arithmetic.hpp"
+#include "base/errors.hpp"
 #include "entropy/tables.hpp"
-#include "errors.hpp"
 
 namespace pdeanim {
 

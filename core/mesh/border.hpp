@@ -11,7 +11,7 @@
 
 #include <vector>
 
-#include "arithmetic.hpp"
+#include "base/arithmetic.hpp"
 
 namespace pdeanim {
 

@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "connectivity/connectivity.hpp"
+#include "sections/connectivity/connectivity.hpp"
 
 namespace pdeanim {
 

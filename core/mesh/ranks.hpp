@@ -6,7 +6,7 @@
 
 #include <vector>
 
-#include "arithmetic.hpp"
+#include "base/arithmetic.hpp"
 
 namespace pdeanim {
 

@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "arithmetic.hpp"
+#include "base/arithmetic.hpp"
 
 namespace pdeanim {
 

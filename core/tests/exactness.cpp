@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "decoder/animation.hpp"
+#include "decode/animation.hpp"
 
 namespace {
 

@@ -11,7 +11,7 @@
 #include <string_view>
 #include <vector>
 
-#include "arithmetic.hpp"
+#include "base/arithmetic.hpp"
 
 namespace pdeanim::text {
 

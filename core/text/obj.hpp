@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "arithmetic.hpp"
+#include "base/arithmetic.hpp"
 
 namespace pdeanim::text {
 

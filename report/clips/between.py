@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdecodec.decoder import open_animation
-from pdecodec.encoding.encoder import encode
-from pdecodec.metrics import DistortionMeter, frame_scale
-from pdecodec.report.figure import Figure, Table
-from pdecodec.report.vegalite import channel, log_axis, tooltip
-from pdecodec.selection import FrameSelection
-from pdecodec.sequence import ArraySequence, Float32Array, Float64Array
-from pdecodec.settings import EffortName
+from pdecodec.codec.decoder import open_animation
+from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.settings import EffortName
+from pdecodec.mesh.metrics import DistortionMeter, frame_scale
+from pdecodec.mesh.selection import FrameSelection
+from pdecodec.mesh.sequence import ArraySequence, Float32Array, Float64Array
+from pdecodec.report.charts.figure import Figure, Table
+from pdecodec.report.charts.vegalite import channel, log_axis, tooltip
 
 STRIDES = (2, 4)
 """Every second frame is kept, every fourth."""

@@ -9,20 +9,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdecodec.decoder import open_animation
-from pdecodec.encoding.encoder import encode
+from pdecodec.codec.decoder import open_animation
+from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.settings import Order
 from pdecodec.errors import PdecodecError
-from pdecodec.metrics import frame_scale, measure_distortion
-from pdecodec.report.baselines.baseline import Baseline, UnreachableError
-from pdecodec.report.baselines.packages import DracoWithFaces
-from pdecodec.report.baselines.search import RateCurve
+from pdecodec.mesh.metrics import frame_scale, measure_distortion
+from pdecodec.mesh.runs import ChangingSequence
+from pdecodec.mesh.sequence import Progress
+from pdecodec.report.charts.figure import Figure, Report, Section, Table, Value
+from pdecodec.report.charts.vegalite import WIDTH, channel, log_axis, tooltip
 from pdecodec.report.clips.coder_figures import LINE
 from pdecodec.report.clips.measuring import ReportPlan
-from pdecodec.report.figure import Figure, Report, Section, Table, Value
-from pdecodec.report.vegalite import WIDTH, channel, log_axis, tooltip
-from pdecodec.runs import ChangingSequence
-from pdecodec.sequence import Progress
-from pdecodec.settings import Order
+from pdecodec.research.baselines.baseline import Baseline, UnreachableError
+from pdecodec.research.baselines.packages import DracoWithFaces
+from pdecodec.research.baselines.search import RateCurve
 
 CONNECTIVITY_SECTIONS = ("CONN", "ORDR")
 """Faces, and the order that they and the vertices had."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from pdecodec.encoding.encodereport import SECTION_TITLES
+from pdecodec.codec.encode.report import SECTION_TITLES
+from pdecodec.report.charts.figure import Figure, Table, Value
+from pdecodec.report.charts.vegalite import WIDTH, channel, log_axis, tooltip
 from pdecodec.report.clips.measurement import Measurement, best_baseline
-from pdecodec.report.figure import Figure, Table, Value
-from pdecodec.report.vegalite import WIDTH, channel, log_axis, tooltip
 
 OWN_COLOURS = {
     "auto": "#0072B2",

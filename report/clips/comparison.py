@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pdecodec.errors import InputError
+from pdecodec.report.charts.figure import Figure, Table, Value
 from pdecodec.report.clips.coder_figures import distinct, label
 from pdecodec.report.clips.measurement import Measurement
-from pdecodec.report.figure import Figure, Table, Value
 
 WORTH_SAYING = 0.001
 """Change of bytes, as a share, from which on it is reported: less is a byte here or there."""

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from pdecodec.decoder import open_animation
-from pdecodec.encoding.encoder import encode
-from pdecodec.metrics import Distortion, DistortionMeter, frame_scale
-from pdecodec.report.charts import as_seen, draw_mesh, heat_map, hide_axes, polygons_of
-from pdecodec.report.figure import Canvas, Figure, Table
-from pdecodec.report.vegalite import WIDTH, channel, rule, tooltip
-from pdecodec.report.view import difference, view_page
-from pdecodec.sequence import ArraySequence, Connectivity, Float32Array, Float64Array
-from pdecodec.settings import EffortName
+from pdecodec.codec.decoder import open_animation
+from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.settings import EffortName
+from pdecodec.mesh.metrics import Distortion, DistortionMeter, frame_scale
+from pdecodec.mesh.sequence import ArraySequence, Connectivity, Float32Array, Float64Array
+from pdecodec.report.charts.drawing import as_seen, draw_mesh, heat_map, hide_axes, polygons_of
+from pdecodec.report.charts.figure import Canvas, Figure, Table
+from pdecodec.report.charts.vegalite import WIDTH, channel, rule, tooltip
+from pdecodec.report.viewer.view import difference, view_page
 
 WORST_VERTICES = 20
 """Named in the table."""

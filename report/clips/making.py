@@ -9,7 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from pdecodec.errors import InputError, naming_file
-from pdecodec.report.charts import require_drawing
+from pdecodec.mesh.runs import ChangingSequence
+from pdecodec.mesh.sequence import ArraySequence, Progress
+from pdecodec.report.charts.drawing import require_drawing
+from pdecodec.report.charts.figure import Figure, Report, Section, Table
+from pdecodec.report.charts.page import as_markdown, write_report
 from pdecodec.report.clips.between import BetweenRow, measure_between
 from pdecodec.report.clips.changing import changing_report, cost_table, measure_changing
 from pdecodec.report.clips.coder_figures import distinct, label
@@ -20,11 +24,7 @@ from pdecodec.report.clips.measuring import ReportPlan, measure_clip, measure_ef
 from pdecodec.report.clips.pages import ClipFindings, clip_report, corpus_report, merit_table, reference_tolerance
 from pdecodec.report.clips.recommendation import recommend
 from pdecodec.report.clips.why import measure_alternatives
-from pdecodec.report.figure import Figure, Report, Section, Table
-from pdecodec.report.page import as_markdown, write_report
-from pdecodec.runs import ChangingSequence
-from pdecodec.sequence import ArraySequence, Progress
-from pdecodec.whole_output import whole_file
+from pdecodec.system.whole_output import whole_file
 
 KEPT = "measurements.json"
 """In the report's folder: what an interrupted run, or another one, need not measure again."""

@@ -15,9 +15,9 @@ from typing import Any, Literal
 
 import pdecodec
 from pdecodec.errors import InputError
-from pdecodec.metrics import bits_per_vertex_frame
-from pdecodec.sequence import ArraySequence
-from pdecodec.whole_output import whole_file
+from pdecodec.mesh.metrics import bits_per_vertex_frame
+from pdecodec.mesh.sequence import ArraySequence
+from pdecodec.system.whole_output import whole_file
 
 Kind = Literal["profile", "baseline"]
 

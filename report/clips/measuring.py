@@ -19,19 +19,19 @@ from typing import Any, get_args
 
 import numpy as np
 
-from pdecodec.decoder import Animation, open_animation
-from pdecodec.encoding.encoder import encode
-from pdecodec.encoding.encodereport import CONSTANT_SECTIONS
+from pdecodec.codec.decoder import Animation, open_animation
+from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encode.report import CONSTANT_SECTIONS
+from pdecodec.codec.settings import EffortName, Profile
 from pdecodec.errors import InputError
-from pdecodec.interrupts import end_when_interrupted, interrupts_held
-from pdecodec.metrics import Distortion, frame_scale, measure_distortion
-from pdecodec.report.baselines.baseline import Baseline, UnreachableError
-from pdecodec.report.baselines.search import RateCurve
+from pdecodec.mesh.metrics import Distortion, frame_scale, measure_distortion
+from pdecodec.mesh.selection import FrameSelection
+from pdecodec.mesh.sequence import ArraySequence, Float32Array, Progress
 from pdecodec.report.clips.measurement import KeptMeasurements, Measurement, clip_digest, codec_version, measurement_key
 from pdecodec.report.surface_metrics import measure_surface
-from pdecodec.selection import FrameSelection
-from pdecodec.sequence import ArraySequence, Float32Array, Progress
-from pdecodec.settings import EffortName, Profile
+from pdecodec.research.baselines.baseline import Baseline, UnreachableError
+from pdecodec.research.baselines.search import RateCurve
+from pdecodec.system.interrupts import end_when_interrupted, interrupts_held
 
 TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 """From what is seen in the background to what an archive wants: two a decade."""

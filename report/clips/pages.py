@@ -9,7 +9,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pdecodec.encoding.encodereport import Question
+from pdecodec.codec.encode.report import Question
+from pdecodec.codec.settings import DEFAULT_TOLERANCE
+from pdecodec.mesh.sequence import ArraySequence
+from pdecodec.report.charts.figure import Figure, Report, Section, Table, Value
+from pdecodec.report.charts.vegalite import WIDTH, channel, log_axis, rule, tooltip
 from pdecodec.report.clips.between import BETWEEN_TOLERANCE, INTERPOLATIONS, PDECODEC, BetweenRow, between_figure
 from pdecodec.report.clips.coder_figures import HOW_TO_PICK, distinct, label, model_figures, rate_figures, speed_figures
 from pdecodec.report.clips.errors import ErrorField, error_figures, moving_errors
@@ -17,10 +21,6 @@ from pdecodec.report.clips.measurement import Measurement, best_baseline, size_r
 from pdecodec.report.clips.measuring import ReportPlan
 from pdecodec.report.clips.recommendation import recommend, recommendation_figure
 from pdecodec.report.clips.why import alternatives_figure
-from pdecodec.report.figure import Figure, Report, Section, Table, Value
-from pdecodec.report.vegalite import WIDTH, channel, log_axis, rule, tooltip
-from pdecodec.sequence import ArraySequence
-from pdecodec.settings import DEFAULT_TOLERANCE
 
 MERITS: dict[str, Callable[[Measurement], float | None]] = {
     "ratio": lambda point: point.ratio,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pdecodec.report.charts.figure import Figure, Table, Value
 from pdecodec.report.clips.coder_figures import label
 from pdecodec.report.clips.measurement import Measurement, best_baseline, size_ratio
-from pdecodec.report.figure import Figure, Table, Value
 
 
 @dataclass(frozen=True)

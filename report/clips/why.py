@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pdecodec.encoding.encoder import encode
-from pdecodec.encoding.encodereport import Question
-from pdecodec.report.figure import Figure, Table
-from pdecodec.sequence import MeshSequence
-from pdecodec.settings import EffortName
+from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encode.report import Question
+from pdecodec.codec.settings import EffortName
+from pdecodec.mesh.sequence import MeshSequence
+from pdecodec.report.charts.figure import Figure, Table
 
 
 def measure_alternatives(sequence: MeshSequence, *, tolerance: float, effort: EffortName) -> tuple[Question, ...]:

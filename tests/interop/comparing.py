@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pdecodec.formats.normals import normal_rows, smooth_rows
-from pdecodec.metrics import frame_scale
-from pdecodec.sequence import ArraySequence
+from pdecodec.formats.base.normals import normal_rows, smooth_rows
+from pdecodec.mesh.metrics import frame_scale
+from pdecodec.mesh.sequence import ArraySequence
 from tests.interop.viewers import Seen
 
 WEIGHT_BETWEEN = 0.01

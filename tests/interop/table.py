@@ -18,13 +18,13 @@ import pytest
 
 from pdecodec.errors import PdecodecError
 from pdecodec.formats import open_sequence, write_sequence
-from pdecodec.formats.attribute_roles import MATERIAL, face_sets, uv_sets
-from pdecodec.formats.scene_space import UNIT, UP_AXIS, bake_transforms, place
-from pdecodec.selection import FrameSelection
-from pdecodec.sequence import ArraySequence, MeshSequence
-from tests.browser_tools import gltf_issues
+from pdecodec.formats.base.attribute_roles import MATERIAL, face_sets, uv_sets
+from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, bake_transforms, place
+from pdecodec.mesh.selection import FrameSelection
+from pdecodec.mesh.sequence import ArraySequence, MeshSequence
 from tests.interop.comparing import Expected, difference, expected_of
 from tests.interop.viewers import Job, Seen, blender_shows, openusd_shows, three_shows
+from tests.support.browser_tools import gltf_issues
 
 HEAD = """\
 # What other programs see

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.three_player import play
+from tests.support.three_player import play
 
 HERE = Path(__file__).resolve().parent
 

@@ -1,0 +1,165 @@
+"""Clips in one's own graphs of Dask (extra ``dask``): coding as tasks, decoded positions as an array of blocks.
+
+``pdecodec batch --dask`` does all that a batch needs; this is for what else is to happen to clips on the way::
+
+    import dask
+    import pdecodec.dask
+
+    results = dask.compute(*pdecodec.dask.encode_clips("shots/**/*.abc", "/studio/coded", tolerance=1e-4))
+    heights = pdecodec.dask.positions("/studio/coded/walk.pdeanim")[:, :, 1].max(axis=1).compute()
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+from weakref import finalize
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdecodec.codec.decoder import Animation, DecodeLimits, open_animation
+from pdecodec.codec.run_animation import ChangingAnimation
+from pdecodec.errors import MissingExtraError, SettingsError
+from pdecodec.system.storage import RemoteFile, is_address
+
+if TYPE_CHECKING:
+    from dask.array import Array
+    from dask.delayed import Delayed
+
+OPEN_AT_ONCE = 8
+"""Files that a process keeps open for the next block of theirs: an open one has its mesh decoded."""
+
+
+def encode_clips(
+    given: str | os.PathLike[str],
+    folder: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+    verify: bool = False,
+    max_memory: int | None = None,
+    **options: Any,
+) -> list[Delayed]:
+    """A task for every clip of a manifest, a pattern or a folder, each as ``pdecodec batch`` does it.
+
+    Parameters
+    ----------
+    given : path
+        As :func:`pdecodec.batch.clips_of` takes it. Paths are to be seen by the workers under the same names.
+    folder : path or address
+        Where files go, and the records of what is done: a clip that is there, as it would be coded, is kept.
+    overwrite : bool
+        Whether files that are not of an earlier run may be replaced.
+    verify : bool
+        Decode every file again, and measure it beside its source.
+    max_memory : int, optional [bytes]
+        What clips coded at once in one process may take together, by estimate. Default: most of what it may take.
+    **options
+        What holds where a manifest says nothing, by the names of :class:`pdecodec.batch.ClipOptions` and of the
+        settings of :func:`pdecodec.encode`.
+
+    Returns
+    -------
+    list of dask.delayed.Delayed
+        In order; the value of each is a :class:`pdecodec.batch.Result`, of a clip that failed, too.
+
+    Raises
+    ------
+    MissingExtraError
+        If Dask is not installed.
+    InputError, SettingsError
+        If there are no such clips, an option is wrong, or the folder cannot be made.
+    """
+    from pdecodec.batch import ClipOptions, Work, clips_of
+    from pdecodec.batch.cluster import absolute, do_on_worker, seen_by_all
+
+    try:
+        from dask.delayed import delayed
+    except ImportError as error:
+        raise _missing(error) from error
+    clips = clips_of(given, ClipOptions().with_values(options))
+    work = seen_by_all(Work(folder=os.fspath(folder), overwrite=overwrite, verify=verify))
+    task = delayed(do_on_worker, pure=False)
+    return [task(absolute(clip), work, max_memory) for clip in clips]
+
+
+def positions(
+    source: str | os.PathLike[str],
+    times: ArrayLike | None = None,
+    *,
+    block: int | None = None,
+    limits: DecodeLimits | None = None,
+) -> Array:
+    """Decoded positions as a Dask array; a block reads and decodes the groups of frames that it needs, and no others.
+
+    Parameters
+    ----------
+    source : path or address
+        To be seen by the workers under the same name.
+    times : (n,) array [s], optional
+        In any order; before the first frame and after the last one that frame holds. Default: of the frames.
+    block : int, optional
+        Times in a block. Default: those of a group of frames, or all where times are given.
+    limits : DecodeLimits, optional
+
+    Returns
+    -------
+    (n, vertices, 3) dask.array.Array of float32 [scene units]
+
+    Raises
+    ------
+    MissingExtraError
+        If Dask is not installed.
+    InputError, CorruptFileError
+        As :func:`pdecodec.open` does.
+    SettingsError
+        If the file has frames of several numbers of vertices, or times are no numbers.
+    """
+    try:
+        from dask.array import from_array
+    except ImportError as error:
+        raise _missing(error) from error
+    if block is not None and block < 1:
+        raise SettingsError(f"block must be 1 or more, not {block}")
+    place = os.fspath(source) if is_address(source) else os.path.abspath(source)
+    with open_animation(place, limits=limits) as animation:
+        if isinstance(animation, ChangingAnimation):
+            raise SettingsError("has frames of several meshes, which make no one array; take its runs", path=source)
+        asked = animation.times if times is None else np.asarray(times, np.float64)
+        if asked.ndim != 1 or np.isnan(asked).any():
+            raise SettingsError("times must be a list of numbers")
+        vertices, edges = animation.vertex_count, animation.group_edges
+        if block is not None or times is not None:
+            edges = [*range(0, asked.size, block or max(1, asked.size)), asked.size]
+    sizes = tuple(np.diff(edges).tolist()) or (0,)
+    return from_array(asked, chunks=(sizes,)).map_blocks(
+        _block, place, _version_of(place), limits, chunks=(sizes, (vertices,), (3,)), new_axis=[1, 2],
+        dtype=np.float32, meta=np.empty((0, 0, 0), np.float32),
+    )  # fmt: skip
+
+
+def _block(times: NDArray[np.float64], place: str, version: str, limits: DecodeLimits | None) -> NDArray[np.float32]:
+    return _kept_open(place, version, limits).sample(times)
+
+
+@lru_cache(OPEN_AT_ONCE)
+def _kept_open(place: str, version: str, limits: DecodeLimits | None) -> Animation:
+    """An open file: closed when others took its place, and no thread uses it any more."""
+    animation = open_animation(place, limits=limits)
+    assert not isinstance(animation._file, bytes)
+    finalize(animation, animation._file.close)
+    return animation
+
+
+def _version_of(place: str) -> str:
+    """What changes when a file is written: one that is still open, and was replaced, is opened again."""
+    if is_address(place):
+        return json.dumps(RemoteFile(place).stamp())
+    status = os.stat(place)
+    return json.dumps([status.st_size, status.st_mtime_ns, status.st_ino])
+
+
+def _missing(error: ImportError) -> MissingExtraError:
+    return MissingExtraError(f"this needs the package {error.name}; run: pip install 'pdecodec[dask]'")

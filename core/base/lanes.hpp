@@ -1,0 +1,155 @@
+// Numbers side by side in vector registers.
+#pragma once
+
+#include <cstddef>
+#include <cstring>
+
+#include "base/multiversion.hpp"
+
+namespace pdeanim {
+
+#if defined(__GNUC__)
+
+template <class T, int count> struct LanesOf {
+    typedef T Type __attribute__((vector_size(sizeof(T) * count)));
+};
+template <class T, int count> using Lanes = typename LanesOf<T, count>::Type;
+
+#else
+
+template <class T, int count> struct Lanes {
+    T values[count];
+
+    T &operator[](int i) { return values[i]; }
+    const T &operator[](int i) const { return values[i]; }
+    Lanes &operator+=(const Lanes &other) { return *this = *this + other; }
+    Lanes &operator-=(const Lanes &other) { return *this = *this - other; }
+    Lanes operator-() const { return T{} - *this; }
+#define PDEANIM_LANEWISE(sign)                                         \
+    friend Lanes operator sign(Lanes a, const Lanes &b) {              \
+        for (int i = 0; i < count; ++i) a.values[i] = a[i] sign b[i];  \
+        return a;                                                      \
+    }                                                                  \
+    friend Lanes operator sign(T a, const Lanes &b) {                  \
+        Lanes found;                                                   \
+        for (int i = 0; i < count; ++i) found.values[i] = a sign b[i]; \
+        return found;                                                  \
+    }                                                                  \
+    friend Lanes operator sign(Lanes a, T b) {                         \
+        for (int i = 0; i < count; ++i) a.values[i] = a[i] sign b;     \
+        return a;                                                      \
+    }
+    PDEANIM_LANEWISE(+)
+    PDEANIM_LANEWISE(-)
+    PDEANIM_LANEWISE(*)
+    PDEANIM_LANEWISE(/)
+#undef PDEANIM_LANEWISE
+};
+#endif
+
+// Numbers of an array, wherever they lie: a type of numbers that lie so is one whose alignment some compilers forget.
+template <int count, class T> PDEANIM_INLINE Lanes<T, count> lanes_at(const T *numbers) {
+    Lanes<T, count> found;
+    std::memcpy(&found, numbers, sizeof found);
+    return found;
+}
+
+// Write them.
+template <class Row, class T> PDEANIM_INLINE void put_lanes(T *numbers, const Row &lanes) {
+    std::memcpy(numbers, &lanes, sizeof lanes);
+}
+
+// Numbers, and arrays of them. What is `= {}` GCC makes zero in memory, too, where it stays in registers.
+template <class Row> PDEANIM_INLINE void make_zero(Row &lanes) { lanes = Row{}; }
+template <class Row, std::size_t count> PDEANIM_INLINE void make_zero(Row (&rows)[count]) {
+    for (Row &row : rows) make_zero(row);
+}
+
+// Values where what is tested is more than 0, else 0.
+template <class Row> PDEANIM_INLINE Row where_positive(const Row &tested, const Row &values) {
+#if defined(__GNUC__)
+    return tested > 0.0 ? values : Row{};
+#else
+    Row found{};
+    for (std::size_t i = 0; i < sizeof(Row) / sizeof(found[0]); ++i) {
+        const int lane = static_cast<int>(i);
+        if (tested[lane] > 0) found[lane] = values[lane];
+    }
+    return found;
+#endif
+}
+
+// What a function of the lane returns.
+template <class T, int count, class Number> PDEANIM_INLINE Lanes<T, count> lanes_by(const Number &number) {
+    static_assert(count == 2 || count == 4 || count == 8);
+    if constexpr (count == 2) {
+        return Lanes<T, count>{number(0), number(1)};
+    } else if constexpr (count == 4) {
+        return Lanes<T, count>{number(0), number(1), number(2), number(3)};
+    } else {
+        return Lanes<T, count>{number(0), number(1), number(2), number(3), number(4), number(5), number(6), number(7)};
+    }
+}
+
+// So many numbers side by side in registers of `bytes`, in several where one is too short. (Vectors longer than registers
+// are not what to write: GCC keeps those in memory.)
+template <class T, int count, int bytes> struct Registers {
+    static constexpr int size = bytes / static_cast<int>(sizeof(T)), parts = count / size;
+    static_assert(parts * size == count);
+
+    Lanes<T, size> part[parts];
+
+    T operator[](int i) const { return part[i / size][i % size]; }
+
+    static PDEANIM_INLINE Registers all(T value) {
+        Registers found;
+        for (int p = 0; p < parts; ++p) found.part[p] = value + Lanes<T, size>{};
+        return found;
+    }
+    static PDEANIM_INLINE Registers at(const T *numbers) {
+        Registers found;
+        for (int p = 0; p < parts; ++p) found.part[p] = lanes_at<size>(numbers + p * size);
+        return found;
+    }
+    // What a function of the lane returns.
+    template <class Number> static PDEANIM_INLINE Registers by_lane(const Number &number) {
+        Registers found;
+        for (int p = 0; p < parts; ++p) {
+            found.part[p] = lanes_by<T, size>([&](int lane) PDEANIM_INLINE_LAMBDA { return number(p * size + lane); });
+        }
+        return found;
+    }
+    PDEANIM_INLINE void put(T *numbers) const {
+        for (int p = 0; p < parts; ++p) put_lanes(numbers + p * size, part[p]);
+    }
+
+    PDEANIM_INLINE Registers &operator+=(const Registers &other) { return *this = *this + other; }
+    PDEANIM_INLINE Registers &operator-=(const Registers &other) { return *this = *this - other; }
+#define PDEANIM_BY_PARTS(sign)                                                       \
+    friend PDEANIM_INLINE Registers operator sign(Registers a, const Registers &b) { \
+        for (int p = 0; p < parts; ++p) a.part[p] = a.part[p] sign b.part[p];        \
+        return a;                                                                    \
+    }                                                                                \
+    friend PDEANIM_INLINE Registers operator sign(T a, Registers b) {                \
+        for (int p = 0; p < parts; ++p) b.part[p] = a sign b.part[p];                \
+        return b;                                                                    \
+    }                                                                                \
+    friend PDEANIM_INLINE Registers operator sign(Registers a, T b) {                \
+        for (int p = 0; p < parts; ++p) a.part[p] = a.part[p] sign b;                \
+        return a;                                                                    \
+    }
+    PDEANIM_BY_PARTS(+)
+    PDEANIM_BY_PARTS(-)
+    PDEANIM_BY_PARTS(*)
+    PDEANIM_BY_PARTS(/)
+#undef PDEANIM_BY_PARTS
+};
+
+template <class T, int count, int bytes>
+PDEANIM_INLINE Registers<T, count, bytes> where_positive(const Registers<T, count, bytes> &tested,
+                                                         Registers<T, count, bytes> values) {
+    for (int p = 0; p < values.parts; ++p) values.part[p] = where_positive(tested.part[p], values.part[p]);
+    return values;
+}
+
+}  // namespace pdeanim

@@ -1,0 +1,46 @@
+// Work on many items in shares, several at once.
+//
+// Each share writes what no other one reads, so that no result depends on the number of threads.
+#pragma once
+
+#include <atomic>
+#include <exception>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "base/arithmetic.hpp"
+
+namespace pdeanim {
+
+// Call work(first, end) for runs of the items 0 to count - 1 that cover each once, from so many threads. Shares are alike in
+// size, not in work: who is done with one takes the next.
+template <class Work> void in_shares(i64 count, int threads, const Work &work, i64 shares_a_thread = 4) {
+    const i64 workers = least<i64>(threads, count);
+    if (workers < 2) {
+        if (count > 0) work(i64{0}, count);
+        return;
+    }
+    const i64 shares = least(shares_a_thread * workers, count);
+    std::atomic<i64> next = 0;
+    std::exception_ptr failure;
+    std::mutex lock;
+    const auto take = [&] {
+        try {
+            for (i64 share = next++; share < shares; share = next++) {
+                work(count * share / shares, count * (share + 1) / shares);
+            }
+        } catch (...) {
+            const std::lock_guard guard(lock);
+            failure = std::current_exception();
+        }
+    };
+    {
+        std::vector<std::jthread> others;
+        for (i64 other = 1; other < workers; ++other) others.emplace_back(take);
+        take();
+    }
+    if (failure) std::rethrow_exception(failure);
+}
+
+}  // namespace pdeanim

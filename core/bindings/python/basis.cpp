@@ -1,0 +1,311 @@
+// Python's view of patches, space bases and what they are made of.
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/shared_ptr.h>
+
+#include <algorithm>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <variant>
+
+#include "base/parallel.hpp"
+#include "bindings/python/bindings.hpp"
+#include "bindings/python/motion.hpp"
+#include "decode/evaluate/motion.hpp"
+#include "sections/spatial/series.hpp"
+#include "sections/spatial/space_basis.hpp"
+
+namespace pdeanim::bindings {
+
+namespace {
+
+using Grid = Rows<i64, 3>;
+template <class Real> using Values = nb::ndarray<const Real, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Quantised = nb::ndarray<const i64, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+std::span<const GridPoint> points_of(const Grid &grid) {
+    return {reinterpret_cast<const GridPoint *>(grid.data()), grid.shape(0)};
+}
+
+void require(bool holds, const char *message) {
+    if (!holds) throw nb::value_error(message);
+}
+
+// An array that lies in an object of the core.
+template <class T> nb::object inside(nb::handle owner, const std::vector<T> &values) {
+    return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<1>>(const_cast<T *>(values.data()), {values.size()}, owner));
+}
+
+template <auto member> nb::object patches_array(nb::handle self) {
+    return inside(self, nb::cast<Patches &>(self).*member);
+}
+
+void check_vertices(const std::vector<ConnectivityView> &objects, const Grid &grid) {
+    i64 vertices = 0;
+    for (const ConnectivityView &object : objects) vertices += object.vertices;
+    require(vertices > 0 && vertices == static_cast<i64>(grid.shape(0)),
+            "the objects have other vertices than the grid");
+}
+
+std::shared_ptr<Patches> py_early_patches(const nb::list &objects, i64 points) {
+    require(points > 0, "patches have points");
+    const std::vector<ConnectivityView> views = views_of(objects);
+    nb::gil_scoped_release release;
+    return early_patches(views, points);
+}
+
+std::shared_ptr<Patches> py_build_patches(const nb::list &objects, const Grid &grid, i64 points,
+                                          const std::shared_ptr<Patches> &early) {
+    require(points > 0, "patches have points");
+    const std::vector<ConnectivityView> views = views_of(objects);
+    check_vertices(views, grid);
+    require(!early || early->order.size() == grid.shape(0), "the early patches are of another mesh");
+    nb::gil_scoped_release release;
+    return build_patches(views, points_of(grid), points, early);
+}
+
+std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &starts, i64 points) {
+    require(points > 0, "pieces have points");
+    const i64 vertices = static_cast<i64>(order.size());
+    const auto bounds = view(starts);
+    require(bounds.size() > 1 && bounds.front() == 0 && bounds.back() == vertices &&
+                std::is_sorted(bounds.begin(), bounds.end()),
+            "curves do not cover the vertices");
+    for (const i32 vertex : view(order))
+        require(vertex >= 0 && vertex < vertices, "a curve has a vertex that is not there");
+    nb::gil_scoped_release release;
+    return std::make_shared<Patches>(cut_curves({order.data(), order.data() + vertices}, bounds, points));
+}
+
+// Some of the functions of a basis; ValueError unless the subbands are there.
+SpaceSelection selected(std::span<const i64> subbands, const SpaceBasis &basis) {
+    const i64 count = static_cast<i64>(basis.layout().subbands().kinds.size());
+    require(!subbands.empty() && subbands.front() == 0 && subbands.back() < count &&
+                std::adjacent_find(subbands.begin(), subbands.end(), std::greater_equal()) == subbands.end(),
+            "subbands ascend from 0, and are there");
+    return SpaceSelection(basis.layout(), subbands);
+}
+
+// A space basis, and the array that it looks at.
+struct PySpaceBasis {
+    PySpaceBasis(int kind, i64 points, int functions, int threshold, double rate, bool affine,
+                 const std::shared_ptr<Patches> &patches, Grid of_grid, const std::optional<nb::bytes> &coded,
+                 int threads)
+        : grid(std::move(of_grid)) {
+        require(0 <= kind && kind <= 1 && functions > 0, "a space basis is of patches or curves, and has functions");
+        require(patches && patches->order.size() == grid.shape(0), "the patches are those of another mesh");
+        const SpaceForm form{static_cast<SpaceKind>(kind), points, functions, threshold, rate, affine};
+        std::optional<std::span<const u8>> bytes;
+        if (coded) bytes = view(*coded);
+        nb::gil_scoped_release release;
+        if (bytes) {
+            auto layout = std::make_shared<const SpaceLayout>(SpaceLayout::of_bytes(form, patches, *bytes));
+            basis.emplace(std::move(layout), points_of(grid), threads);
+        } else {
+            basis.emplace(form, patches, points_of(grid), threads);
+        }
+    }
+
+    template <class Real> nb::object project(const Values<Real> &values, int threads) {
+        {
+            nb::gil_scoped_release release;
+            basis->make_functions(threads);
+        }
+        return projected(values, nullptr, threads);
+    }
+
+    template <class Real> nb::object project_some(const Values<Real> &values, const Flat<i64> &subbands, int threads) {
+        const SpaceSelection selection = selected(view(subbands), *basis);
+        return projected(values, &selection, threads);
+    }
+
+    template <class Real>
+    nb::object projected(const Values<Real> &values, const SpaceSelection *selection, int threads) const {
+        require(static_cast<i64>(values.shape(0)) == basis->vertices(), "one row of values a vertex");
+        LargeArray<Real> found;
+        {
+            nb::gil_scoped_release release;
+            const std::span<const Real> all(values.data(), values.size());
+            found = basis->project(all, static_cast<i64>(values.shape(1)), selection, threads);
+        }
+        const i64 functions = selection ? selection->functions : basis->functions();
+        return to_matrix(std::move(found), static_cast<std::size_t>(functions), values.shape(1));
+    }
+
+    Grid grid;
+    std::optional<SpaceBasis> basis;
+};
+
+nb::tuple py_subbands(const PySpaceBasis &self) {
+    SubbandTable found = self.basis->layout().subbands();
+    return nb::make_tuple(to_array(std::move(found.starts)), to_array(std::move(found.kinds)),
+                          to_array(std::move(found.parents)));
+}
+
+nb::object py_functions_of(nb::handle self, i64 element) {
+    SpaceBasis &basis = *nb::cast<PySpaceBasis &>(self).basis;
+    require(element >= 0 && element < basis.elements().count(), "there is no such element");
+    const std::span<const double> found = basis.functions_of(element);
+    const std::size_t points = static_cast<std::size_t>(basis.elements().patches->size(element));
+    return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<2>>(const_cast<double *>(found.data()),
+                                                                {found.size() / points, points}, self));
+}
+
+template <class T> using Cube = nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+
+template <class Out> void py_evaluate(const PyMotion &self, const Cube<const double> &time,
+                                      const std::optional<Rows<double, 3>> &reference, const Cube<Out> &out,
+                                      int threads) {
+    std::visit(
+        [&]<class Real>(const Motion<Real> &own) {
+            const i64 frames = static_cast<i64>(time.shape(0)), row = own.time_axes() * own.functions;
+            require(
+                static_cast<i64>(time.shape(1)) == own.time_axes() && static_cast<i64>(time.shape(2)) == own.functions,
+                "functions of time are those of the motion");
+            require(static_cast<i64>(out.shape(0)) == frames && static_cast<i64>(out.shape(1)) == own.vertices() &&
+                        out.shape(2) == 3 &&
+                        (!reference || static_cast<i64>(reference->shape(0)) == own.basis->vertices()),
+                    "positions have another shape than the frames and the reference frame give");
+            nb::gil_scoped_release release;
+            std::optional<AnchoredReference<Real>> anchored;
+            if (reference) {
+                anchored.emplace(*own.basis->elements().patches,
+                                 std::span<const double>(reference->data(), reference->size()));
+            }
+            in_shares((frames + frames_at_once - 1) / frames_at_once, threads, [&](i64 first, i64 end) {
+                const i64 begin = first * frames_at_once, count = least(end * frames_at_once, frames) - begin;
+                const i64 size = 3 * own.vertices();
+                pdeanim::evaluate(own, std::span(time.data() + begin * row, count * row),
+                                  anchored ? &*anchored : nullptr,
+                                  std::span<Out>(out.data() + begin * size, count * size));
+            });
+        },
+        self.motion);
+}
+
+template <class Real> Motion<Real> take(const SpaceBasis &basis, const Quantised &quantised, int axes, double step,
+                                        std::optional<SpaceSelection> selection, int threads) {
+    nb::gil_scoped_release release;
+    Motion<Real> found(basis, static_cast<i64>(quantised.shape(1)) / axes, axes, step);
+    if (selection) found.choose(std::move(*selection));
+    std::vector<std::span<const i64>> rows;
+    rows.reserve(quantised.shape(0));
+    for (std::size_t row = 0; row < quantised.shape(0); ++row) {
+        rows.emplace_back(quantised.data() + row * quantised.shape(1), quantised.shape(1));
+    }
+    found.take_tree(rows);
+    in_shares(basis.elements().count(), threads, [&](i64 first, i64 end) { found.take_elements(first, end, rows); });
+    found.end();
+    return found;
+}
+
+void make_motion(PyMotion *made, const PySpaceBasis &of_basis, const Quantised &quantised, int axes, double step,
+                 bool single, const std::optional<Flat<i64>> &subbands, int threads) {
+    const SpaceBasis &basis = *of_basis.basis;
+    std::optional<SpaceSelection> selection;
+    if (subbands) selection.emplace(selected(view(*subbands), basis));
+    const i64 functions = selection ? selection->functions : basis.functions();
+    require((axes == 1 || axes == 3) && static_cast<i64>(quantised.shape(0)) == functions &&
+                quantised.shape(1) % axes == 0 &&
+                static_cast<i64>(quantised.shape(1)) / axes <= Motion<float>::most_functions,
+            "one row of coefficients a function of space");
+    if (single) {
+        new (made) PyMotion{take<float>(basis, quantised, axes, step, std::move(selection), threads)};
+    } else {
+        new (made) PyMotion{take<double>(basis, quantised, axes, step, std::move(selection), threads)};
+    }
+}
+
+nb::object py_series_functions(const Flat<double> &points, double rate, int order) {
+    require(order == 4 || order == 8, "the series is of order 4 or 8");
+    std::vector<double> found;
+    {
+        nb::gil_scoped_release release;
+        found = series_functions(view(points), rate, order);
+    }
+    return to_rows(std::move(found), static_cast<std::size_t>(order));
+}
+
+nb::object py_arc_length_parameters(const Grid &grid, const std::shared_ptr<Patches> &pieces) {
+    require(pieces->order.size() == grid.shape(0), "the pieces are those of another mesh");
+    std::vector<double> found;
+    {
+        nb::gil_scoped_release release;
+        found = arc_length_parameters(points_of(grid), pieces->order, pieces->starts);
+    }
+    return to_array(std::move(found));
+}
+
+nb::tuple py_local_coordinates(const Grid &grid) {
+    LocalCoordinates local;
+    std::vector<i32> vertices(grid.shape(0));
+    for (std::size_t i = 0; i < vertices.size(); ++i) vertices[i] = static_cast<i32>(i);
+    require(!vertices.empty(), "an element has points");
+    const int count = local.locate(points_of(grid), vertices);
+    std::vector<i64> found;
+    for (const std::vector<i64> &axis : local.axes) found.insert(found.end(), axis.begin(), axis.end());
+    return nb::make_tuple(count, to_rows(std::move(found), vertices.size()));
+}
+
+template <class Real> void bind_projections(nb::class_<PySpaceBasis> &of_space) {
+    of_space.def("project", &PySpaceBasis::project<Real>, nb::arg("values").noconvert(), nb::arg("threads"))
+        .def("project_some", &PySpaceBasis::project_some<Real>, nb::arg("values").noconvert(), nb::arg("subbands"),
+             nb::arg("threads"));
+}
+
+}  // namespace
+
+void bind_basis(nb::module_ &module) {
+    nb::class_<Patches>(module, "Patches")
+        .def_prop_ro("order", &patches_array<&Patches::order>)
+        .def_prop_ro("starts", &patches_array<&Patches::starts>)
+        .def_prop_ro("begins", &patches_array<&Patches::begins>)
+        .def_prop_ro("children", &patches_array<&Patches::children>)
+        .def_prop_ro("node_of", &patches_array<&Patches::node_of>);
+    module.def("early_patches", &py_early_patches, nb::arg("objects"), nb::arg("points"));
+    module.def("build_patches", &py_build_patches, nb::arg("objects"), nb::arg("grid"), nb::arg("points"),
+               nb::arg("early").none());
+    module.def("cut_curves", &py_cut_curves, nb::arg("order"), nb::arg("starts"), nb::arg("points"));
+    nb::class_<PySpaceBasis> of_space(module, "SpaceBasis");
+    of_space
+        .def(nb::init<int, i64, int, int, double, bool, const std::shared_ptr<Patches> &, Grid,
+                      const std::optional<nb::bytes> &, int>(),
+             nb::arg("kind"), nb::arg("points"), nb::arg("functions"), nb::arg("threshold"), nb::arg("rate"),
+             nb::arg("affine"), nb::arg("patches"), nb::arg("grid"), nb::arg("layout").none(), nb::arg("threads"))
+        .def_prop_ro("functions", [](const PySpaceBasis &self) { return self.basis->functions(); })
+        .def_prop_ro("coefficient_starts",
+                     [](nb::handle self) {
+                         return inside(self, nb::cast<PySpaceBasis &>(self).basis->layout().coefficient_starts());
+                     })
+        .def_prop_ro("nearest", [](const PySpaceBasis &self) { return self.basis->nearest(); })
+        .def("subbands", &py_subbands)
+        .def("encode_layout", [](const PySpaceBasis &self) { return to_bytes(self.basis->layout().to_bytes()); })
+        .def(
+            "make_functions",
+            [](PySpaceBasis &self, int threads) {
+                nb::gil_scoped_release release;
+                self.basis->make_functions(threads);
+            },
+            nb::arg("threads"))
+        .def("functions_of", &py_functions_of, nb::arg("element"));
+    bind_projections<float>(of_space);
+    bind_projections<double>(of_space);
+    nb::class_<PyMotion>(module, "Motion")
+        .def("__init__", &make_motion, nb::arg("basis"), nb::arg("quantised").noconvert(), nb::arg("axes"),
+             nb::arg("step"), nb::arg("single"), nb::arg("subbands").none(), nb::arg("threads"), nb::keep_alive<1, 2>())
+        .def("evaluate", &py_evaluate<float>, nb::arg("time"), nb::arg("reference").none(), nb::arg("out").noconvert(),
+             nb::arg("threads"))
+        .def("evaluate", &py_evaluate<double>, nb::arg("time"), nb::arg("reference").none(), nb::arg("out").noconvert(),
+             nb::arg("threads"));
+    module.def("series_functions", &py_series_functions, nb::arg("points"), nb::arg("rate"), nb::arg("order"));
+    module.def("arc_length_parameters", &py_arc_length_parameters, nb::arg("grid"), nb::arg("pieces"));
+    module.def("local_coordinates", &py_local_coordinates, nb::arg("grid"));
+    module.def("integer_root", &integer_root, nb::arg("square"));
+    nb::list exponents;
+    for (const Polynomial &own : polynomials) {
+        exponents.append(nb::make_tuple(own.exponents[0], own.exponents[1], own.exponents[2]));
+    }
+    module.attr("POLYNOMIAL_EXPONENTS") = exponents;
+}
+
+}  // namespace pdeanim::bindings

@@ -1,0 +1,117 @@
+// Python's view of OBJ text.
+#include "bindings/python/bindings.hpp"
+#include "text/decimals.hpp"
+#include "text/obj.hpp"
+
+namespace pdeanim::bindings {
+
+namespace {
+
+using namespace pdeanim::text;
+
+std::span<const u8> lines_of(const nb::bytes &text) {
+    const std::span<const u8> lines = view(text);
+    if (!lines.empty() && lines.back() != '\n') throw nb::value_error("text must end with a line feed");
+    return lines;
+}
+
+// Numbers of an object that owns them, as rows.
+template <int columns, class T> auto rows_of(std::vector<T> &numbers) {
+    return nb::ndarray<nb::numpy, T, nb::shape<-1, columns>>(numbers.data(), {numbers.size() / columns, columns});
+}
+
+template <class T> auto flat(std::vector<T> &numbers) {
+    return nb::ndarray<nb::numpy, T, nb::ndim<1>>(numbers.data(), {numbers.size()});
+}
+
+nb::object unread_rows(const std::vector<UnreadNumber> &unread) {
+    std::vector<i64> rows;
+    for (const UnreadNumber &number : unread) rows.insert(rows.end(), {number.array, number.place, number.byte});
+    return to_rows(std::move(rows), 3);
+}
+
+void new_scan(ObjScan *place, const nb::bytes &text) {
+    const std::span<const u8> lines = lines_of(text);
+    nb::gil_scoped_release release;
+    new (place) ObjScan(lines);
+}
+
+void new_structure(ObjStructure *place, const nb::bytes &text) {
+    const std::span<const u8> lines = lines_of(text);
+    nb::gil_scoped_release release;
+    new (place) ObjStructure(lines);
+}
+
+using Positions = nb::ndarray<float, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+
+nb::object py_read_positions(const ObjStructure &structure, const nb::bytes &text, const Positions &positions) {
+    const std::span<const u8> lines = lines_of(text);
+    std::vector<UnreadNumber> unread;
+    bool is_same;
+    {
+        nb::gil_scoped_release release;
+        is_same = structure.read_positions(lines, {positions.data(), positions.size()}, unread);
+    }
+    return is_same ? unread_rows(unread) : nb::none();
+}
+
+nb::object py_write_rows(const nb::ndarray<const float, nb::ndim<2>, nb::c_contig, nb::device::cpu> &rows,
+                         const char *word) {
+    std::optional<std::vector<u8>> lines;
+    {
+        nb::gil_scoped_release release;
+        lines = write_rows({rows.data(), rows.size()}, rows.shape(1), word);
+    }
+    return lines ? nb::object(to_bytes(*lines)) : nb::none();
+}
+
+}  // namespace
+
+void bind_text(nb::module_ &module) {
+    nb::enum_<ObjFault>(module, "ObjFault")
+        .value("NONE", ObjFault::none)
+        .value("BAD_INDEX", ObjFault::bad_index)
+        .value("ZERO_INDEX", ObjFault::zero_index)
+        .value("INDEX_OUTSIDE", ObjFault::index_outside)
+        .value("TEXTURE_OUTSIDE", ObjFault::texture_outside)
+        .value("TOO_FEW_CORNERS", ObjFault::too_few_corners)
+        .value("BAD_COORDINATES", ObjFault::bad_coordinates);
+
+    constexpr auto inside = nb::rv_policy::reference_internal;
+    nb::class_<ObjScan>(module, "ObjScan", "What stands in one OBJ file, in the file's order.")
+        .def("__init__", &new_scan, nb::arg("text"))
+        .def_ro("fault", &ObjScan::fault)
+        .def_ro("fault_byte", &ObjScan::fault_byte)
+        .def_ro("vertex_count", &ObjScan::vertex_count)
+        .def_ro("texture_count", &ObjScan::texture_count)
+        .def_ro("texture_size", &ObjScan::texture_size)
+        .def_prop_ro(
+            "positions", [](ObjScan &scan) { return rows_of<3>(scan.positions); }, inside)
+        .def_prop_ro(
+            "vertex_extras", [](ObjScan &scan) { return rows_of<4>(scan.vertex_extras); }, inside)
+        .def_prop_ro(
+            "textures", [](ObjScan &scan) { return rows_of<3>(scan.textures); }, inside)
+        .def_prop_ro(
+            "normals", [](ObjScan &scan) { return rows_of<3>(scan.normals); }, inside)
+        .def_prop_ro(
+            "vertex_sizes", [](ObjScan &scan) { return flat(scan.vertex_sizes); }, inside)
+        .def_prop_ro(
+            "is_face", [](ObjScan &scan) { return flat(scan.is_face); }, inside)
+        .def_prop_ro(
+            "element_sizes", [](ObjScan &scan) { return flat(scan.element_sizes); }, inside)
+        .def_prop_ro(
+            "corners", [](ObjScan &scan) { return rows_of<3>(scan.corners); }, inside)
+        .def_prop_ro(
+            "others", [](ObjScan &scan) { return rows_of<3>(scan.others); }, inside)
+        .def_prop_ro("unread", [](ObjScan &scan) { return unread_rows(scan.unread); });
+
+    nb::class_<ObjStructure>(module, "ObjStructure", "What must be the same in every frame of OBJ files.")
+        .def("__init__", &new_structure, nb::arg("text"))
+        .def("read_positions", &py_read_positions, nb::arg("text"), nb::arg("positions").noconvert(),
+             "Fill positions, (vertices, 3) float32, of another frame; numbers that are left to read, or None where it "
+             "differs.");
+    module.def("write_rows", &py_write_rows, nb::arg("rows"), nb::arg("word"),
+               "Lines of a word and a row's numbers, (rows, columns) float32; None where nine digits are too few.");
+}
+
+}  // namespace pdeanim::bindings

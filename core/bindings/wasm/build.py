@@ -1,0 +1,210 @@
+"""Build the decoder as WebAssembly, with ziglang and Binaryen (``make wasm``).
+
+    python core/bindings/wasm/build.py OUT.wasm
+
+The package has clang, a linker, and a C and a C++ library for wasm32-wasi, the latter without exceptions. The core
+reports errors by exceptions inside, so what of the C++ library they need is compiled here from the sources in the
+package, with exceptions of WebAssembly in their first form, which every browser since 2022 has.
+
+Binaryen's wasm-opt, run by Node, then makes the linked module smaller: of 198 kB compressed it leaves 185.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+from pathlib import Path
+
+CORE = Path(__file__).resolve().parents[2]
+
+NOT_DECODED_WITH = {"bindings", "encode", "simulate", "tests", "text"}
+"""Folders of the core that a decoder does without."""
+
+NOT_DECODED_WITH_FILES = {
+    f"linalg/{name}"
+    for name in ("orthonormal_columns", "products", "secular", "symmetric_eigen", "tridiagonal", "tridiagonal_eigen")
+}
+"""Files, without their suffixes, that only the encoder needs."""
+
+SECTION = b"pdeanim.sources"
+"""Name of the custom section that says what a module was built from."""
+
+TARGET = ["-target", "wasm32-wasi", "-mcpu=lime1+exception_handling+reference_types+simd128"]
+"""Lime1 is what all engines of 2024 have in common; the rest is older still."""
+
+FLAGS = [*TARGET, "-g0", "-fwasm-exceptions", "-mllvm", "-wasm-use-legacy-eh=true", "-ffunction-sections"]
+
+OWN_FLAGS = ["-std=c++20", "-ffp-contract=off", "-fno-fast-math", "-fwrapv", "-DPDEANIM_STATIC"]
+
+LIBRARY_FLAGS = [
+    "-std=c++23",
+    "-w",
+    "-D_LIBCPP_BUILDING_LIBRARY",
+    "-D_LIBCXXABI_BUILDING_LIBRARY",
+    "-D_LIBCXXABI_HAS_NO_THREADS",
+    "-D_LIBUNWIND_HIDE_SYMBOLS",
+    "-DLIBCXX_BUILDING_LIBCXXABI",
+    "-DLIBCXXABI_NON_DEMANGLING_TERMINATE",
+]
+
+LIBRARY = {
+    "libcxx/src": (
+        *("algorithm.cpp", "call_once.cpp", "exception.cpp", "functional.cpp", "hash.cpp", "memory.cpp"),
+        *("new_helpers.cpp", "optional.cpp", "stdexcept.cpp", "string.cpp", "variant.cpp", "vector.cpp"),
+    ),
+    "libcxxabi/src": (
+        *("cxa_aux_runtime.cpp", "cxa_default_handlers.cpp", "cxa_exception.cpp", "cxa_exception_storage.cpp"),
+        *("cxa_guard.cpp", "cxa_handlers.cpp", "cxa_personality.cpp", "cxa_virtual.cpp", "fallback_malloc.cpp"),
+        *("private_typeinfo.cpp", "stdlib_exception.cpp", "stdlib_new_delete.cpp", "stdlib_stdexcept.cpp"),
+        "stdlib_typeinfo.cpp",
+    ),
+    "libunwind/src": ("Unwind-wasm.c",),
+}
+"""Sources of the package's folder ``lib`` that are compiled."""
+
+QUICK = {
+    "decode/evaluate/evaluate.cpp",
+    "linalg/add_multiples.cpp",
+    "linalg/add_product.cpp",
+    "linalg/gram_schmidt.cpp",
+}
+"""Sources of the core that are compiled for speed; all others are compiled to be small."""
+
+STACK_BYTES = 1 << 20
+
+BINARYEN = CORE.parent / "build" / "binaryen" / "node_modules" / "binaryen"
+"""Where ``make wasm`` installs Binaryen."""
+
+OPTIMISER_FLAGS = [
+    "-Oz",
+    "--converge",
+    *("--enable-bulk-memory", "--enable-exception-handling", "--enable-extended-const", "--enable-multivalue"),
+    *("--enable-mutable-globals", "--enable-nontrapping-float-to-int", "--enable-reference-types"),
+    *("--enable-sign-ext", "--enable-simd"),
+]
+"""What ``TARGET`` allows, and no more; again and again, until nothing becomes smaller."""
+
+
+def sources() -> list[Path]:
+    """What the module is built from, headers too."""
+
+    def is_decoded_with(path: Path) -> bool:
+        inside = path.relative_to(CORE)
+        return (
+            inside.parts[0] not in NOT_DECODED_WITH and inside.with_suffix("").as_posix() not in NOT_DECODED_WITH_FILES
+        )
+
+    found = [path for path in CORE.rglob("*") if path.suffix in {".cpp", ".hpp", ".h"} and is_decoded_with(path)]
+    bindings = [path for name in ("c", "wasm") for path in (CORE / "bindings" / name).rglob("*")]
+    return sorted(found + [path for path in bindings if path.is_file() and "__pycache__" not in path.parts])
+
+
+def digest() -> str:
+    """SHA-256 of the sources, by name and content."""
+    found = hashlib.sha256()
+    for path in sources():
+        content = path.read_bytes()
+        found.update(f"{path.relative_to(CORE).as_posix()} {len(content)}\n".encode() + content)
+    return found.hexdigest()
+
+
+def exported() -> list[str]:
+    """The functions of the C interface."""
+    header = (CORE / "bindings" / "c" / "include" / "pdeanim.h").read_text("utf-8")
+    return re.findall(r"PDEANIM_API [^;(]*?\b(pdeanim_\w+)\(", header)
+
+
+def unsigned(number: int) -> bytes:
+    """A number as WebAssembly has it: LEB128."""
+    found = bytearray()
+    while number > 0x7F:
+        found.append(number & 0x7F | 0x80)
+        number >>= 7
+    return bytes([*found, number])
+
+
+def custom_section(content: bytes) -> bytes:
+    body = unsigned(len(SECTION)) + SECTION + content
+    return b"\0" + unsigned(len(body)) + body
+
+
+def built_from(module: bytes) -> dict[str, str]:
+    """What a module's custom section says: ``sources``, their digest, ``ziglang`` and ``binaryen``, their versions."""
+    at = module.rindex(SECTION) + len(SECTION)
+    found: dict[str, str] = json.loads(module[at:])
+    return found
+
+
+def binaryen_version() -> str | None:
+    """The version of Binaryen that is installed, ``None`` where it is not."""
+    package = BINARYEN / "package.json"
+    if not package.exists():
+        return None
+    found: str = json.loads(package.read_text("utf-8"))["version"]
+    return found
+
+
+def run(command: Sequence[str | Path]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        sys.exit(f"{' '.join(map(str, command))}\n{done.stderr}")
+
+
+def commands(library: Path, folder: Path) -> Iterator[list[str | Path]]:
+    """What compiles each source to an object in a folder."""
+    zig = [sys.executable, "-m", "ziglang"]
+    includes = [library / name for name in ("libcxx/src", "libcxxabi/src", "libcxxabi/include", "libunwind/include")]
+    for name in (f"{part}/{name}" for part, names in LIBRARY.items() for name in names):
+        compiler = "cc" if name.endswith(".c") else "c++"
+        flags = [flag for flag in LIBRARY_FLAGS if compiler == "c++" or not flag.startswith("-std")]
+        out = folder / f"library-{Path(name).stem}.o"
+        given = [*flags, *(f"-I{path}" for path in includes)]
+        yield [*zig, compiler, *FLAGS, "-Oz", *given, "-c", library / name, "-o", out]
+    includes = [CORE, CORE / "bindings" / "c" / "include"]
+    threads = CORE / "bindings" / "wasm" / "threads"
+    for path in sources():
+        if path.suffix != ".cpp":
+            continue
+        out = folder / f"{path.parent.name}-{path.stem}.o"
+        level = "-Os" if path.relative_to(CORE).as_posix() in QUICK else "-Oz"
+        given = [*OWN_FLAGS, f"-I{threads}", *(f"-I{path}" for path in includes)]
+        yield [*zig, "c++", *FLAGS, level, *given, "-c", path, "-o", out]
+
+
+def build(out: Path, jobs: int = 2) -> None:
+    """Write the module."""
+    spec = importlib.util.find_spec("ziglang")
+    if spec is None or spec.origin is None:
+        sys.exit("the package ziglang is not here: pip install ziglang")
+    node = shutil.which("node")
+    binaryen = binaryen_version()
+    if node is None or binaryen is None:
+        sys.exit("Node or Binaryen is not here: install Node with npm, then make wasm")
+    library = Path(spec.origin).parent / "lib"
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with ThreadPoolExecutor(jobs) as pool:
+            list(pool.map(run, commands(library, folder)))
+        exports = [f"-Wl,--export={name}" for name in (*exported(), "malloc", "free")]
+        linked = folder / "linked.wasm"
+        # In one order whatever the file system's: the same sources give the same bytes.
+        objects = sorted(folder.glob("*.o"))
+        link = ["-mexec-model=reactor", "-O2", "-s", "-Wl,--gc-sections", f"-Wl,-z,stack-size={STACK_BYTES}", *exports]
+        run([sys.executable, "-m", "ziglang", "cc", *TARGET, *link, *objects, "-o", linked])
+        smaller = folder / "smaller.wasm"
+        run([node, BINARYEN / "bin" / "wasm-opt", *OPTIMISER_FLAGS, linked, "-o", smaller])
+        made = {"sources": digest(), "ziglang": version("ziglang"), "binaryen": binaryen}
+        out.write_bytes(smaller.read_bytes() + custom_section(json.dumps(made).encode()))
+
+
+if __name__ == "__main__":
+    build(Path(sys.argv[1]))

@@ -1,0 +1,175 @@
+#include "decode/container.hpp"
+
+#include <algorithm>
+#include <array>
+
+#include "decode/crc32.hpp"
+#include "decode/fields.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+// As PNG's: a byte that is not ASCII, the name, and line ends that a transfer of text would change.
+constexpr std::array<u8, 12> identifier = {0x89, 'P', 'D', 'E', 'A', 'N', 'I', 'M', '\r', '\n', 0x1A, '\n'};
+constexpr std::size_t header_size = 28, row_head = 5, checksum_size = 4;
+constexpr u32 most_sections = 64;  // this version knows 13; more can only be damage
+constexpr int length_at = 4;       // bit of a row's flags at which the bytes of its length begin to be counted
+constexpr std::size_t most_length_bytes = 8;
+constexpr u8 required = 1;                   // flag: a decoder that does not know the section refuses the file
+constexpr std::size_t piece_size = 1 << 20;  // bytes that are checked at a time
+
+constexpr std::array<std::string_view, 13> known = {"META", "SEQN", "CONN", "ORDR", "REST", "MODL", "GRUP",
+                                                    "TIME", "COEF", "CORR", "ATTR", "RUNS", "RDAT"};
+
+// The type of a section as text: bytes that are not ASCII as \xNN.
+std::string readable(std::span<const u8> bytes) {
+    constexpr char digits[] = "0123456789abcdef";
+    std::string text;
+    for (const u8 byte : bytes) {
+        if (byte < 128) {
+            text += static_cast<char>(byte);
+        } else {
+            text += {'\\', 'x', digits[byte >> 4], digits[byte & 15]};
+        }
+    }
+    return text;
+}
+
+}  // namespace
+
+void Container::check_known() const {
+    for (const SectionEntry &entry : entries_) {
+        if (entry.is_required && std::find(known.begin(), known.end(), entry.type) == known.end()) {
+            throw CorruptError("needs section " + entry.type + ", which this decoder does not know; update pdecodec",
+                               static_cast<i64>(entry.offset));
+        }
+    }
+}
+
+void Container::read_table() {
+    std::vector<u8> header(header_size);
+    header.resize(source_.read(0, header));
+    const std::size_t shown = std::min(header.size(), identifier.size());
+    if (header.empty() ||
+        !std::equal(header.begin(), header.begin() + static_cast<std::ptrdiff_t>(shown), identifier.begin())) {
+        throw CorruptError("not a .pdeanim file (its first bytes are others); pdecodec encode makes one", 0);
+    }
+    if (header.size() < header_size) {
+        throw CorruptError("ends inside its header; get it again", static_cast<i64>(header.size()));
+    }
+    FieldReader fields(std::span<const u8>(header).subspan(identifier.size()), "header");
+    const int major = fields.integer<u16>();
+    fields.integer<u16>();  // the minor version says only what an older decoder may ignore
+    const u32 count = fields.integer<u32>(), table_checksum = fields.integer<u32>();
+    if (!is_checksum(crc32(std::span<const u8>(header).first(header_size - checksum_size)), fields.integer<u32>())) {
+        throw CorruptError("its header is damaged; get it again", 0);
+    }
+    if (major != major_version) {
+        throw CorruptError("has format version " + std::to_string(major) + ", this decoder reads version " +
+                           std::to_string(major_version) + "; update pdecodec");
+    }
+    if (count > most_sections) {
+        throw CorruptError("declares " + std::to_string(count) + " sections, at most " + std::to_string(most_sections) +
+                           " can be");
+    }
+    std::vector<std::vector<u8>> rows;
+    u64 offset = header_size;
+    u32 checksum = 0;
+    for (u32 i = 0; i < count; ++i) {
+        rows.push_back(read_row(offset));
+        offset += rows.back().size();
+        checksum = crc32(rows.back(), checksum);
+    }
+    if (!is_checksum(checksum, table_checksum)) throw CorruptError("its table of sections is damaged", header_size);
+    for (const std::vector<u8> &row : rows) {
+        SectionEntry entry;
+        entry.type = readable(std::span<const u8>(row).first(4));
+        entry.is_required = row[4] & required;
+        entry.offset = offset;
+        for (std::size_t i = row.size() - checksum_size; i-- > row_head;) entry.length = entry.length << 8 | row[i];
+        entry.checksum = FieldReader(std::span<const u8>(row).last(checksum_size), "table").integer<u32>();
+        if (find(entry.type)) {
+            throw CorruptError("section " + entry.type + " stands twice", static_cast<i64>(offset));
+        }
+        offset = entry.length > UINT64_MAX - offset ? UINT64_MAX : offset + entry.length;
+        entries_.push_back(std::move(entry));
+    }
+    if (offset != source_.size()) {
+        const bool is_short = offset > source_.size();
+        throw CorruptError(std::string(is_short ? "is truncated" : "has bytes after its last section") + ": " +
+                               std::to_string(source_.size()) + " bytes where the table says " +
+                               std::to_string(offset) + "; get it again",
+                           static_cast<i64>(std::min(offset, source_.size())));
+    }
+}
+
+std::vector<u8> Container::read_row(u64 offset) const {
+    std::vector<u8> row(row_head + most_length_bytes + checksum_size);
+    row.resize(source_.read(offset, row));
+    const std::size_t size = row.size() >= row_head ? row[row_head - 1] >> length_at : most_length_bytes + 1;
+    const std::size_t needed = row_head + size + checksum_size;
+    if (size > most_length_bytes || row.size() < needed) {
+        throw CorruptError("its table of sections is damaged", header_size);
+    }
+    row.resize(needed);
+    return row;
+}
+
+const SectionEntry *Container::find(std::string_view type) const {
+    for (const SectionEntry &entry : entries_) {
+        if (entry.type == type) return &entry;
+    }
+    return nullptr;
+}
+
+const SectionEntry &Container::entry(std::string_view type) const {
+    if (const SectionEntry *found = find(type)) return *found;
+    throw CorruptError("has no section " + std::string(type) + "; get it again");
+}
+
+std::vector<u8> Container::read(std::string_view type) const {
+    const SectionEntry &found = entry(type);
+    std::vector<u8> data;
+    read_range(found.offset, found.length, data);
+    if (found.checksum && !is_checksum(crc32(data), *found.checksum)) {
+        throw CorruptError("section " + found.type + " is damaged; get the file again", static_cast<i64>(found.offset));
+    }
+    return data;
+}
+
+std::vector<u8> Container::read_optional(std::string_view type) const {
+    return find(type) ? read(type) : std::vector<u8>();
+}
+
+void Container::read_range(u64 offset, u64 length, std::vector<u8> &data) const {
+    const std::size_t before = data.size();
+    data.resize(before + static_cast<std::size_t>(length));
+    const std::size_t count = source_.read(offset, std::span<u8>(data).subspan(before));
+    if (count < length) {
+        throw CorruptError("was shortened while it was read", static_cast<i64>(offset + count));
+    }
+}
+
+void Container::check(const SectionEntry &entry) const {
+    if (!entry.checksum) return;
+    std::vector<u8> piece(static_cast<std::size_t>(std::min<u64>(entry.length, piece_size)));
+    u32 checksum = 0;
+    u64 done = 0;
+    while (done < entry.length) {
+        const std::size_t wanted = static_cast<std::size_t>(std::min<u64>(entry.length - done, piece_size));
+        const std::size_t count = source_.read(entry.offset + done, std::span<u8>(piece).first(wanted));
+        if (count == 0) break;
+        checksum = crc32(std::span<const u8>(piece).first(count), checksum);
+        done += count;
+    }
+    if (done < entry.length || !is_checksum(checksum, *entry.checksum)) {
+        throw CorruptError("section " + entry.type + " is damaged", static_cast<i64>(entry.offset));
+    }
+}
+
+void Container::verify() const {
+    for (const SectionEntry &entry : entries_) check(entry);
+}
+
+}  // namespace pdeanim

@@ -1,0 +1,144 @@
+#include "decode/decoded_group.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <thread>
+
+#include "sections/coefficients/coefficients.hpp"
+#include "sections/temporal/closed_form.hpp"
+#include "sections/temporal/cosines.hpp"
+#include "sections/temporal/time_functions.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+// Each function divided by its length over all frames and axes; those that are all zero stay so. Squares are added up
+// frame after frame, axis after axis.
+void normalise(std::vector<double> &values, i64 functions) {
+    if (values.empty()) return;
+    std::vector<double> lengths(functions);
+    const i64 rows = static_cast<i64>(values.size()) / functions;
+    for (i64 row = 0; row < rows; ++row) {
+        const double *own = values.data() + row * functions;
+        for (i64 k = 0; k < functions; ++k) lengths[k] += own[k] * own[k];
+    }
+    for (double &length : lengths) length = length > 0.0 ? std::sqrt(length) : 1.0;
+    for (i64 row = 0; row < rows; ++row) {
+        double *own = values.data() + row * functions;
+        for (i64 k = 0; k < functions; ++k) own[k] /= lengths[k];
+    }
+}
+
+// cos(j pi (f + 1/2) / frames), orthonormal.
+std::vector<double> cosines(i64 frames, i64 functions) {
+    const std::vector<double> wave = cosine_wave(frames);
+    const double scale = std::sqrt(2.0 / static_cast<double>(frames));
+    std::vector<double> values;
+    values.reserve(frames * functions);
+    for (i64 frame = 0; frame < frames; ++frame) {
+        for (i64 j = 0; j < functions; ++j) {
+            const double value = wave[(2 * frame + 1) * j % (4 * frames)] * scale;
+            values.push_back(j == 0 ? value * std::sqrt(0.5) : value);
+        }
+    }
+    return values;
+}
+
+template <class Real> DecodedGroup decode_in(const Group &group, const Chunks &chunks, const SpaceBasis &space,
+                                             std::span<const double> times, TakenMemory taken, int threads,
+                                             const GroupBegun &begun) {
+    std::optional<GroupCoefficients> own;
+    if (!begun.coefficients) own.emplace(group, chunks[1], space.tree().layout(), taken.another());
+    GroupCoefficients &coefficients = own ? *own : *begun.coefficients;
+    Motion<Real> motion(space, group.functions, group.axes(), group.step, taken.another());
+    std::vector<double> time;
+    Residuals residuals;
+    const auto decode_rest = [&] {
+        time = functions_of_time(group, times, begun.values());
+        residuals = decode_residuals(chunks[2], group.frames, space.elements().patches->starts, taken);
+    };
+    std::exception_ptr failure;
+    if (threads < 2) {
+        // Those of TIME last: another thread may still be at them.
+        if (own) own->decode();
+        coefficients.take(motion);
+        decode_rest();
+    } else {
+        // No more than two threads have work at a time: one more than there are processors would hold up the others.
+        std::jthread other([&] {
+            try {
+                if (own) {
+                    decode_rest();
+                } else {
+                    coefficients.wait();
+                }
+                coefficients.take(motion);
+            } catch (...) {
+                failure = std::current_exception();
+            }
+        });
+        if (own) {
+            own->decode();
+        } else {
+            decode_rest();
+        }
+        coefficients.take(motion);
+    }
+    if (failure) std::rethrow_exception(failure);
+    motion.end();
+    taken.keep(sizeof(double) * time.size() + static_cast<u64>(residuals.bytes()));
+    return {group, std::move(time), std::move(motion), std::move(residuals), std::move(taken)};
+}
+
+}  // namespace
+
+i64 DecodedGroup::bytes() const {
+    return static_cast<i64>(taken.bytes() + std::visit([](const auto &own) { return own.taken().bytes(); }, motion));
+}
+
+std::vector<double> functions_of_time(const Group &group, std::span<const double> times, std::vector<double> values) {
+    if (group.is_sampled()) {
+        normalise(values, group.functions);
+        return values;
+    }
+    if (group.basis == TimeBasis::cosines) return cosines(group.frames, group.functions);
+    const ClosedForm form(times, group.alpha, group.functions);
+    std::vector<double> found;
+    for (const double time : times) {
+        const ClosedForm::Weights weights = form.weights(time);
+        found.insert(found.end(), weights.begin(), weights.begin() + group.functions);
+    }
+    return found;
+}
+
+std::vector<double> decode_group_times(const Group &group, std::span<const u8> chunk) {
+    if (!group.is_sampled()) return {};
+    return decode_time_functions(chunk, {group.functions, group.frames, group.time_axes()}, group.time_step);
+}
+
+DecodedGroup decode_group(const Group &group, const Chunks &chunks, const SpaceBasis &space,
+                          std::span<const double> times, TakenMemory taken, int threads, const GroupBegun &begun) {
+    const auto decode = group.is_single ? &decode_in<float> : &decode_in<double>;
+    return decode(group, chunks, space, times, std::move(taken), threads, begun);
+}
+
+std::vector<double> group_coefficients(const Group &group, std::span<const u8> chunk, const SpaceBasis &space,
+                                       TakenMemory taken) {
+    const SubbandTable &subbands = space.layout().subbands();
+    CoefficientDecoder decoder({view_of(subbands), space.functions(), group.channels(), group.axes()}, chunk,
+                               std::move(taken));
+    decoder.decode(static_cast<i64>(subbands.kinds.size()));
+    decoder.finish();
+    std::vector<double> found(space.functions() * group.channels());
+    double *to = found.data();
+    for (const std::span<const i64> row : decoder.rows()) {
+        std::transform(row.begin(), row.end(), to,
+                       [&](i64 number) { return static_cast<double>(number) * group.step; });
+        to += group.channels();
+    }
+    return found;
+}
+
+}  // namespace pdeanim

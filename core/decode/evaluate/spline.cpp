@@ -1,0 +1,146 @@
+#include "decode/evaluate/spline.hpp"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+namespace pdeanim {
+
+namespace {
+
+// Frames on either side of a time: (2 - sqrt 3)^16 < 1e-9 is what lies beyond where times are even, a fiftieth of the least
+// that a float32 tells apart.
+constexpr i64 half_window = 16;
+// The same for uneven times, where a frame further away may count half as much, and not less: 2^-30 < 1e-9.
+constexpr i64 half_window_uneven = 30;
+// Times are even if no two steps differ by more than this factor: then a frame further away counts 0.28 as much.
+constexpr double even = 1.1;
+
+// What values and slopes at both ends of a piece count at its share u, 0 to 1.
+std::array<double, 4> hermite(double u, double step, int derivative) {
+    if (derivative == 0) {
+        const double back = 1.0 - u;
+        return {(1.0 + 2.0 * u) * (back * back), u * u * (3.0 - 2.0 * u), u * (back * back) * step,
+                -u * u * back * step};
+    }
+    if (derivative == 1) {
+        const double slope = 6.0 * u * (u - 1.0) / step;
+        return {slope, -slope, (3.0 * u - 1.0) * (u - 1.0), u * (3.0 * u - 2.0)};
+    }
+    const double bend = (12.0 * u - 6.0) / step / step;
+    return {bend, -bend, (6.0 * u - 4.0) / step, (6.0 * u - 2.0) / step};
+}
+
+}  // namespace
+
+FrameSpline::FrameSpline(std::vector<double> times) : times_(std::move(times)) {
+    steps_.reserve(frames());
+    for (i64 i = 1; i < frames(); ++i) steps_.push_back(times_[i] - times_[i - 1]);
+    const auto [shortest, longest] = std::minmax_element(steps_.begin(), steps_.end());
+    half_ = steps_.empty() || *longest <= even * *shortest ? half_window : half_window_uneven;
+    width_ = least(frames(), 2 * half_ + 2);
+    if (frames() > 3) set_up_rows();
+}
+
+// The condition at the ends ties the slope of the end frame to the next two; it is put into the rows beside. Every row
+// is kept as its excess over what stands beside the diagonal, which leaves only sums, products and quotients of
+// positive numbers: nothing cancels, however uneven the steps.
+void FrameSpline::set_up_rows() {
+    const i64 last_row = frames() - 2;
+    rows_.resize(frames());
+    for (i64 i = 1; i <= last_row; ++i) {
+        const double before = steps_[i - 1], after = steps_[i];
+        rows_[i] = {after, before, before + after, 3.0 * after, 3.0 * before};
+    }
+    const double first = steps_[0], second = steps_[1], last = steps_[last_row], last_but_one = steps_[last_row - 1];
+    rows_[1].below = 0.0;
+    rows_[1].excess = second;
+    rows_[1].left = second * second / (first + second);
+    rows_[1].right = first * (2.0 * first + 3.0 * second) / (first + second);
+    rows_[last_row].above = 0.0;
+    rows_[last_row].excess = last_but_one;
+    rows_[last_row].left = last * (2.0 * last + 3.0 * last_but_one) / (last + last_but_one);
+    rows_[last_row].right = last_but_one * last_but_one / (last + last_but_one);
+    double remains = 0.0;  // 1 less the quotient that elimination leaves in the row before
+    for (i64 i = 1; i <= last_row; ++i) {
+        Row &row = rows_[i];
+        row.centre = row.excess + row.below * remains;
+        row.down = row.centre + row.above;
+        remains = row.centre / row.down;
+    }
+    remains = 0.0;
+    for (i64 i = last_row; i > 0; --i) {
+        Row &row = rows_[i];
+        const double own = row.excess + row.above * remains;
+        row.centre += row.above * remains;
+        row.up = own + row.below;
+        remains = own / row.up;
+    }
+}
+
+// Add `share` times the slope at a frame, as weights of the mean slopes of a window that begins at frame `first`.
+void FrameSpline::add_slope(i64 frame, double share, i64 first, std::span<double> slopes) const {
+    const i64 last = frames() - 1, end = first + static_cast<i64>(slopes.size());
+    i64 row = frame;
+    if (frame == 0 || frame == last) {  // the first two pieces are one cubic, and so are the last two
+        const i64 outer = frame == 0 ? 0 : last - 1, inner = frame == 0 ? 1 : last - 2;
+        const double h = steps_[outer], k = steps_[inner];
+        slopes[outer - first] += share * ((3.0 * h + 2.0 * k) / (h + k));
+        slopes[inner - first] += share * (h / k * (h / (h + k)));
+        share *= -(h + k) / k;
+        row = frame == 0 ? 1 : last - 1;
+    }
+    double entry = share / rows_[row].centre;  // of the row of the inverse that gives the slope
+    for (i64 i = row; i < least(end, last); ++i) {
+        if (i > row) entry *= -rows_[i - 1].above / rows_[i].up;
+        slopes[i - 1 - first] += entry * rows_[i].left;
+        slopes[i - first] += entry * rows_[i].right;
+    }
+    entry = share / rows_[row].centre;
+    for (i64 i = row - 1; i > first; --i) {
+        entry *= -rows_[i + 1].below / rows_[i].down;
+        slopes[i - 1 - first] += entry * rows_[i].left;
+        slopes[i - first] += entry * rows_[i].right;
+    }
+}
+
+// Weights of the polynomial through all of 1 to 3 frames (Lagrange).
+void FrameSpline::weights_of_polynomial(double time, int derivative, std::span<double> weights) const {
+    for (i64 i = 0; i < frames(); ++i) {
+        double value = 1.0, slope = 0.0, bend = 0.0, distances = 1.0;
+        for (i64 k = 0; k < frames(); ++k) {
+            if (k == i) continue;
+            const double gap = time - times_[k];
+            bend = bend * gap + 2.0 * slope;
+            slope = slope * gap + value;
+            value *= gap;
+            distances *= times_[i] - times_[k];
+        }
+        weights[i] = (derivative == 0 ? value : derivative == 1 ? slope : bend) / distances;
+    }
+}
+
+i64 FrameSpline::weights(double time, int derivative, std::span<double> weights) const {
+    const double inside = clamp(time, times_.front(), times_.back());
+    if (rows_.empty()) {
+        weights_of_polynomial(inside, derivative, weights);
+        return 0;
+    }
+    const i64 at = std::upper_bound(times_.begin(), times_.end(), inside) - times_.begin();
+    const i64 piece = clamp<i64>(at - 1, 0, frames() - 2), first = clamp<i64>(piece - half_, 0, frames() - width_);
+    const std::array<double, 4> counts = hermite((inside - times_[piece]) / steps_[piece], steps_[piece], derivative);
+    std::vector<double> slopes(width_ - 1);
+    add_slope(piece, counts[2], first, slopes);
+    add_slope(piece + 1, counts[3], first, slopes);
+    std::fill(weights.begin(), weights.end(), 0.0);
+    for (i64 i = 0; i < width_ - 1; ++i) {
+        const double share = slopes[i] / steps_[first + i];
+        weights[i] -= share;
+        weights[i + 1] += share;
+    }
+    weights[piece - first] += counts[0];
+    weights[piece + 1 - first] += counts[1];
+    return first;
+}
+
+}  // namespace pdeanim

@@ -1,0 +1,57 @@
+// Between frames: the cubic spline through all frames of a clip, written as weights of the frames near a time.
+//
+// Eq. 12 of Fang et al. 2024 gives the four functions of time of one segment. In the form that stays well conditioned
+// they are, at alpha = 0, the polynomials 1, t, t^2/2, t^3/6: a cubic. From frame to frame the motion is one
+// combination of these four; where two pieces meet, at a frame, value and two derivatives agree. That is the cubic
+// spline. At its ends two pieces are one (not-a-knot). It is a parabola through 3 frames, a line through 2, constant
+// for 1.
+//
+// The spline depends on every frame, but on a frame k further away by 0.27^k only. So a time needs the frames of a
+// window, and any frame can be decoded without the whole clip.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "base/arithmetic.hpp"
+
+namespace pdeanim {
+
+class FrameSpline {
+public:
+    // times: of the frames [s], at least one; increasing by 2^-53 or more, within 2^53 of 0.
+    explicit FrameSpline(std::vector<double> times);
+
+    // Frames in a window.
+    i64 width() const { return width_; }
+
+    // Weights of the frames of a window for the position (derivative 0), the velocity (1) [1/s] or the acceleration (2)
+    // [1/s^2] at a time; one outside the clip is taken as its nearest end. For the position at the time of a frame they
+    // are exactly 1 for it, and 0 for all others. weights: `width` numbers, written. The first frame of the window is
+    // returned.
+    i64 weights(double time, int derivative, std::span<double> weights) const;
+
+private:
+    // The equation for the slope s at a frame: below s[i - 1] + (below + above + excess) s[i] + above s[i + 1] =
+    // left d[i - 1] + right d[i], with d[i] the mean slope from frame i to frame i + 1. Those of the first and the last
+    // frame are not used.
+    struct Row {
+        double below = 0.0, above = 0.0, excess = 0.0, left = 0.0, right = 0.0;
+        // Pivots of elimination: from the first row on, from the last row back, and where both meet.
+        double down = 1.0, up = 1.0, centre = 1.0;
+    };
+
+    void set_up_rows();
+    void add_slope(i64 frame, double share, i64 first, std::span<double> slopes) const;
+    void weights_of_polynomial(double time, int derivative, std::span<double> weights) const;
+
+    i64 frames() const { return static_cast<i64>(times_.size()); }
+
+    std::vector<double> times_;
+    std::vector<double> steps_;  // from frame to frame [s]
+    std::vector<Row> rows_;      // of the frames of a clip of 4 or more
+    i64 half_ = 0;               // frames of a window on either side of a time
+    i64 width_ = 0;
+};
+
+}  // namespace pdeanim

@@ -1,0 +1,122 @@
+#include "decode/file.hpp"
+
+#include <algorithm>
+
+#include "decode/fields.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+// Peak memory of what a file declares: of each frame its time, as it is stored, here and as Python has it, and a row of the
+// spline; of each run where its sections are, and what Python has of it.
+constexpr u64 bytes_per_frame = 128, bytes_per_run = 512;
+
+constexpr std::string_view table = "RUNS", data = "RDAT";
+
+// Sections of a run, in the order in which they are listed and stored. Those of groups have their own checksums.
+constexpr std::array<std::string_view, Run::section_count> of_run = {"NAME", "CONN", "ORDR", "REST", "MODL",
+                                                                     "GRUP", "TIME", "COEF", "CORR", "ATTR"};
+constexpr std::size_t names_at = 0;
+
+bool is_of_groups(std::string_view type) { return type == "TIME" || type == "COEF" || type == "CORR"; }
+
+}  // namespace
+
+File::File(std::unique_ptr<Source> source, u64 max_memory)
+    : source_(std::move(source)), container_(*source_), memory_(max_memory) {
+    container_.check_known();
+    sequence_ = SequenceDescription::of_bytes(container_.read("SEQN"), static_cast<i64>(max_memory / bytes_per_frame));
+    memory_.take(bytes_per_frame * frames(), std::to_string(frames()) + " frames");
+    if (container_.find(table)) {
+        read_runs();
+        return;
+    }
+    if (sequence_.run_frames.size() != 1) {
+        throw CorruptError("section SEQN declares " + std::to_string(sequence_.run_frames.size()) +
+                           " runs of frames, and there is no section RUNS");
+    }
+    for (const std::string_view type : {data, of_run[names_at]}) {
+        if (container_.find(type)) throw CorruptError("has section " + std::string(type) + ", and no section RUNS");
+    }
+    runs_.push_back({.first = 0, .frames = frames()});
+}
+
+void File::read_runs() {
+    for (const std::string_view type : of_run) {
+        if (const SectionEntry *found = container_.find(type)) {
+            throw CorruptError("has section " + found->type + " beside section RUNS", static_cast<i64>(found->offset));
+        }
+    }
+    const std::size_t count = sequence_.run_frames.size();
+    memory_.take(bytes_per_run * count, std::to_string(count) + " runs of frames");
+    sequence_.names(0, [](i64) {});  // runs have their own
+    const std::vector<u8> bytes = container_.read(table);
+    FieldReader fields(bytes, "RUNS");
+    const SectionPlace &all = container_.entry(data);
+    u64 at = all.offset, left = all.length;
+    i64 first = 0;
+    for (const i64 frames : sequence_.run_frames) {
+        Run run{.first = first, .frames = frames, .vertices = fields.count()};
+        if (run.vertices < 1 || run.vertices > Run::most_vertices) {
+            throw CorruptError("section RUNS declares " + std::to_string(run.vertices) + " vertices of run " +
+                               std::to_string(runs_.size()));
+        }
+        for (std::size_t k = 0; k < of_run.size(); ++k) {
+            const u64 stored = static_cast<u64>(fields.count());
+            SectionPlace &place = run.places[k];
+            if (stored == 0) {
+                if (runs_.empty()) throw CorruptError("section RUNS has a first run that lacks a section");
+                place = runs_.back().places[k];
+                continue;
+            }
+            place = {.offset = at, .length = stored - 1, .checksum = std::nullopt};
+            if (place.length > left) {
+                throw CorruptError("section RDAT ends before its run " + std::to_string(runs_.size()) + " does");
+            }
+            if (place.length > 0 && !is_of_groups(of_run[k])) place.checksum = fields.integer<u32>();
+            at += place.length;
+            left -= place.length;
+        }
+        first += frames;
+        runs_.push_back(run);
+    }
+    fields.finish();
+    if (left > 0) throw CorruptError("section RDAT has " + std::to_string(left) + " bytes that are of no run");
+}
+
+std::size_t File::run_of(i64 frame) const {
+    const auto after = std::upper_bound(runs_.begin(), runs_.end(), frame,
+                                        [](i64 wanted, const Run &run) { return wanted < run.first; });
+    return static_cast<std::size_t>(after - runs_.begin()) - 1;
+}
+
+std::size_t File::run_at(double time) const {
+    const std::vector<double> &times = sequence_.times;
+    const auto after = std::upper_bound(times.begin(), times.end(), time);
+    return after == times.begin() ? 0 : run_of(after - times.begin() - 1);
+}
+
+Container File::container_of(std::size_t run) const {
+    if (!container_.find(table)) return container_;
+    std::vector<SectionEntry> entries;
+    for (std::size_t k = 0; k < of_run.size(); ++k) {
+        entries.push_back({runs_[run].places[k], std::string(of_run[k]), true});
+    }
+    return Container(*source_, std::move(entries));
+}
+
+SequenceDescription File::sequence_of(std::size_t run) const {
+    if (!container_.find(table)) return sequence_;
+    const i64 first = runs_[run].first, end = first + runs_[run].frames;
+    const auto begin = sequence_.times.begin() + first;
+    std::vector<i64> jumps;
+    for (auto jump = std::upper_bound(sequence_.jumps.begin(), sequence_.jumps.end(), first);
+         jump != sequence_.jumps.end() && *jump < end; ++jump) {
+        jumps.push_back(*jump - first);
+    }
+    return SequenceDescription::of_run({begin, begin + runs_[run].frames}, std::move(jumps), sequence_.fps,
+                                       container_of(run).read(of_run[names_at]));
+}
+
+}  // namespace pdeanim

@@ -1,0 +1,62 @@
+// A file as a whole: its container, its times, and where the sections of each run of frames are.
+//
+// What is here does not change once it is read: any number of threads may use it, and open runs beside each other.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base/memory_limit.hpp"
+#include "decode/container.hpp"
+#include "decode/sequence.hpp"
+
+namespace pdeanim {
+
+// Consecutive frames of one connectivity.
+struct Run {
+    static constexpr std::size_t section_count = 10;
+    static constexpr i64 most_vertices = (i64{1} << 31) - 1;  // they are numbered by int32
+
+    i64 first = 0, frames = 0;  // its first frame, and how many there are
+    i64 vertices = -1;          // as section RUNS says; -1 where there is no such section
+    std::array<SectionPlace, section_count> places{};
+};
+
+class File {
+public:
+    static constexpr u64 usual_memory = u64{4} << 30;  // some five million vertices
+
+    // Read header, times and the table of runs. CorruptError or LimitError where the file is not sound or asks for too much.
+    File(std::unique_ptr<Source> source, u64 max_memory);
+
+    const Container &container() const { return container_; }
+    const SequenceDescription &sequence() const { return sequence_; }
+    const std::vector<Run> &runs() const { return runs_; }
+    i64 frames() const { return static_cast<i64>(sequence_.times.size()); }
+
+    // What it leaves for what is decoded of a run.
+    const MemoryLimit &memory() const { return memory_; }
+
+    // The run that holds at a time [s]: the last one whose first frame is not after it, else the first.
+    std::size_t run_at(double time) const;
+
+    // The run of a frame.
+    std::size_t run_of(i64 frame) const;
+
+    // What a run has as if it were a file of its own.
+    Container container_of(std::size_t run) const;
+    SequenceDescription sequence_of(std::size_t run) const;
+
+private:
+    void read_runs();
+
+    std::unique_ptr<Source> source_;
+    Container container_;
+    MemoryLimit memory_;
+    SequenceDescription sequence_;
+    std::vector<Run> runs_;
+};
+
+}  // namespace pdeanim

@@ -1,0 +1,151 @@
+// What an animation gives to those who multiply fields and weights themselves.
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+
+#include "decode/animation.hpp"
+#include "decode/evaluate/motion.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+// Weights under which evaluation gives fields: at the row `place`, each function of a tile once with weight 1. Functions
+// that have a weight for each axis go three to a row, one on each axis.
+std::vector<double> unit_weights(i64 functions, i64 time_axes, i64 first, i64 rows) {
+    std::vector<double> weights(rows * time_axes * functions);
+    for (i64 row = 0; row < rows; ++row) {
+        for (i64 axis = 0; axis < time_axes; ++axis) {
+            const i64 function = first + row * time_axes + axis;
+            if (function < functions) weights[(row * time_axes + axis) * functions + function] = 1.0;
+        }
+    }
+    return weights;
+}
+
+int derivative_of(Quantity quantity) { return static_cast<int>(quantity); }
+
+void check_time(double time) {
+    if (std::isnan(time)) throw ArgumentError("times must be numbers");
+}
+
+}  // namespace
+
+// Whether a quantity is zero at a time, as before the first frame and after the last one a mesh stands still.
+bool Animation::is_outside(Quantity quantity, double time) const {
+    if (quantity == Quantity::positions) return false;
+    return frames() == 1 || time < times().front() || time > times().back();
+}
+
+// The frame whose positions are asked for, if it is one's.
+std::optional<i64> Animation::frame_of_positions(Quantity quantity, double time) const {
+    const double inside = clamp(time, times().front(), times().back());
+    const i64 frame = frame_at(inside);
+    if (quantity != Quantity::positions || times()[frame] != inside) return std::nullopt;
+    return frame;
+}
+
+std::pair<std::size_t, std::size_t> Animation::groups_at(Quantity quantity, double time) {
+    check_time(time);
+    const auto guard = begin_call();
+    if (is_outside(quantity, time)) return {0, 0};
+    if (const std::optional<i64> frame = frame_of_positions(quantity, time)) {
+        const std::size_t index = table_->group_of(*frame);
+        return {index, index + 1};
+    }
+    return counting_groups(time, derivative_of(quantity));
+}
+
+std::vector<double> Animation::weights(Quantity quantity, double time, std::size_t index) {
+    check_time(time);
+    const auto guard = begin_call();
+    const Group &own = table_->groups()[index];
+    std::vector<double> found;
+    if (is_outside(quantity, time)) {
+        found.resize(own.time_axes() * own.functions);
+        return found;
+    }
+    if (const std::optional<i64> frame = frame_of_positions(quantity, time)) {
+        found.resize(own.time_axes() * own.functions);
+        if (table_->group_of(*frame) == index) {
+            const auto row = group(index).time.begin() + (*frame - own.first) * static_cast<i64>(found.size());
+            std::copy_n(row, found.size(), found.begin());
+        }
+        return found;
+    }
+    found = weights_of_group(index, time, derivative_of(quantity));
+    found.resize(own.time_axes() * own.functions);
+    return found;
+}
+
+void Animation::fields(std::size_t index, std::span<float> out) {
+    const auto guard = begin_call();
+    const Group &own = table_->groups()[index];
+    const i64 size = vertices(), together = own.time_axes();
+    if (static_cast<i64>(out.size()) != own.channels() * size) {
+        throw ArgumentError("the array to write to has another size");
+    }
+    const DecodedGroup &decoded = group(index);
+    std::vector<float> tile;
+    for (i64 first = 0; first < own.functions; first += together * frames_at_once) {
+        check_cancelled();
+        const i64 rows = least(frames_at_once, (own.functions - first + together - 1) / together);
+        const std::vector<double> weights = unit_weights(own.functions, together, first, rows);
+        tile.resize(rows * 3 * size);
+        const auto evaluate_tile = [&]<class Real>(const Motion<Real> &motion) {
+            const AnchoredReference<Real> *none = nullptr;
+            pdeanim::evaluate(motion, weights, none, std::span<float>(tile));
+        };
+        std::visit(evaluate_tile, decoded.motion);
+        if (together == 1) {
+            std::copy(tile.begin(), tile.end(), out.begin() + first * 3 * size);
+            continue;
+        }
+        for (i64 k = 0; k < least(rows * together, own.functions - first); ++k) {
+            const float *from = tile.data() + k / together * 3 * size + k % together;
+            float *to = out.data() + (first + k) * size;
+            for (i64 v = 0; v < size; ++v) to[v] = from[3 * v];
+        }
+    }
+}
+
+std::vector<Correction> Animation::corrections(std::size_t index, TakenMemory &taken) {
+    const auto guard = begin_call();
+    const Group &own = table_->groups()[index];
+    const u64 bytes = sizeof(Correction) * static_cast<u64>(group(index).residuals.count());
+    taken = TakenMemory(memory_, bytes, "corrections of a group of frames");
+    std::vector<Correction> found;
+    found.reserve(group(index).residuals.count());
+    std::vector<std::array<double, 3>> offsets(vertices());
+    const ResidualScale scale = residual_scale();
+    for (i64 frame = own.first; frame < own.first + own.frames; ++frame) {
+        const FrameResiduals here = residuals_at(frame);
+        residual_displacements(here.group, here.inside, scale, here.base, offsets);
+        const auto own_places = [&](const std::vector<i64> &starts, const std::vector<i32> &places) {
+            return std::span(places).subspan(starts[here.inside], starts[here.inside + 1] - starts[here.inside]);
+        };
+        // A raw vertex is what it is, whatever residual the same vertex has.
+        const std::span<const i32> raw = own_places(here.group.raw_frame_starts, here.group.raw_places);
+        std::vector<i32> places(raw.begin(), raw.end());
+        const std::span<const i32> residuals = own_places(here.group.frame_starts, here.group.places);
+        std::set_difference(residuals.begin(), residuals.end(), raw.begin(), raw.end(), std::back_inserter(places));
+        for (const i32 place : places) {
+            const i32 vertex = scale.order[place];
+            Correction &added = found.emplace_back(Correction{static_cast<i32>(frame), vertex, {}});
+            for (int axis = 0; axis < 3; ++axis) added.offset[axis] = static_cast<float>(offsets[vertex][axis]);
+        }
+    }
+    return found;
+}
+
+std::vector<i32> Animation::elements() {
+    const auto guard = begin_call();
+    const Patches &patches = *space().elements().patches;
+    std::vector<i32> found(vertices());
+    for (i64 e = 0; e < patches.count(); ++e) {
+        for (const i32 vertex : patches.vertices(e)) found[vertex] = static_cast<i32>(e);
+    }
+    return found;
+}
+
+}  // namespace pdeanim

@@ -1,0 +1,71 @@
+// Section ATTR: constant data of objects, coded over the faces and the reference frame that a decoder has by then.
+//
+// Values of corners, vertices or faces are coded in two steps: which of them are equal around each point, and what they
+// are: numbers that measure are predicted over the surface, numbers that count follow each other in steps. Rows that are
+// numbered as they are first used cost nothing to number.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/memory_limit.hpp"
+#include "sections/attributes/attribute_mesh.hpp"
+
+namespace pdeanim {
+
+// By their number in the stream; bytes of values are in the order of the machine, which is little-endian.
+enum class ValueType : i64 { float32, float64, int32, uint8, int64 };
+constexpr i64 value_types = 5;
+
+constexpr i64 bytes_of(ValueType type) {
+    constexpr i64 sizes[] = {4, 8, 4, 1, 8};
+    return sizes[static_cast<i64>(type)];
+}
+
+// Constant data that travels with an object.
+struct Attribute {
+    i64 numbers() const { return columns ? columns - 1 : 1; }  // in a row
+
+    std::string name;  // UTF-8, and so are the labels
+    Domain domain = Domain::vertex;
+    ValueType type = ValueType::float32;
+    i64 rows = 0, columns = 0;  // columns: 0 for values of one dimension, else 1 more than there are
+    std::vector<u8> values;
+    std::optional<std::vector<i32>> indices;  // row of each element of the domain, -1 for none
+    std::vector<std::string> labels;
+};
+
+// The same, in arrays of the caller's.
+struct AttributeView {
+    std::string name;
+    Domain domain;
+    ValueType type;
+    i64 rows, columns;
+    std::span<const u8> values;
+    std::optional<std::span<const i32>> indices;
+    std::vector<std::string> labels;
+};
+
+// One object, and its attributes to be encoded.
+struct AttributedPart {
+    ConnectivityView connectivity;
+    std::vector<AttributeView> attributes;
+};
+
+struct AttributeSettings {
+    std::optional<double> uv_tolerance;  // how far texture coordinates may be off on each axis; none: to the last bit
+    bool keeps_rows = true;  // whether rows of indexed values come back under the numbers they have, or under free ones
+};
+
+// grid: of the vertices of all parts, one part after the other. Indices are -1 or rows of the values.
+std::vector<u8> encode_attributes(std::span<const AttributedPart> parts, std::span<const GridPoint> grid,
+                                  const AttributeSettings &settings);
+
+// The attributes of each part. CorruptError where the section is damaged, LimitError where all attributes together need
+// more than is left; what they take in the end is counted in `taken`.
+std::vector<std::vector<Attribute>> decode_attributes(std::span<const u8> data, std::span<const ConnectivityView> parts,
+                                                      std::span<const GridPoint> grid, TakenMemory &taken);
+
+}  // namespace pdeanim

@@ -1,0 +1,287 @@
+#include "sections/connectivity/connectivity.hpp"
+
+#include <algorithm>
+#include <memory>
+#include <string>
+
+#include "base/errors.hpp"
+#include "sections/connectivity/order.hpp"
+#include "sections/connectivity/polygons.hpp"
+#include "sections/connectivity/surface.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+constexpr i64 most_corners_of_object = (i64{1} << 31) - 1;  // they are numbered by int32
+
+// How much more a surface may cost, order included: it tells apart what a mesh is from how it was numbered.
+constexpr double surface_preference = 1.1;
+
+enum Kind { faces, lines };
+constexpr i32 smallest[] = {3, 1};  // corners that a face and a line have at least
+
+// How the faces of an object are coded.
+struct Choice {
+    bool is_surface = false, has_border = false, has_order = false;
+};
+
+// A model of some hundred kilobytes, made where it is first needed; copies are deep.
+template <class Model> class Lazy {
+public:
+    Lazy() = default;
+    Lazy(const Lazy &other) : model_(other.model_ ? std::make_unique<Model>(*other.model_) : nullptr) {}
+    Lazy &operator=(Lazy other) {
+        model_ = std::move(other.model_);
+        return *this;
+    }
+    Model &operator*() {
+        if (!model_) model_ = std::make_unique<Model>();
+        return *model_;
+    }
+    Model *operator->() { return &**this; }
+
+private:
+    std::unique_ptr<Model> model_;
+};
+
+// What all parts of the coder have learnt.
+struct Models {
+    std::array<std::array<NumberModel, 3>, 2>
+        heads;  // of faces and lines: how many, their common size or 0, their corners
+    std::array<BitModel, 3> choices;
+    Lazy<SurfaceModel> surface;
+    Lazy<OrderModel> order;
+    Lazy<PolygonModel> polygons[2];
+};
+
+i32 common_size(std::span<const i32> sizes) {
+    const bool is_common = std::all_of(sizes.begin(), sizes.end(), [&](i32 size) { return size == sizes[0]; });
+    return !sizes.empty() && is_common ? sizes[0] : 0;
+}
+
+struct Head {
+    i64 count, size, corners;
+};
+
+template <Mode mode> Head code_head(RangeCoder<mode> &coder, Models &models, Kind kind, Head head) {
+    auto &[count, size, corners] = models.heads[kind];
+    head.count = count.code(coder, head.count);
+    if (head.count == 0) return {0, 0, 0};
+    head.size = size.code(coder, head.size);
+    // A size of 32 bits times a count of as many: the product is checked by the caller before anything is made of it.
+    head.corners = head.size ? head.count * head.size : corners.code(coder, head.corners);
+    return head;
+}
+
+template <Mode mode> Choice code_choice(RangeCoder<mode> &coder, Models &models, Choice choice) {
+    choice.is_surface = coder.bit(models.choices[0], choice.is_surface);
+    choice.has_border = choice.is_surface && coder.bit(models.choices[1], choice.has_border);
+    choice.has_order = choice.is_surface && coder.bit(models.choices[2], choice.has_order);
+    return choice;
+}
+
+template <Mode mode> void encode_polygons(RangeCoder<mode> &coder, PolygonModel &model, Kind kind, i64 vertices,
+                                          std::span<const i32> sizes, std::span<const i32> indices) {
+    std::vector<i32> own_sizes(sizes.begin(), sizes.end()), corners(indices.begin(), indices.end());
+    model.code(coder, common_size(sizes), smallest[kind], vertices, std::span<i32>(own_sizes), std::span<i32>(corners));
+}
+
+// Whether faces and vertices stand in the order of their coding.
+bool is_coded_order(const CodedSurface &coded, const SourceOrder &order, std::span<const i32> used) {
+    i32 first = 0;
+    for (std::size_t face = 0; face < order.firsts.size(); ++face) {
+        if (order.firsts[face] != first) return false;
+        first += coded.sizes[face];
+    }
+    for (std::size_t vertex = 0; vertex < order.numbers.size(); ++vertex) {
+        if (order.numbers[vertex] != static_cast<i32>(vertex) || used[vertex] != static_cast<i32>(vertex)) return false;
+    }
+    return true;
+}
+
+enum class Order { kept, left_out, free };  // free: not coded, whatever it is
+
+// The cheaper way for each object; learns as coding will.
+std::vector<Choice> choose(std::span<const ConnectivityView> parts, Order wanted) {
+    std::vector<Choice> choices;
+    Models models;
+    for (const ConnectivityView &part : parts) {
+        Choice choice;
+        if (!part.face_sizes.empty()) {
+            const SourceMesh mesh(part.face_sizes, part.face_indices);
+            Lazy<SurfaceModel> surface = models.surface;
+            Lazy<OrderModel> order = models.order;
+            Lazy<PolygonModel> polygons = models.polygons[faces];
+            RangeCoder<Mode::measure> of_surface, of_polygons;
+            SourceOrder source;
+            const CodedSurface coded = surface->encode(of_surface, mesh, true, source);
+            const bool has_order =
+                wanted == Order::kept || (wanted == Order::left_out && !is_coded_order(coded, source, mesh.used()));
+            if (has_order) order->encode(of_surface, coded, source, mesh.used());
+            encode_polygons(of_polygons, *polygons, faces, part.vertices, part.face_sizes, part.face_indices);
+            if (of_surface.bits() <= surface_preference * of_polygons.bits()) {
+                choice = {true, coded.has_border(), has_order};
+                models.surface = std::move(surface);
+                models.order = std::move(order);
+            } else {
+                models.polygons[faces] = std::move(polygons);
+            }
+        }
+        choices.push_back(choice);
+    }
+    return choices;
+}
+
+void check_head(Kind kind, const Head &head, i64 most_corners) {
+    // The product of two 32-bit numbers may not fit 64 bits signed; divided, it does.
+    const bool overflows = head.size && head.count > most_corners_of_object / head.size;
+    if ((head.size && head.size < smallest[kind]) || overflows || head.corners > most_corners_of_object ||
+        head.count > head.corners / smallest[kind]) {
+        const char *what = kind == faces ? " faces" : " lines";
+        throw CorruptError("section CONN declares " + std::to_string(head.count) + what + " that cannot be");
+    }
+    if (head.corners > most_corners) {
+        throw LimitError("section CONN declares " + std::to_string(head.corners) +
+                         " corners, more than the memory limit allows");
+    }
+}
+
+void check_end(const RangeCoder<Mode::decode> &coder, const char *name, std::size_t size) {
+    if (coder.is_finished()) return;
+    throw CorruptError(std::string("section ") + name +
+                       (coder.byte() < size ? " has bytes too many" : " ends too early"));
+}
+
+}  // namespace
+
+std::pair<std::vector<u8>, std::vector<u8>> encode_connectivity(std::span<const ConnectivityView> parts,
+                                                                bool keep_order) {
+    const std::vector<Choice> choices = choose(parts, keep_order ? Order::kept : Order::left_out);
+    RangeCoder<Mode::encode> conn, ordr;
+    Models models;
+    for (std::size_t p = 0; p < parts.size(); ++p) {
+        const ConnectivityView &part = parts[p];
+        for (const Kind kind : {faces, lines}) {
+            const auto sizes = kind == faces ? part.face_sizes : part.line_sizes;
+            const auto indices = kind == faces ? part.face_indices : part.line_indices;
+            const i64 count = static_cast<i64>(sizes.size()), corners = static_cast<i64>(indices.size());
+            code_head(conn, models, kind, {count, common_size(sizes), corners});
+            if (sizes.empty()) continue;
+            if (kind == faces) {
+                code_choice(conn, models, choices[p]);
+                if (choices[p].is_surface) {
+                    const SourceMesh mesh(sizes, indices);
+                    SourceOrder order;
+                    const CodedSurface coded = models.surface->encode(conn, mesh, choices[p].has_border, order);
+                    if (choices[p].has_order) models.order->encode(ordr, coded, order, mesh.used());
+                    continue;
+                }
+            }
+            encode_polygons(conn, *models.polygons[kind], kind, part.vertices, sizes, indices);
+        }
+    }
+    return {conn.finish(), ordr.finish()};
+}
+
+std::vector<CodedOrder> coded_orders(std::span<const ConnectivityView> parts) {
+    const std::vector<Choice> choices = choose(parts, Order::free);
+    std::vector<CodedOrder> orders(parts.size());
+    for (std::size_t p = 0; p < parts.size(); ++p) {
+        if (!choices[p].is_surface) continue;
+        const ConnectivityView &part = parts[p];
+        const SourceMesh mesh(part.face_sizes, part.face_indices);
+        RangeCoder<Mode::measure> coder;
+        SurfaceModel model;
+        SourceOrder source;
+        const CodedSurface coded = model.encode(coder, mesh, choices[p].has_border, source);
+        CodedOrder &order = orders[p];
+        for (const i32 number : source.numbers) order.vertices.push_back(mesh.used()[number]);
+        std::vector<bool> is_used(part.vertices);
+        for (const i32 vertex : mesh.used()) is_used[vertex] = true;
+        for (i64 vertex = 0; vertex < part.vertices; ++vertex) {
+            if (!is_used[vertex]) order.vertices.push_back(static_cast<i32>(vertex));
+        }
+        // Of each source face, the coded corner that is its first, and with it the face's coded corners.
+        std::vector<i32> starts(coded.sizes.size() + 1), face_of(coded.border.sides.size());
+        for (std::size_t face = 0; face < coded.sizes.size(); ++face) {
+            starts[face + 1] = starts[face] + coded.sizes[face];
+            for (i32 corner = starts[face]; corner < starts[face + 1]; ++corner)
+                face_of[corner] = static_cast<i32>(face);
+        }
+        order.faces.resize(coded.sizes.size());
+        order.corners.resize(coded.border.sides.size());
+        i32 begin = 0;
+        for (std::size_t face = 0; face < source.firsts.size(); ++face) {
+            const i32 first = source.firsts[face], at = face_of[first], size = coded.sizes[at];
+            order.faces[at] = static_cast<i32>(face);
+            for (i32 place = 0; place < size; ++place) {
+                order.corners[starts[at] + (first - starts[at] + place) % size] = begin + place;
+            }
+            begin += size;
+        }
+    }
+    return orders;
+}
+
+std::vector<Connectivity> decode_connectivity(std::span<const u8> conn_bytes, std::span<const u8> ordr_bytes,
+                                              std::span<const i64> vertices, i64 most_corners) {
+    RangeCoder<Mode::decode> conn(conn_bytes), ordr(ordr_bytes);
+    Models models;
+    std::vector<Connectivity> parts;
+    bool any_order = false;
+    for (const i64 count_of_vertices : vertices) {
+        Connectivity part;
+        part.vertices = count_of_vertices;
+        for (const Kind kind : {faces, lines}) {
+            const Head head = code_head(conn, models, kind, {0, 0, 0});
+            if (head.count == 0) continue;
+            check_head(kind, head, most_corners);
+            most_corners -= head.corners;
+            try {
+                if (kind == faces) {
+                    const Choice choice = code_choice(conn, models, {});
+                    if (choice.is_surface) {
+                        const CodedSurface coded =
+                            models.surface->decode(conn, static_cast<i32>(head.size), choice.has_border, head.count,
+                                                   head.corners, part.vertices);
+                        if (!choice.has_order) {
+                            part.face_sizes = coded.sizes;
+                            for (const Border::Side &side : coded.border.sides)
+                                part.face_indices.push_back(side.origin);
+                            continue;
+                        }
+                        any_order = true;
+                        try {
+                            Faces found = models.order->decode(ordr, coded, part.vertices);
+                            part.face_sizes = std::move(found.sizes);
+                            part.face_indices = std::move(found.indices);
+                        } catch (const CorruptError &error) {
+                            throw CorruptError("section ORDR " + std::string(error.what()) + ", at its byte " +
+                                               std::to_string(ordr.byte()));
+                        }
+                        continue;
+                    }
+                }
+                std::vector<i32> sizes(head.count, static_cast<i32>(head.size)), indices(head.corners);
+                models.polygons[kind]->code(conn, static_cast<i32>(head.size), smallest[kind], part.vertices,
+                                            std::span<i32>(sizes), std::span<i32>(indices));
+                (kind == faces ? part.face_sizes : part.line_sizes) = std::move(sizes);
+                (kind == faces ? part.face_indices : part.line_indices) = std::move(indices);
+            } catch (const CorruptError &error) {
+                const std::string what = error.what();
+                if (what.starts_with("section")) throw;
+                throw CorruptError("section CONN " + what + ", at its byte " + std::to_string(conn.byte()));
+            }
+        }
+        parts.push_back(std::move(part));
+    }
+    check_end(conn, "CONN", conn_bytes.size());
+    if (!ordr_bytes.empty() && !any_order) {
+        throw CorruptError("section ORDR orders faces that section CONN does not have");
+    }
+    check_end(ordr, "ORDR", ordr_bytes.size());
+    return parts;
+}
+
+}  // namespace pdeanim

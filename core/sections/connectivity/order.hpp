@@ -1,0 +1,80 @@
+// The order that faces and vertices had in the source, given the surface.
+//
+// The source's faces are named one after the other, each by how it lies to those before:
+//
+// 1. by a side that it shares with one of the last four faces; or
+// 2. by a vertex whose number is there: which of the face's corners has it, the number, and which of the faces left
+//    there; or
+// 3. by its place on the surface, as a difference to that of the face before.
+//
+// Vertices that come with a face for the first time get their numbers, passing over those on no face; then it is coded
+// which corner of the face is the first, unless the second case has said it.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "entropy/match_model.hpp"
+#include "entropy/numbers.hpp"
+#include "sections/connectivity/surface.hpp"
+
+namespace pdeanim {
+
+// Faces in the order of the source.
+struct Faces {
+    std::vector<i32> sizes;
+    std::vector<i32> indices;  // vertex of each corner
+};
+
+// What the coder of orders has learnt; it goes on learning from object to object.
+class OrderModel {
+public:
+    OrderModel();
+
+    // Code which of an object's vertices are on faces (`used`, ascending), and the order of the source.
+    template <Mode mode> void encode(RangeCoder<mode> &coder, const CodedSurface &surface, const SourceOrder &order,
+                                     std::span<const i32> used);
+
+    // Undo `encode`; CorruptError if there is no such order.
+    Faces decode(RangeCoder<Mode::decode> &coder, const CodedSurface &surface, i64 vertices);
+
+private:
+    template <Mode mode> friend class OrderCoder;
+
+    static constexpr int recent_faces = 4;  // faces whose neighbours are looked at first: two quads cut into triangles
+    static constexpr int sides_told = 4;    // sides of a recent face that have slots of their own
+    // How a face was named: by a side of a recent face, a slot for each; in the third case; in the second.
+    static constexpr int by_place = recent_faces * sides_told, by_vertex = by_place + 1, slots = by_vertex + 1;
+    static constexpr int corners_told = 3;  // corners that the second case tells by yes and no
+    static constexpr int jump_classes = 8;  // contexts of a difference of ranks: that before, up to 3, and its sign
+    static constexpr int proposals = 6;     // of a vertex's number, besides those of the match model
+    static constexpr int farthest = 20;     // differences of numbers are alike from this on, where they are a context
+
+    using Models = std::vector<BitModel>;
+
+    // Faces.
+    Models found_, found_slots_, side_, side_slots_, list_, list_recent_;
+    std::array<Models, corners_told> corner_, corner_slot_;
+    std::array<Models, 4> first_, first_slot_;
+    NumberModel corner_number_;
+    std::array<SignedModel, jump_classes> jump_;
+    SignedModel place_;
+    Weights<2> found_weights_, side_weights_, corner_weights_, list_weights_, first_weights_;
+    MatchModel to_face_;  // from the last face to a vertex of the next
+    int found_history_ = 0, corner_history_ = 0, list_history_ = 0, first_history_ = 0;
+    int slot_now_ = 0, slot_before_ = 0, slot_long_before_ = 0;
+    i64 last_jump_ = 0;
+    std::array<int, slots> firsts_after_{};                 // which corners were the first after each slot
+    std::array<std::array<int, slots>, slots> expected_{};  // which slot came after two slots the last time
+
+    // Vertices' numbers.
+    std::array<Models, proposals> proposal_, proposal_around_;
+    std::array<Weights<2>, proposals> proposal_weights_;
+    std::array<SignedModel, 4> rank_;
+    MatchModel numbers_;
+    int proposal_history_ = 0;
+
+    NumberModel gap_, rest_;  // of the set of vertices that are on faces
+};
+
+}  // namespace pdeanim

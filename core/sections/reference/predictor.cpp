@@ -1,0 +1,170 @@
+#include "sections/reference/predictor.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+constexpr int most_corners = 16;  // corners at a vertex that are looked at: few have more, sums stay far from overflow
+constexpr int reciprocal_bits = 15;
+constexpr int normal_bits = 12;  // of the largest component of one parallelogram's normal; the sum of them has 4 more
+constexpr int edge_bits = 20;    // of the largest component of two edges whose cross product is taken
+constexpr i64 largest_miss = i64{1} << 30;  // [1/16]: sums of misses stay far from overflow
+constexpr int weight_bits = 5;              // fraction bits of the weights of terms
+constexpr i64 largest_turned =
+    i64{1} << 32;  // of a term's component that is turned into the normal's direction [1/512]
+
+// 1 / n in 1/32768, rounded; every sum has at most two terms a corner.
+constexpr i64 reciprocal(i64 count) { return count ? ((i64{1} << (reciprocal_bits + 1)) + count) / (2 * count) : 0; }
+
+}  // namespace
+
+// Add the normal of the triangle a, b, d, brought to normal_bits.
+void Predictor::add_normal(i32 a, i32 b, i32 d, Vector &normal) const {
+    i64 largest = 0;
+    for (int k = 0; k < 3; ++k) {
+        largest = most(largest, most(size_of(grid[b][k] - grid[a][k]), size_of(grid[a][k] - grid[d][k])));
+    }
+    const int shift = most(bit_length(largest) - edge_bits, 0);
+    Vector u, w;
+    for (int k = 0; k < 3; ++k) {
+        u[k] = (grid[b][k] - grid[a][k]) >> shift;
+        w[k] = (grid[a][k] - grid[d][k]) >> shift;
+    }
+    const Vector cross = {u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]};
+    const i64 greatest = most(size_of(cross[0]), most(size_of(cross[1]), size_of(cross[2])));
+    const int digits = bit_length(greatest) - normal_bits;
+    for (int k = 0; k < 3; ++k) normal[k] += digits >= 0 ? cross[k] >> digits : cross[k] * (i64{1} << -digits);
+}
+
+Around Predictor::look_around(i32 vertex) const {
+    Around found;
+    int creases = 0, straights = 0, neighbour_count = 0;
+    i32 reference = -1;
+    Vector first{};
+    const i64 begin = corners_.fan_starts[vertex];
+    const i64 end = least(corners_.fan_starts[vertex + 1], begin + most_corners);
+    const auto known = [&](i32 v) { return v >= 0 && is_known_[v]; };
+    for (i64 row = begin; row < end; ++row) {
+        const i32 corner = corners_.fan[row];
+        if (!known(corners_.vertex(corners_.next[corner])) && !known(corners_.vertex(corners_.previous[corner])))
+            continue;
+        const Neighbourhood own = neighbourhood_at(corners_, corner);
+        const i32 a = own.after, b = own.before, d = own.opposite;
+        const bool a_known = known(a), b_known = known(b);
+        if (reference < 0) reference = a_known ? a : b;
+        const bool over_a_known = known(own.straight_after), over_b_known = known(own.straight_before);
+        const Vector &from = grid[reference];
+        if (a_known && b_known && known(d)) {
+            ++found.parallelograms;
+            add_normal(a, b, d, found.normal);
+            for (int k = 0; k < 3; ++k) {
+                const i64 fourth = grid[a][k] + grid[b][k] - grid[d][k];
+                found.base[k] += fourth - from[k];
+                if (found.parallelograms == 1) {
+                    first[k] = fourth;
+                } else {
+                    found.spread += size_of(fourth - first[k]);
+                }
+            }
+            if (own.is_triangle) {
+                for (const bool is_after : {true, false}) {
+                    if (!(is_after ? over_a_known : over_b_known)) continue;
+                    ++creases;
+                    const i32 over = is_after ? own.straight_after : own.straight_before;
+                    const i32 beside = is_after ? b : a, crossed = is_after ? a : b;
+                    for (int k = 0; k < 3; ++k) {
+                        found.terms[crease][k] += grid[over][k] + grid[beside][k] - grid[crossed][k] - grid[d][k];
+                    }
+                }
+            }
+        }
+        for (const bool is_after : {true, false}) {
+            const i32 beside = is_after ? a : b;
+            if (!(is_after ? a_known : b_known)) continue;
+            if (is_after || own.before_counts) {
+                ++neighbour_count;
+                for (int k = 0; k < 3; ++k) {
+                    found.terms[neighbours][k] += grid[beside][k] - from[k];
+                    found.terms[miss][k] += points_[beside].miss[k];
+                    found.errors[k] += points_[beside].error[k];
+                }
+            }
+            if (is_after ? over_a_known : over_b_known) {
+                ++straights;
+                const i32 over = is_after ? own.straight_after : own.straight_before;
+                for (int k = 0; k < 3; ++k) {
+                    found.terms[straight][k] += 2 * grid[beside][k] - grid[over][k] - from[k];
+                }
+            }
+        }
+    }
+    if (neighbour_count == 0) {
+        found = Around();
+        if (last_ >= 0) {
+            for (int k = 0; k < 3; ++k) {
+                found.base[k] = grid[last_][k] << fraction_bits;
+                // Of the first vertex there is no earlier one of its kind; it is the last one then.
+                found.terms[neighbours][k] = (grid[last_seed_][k] - grid[last_][k]) * (1 << fraction_bits);
+            }
+        }
+        found.errors = seed_errors_;
+        return found;
+    }
+    // A mean in 1/16: the sum times 2^15 / n, less 11 bits.
+    constexpr int shift = reciprocal_bits - fraction_bits;
+    constexpr i64 half = i64{1} << (shift - 1);
+    const auto mean = [&](i64 sum, i64 count) { return (sum * reciprocal(count) + half) >> shift; };
+    for (int k = 0; k < 3; ++k) {
+        const i64 on = mean(found.terms[straight][k], straights),
+                  beside = mean(found.terms[neighbours][k], neighbour_count);
+        i64 base = mean(found.base[k], found.parallelograms);
+        if (!found.parallelograms) base = straights ? on : beside;
+        found.terms[crease][k] = mean(found.terms[crease][k], creases);
+        found.terms[straight][k] = straights ? on - base : 0;
+        found.terms[miss][k] = (found.terms[miss][k] * reciprocal(neighbour_count)) >> reciprocal_bits;
+        found.terms[neighbours][k] = beside - base;
+        found.errors[k] = (found.errors[k] * reciprocal(neighbour_count)) >> shift;
+        found.base[k] = base + (grid[reference][k] << fraction_bits);
+    }
+    if (found.parallelograms) {
+        found.kind = first_of_parallelograms + 2 * (least(found.parallelograms, 3) - 1) + (straights ? 1 : 0);
+    } else {
+        found.kind = straights ? 2 : 1;
+    }
+    return found;
+}
+
+Vector Around::predicted(const std::array<std::array<i32, term_count>, 2> &weights) const {
+    i64 length = 0, dot = 0;
+    Vector across{};
+    for (int k = 0; k < 3; ++k) {
+        i64 along = 0;
+        for (int term = 0; term < term_count; ++term) {
+            across[k] += weights[0][term] * terms[term][k];
+            along += weights[1][term] * terms[term][k];
+        }
+        length += normal[k] * normal[k];
+        dot += normal[k] * clamp(along, -largest_turned, largest_turned);
+    }
+    const i64 portion = length && dot ? floor_divide(dot * (i64{1} << normal_bits), length) : 0;
+    Vector found;
+    for (int k = 0; k < 3; ++k) {
+        const i64 total = across[k] + ((portion * normal[k]) >> normal_bits);
+        found[k] = base[k] + ((total + (1 << (weight_bits - 1))) >> weight_bits);
+    }
+    return found;
+}
+
+void Predictor::learn(i32 vertex, const Around &around, const Vector &residual) {
+    Point &point = points_[vertex];
+    for (int k = 0; k < 3; ++k) {
+        point.miss[k] = clamp((grid[vertex][k] << fraction_bits) - around.base[k], -largest_miss, largest_miss);
+        point.error[k] = residual[k];
+        if (around.kind == 0) seed_errors_[k] = (3 * seed_errors_[k] + (residual[k] << fraction_bits)) >> 2;
+    }
+    is_known_[vertex] = 1;
+    last_ = vertex;
+    if (around.kind == 0) last_seed_ = vertex;
+}
+
+}  // namespace pdeanim

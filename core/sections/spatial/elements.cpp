@@ -1,0 +1,127 @@
+#include "sections/spatial/elements.hpp"
+
+#include <algorithm>
+
+#include "sections/spatial/series.hpp"
+#include "sections/spatial/space_layout.hpp"
+
+namespace pdeanim {
+
+namespace {
+
+// A polynomial, a function along a piece, a unit vector is dropped where no more than this share of its squared norm is
+// new. That of unit vectors is below 1 / points, so that they always complete the space of a patch; functions along a piece
+// are kept as long as they are more than rounding.
+constexpr std::array<double, sort_count> usual_shares = {0x1p-12, 0x1p-40, 0x1p-12};
+
+}  // namespace
+
+Elements::Elements(const SpaceForm &form, std::shared_ptr<const Patches> patches, std::span<const GridPoint> grid)
+    : form(form), patches(std::move(patches)), grid(grid) {
+    for (int sort = 0; sort < sort_count; ++sort) shares[sort] = usual_shares[sort] * (1.0 - form.threshold / 16.0);
+    if (form.kind == SpaceKind::patch) return;
+    const std::vector<double> u = arc_length_parameters(grid, this->patches->order, this->patches->starts);
+    series = series_functions(u, form.rate, space_functions);
+}
+
+int ElementFunctions::locate(i64 element) {
+    const int found = local_.locate(elements_.grid, elements_.patches->vertices(element));
+    for (int k = 0; k < 3; ++k) axes_[k].assign(local_.axes[k].begin(), local_.axes[k].end());
+    return found;
+}
+
+// The constant and as many local coordinates as make `count` functions.
+void ElementFunctions::add_affine(i64 count) {
+    for (i64 j = 0; j < affine_count; ++j) made_[j] = j < count ? j : -1;
+    for (i64 k = 0; k < count; ++k) {
+        if (k == 0) {
+            std::fill_n(functions_.column(), points_, 1.0);
+        } else {
+            std::copy_n(axes_[k - 1].begin(), points_, functions_.column());
+        }
+        functions_.add(0.0);
+    }
+}
+
+// A polynomial's column is number k of the next ones; false where nothing is added for it.
+bool ElementFunctions::set_column(int polynomial, i64 k) {
+    const Polynomial &own = polynomials[polynomial];
+    made_[polynomial] = -1;
+    // A multiple of a dropped polynomial is nothing new.
+    const auto is_dropped = [&](int lower) { return lower >= 0 && made_[lower] < 0; };
+    if (std::any_of(own.lower.begin(), own.lower.end(), is_dropped)) return false;
+    const double *lower = functions_.function(made_[own.lower[own.along]]);
+    const std::vector<double> &axis = axes_[own.along];
+    double *column = functions_.column(k);
+    for (i64 i = 0; i < points_; ++i) column[i] = lower[i] * axis[i];
+    return true;
+}
+
+// Those of a degree beside each other. The product of x p with a function q is that of p with x q: nothing, where x q is of
+// lower degree than p and made of functions that there are (Stieltjes' recurrence, in several coordinates). So x p has parts
+// along functions of the last two degrees and of its own alone, unless a factor of x or y was dropped.
+void ElementFunctions::add_polynomials() {
+    constexpr int normal = 2;
+    std::array<i64, largest_degree + 1> first = {
+        0, 1, least<i64>(affine_count - 1, functions_.count())};  // function of each degree
+    bool is_closed = true;  // functions times x or y are made of functions, as far as their degree was reached
+    for (int j = affine_count; j < polynomial_count && !functions_.is_complete();) {
+        const int degree = polynomials[j].degree();
+        const bool is_normal = polynomials[j].along == normal;
+        if (polynomials[j - 1].degree() < degree) first[degree] = functions_.count();
+        std::array<int, OrthonormalFunctions::columns_at_once> chosen;
+        i64 count = 0;
+        for (; j < polynomial_count && count < OrthonormalFunctions::columns_at_once; ++j) {
+            if (polynomials[j].degree() != degree || (polynomials[j].along == normal) != is_normal) break;
+            if (set_column(j, count)) chosen[count++] = j;
+        }
+        const i64 from = is_closed && !is_normal ? first[degree - 2] : 0;
+        const auto added = functions_.add(count, elements_.shares[polynomial_column], from);
+        for (i64 k = 0; k < count; ++k) {
+            made_[chosen[k]] = added[k];
+            is_closed &= added[k] >= 0 || is_normal;
+        }
+    }
+}
+
+int ElementFunctions::describe(i64 element, int local, AffineSums &sums) {
+    const std::span<const i32> vertices = elements_.patches->vertices(element);
+    points_ = static_cast<i64>(vertices.size());
+    const int found = locate(element);
+    if (local < 0) local = found;
+    const i64 count = SpaceLayout::affine_functions(elements_.form, points_, local);
+    sums = {};
+    functions_.begin(points_, count);
+    add_affine(count);
+    const GridPoint &origin = elements_.grid[vertices[0]];
+    for (i64 i = 0; i < points_; ++i) {
+        const GridPoint &point = elements_.grid[vertices[i]];
+        std::array<double, affine_count> values = {1.0};
+        for (int axis = 0; axis < 3; ++axis) values[1 + axis] = static_cast<double>(point[axis] - origin[axis]);
+        for (i64 k = 0; k < count; ++k) {
+            const double own = functions_.function(k)[i];
+            for (int c = 0; c < affine_count; ++c) sums[k][c] += own * values[c];
+        }
+    }
+    return local;
+}
+
+void ElementFunctions::make(i64 element, i64 affine, i64 count) {
+    const i64 begin = elements_.patches->starts[element];
+    affine = least(affine, count);
+    points_ = elements_.patches->size(element);
+    functions_.begin(points_, count);
+    if (affine > 1 || elements_.series.empty()) locate(element);
+    add_affine(affine);
+    if (elements_.series.empty()) add_polynomials();
+    for (int j = 0; j < space_functions && !elements_.series.empty() && !functions_.is_complete(); ++j) {
+        for (i64 i = 0; i < points_; ++i) {
+            functions_.column()[i] = elements_.series[(begin + i) * space_functions + j];
+        }
+        functions_.add(elements_.shares[series_column]);
+    }
+    if (elements_.form.is_affine) functions_.add_unit_vectors(elements_.shares[unit_vector]);
+    functions_.add_zeros();
+}
+
+}  // namespace pdeanim

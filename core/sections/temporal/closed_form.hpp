@@ -1,0 +1,52 @@
+// The closed form in time: the functions of Eq. 12 of Fang et al. 2024 over a group of frames, at any time.
+//
+// Inside a group the functions are evaluated as they are. Between the last frame of one group and the first of the next,
+// positions follow the cubic that meets both in value and first derivative (Hermite), so that the motion is continuous in
+// both everywhere.
+#pragma once
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include "base/arithmetic.hpp"
+
+namespace pdeanim {
+
+// Eq. 12 over the frames of one group, orthonormal at the frames, from the well-conditioned form of the same functions.
+class ClosedForm {
+public:
+    static constexpr int most_functions = 4;
+
+    using Weights = std::array<double, most_functions>;
+
+    // times: of the frames [s]; alpha: rate of Eq. 12 over half the group; the first so many functions, at most 4 and at
+    // most as many as there are frames.
+    ClosedForm(std::span<const double> times, double alpha, i64 functions);
+
+    // The functions at a time, or their first or second derivative [1 / s^derivative].
+    Weights weights(double time, int derivative = 0) const;
+
+    double first() const { return times_.front(); }
+    double last() const { return times_.back(); }
+
+private:
+    Weights series(double time, int derivative) const;
+
+    std::span<const double> times_;
+    double alpha_, centre_, half_length_;
+    int functions_;
+    std::array<Weights, most_functions>
+        triangle_{};  // upper triangle R with series = functions R, its diagonal positive
+};
+
+// What the functions of one group count at a time.
+struct GroupWeights {
+    std::size_t group = 0;
+    ClosedForm::Weights weights{};
+};
+
+// Of consecutive groups, at a time between the first and the last frame of all: one group inside it, two between groups.
+std::vector<GroupWeights> closed_form_weights(std::span<const ClosedForm> groups, double time, int derivative);
+
+}  // namespace pdeanim

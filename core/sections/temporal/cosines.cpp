@@ -1,0 +1,89 @@
+#include "sections/temporal/cosines.hpp"
+
+#include <array>
+#include <cmath>
+#include <numbers>
+
+namespace pdeanim {
+
+namespace {
+
+// Frequencies that are added up at once: sums stay in registers meanwhile.
+constexpr int at_once = 4;
+
+// cos x for x from 0 to pi / 2, as phi_0(x) - phi_2(x) of the series functions of order 4 at rate 1: no two terms of
+// one of them have different signs.
+double cosine(double x) {
+    constexpr int terms = 14;
+    const double square = x * x, power = square * square;
+    std::array<double, 2> totals = {1.0, 1.0};  // of phi_0 and phi_2
+    // Horner's scheme from the smallest term.
+    for (int k = terms; k > 0; --k) {
+        for (int j = 0; j < 2; ++j) {
+            const int first = 4 * (k - 1) + 2 * j + 1;
+            const double quotient = first * (first + 1) * (first + 2) * (first + 3);
+            totals[j] = 1.0 + totals[j] * (power / quotient);
+        }
+    }
+    return totals[0] - totals[1] * (square / 2);
+}
+
+}  // namespace
+
+std::vector<double> cosine_wave(i64 frames) {
+    const double unit = std::numbers::pi / static_cast<double>(2 * frames);
+    std::vector<double> wave(4 * frames);
+    for (i64 j = 0; j <= frames; ++j) wave[j] = cosine(static_cast<double>(j) * unit);
+    for (i64 j = frames + 1; j <= 2 * frames; ++j) wave[j] = -wave[2 * frames - j];
+    for (i64 j = 2 * frames + 1; j < 4 * frames; ++j) wave[j] = wave[4 * frames - j];
+    return wave;
+}
+
+std::vector<double> transformed_values(const TimeShape &shape, std::span<const i64> quantised, double step) {
+    const auto &[functions, frames, axes] = shape;
+    if (shape.numbers() == 0) return {};
+    const std::vector<double> wave = cosine_wave(frames);
+    std::vector<double> sums(shape.numbers());  // function after function, axis after axis, frame after frame
+    std::vector<double> rows(at_once * frames);
+    for (i64 first = 0; first < frames; first += at_once) {
+        std::array<double, at_once> scales{};
+        for (i64 j = 0; j < at_once && first + j < frames; ++j) {
+            const i64 frequency = first + j;
+            scales[j] = std::sqrt((frequency > 0 ? 2.0 : 1.0) / static_cast<double>(frames));
+            i64 at = frequency;
+            for (i64 frame = 0; frame < frames; ++frame) {
+                rows[j * frames + frame] = wave[at];
+                at += 2 * frequency;
+                if (at >= 4 * frames) at -= 4 * frames;
+            }
+        }
+        for (i64 channel = 0; channel < functions * axes; ++channel) {
+            // A frequency beyond the last, or of no amplitude, adds a zero: the sum stays as it is.
+            const i64 *numbers = &quantised[(channel / axes * frames + first) * axes + channel % axes];
+            std::array<double, at_once> amplitudes{};
+            bool is_zero = true;
+            for (i64 j = 0; j < at_once && first + j < frames; ++j) {
+                amplitudes[j] = static_cast<double>(numbers[j * axes]) * scales[j];
+                is_zero &= numbers[j * axes] == 0;
+            }
+            if (is_zero) continue;
+            double *sum = &sums[channel * frames];
+            const double *row = rows.data();
+            for (i64 frame = 0; frame < frames; ++frame) {
+                double total = sum[frame];
+                for (i64 j = 0; j < at_once; ++j) total += amplitudes[j] * row[j * frames + frame];
+                sum[frame] = total;
+            }
+        }
+    }
+    std::vector<double> values(shape.numbers());
+    for (i64 channel = 0; channel < functions * axes; ++channel) {
+        for (i64 frame = 0; frame < frames; ++frame) {
+            const double sum = sums[channel * frames + frame];
+            values[(frame * axes + channel % axes) * functions + channel / axes] = sum * step;
+        }
+    }
+    return values;
+}
+
+}  // namespace pdeanim

@@ -1,0 +1,61 @@
+// The simulator's loops: extended position-based dynamics (Fang et al. 2024, Algorithm 1).
+//
+// A sweep takes the constraints of one batch one after another, in the given order, and changes positions and
+// multipliers in place (Eqs. 6 and 7), on one thread, in the order of operations that is written here, so that the same
+// scene gives the same bits; sheets.hpp takes several constraints at once, on one thread or two, and gives the same on
+// both. What the constraints are is said in pdecodec/xpbd. Callers have checked all indices.
+#pragma once
+
+#include <array>
+#include <span>
+
+#include "base/arithmetic.hpp"
+
+namespace pdeanim::xpbd {
+
+using Point = std::array<double, 3>;
+template <std::size_t members> using Members = std::array<i32, members>;
+
+struct Particles {
+    std::span<Point> positions;              // x_j [m], which sweeps change
+    std::span<const Point> previous;         // x^n of the substep's start [m]
+    std::span<const double> inverse_masses;  // [1/kg]
+};
+
+// How one substep scales a material.
+struct Scaling {
+    double compliance;  // gamma / dt^2 of Eq. 5; 0 under PBD
+    double damping;     // gamma of Eq. 26 in Macklin et al. 2016; 0 under PBD
+    double relaxation;  // the share of a correction that is applied
+};
+
+// A stable neo-Hookean material: mu and lambda [Pa], and the damping time over the substep.
+struct Solid {
+    double shear, bulk, damping;
+};
+
+// The inverse of the matrix whose columns are a tetrahedron's rest edges [1/m], by rows.
+using InverseRest = std::array<std::array<double, 3>, 3>;
+
+// Line 1 of Algorithm 1: previous positions are noted, and particles that can move go on with the share `keep` of their
+// velocities.
+void predict(std::span<Point> positions, std::span<Point> previous, std::span<const double> inverse_masses,
+             std::span<const Point> velocities, std::span<const Point> accelerations, double substep, double keep);
+
+void solve_volumes(const Particles &particles, std::span<const Members<4>> tetrahedra, std::span<const double> volumes,
+                   std::span<double> multipliers, const Scaling &scaling);
+
+void solve_tetrahedra(const Particles &particles, std::span<const Members<4>> tetrahedra,
+                      std::span<const InverseRest> inverse_rest, std::span<const double> volumes,
+                      std::span<std::array<double, 2>> multipliers, const Solid &material, double substep);
+
+// PBD: first sqrt(tr(F^T F)) = sqrt(3), then det F = 1, for tetrahedron after tetrahedron.
+void project_tetrahedra(const Particles &particles, std::span<const Members<4>> tetrahedra,
+                        std::span<const InverseRest> inverse_rest, double stiffness);
+
+// Add the wind's forces [N]; `past` is the air's velocity past each particle [m/s], `pressure` half its density times
+// the coefficient of drag [kg/m^3].
+void add_wind(std::span<const Point> positions, std::span<const Point> past, std::span<const Members<3>> triangles,
+              double pressure, std::span<Point> forces);
+
+}  // namespace pdeanim::xpbd

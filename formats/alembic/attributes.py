@@ -1,0 +1,479 @@
+"""What an Alembic shape carries beside positions: UVs, colours, face sets and constant parameters, in and out.
+
+Arrays of the Python binding become NumPy's and back without a loop over their elements where there is a way: arrays of
+floats, ints and their vectors share memory with NumPy. Colours and unsigned integers have no buffer: colours go channel
+by channel, unsigned integers through doubles one way and one by one the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import imath
+import numpy as np
+from alembic3d import AbcCoreAbstract, AbcGeom
+from numpy.typing import ArrayLike, NDArray
+
+from pdecodec.formats.base.attribute_roles import (
+    COLOR,
+    GROUP,
+    MATERIAL,
+    UV,
+    indexed_rows,
+    is_by_vertex,
+    reversed_corners,
+    role_name,
+    source_name,
+    uv_sets,
+)
+from pdecodec.formats.base.scene_reading import Extras
+from pdecodec.formats.base.scene_writing import Parameter, named_face_sets, unlike, write_parameters
+from pdecodec.formats.base.shape_writing import Drawn
+from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, Float32Array, Int32Array, MeshObject
+
+FPS_PROPERTY, METADATA_PROPERTY = "pdecodec_fps", "pdecodec_metadata"
+"""Properties of the top object that our writer leaves: Alembic has no place for either."""
+
+OWN = "pdecodec_"
+"""Beginning of the names of parameters that only we write and read."""
+
+_OWN_CONNECTIVITY = tuple(f"{OWN}{name}" for name in ("vertex", "line_counts", "line_indices"))
+
+ADDED = "pdecodec_added"
+"""Metadata of a transform that names of objects do not have: it is there to move one of them."""
+
+KIND, LABEL = "pdecodec_kind", "pdecodec_label"
+"""Metadata of a face set: what it stands for, and its name where Alembic could not hold it."""
+
+NOT_UV = "notUV"
+"""Metadata of a parameter of two numbers that are no texture coordinates; Alembic's own."""
+
+METADATA_MARKS = frozenset(";=")
+"""Characters that Alembic's metadata cannot hold."""
+
+_PARAMETERS = (
+    AbcGeom.IFloatGeomParam,
+    AbcGeom.IInt32GeomParam,
+    AbcGeom.IV2fGeomParam,
+    AbcGeom.IV3fGeomParam,
+    AbcGeom.IP3fGeomParam,
+    AbcGeom.IN3fGeomParam,
+    AbcGeom.IC3fGeomParam,
+    AbcGeom.IC4fGeomParam,
+    AbcGeom.IDoubleGeomParam,
+    AbcGeom.IUcharGeomParam,
+    AbcGeom.IStringGeomParam,
+)
+"""Types of parameters that an attribute can hold."""
+
+_DOMAINS: dict[str, AttributeDomain] = {
+    "kConstantScope": "object",
+    "kUniformScope": "face",
+    "kVaryingScope": "vertex",
+    "kVertexScope": "vertex",
+    "kFacevaryingScope": "corner",
+}
+
+SCOPES = {
+    "vertex": AbcGeom.GeometryScope.kVertexScope,
+    "face": AbcGeom.GeometryScope.kUniformScope,
+    "corner": AbcGeom.GeometryScope.kFacevaryingScope,
+    "object": AbcGeom.GeometryScope.kConstantScope,
+}
+
+_KINDS = {
+    ("f", 4, 1): "Float",
+    ("f", 4, 2): "V2f",
+    ("f", 4, 3): "V3f",
+    ("f", 8, 1): "Double",
+    ("i", 4, 1): "Int32",
+    ("u", 1, 1): "Uchar",
+}
+"""Alembic's types of values: by NumPy kind, bytes, and columns."""
+
+
+_WIDTHS = {"V2f": 2, "V3f": 3, "C3f": 3, "C4f": 4}
+"""Numbers in a row of types that have more than one."""
+
+
+def to_numpy(array: Any) -> NDArray[Any]:
+    """A copy of an imath array: (n,) or (n, k)."""
+    channels = {imath.C3fArray: "rgb", imath.C4fArray: "rgba"}.get(type(array))
+    if channels is not None:
+        return np.stack([np.asarray(getattr(array, channel)) for channel in channels], axis=1)
+    if isinstance(array, imath.UnsignedIntArray):
+        return np.fromiter(array, np.int64, len(array))
+    return np.array(array)
+
+
+def float_array(values: ArrayLike) -> Any:
+    """(n,) as imath.FloatArray."""
+    return imath.FloatArrayFromBuffer(np.ascontiguousarray(values, np.float32))
+
+
+def int_array(values: ArrayLike) -> Any:
+    """(n,) as imath.IntArray."""
+    return imath.IntArrayFromBuffer(np.ascontiguousarray(values, np.int32))
+
+
+def double_array(values: ArrayLike) -> Any:
+    """(n,) as imath.DoubleArray."""
+    return imath.DoubleArrayFromBuffer(np.ascontiguousarray(values, np.float64))
+
+
+def byte_array(values: ArrayLike) -> Any:
+    """(n,) as imath.UnsignedCharArray."""
+    bytes_ = np.ascontiguousarray(values, np.uint8)
+    array = imath.UnsignedCharArray(bytes_.size)
+    np.asarray(array)[:] = bytes_
+    return array
+
+
+def string_array(values: Sequence[str]) -> Any:
+    """Texts as imath.StringArray."""
+    array = imath.StringArray(len(values))
+    for index, text in enumerate(values):
+        array[index] = str(text)
+    return array
+
+
+def unsigned_array(values: ArrayLike) -> Any:
+    """(n,) as imath.UnsignedIntArray."""
+    return imath.UnsignedIntArray(double_array(values))
+
+
+def vector_array(values: ArrayLike) -> Any:
+    """(n, 2) or (n, 3) as imath.V2fArray or V3fArray."""
+    rows = np.ascontiguousarray(values, np.float32)
+    return imath.V3fArrayFromBuffer(rows) if rows.shape[1] == 3 else imath.V2fArrayFromBuffer(rows)
+
+
+def color_array(values: ArrayLike) -> Any:
+    """(n, 3) or (n, 4) as imath.C3fArray or C4fArray."""
+    rows = np.ascontiguousarray(values, np.float32)
+    array = imath.C3fArray(len(rows)) if rows.shape[1] == 3 else imath.C4fArray(len(rows))
+    for channel, column in zip("rgba", rows.T, strict=False):
+        # A channel is a view of the array, so that writing to it fills the array.
+        np.asarray(getattr(array, channel))[:] = column
+    return array
+
+
+def matrix_rows(matrix: Any) -> NDArray[np.float64]:
+    """imath.M44d as (4, 4) float64."""
+    return np.array([list(row) for row in matrix], np.float64)
+
+
+def matrix_of(rows: NDArray[np.float64]) -> Any:
+    """(4, 4) float64 as imath.M44d."""
+    return imath.M44d(*rows.reshape(-1).tolist())
+
+
+_ARRAYS: dict[str, Callable[[Any], Any]] = {
+    "Float": float_array,
+    "Double": double_array,
+    "Int32": int_array,
+    "Uchar": byte_array,
+    "V2f": vector_array,
+    "V3f": vector_array,
+    "C3f": color_array,
+    "C4f": color_array,
+    "String": string_array,
+}
+
+
+def read_extras(
+    kind: str, schema: Any, node: Any, connectivity: Connectivity, order: NDArray[np.int64], at: Any = None
+) -> Extras:
+    """Everything constant that a shape carries; `connectivity` has faces already turned around, from `order`.
+
+    Where a selector says `at` which sample, everything is read there, be it constant or not.
+    """
+    extras = Extras(connectivity, order)
+    if kind in ("mesh", "subdivision"):
+        uvs = schema.getUVsParam()
+        if uvs.valid() and uvs.getNumSamples():
+            name = role_name(UV, uvs.getHeader().getMetaData().getSourceName() or UV, ("st",))
+            domain, values, indices = _sample(uvs, at)
+            if at is None or values.size:
+                extras.add(name, domain, values, indices)
+            if at is None and not uvs.isConstant():
+                extras.left_out.append(f"{name} after its first sample")
+        if kind == "mesh" and schema.getNormalsParam().valid() and schema.getNormalsParam().getNumSamples():
+            domain, values, indices = _sample(schema.getNormalsParam(), at)
+            if at is None or values.size:
+                extras.add_normals(domain, values, indices)
+        _read_face_sets(node, extras, at)
+    if schema.getVelocitiesProperty().valid():
+        extras.left_out.append("velocities")
+    parameters = schema.getArbGeomParams()
+    if parameters.valid():
+        for index in range(parameters.getNumProperties()):
+            _read_parameter(parameters, parameters.getPropertyHeader(index), extras, at)
+    return extras
+
+
+def own_properties(schema: Any) -> list[Any]:
+    """Array properties that only our writer leaves: which vertices curves share, and lines beside faces."""
+    parameters = schema.getArbGeomParams()
+    if not parameters.valid():
+        return []
+    names = [parameters.getPropertyHeader(index).getName() for index in range(parameters.getNumProperties())]
+    return [AbcGeom.IInt32GeomParam(parameters, name).getValueProperty() for name in names if name in _OWN_CONNECTIVITY]
+
+
+def _read_face_sets(node: Any, extras: Extras, at: Any) -> None:
+    found = []
+    # By the tree: the schema's own list of names is sorted.
+    for index in range(node.getNumChildren()):
+        if not AbcGeom.IFaceSet.matches(node.getChildHeader(index)):
+            continue
+        name = node.getChildHeader(index).getName()
+        face_set = AbcGeom.IFaceSet(node, name)
+        members = to_numpy(value_at(face_set.getSchema().getValue, at).getFaces())
+        if at is not None and not members.size:
+            # A set that other runs of frames have.
+            continue
+        if members.size and not 0 <= members.min() <= members.max() < extras.connectivity.face_count:
+            extras.left_out.append(f"face set {name} (it names faces that are not there)")
+            continue
+        metadata = face_set.getMetaData()
+        role = MATERIAL if metadata.get(KIND) == MATERIAL else GROUP
+        found.append((role, metadata.get(LABEL) or name, members))
+    extras.add_face_sets(found)
+
+
+def value_at(get: Callable[..., Any], at: Any) -> Any:
+    """What a getter of samples gives where a selector says, or of the first sample."""
+    return get() if at is None else get(at)
+
+
+def _read_parameter(parent: Any, header: Any, extras: Extras, at: Any) -> None:
+    name = header.getName()
+    kind = next((one for one in _PARAMETERS if one.matches(header)), None)
+    if kind is None:
+        extras.left_out.append(name)
+        return
+    param = kind(parent, name)
+    if param.getNumSamples() == 0 or (at is None and not param.isConstant()):
+        extras.left_out.append(f"{name} (it changes with time)" if param.getNumSamples() else name)
+        return
+    if name.startswith(OWN):
+        # Of a run that has none it is empty, as where there is none.
+        extras.own[name.removeprefix(OWN)] = to_numpy(value_at(param.getIndexedValue, at).getVals())
+        return
+    if kind in (AbcGeom.IC3fGeomParam, AbcGeom.IC4fGeomParam):
+        name = role_name(COLOR, name, ())
+    elif kind is AbcGeom.IV2fGeomParam and header.getMetaData().get(NOT_UV) != "1":
+        name = role_name(UV, name, ())
+    domain, values, indices = _sample(param, at)
+    if at is not None and not values.size and not (indices is not None and indices.size):
+        # What other runs of frames have.
+        return
+    labels = tuple(map(str, values)) if kind is AbcGeom.IStringGeomParam else ()
+    extras.add(name, domain, np.arange(len(labels), dtype=np.int32) if labels else values, indices, labels)
+
+
+def _sample(param: Any, at: Any) -> tuple[AttributeDomain, NDArray[Any], Int32Array | None]:
+    """Domain, values and indices of a parameter of numbers."""
+    sample = value_at(param.getIndexedValue, at)
+    values = to_numpy(sample.getVals())
+    extent = param.getArrayExtent()
+    if extent > 1 and values.ndim == 1 and values.size % extent == 0:
+        values = values.reshape(-1, extent)
+    indices = to_numpy(sample.getIndices()).astype(np.int32) if param.isIndexed() else None
+    return _DOMAINS.get(str(param.getScope()), "object"), values, indices
+
+
+def uv_sample(uv: Attribute, connectivity: Connectivity, order: NDArray[np.int64], *, by_corner: bool = False) -> Any:
+    """The main UV set as Alembic's sample: by vertex where it is, else by corner, rows shared as they are.
+
+    Where it is to be `by_corner`, as a parameter is that has samples of several connectivities, always so and indexed.
+    """
+    values, indices, _ = indexed_rows(uv)
+    sample = AbcGeom.OV2fGeomParamSample
+    if is_by_vertex(uv, connectivity) and not by_corner:
+        return sample(vector_array(values[:, :2]), SCOPES["vertex"])
+    if indices is None and not by_corner:
+        return sample(vector_array(values[order, :2]), SCOPES["corner"])
+    rows = np.arange(len(values)) if indices is None else indices
+    return sample(vector_array(values[:, :2]), unsigned_array(rows[order]), SCOPES["corner"])
+
+
+def normal_sample(rows: Float32Array, indices: Any) -> Any:
+    """Normals as Alembic's sample: by vertex, or by corner where there are indices (an imath array)."""
+    if indices is None:
+        return AbcGeom.ON3fGeomParamSample(vector_array(rows), SCOPES["vertex"])
+    return AbcGeom.ON3fGeomParamSample(vector_array(rows), indices, SCOPES["corner"])
+
+
+class ExtrasWriter:
+    """Writes what a shape carries beside the samples of its schema, under its handle.
+
+    Once, or, where it changes, a sample for every frame: programs take the sample that is nearest to a time.
+
+    Parameters
+    ----------
+    handle : AbcGeom object
+        Of the shape, whose schema has its first sample already.
+    sampling : int or None
+        Number of the time sampling, where things change.
+    """
+
+    def __init__(self, handle: Any, sampling: int | None) -> None:
+        self._handle, self._sampling = handle, sampling
+        self._parameters: dict[str, _ParameterWriter] = {}
+        self._face_sets: dict[tuple[str, str], Any] = {}
+        self._members: dict[tuple[str, str], NDArray[np.integer]] = {}
+        self._frames = 0
+
+    def write(self, item: MeshObject, drawn: Drawn, written: Sequence[str]) -> list[str]:
+        """Write a sample of what an object carries, but for attributes of these names; what had no place."""
+        notices = []
+        if drawn.kind == "mesh":
+            self._write_face_sets(item)
+            for uv in uv_sets(item)[:1]:
+                if uv.values.shape[1] == 3:
+                    notices.append(f"the third number of {uv.name!r} is not kept: UVs have two in Alembic")
+                if uv.indices is not None and (uv.indices < 0).any():
+                    notices.append(f"corners without a row of {uv.name!r} have (0, 0) in Alembic")
+        notices += write_parameters(item, drawn, "Alembic", lambda one: self._put_parameter(item, one), written)
+        if drawn.gather is not None:
+            self._put("Int32", f"{OWN}vertex", "vertex", drawn.gather, None)
+        if drawn.hidden_lines:
+            self._put("Int32", f"{OWN}line_counts", "object", item.connectivity.line_counts, None)
+            self._put("Int32", f"{OWN}line_indices", "object", item.connectivity.line_indices, None)
+        self._frames += 1
+        for parameter in self._parameters.values():
+            if parameter.count < self._frames:
+                parameter.fill(self._frames)
+        return notices
+
+    def repeat(self) -> None:
+        """Write the sample of one more frame as the one before it; where nothing changes, nothing."""
+        if self._sampling is None:
+            return
+        self._frames += 1
+        for parameter in self._parameters.values():
+            parameter.repeat()
+        self._set_members()
+
+    def _write_face_sets(self, item: MeshObject) -> None:
+        self._members = {key: np.zeros(0, np.int32) for key in self._face_sets}
+        taken = {face_set.getName() for face_set in self._face_sets.values()}
+        for role, label, name, members in named_face_sets(item, lambda label: label.replace("/", "_")):
+            self._members[role, label] = members
+            if (role, label) not in self._face_sets:
+                self._face_sets[role, label] = self._new_face_set(role, label, unlike(name, taken))
+        self._set_members()
+
+    def _new_face_set(self, role: str, label: str, name: str) -> Any:
+        metadata = AbcCoreAbstract.MetaData()
+        metadata.set(KIND, role)
+        if name != label and not set(label) & METADATA_MARKS:
+            metadata.set(LABEL, label)
+        face_set = AbcGeom.OFaceSet(self._handle, name, metadata, *_sampled(self._sampling))
+        for _ in range(self._frames):
+            face_set.getSchema().set(AbcGeom.OFaceSetSchemaSample(int_array([])))
+        return face_set
+
+    def _set_members(self) -> None:
+        for key, face_set in self._face_sets.items():
+            face_set.getSchema().set(AbcGeom.OFaceSetSchemaSample(int_array(self._members[key])))
+
+    def _put_parameter(self, item: MeshObject, one: Parameter) -> bool:
+        """Whether there was a type of parameter for it."""
+        attribute, values, indices = one.attribute, one.values, one.indices
+        name, kind = attribute.name, _KINDS.get(one.kind)
+        if one.role == COLOR:
+            name, kind = source_name(attribute, COLOR, COLOR), "C3f" if one.width == 3 else "C4f"
+        elif one.role == UV and one.width == 2:
+            name = source_name(attribute, UV, UV)
+        elif one.role == "label":
+            kind = "String"
+        if indices is not None and (indices < 0).any():
+            if one.role != UV:
+                return False
+            values, indices, _ = indexed_rows(attribute)
+        if kind is None:
+            return False
+        if attribute.domain == "corner":
+            order = reversed_corners(item.connectivity.face_counts)
+            values, indices = (values[order], None) if indices is None else (values, indices[order])
+        flat = values.reshape(-1) if one.width == 1 else values
+        return self._put(kind, name.replace("/", "_"), attribute.domain, flat, indices, is_uv=one.role == UV)
+
+    def _put(
+        self,
+        kind: str,
+        name: str,
+        domain: str,
+        values: NDArray[Any],
+        indices: NDArray[Any] | None,
+        *,
+        is_uv: bool = False,
+    ) -> bool:
+        """Whether no parameter of this name has this sample already, or is of another kind."""
+        known = self._parameters.get(name)
+        if known is None:
+            parent = self._handle.getSchema().getArbGeomParams()
+            described = _Described(kind, domain, is_uv, indices is not None)
+            known = self._parameters[name] = _ParameterWriter(parent, name, described, self._sampling)
+            known.fill(self._frames)
+        elif known.count > self._frames or not known.takes(kind, domain, is_uv):
+            return False
+        known.set(values, indices)
+        return True
+
+
+class _Described(NamedTuple):
+    """What a parameter is in all of its samples: its kind by Alembic's name, and the rest."""
+
+    kind: str
+    domain: str
+    is_uv: bool
+    is_indexed: bool
+
+
+class _ParameterWriter:
+    """A parameter and how many samples it has."""
+
+    def __init__(self, parent: Any, name: str, described: _Described, sampling: int | None) -> None:
+        self._described = described
+        kind, scope, metadata = described.kind, SCOPES[described.domain], AbcCoreAbstract.MetaData()
+        if kind == "V2f" and not described.is_uv:
+            metadata.set(NOT_UV, "1")
+        make = getattr(AbcGeom, f"O{kind}GeomParam")
+        self._handle = make(parent, name, described.is_indexed, scope, 1, metadata, *_sampled(sampling))
+        self.count = 0
+
+    def takes(self, kind: str, domain: str, is_uv: bool) -> bool:
+        """Whether it is of this kind."""
+        return self._described[:3] == (kind, domain, is_uv)
+
+    def set(self, values: NDArray[Any], indices: NDArray[Any] | None) -> None:
+        """Add a sample, with indices or without them as the first one was."""
+        kind, scope = self._described.kind, SCOPES[self._described.domain]
+        if not self._described.is_indexed and indices is not None:
+            values, indices = values[indices], None
+        elif self._described.is_indexed and indices is None:
+            indices = np.arange(len(values))
+        of_kind = getattr(AbcGeom, f"O{kind}GeomParamSample")
+        array = _ARRAYS[kind](values)
+        self._handle.set(of_kind(array, scope) if indices is None else of_kind(array, unsigned_array(indices), scope))
+        self.count += 1
+
+    def fill(self, count: int) -> None:
+        """Add samples of nothing until there are so many."""
+        width = _WIDTHS.get(self._described.kind)
+        while self.count < count:
+            self.set(np.zeros((0,) if width is None else (0, width)), None)
+
+    def repeat(self) -> None:
+        self._handle.setFromPrevious()
+        self.count += 1
+
+
+def _sampled(sampling: int | None) -> tuple[int, ...]:
+    """The last argument of what makes an object or a property, where it has a time sampling of its own."""
+    return () if sampling is None else (sampling,)

@@ -1,0 +1,220 @@
+"""Motion onto Alembic: every object and property of an original copied, with other positions and normals of its shapes.
+
+The library cannot change a file, so that a new one is written, property by property. Transforms stay; points are
+brought into the space of their shapes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import imath
+from alembic3d import Abc, AbcGeom
+
+from pdecodec.errors import InputError
+from pdecodec.formats.alembic.attributes import (
+    FPS_PROPERTY,
+    METADATA_PROPERTY,
+    SCOPES,
+    normal_sample,
+    to_numpy,
+    unsigned_array,
+    vector_array,
+)
+from pdecodec.formats.alembic.reader import AlembicSequence
+from pdecodec.formats.alembic.writer import OBJECT_BYTES, SAMPLE_BYTES, time_sampling
+from pdecodec.formats.base.normals import NormalRows, normal_rows
+from pdecodec.formats.base.onto import Fitted, Placed, blocks_onto, corner_order
+from pdecodec.formats.base.registry import Output
+from pdecodec.formats.base.shape_writing import drawn_as
+from pdecodec.mesh.sequence import Float32Array, MeshObject, MeshSequence
+from pdecodec.system.reserved_room import ReservedRoom
+from pdecodec.system.whole_output import failure_of
+
+_GEOMETRY, _POSITIONS, _VELOCITIES, _NORMALS, _BOUNDS = ".geom", "P", ".velocities", "N", ".selfBnds"
+"""Names of a shape's properties that say where its points are."""
+
+_CHILD_BOUNDS = ".childBnds"
+"""Bounds of what lies below an object: they are those of the original's motion."""
+
+_WRITTEN = (_POSITIONS, _VELOCITIES, _NORMALS, _BOUNDS)
+
+_FIXED = (".faceIndices", ".faceCounts", "nVertices", ".pointIds")
+"""Properties whose samples belong to those of positions; they are the same in all."""
+
+
+def write_alembic_onto(
+    sequence: MeshSequence, original: AlembicSequence, fits: Sequence[Fitted], source: Path, output: Output
+) -> tuple[str, ...]:
+    """Write a copy of the original in which its shapes move as a sequence does."""
+    with output.whole_file() as path:
+        try:
+            notices = _Copy(sequence, original, fits, source, output, path).write()
+            ReservedRoom(path).release()
+            return notices
+        except RuntimeError as error:
+            reason = failure_of(path.parent, f"Alembic says {error}")
+            raise InputError(f"cannot be written ({reason}); check the folder and the free space") from error
+
+
+class _Copy:
+    """An archive that is being written."""
+
+    def __init__(
+        self,
+        sequence: MeshSequence,
+        original: AlembicSequence,
+        fits: Sequence[Fitted],
+        source: Path,
+        output: Output,
+        path: Path,
+    ) -> None:
+        self._sequence, self._original, self._output = sequence, original, output
+        self._moved = {original.shapes[one.index].node.getFullName(): one for one in fits}
+        self._archive = Abc.OArchive(str(path))
+        self._room = ReservedRoom(path)
+        # Alembic ends the process where its last bytes find no room: room is made before anything is written.
+        described = 2 * source.stat().st_size + OBJECT_BYTES * len(fits)
+        self._room.reserve(described + sequence.frame_count * 64 * len(fits))
+        self._sampling = self._archive.addTimeSampling(time_sampling(sequence.times, output.rate))
+        self._shapes: list[_ShapeOver] = []
+        self._copies: dict[str, Any] = {}
+        self._instances: list[tuple[Any, Any]] = []
+        self._lost: dict[str, None] = {}
+
+    def write(self) -> tuple[str, ...]:
+        top = self._archive.getTop()
+        self._copy_object(self._original.top, top)
+        for parent, child in self._instances:
+            parent.addChildInstance(self._copies[child.instanceSourcePath()], child.getName())
+        own = self._original.top.getProperties()
+        if own.getPropertyHeader(FPS_PROPERTY) is None:
+            Abc.ODoubleProperty(top.getProperties(), FPS_PROPERTY).setValue(self._output.rate)
+        if own.getPropertyHeader(METADATA_PROPERTY) is None and self._original.metadata:
+            # Of an archive itself the library writes nothing but its own version.
+            text = json.dumps(dict(self._original.metadata), sort_keys=True)
+            Abc.OStringProperty(top.getProperties(), METADATA_PROPERTY).setValue(text)
+        frame_bytes = sum(shape.frame_bytes for shape in self._shapes)
+        for start, block, speeds in blocks_onto(self._sequence, self._output, "Alembic"):
+            self._room.reserve(len(block) * frame_bytes)
+            for shape in self._shapes:
+                shape.write(block, speeds, start)
+        return (f"not kept: {', '.join(self._lost)}",) if self._lost else ()
+
+    def _copy_object(self, old: Any, new: Any) -> None:
+        path = old.getFullName()
+        self._copies[path] = new
+        self._copy_properties(old.getProperties(), new.getProperties(), path)
+        for index in range(old.getNumChildren()):
+            child = old.getChild(index)
+            if child.isInstanceRoot() and not self._has_moved(child.getFullName(), child.instanceSourcePath()):
+                self._instances.append((new, child))
+            else:
+                self._copy_object(child, Abc.OObject(new, child.getName(), child.getMetaData()))
+
+    def _has_moved(self, *paths: str) -> bool:
+        """Whether a shape at or below one of some objects is one of ours."""
+        return any(moved == path or moved.startswith(f"{path}/") for moved in self._moved for path in paths)
+
+    def _copy_properties(self, old: Any, new: Any, path: str, fit: Fitted | None = None) -> None:
+        """Copy properties of an object; of a shape that moves, `fit`, but for those that are written anew."""
+        headers = [old.getPropertyHeader(index) for index in range(old.getNumProperties())]
+        for header in headers:
+            name = header.getName()
+            if name == _CHILD_BOUNDS:
+                self._lost["bounds of children"] = None
+            elif name == _VELOCITIES and fit is not None and self._output.velocities is None:
+                self._lost["velocities, which are others now (--velocities writes them)"] = None
+            elif fit is not None and name in _WRITTEN:
+                continue
+            elif header.isCompound():
+                inner = Abc.OCompoundProperty(new, name, header.getMetaData())
+                moving = self._moved.get(path) if name == _GEOMETRY else None
+                self._copy_properties(Abc.ICompoundProperty(old, name), inner, path, moving)
+            else:
+                try:
+                    self._copy_samples(old, new, header, most=1 if fit is not None and name in _FIXED else None)
+                except RuntimeError:
+                    # Numbers that the Python binding has no type for.
+                    self._lost[f"{path}/{name}"] = None
+        if fit is not None:
+            there = {header.getName(): header for header in headers}
+            shape = self._original.shapes[fit.index]
+            # Nothing refers to this archive in a circle: it is whole when it closes, and closes when it is let go.
+            placed = Placed(partial(self._original.shape_matrices, shape), self._sequence.times, fit.item.name)
+            item = self._original.objects[fit.index]
+            self._shapes.append(_ShapeOver(new, old, there, fit.own, item, placed, self._sampling, self._output))
+
+    def _copy_samples(self, old: Any, new: Any, header: Any, most: int | None) -> None:
+        reader, writer = Abc.IArrayProperty, Abc.OArrayProperty
+        if header.isScalar():
+            reader, writer = Abc.IScalarProperty, Abc.OScalarProperty
+        stored = reader(old, header.getName())
+        sampling, samples = stored.getTimeSampling(), stored.getNumSamples()
+        values = [stored.getValue(Abc.ISampleSelector(float(sampling.getSampleTime(0))))] if samples else []
+        number = self._archive.addTimeSampling(sampling)
+        copy = writer(new, header.getName(), header.getDataType(), header.getMetaData(), number)
+        for index in range(samples if most is None else min(most, samples)):
+            value = values[0] if not index else stored.getValue(Abc.ISampleSelector(sampling.getSampleTime(index)))
+            copy.setValue(value)
+
+
+class _ShapeOver:
+    """Positions, bounds, normals and velocities of a shape whose other properties were copied."""
+
+    def __init__(
+        self,
+        new: Any,
+        old: Any,
+        headers: Mapping[str, Any],
+        own: slice,
+        item: MeshObject,
+        placed: Placed,
+        sampling: int,
+        output: Output,
+    ) -> None:
+        self._own, self._placed = own, placed
+        position = headers[_POSITIONS]
+        self._points = Abc.OArrayProperty(new, _POSITIONS, position.getDataType(), position.getMetaData(), sampling)
+        self._bounds = Abc.OBox3dProperty(new, _BOUNDS, headers[_BOUNDS].getMetaData(), sampling)
+        self._speeds = None if output.velocities is None else Abc.OV3fArrayProperty(new, _VELOCITIES, sampling)
+        self._gather = None if drawn_as(item.connectivity).gather is None else item.connectivity.line_indices
+        self._rows: NormalRows | None = None
+        self._corner_rows: Any = None
+        if _NORMALS in headers and item.connectivity.face_count:
+            self._rows = normal_rows(item)
+        if self._rows is not None:
+            stored = to_numpy(Abc.IInt32ArrayProperty(old, ".faceIndices").getValue())
+            order = corner_order(stored, item.connectivity)
+            smooth = self._rows.is_smooth
+            self._corner_rows = None if smooth else unsigned_array(self._rows.corner_rows[order])
+            scope = SCOPES["vertex" if smooth else "corner"]
+            self._normals = AbcGeom.ON3fGeomParam(new, _NORMALS, not smooth, scope, 1, sampling)
+
+    @property
+    def frame_bytes(self) -> int:
+        """At most, of a sample."""
+        normals = 0 if self._rows is None else self._rows.count + len(self._rows.corner_rows)
+        points = self._own.stop - self._own.start if self._gather is None else len(self._gather)
+        return 4 * SAMPLE_BYTES + 12 * (points * (1 if self._speeds is None else 2) + normals)
+
+    def write(self, block: Float32Array, speeds: Float32Array | None, start: int) -> None:
+        scene = block[:, self._own]
+        points = self._placed.points(scene, start)
+        moving = None if speeds is None else self._placed.velocities(speeds[:, self._own], points, start)
+        normals = iter([None] * len(points)) if self._rows is None else self._rows.of_each(scene)
+        if self._gather is not None:
+            points = points[:, self._gather]
+            moving = None if moving is None else moving[:, self._gather]
+        for frame, rows in enumerate(normals):
+            self._points.setValue(vector_array(points[frame]))
+            low, high = (imath.V3d(*end.tolist()) for end in (points[frame].min(axis=0), points[frame].max(axis=0)))
+            self._bounds.setValue(imath.Box3d(low, high))
+            if rows is not None:
+                self._normals.set(normal_sample(self._placed.normals(rows, start + frame), self._corner_rows))
+            if self._speeds is not None and moving is not None:
+                self._speeds.setValue(vector_array(moving[frame]))

@@ -1,0 +1,302 @@
+"""Alembic scenes out: one shape an object, in the tree that names say, with velocities where there are any.
+
+The same sequence gives the same bytes: the date that Alembic's own helper notes is left out. What Alembic has no
+place for stands in properties that begin with ``pdecodec_``: the frame rate of irregular times, metadata, lines beside
+faces, and which vertex each point of a curve is where curves share them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import imath
+import numpy as np
+from alembic3d import Abc, AbcCoreAbstract, AbcGeom
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.alembic.attributes import (
+    ADDED,
+    FPS_PROPERTY,
+    METADATA_PROPERTY,
+    SCOPES,
+    ExtrasWriter,
+    int_array,
+    matrix_of,
+    normal_sample,
+    unsigned_array,
+    uv_sample,
+    vector_array,
+)
+from pdecodec.formats.base.attribute_roles import (
+    UV,
+    reversed_corners,
+    source_name,
+    uv_sets,
+)
+from pdecodec.formats.base.registry import Output
+from pdecodec.formats.base.rigid_motion import rigid_parts
+from pdecodec.formats.base.scene_space import matrices_at, place, transform_of, up_axis_of
+from pdecodec.formats.base.scene_writing import tree_paths
+from pdecodec.formats.base.shape_writing import ShapeKey, ShapeWriter, shape_keys, write_shapes
+from pdecodec.formats.base.times import regular_rate
+from pdecodec.mesh.sequence import MAX_INDEX, Attribute, Float32Array, Float64Array, MeshObject, MeshSequence
+from pdecodec.system.reserved_room import ReservedRoom
+from pdecodec.system.whole_output import failure_of
+
+OBJECT_BYTES, SAMPLE_BYTES = 2**16, 2**10
+"""More than Alembic writes of an object, and of a sample, beside their arrays."""
+
+_SHAPES = {
+    "mesh": (AbcGeom.OPolyMesh, AbcGeom.OPolyMeshSchemaSample),
+    "subdivision": (AbcGeom.OSubD, AbcGeom.OSubDSchemaSample),
+    "curves": (AbcGeom.OCurves, AbcGeom.OCurvesSchemaSample),
+    "points": (AbcGeom.OPoints, AbcGeom.OPointsSchemaSample),
+}
+
+_BASES = {
+    "bezier": AbcGeom.BasisType.kBezierBasis,
+    "bspline": AbcGeom.BasisType.kBsplineBasis,
+    "catmullrom": AbcGeom.BasisType.kCatmullromBasis,
+    "hermite": AbcGeom.BasisType.kHermiteBasis,
+    "power": AbcGeom.BasisType.kPowerBasis,
+}
+
+
+def write_alembic(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
+    """Write an Ogawa file; velocities are stored as ``.velocities``.
+
+    Alembic does not say which axis is up: programs take Y, so the scene is turned where another is known to be.
+    """
+    turned: tuple[str, ...] = ()
+    if up_axis_of(sequence) not in (None, "Y"):
+        turned = (f"the scene is turned from {up_axis_of(sequence)}-up to Y-up, as programs take Alembic to be",)
+        sequence = place(sequence, up_axis="Y")
+        if output.velocities is not None:
+            output = dataclasses.replace(output, velocities=place(output.velocities, up_axis="Y"))
+    if output.velocities is None and len(sequence.runs) == 1:
+        sequence, moved = rigid_parts(sequence, output.rigid)
+        turned += moved
+    with output.whole_file() as partial:
+        try:
+            notices = _write(sequence, partial, output)
+            ReservedRoom(partial).release()
+            return (*turned, *notices)
+        except RuntimeError as error:
+            reason = failure_of(partial.parent, f"Alembic says {error}")
+            raise InputError(f"cannot be written ({reason}); check the folder and the free space") from error
+
+
+def _write(sequence: MeshSequence, path: Path, output: Output) -> tuple[str, ...]:
+    archive = Abc.OArchive(str(path))
+    room = ReservedRoom(path)
+    # Alembic ends the process where its last bytes find no room: room is made before anything is written.
+    keys = shape_keys(sequence)
+    room.reserve(OBJECT_BYTES * len(keys) + sequence.frame_count * 64 * len(keys))
+    sampling = archive.addTimeSampling(time_sampling(sequence.times, output.rate))
+    top = archive.getTop()
+    Abc.ODoubleProperty(top.getProperties(), FPS_PROPERTY).setValue(output.rate)
+    if sequence.metadata:
+        text = json.dumps(dict(sequence.metadata), sort_keys=True)
+        Abc.OStringProperty(top.getProperties(), METADATA_PROPERTY).setValue(text)
+    paths, renamed = tree_paths([key.name for key in keys])
+    branches = _Branches(sequence, paths, top, sampling)
+    changes = len(sequence.runs) > 1
+    shapes = {
+        key: _ShapeWriter(key, branches.parent(steps), steps[-1], sampling, changes=changes)
+        for key, steps in zip(keys, paths, strict=True)
+    }
+
+    def make_room(frames: int) -> None:
+        speeds = output.velocities is not None
+        room.reserve(sum(shape.block_bytes(frames, speeds=speeds) for shape in shapes.values()))
+
+    for times in write_shapes(sequence, output, "Alembic", shapes, make_room):
+        branches.write(times)
+    notices = dict.fromkeys(notice for shape in shapes.values() for notice in shape.notices)
+    return (*renamed, *notices)
+
+
+def _described_bytes(item: MeshObject) -> int:
+    """At most, of what is written of an object in a run of frames beside its samples."""
+    arrays = [item.connectivity.face_counts, item.connectivity.face_indices, item.connectivity.line_indices]
+    arrays += [one for each in item.attributes for one in (each.values, each.indices) if one is not None]
+    labels = sum(len(label) for each in item.attributes for label in each.labels)
+    return OBJECT_BYTES + 2 * (sum(array.nbytes for array in arrays) + labels)
+
+
+def time_sampling(times: Float64Array, rate: float) -> Any:
+    """Alembic's time sampling of times [s]: even at the rate, or another, or each by itself."""
+    found = rate if times.size == 1 else regular_rate(times, rate)
+    if found is not None:
+        return AbcCoreAbstract.TimeSampling(1.0 / found, float(times[0]))
+    stored = AbcCoreAbstract.TimeVector()
+    stored.extend(times.tolist())
+    kind = AbcCoreAbstract.TimeSamplingType(AbcCoreAbstract.AcyclicFlag.kAcyclic)
+    return AbcCoreAbstract.TimeSampling(kind, stored)
+
+
+class _Branches:
+    """Transforms above shapes: one for each step of a path but the last.
+
+    A kept transform goes to the step right above its shape, and does not inherit from those above that. Shapes under
+    one step that were moved apart, and shapes at the top, have a step of their own instead, which readers of ours
+    leave out of their names.
+    """
+
+    def __init__(self, sequence: MeshSequence, paths: Sequence[tuple[str, ...]], top: Any, sampling: int) -> None:
+        self._nodes: dict[tuple[str, ...], Any] = {(): top}
+        # Several runs of frames have their transforms applied.
+        objects = sequence.objects if len(sequence.runs) == 1 else ()
+        transforms = [transform_of(item) for item in objects] or [None] * len(paths)
+        above: dict[tuple[str, ...], list[Attribute | None]] = {}
+        for steps, transform in zip(paths, transforms, strict=True):
+            above.setdefault(steps[:-1], []).append(transform)
+        shared = {
+            branch: found[0]
+            for branch, found in above.items()
+            if branch and found[0] is not None and all(_same(found[0], one) for one in found)
+        }
+        self._own = {
+            steps: transform
+            for steps, transform in zip(paths, transforms, strict=True)
+            if transform is not None and steps[:-1] not in shared
+        }
+        self._moved: dict[tuple[str, ...], Attribute] = {**shared, **self._own}
+        self._still = set(above) - set(shared) if self._moved else set()
+        self._sampling = sampling
+
+    def parent(self, steps: tuple[str, ...]) -> Any:
+        """The step above a shape, made where it is not there yet: readers list a step's children in this order."""
+        for length in range(1, len(steps)):
+            branch = steps[:length]
+            if branch not in self._nodes:
+                self._nodes[branch] = AbcGeom.OXform(self._nodes[branch[:-1]], branch[-1], self._sampling)
+                if branch in self._still:
+                    self._set(branch, np.eye(4))
+        if steps not in self._own:
+            return self._nodes[steps[:-1]]
+        mark = AbcCoreAbstract.MetaData()
+        mark.set(ADDED, "1")
+        self._nodes[steps] = AbcGeom.OXform(self._nodes[steps[:-1]], steps[-1], self._sampling, mark)
+        return self._nodes[steps]
+
+    def write(self, times: Float64Array) -> None:
+        for branch, transform in self._moved.items():
+            for matrix in matrices_at(transform, times):
+                self._set(branch, matrix)
+
+    def _set(self, branch: tuple[str, ...], matrix: Float64Array) -> None:
+        sample = AbcGeom.XformSample()
+        sample.setMatrix(matrix_of(matrix))
+        sample.setInheritsXforms(False)
+        self._nodes[branch].getSchema().set(sample)
+
+
+def _same(a: Attribute | None, b: Attribute | None) -> bool:
+    return (a is None) == (b is None) and (a is None or b is None or np.array_equal(a.values, b.values))
+
+
+class _ShapeWriter(ShapeWriter):
+    """One shape, and samples as frames come."""
+
+    def __init__(self, key: ShapeKey, parent: Any, name: str, sampling: int, *, changes: bool) -> None:
+        super().__init__(key, "Alembic", changes=changes)
+        shape, self._new_sample = _SHAPES["subdivision" if key.kind == "mesh" and key.subdivision else key.kind]
+        self._handle = shape(parent, name, sampling)
+        self._schema = self._handle.getSchema()
+        self._extras = ExtrasWriter(self._handle, sampling if changes else None)
+        self._previous: Float32Array | None = None
+        """Positions of the frame before, if it is of the same run."""
+        self._has_uvs = self._has_normals = False
+
+    def begin(self, item: MeshObject, times: Float64Array) -> None:
+        super().begin(item, times)
+        self._previous = None
+        self._ids = imath.IntArray(0)
+        numbers = self.numbered_points(MAX_INDEX)
+        if numbers is not None:
+            self._ids = int_array(numbers)
+        self._corner_rows: Any = None
+        # Whether normals are of vertices or of corners is said once for all runs.
+        if self.normals is not None and (self.changes or not self.normals.is_smooth):
+            order = reversed_corners(item.connectivity.face_counts)
+            self._corner_rows = unsigned_array(self.normals.corner_rows[order])
+        self.in_samples += [uv.name for uv in uv_sets(item)[:1]]
+
+    def block_bytes(self, frames: int, *, speeds: bool) -> int:
+        """At most, of samples of so many frames that are next."""
+        normals = 0 if self.normals is None else self.normals.count + len(self.normals.corner_rows)
+        points = self.item.vertex_count if self.drawn.gather is None else len(self.drawn.gather)
+        described = _described_bytes(self.item) if self._previous is None else 0
+        return described + frames * (SAMPLE_BYTES + 12 * (points * (2 if speeds else 1) + normals))
+
+    def write(self, points: Float32Array, speeds: Float32Array | None, times: Float64Array) -> None:
+        for frame, normals in enumerate(self.normals_at(points)):
+            self._sample(points[frame], None if speeds is None else speeds[frame], normals)
+
+    def _sample(self, points: Float32Array, speeds: Float32Array | None, normals: Float32Array | None) -> None:
+        first = self._previous is None
+        if speeds is None and self._previous is not None and np.array_equal(points, self._previous):
+            self._schema.setFromPrevious()
+            self._extras.repeat()
+            return
+        # After the first of a run a sample is of positions alone: the rest is that of the first.
+        sample = self._new_sample()
+        if first:
+            self._describe(sample)
+        sample.setPositions(vector_array(points))
+        if speeds is not None:
+            sample.setVelocities(vector_array(speeds))
+        if normals is not None:
+            sample.setNormals(normal_sample(normals, self._corner_rows))
+        elif first and self._has_normals:
+            sample.setNormals(normal_sample(np.zeros((0, 3), np.float32), unsigned_array([])))
+        self._has_normals |= normals is not None
+        if self.key.kind == "points":
+            sample.setIds(self._ids)
+        self._schema.set(sample)
+        if first:
+            self.notices += self._extras.write(self.item, self.drawn, self.in_samples)
+        else:
+            self._extras.repeat()
+        self._previous = points.copy()
+
+    def _describe(self, sample: Any) -> None:
+        """Faces or curves, and the main UV set."""
+        connectivity = self.item.connectivity
+        if self.key.kind == "mesh":
+            order = reversed_corners(connectivity.face_counts)
+            sample.setFaceCounts(int_array(connectivity.face_counts))
+            sample.setFaceIndices(int_array(connectivity.face_indices[order]))
+            self._describe_uvs(sample, order)
+            if self.key.subdivision:
+                sample.setSubdivisionScheme(self.key.subdivision)
+        elif self.key.kind == "curves":
+            self._describe_curves(sample)
+
+    def _describe_uvs(self, sample: Any, order: NDArray[np.int64]) -> None:
+        for uv in uv_sets(self.item)[:1]:
+            if uv.name != UV and not self._has_uvs:
+                self._schema.setUVSourceName(source_name(uv, UV, UV))
+            sample.setUVs(uv_sample(uv, self.item.connectivity, order, by_corner=self.changes))
+            self._has_uvs = True
+            return
+        if self._has_uvs:
+            nothing = vector_array(np.zeros((0, 2)))
+            sample.setUVs(AbcGeom.OV2fGeomParamSample(nothing, unsigned_array([]), SCOPES["corner"]))
+
+    def _describe_curves(self, sample: Any) -> None:
+        sample.setCurvesNumVertices(int_array(self.item.connectivity.line_counts))
+        basis = self.key.curve_basis or "linear"
+        cubic = _BASES.get(basis.removeprefix("cubic ")) if basis.startswith("cubic ") else None
+        sample.setType(AbcGeom.CurveType.kLinear if cubic is None else AbcGeom.CurveType.kCubic)
+        sample.setBasis(AbcGeom.BasisType.kNoBasis if cubic is None else cubic)
+        if cubic is None and basis != "linear":
+            self.notices.append(f"curves of object {self.key.name!r} are written as lines, not as {basis}")
+        wrap, periodic = AbcGeom.CurvePeriodicity, self.key.curve_wrap == "periodic"
+        sample.setWrap(wrap.kPeriodic if periodic else wrap.kNonPeriodic)

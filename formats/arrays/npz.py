@@ -1,0 +1,167 @@
+"""NPZ: a NumPy archive of ``points`` and, where known, faces, times and everything else.
+
+The arrays are those of :mod:`pdecodec.formats.arrays.object_arrays`. Points stored without compression, as our writer
+and ``numpy.savez`` store them, are read by blocks; compressed ones are loaded whole. Headers are checked before a byte
+of an array is believed.
+"""
+
+from __future__ import annotations
+
+import math
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tokenize import TokenError
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.arrays.object_arrays import LaidOutSequence, arrays_of, check_has_points
+from pdecodec.formats.base.registry import Output, read_errors
+from pdecodec.mesh.sequence import MeshSequence
+from pdecodec.system.storage import RemoteFile
+
+EARLIEST_DATE = (1980, 1, 1, 0, 0, 0)
+"""The first date a zip file can say: same input, same bytes."""
+
+DEFLATE_FACTOR = 1032
+"""Bytes that deflate can make of one: a member that claims more is damaged, or a bomb."""
+
+LOCAL_HEADER_BYTES = 30
+"""A zip member's own header, before its name."""
+
+_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    ArithmeticError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    RuntimeError,
+    TokenError,
+)
+"""What zipfile and numpy raise on damaged, encrypted or unsupported members, and on headers that are not Python."""
+
+
+class NpzSequence(LaidOutSequence):
+    """A mesh sequence in a NumPy archive, which holds at least ``points`` (frames, vertices, 3).
+
+    Raises
+    ------
+    InputError
+        If it is not an archive, is damaged, or its arrays do not fit together.
+    """
+
+    def __init__(self, path: Path | RemoteFile, *, fps: float | None) -> None:
+        with _archive_errors(path), path.open("rb") as file, zipfile.ZipFile(file) as archive:
+            members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            check_has_points(list(members), "array")
+            header = _read_header(archive, members["points"])
+            stored = members["points"].compress_type == zipfile.ZIP_STORED and not header.fortran_order
+            self._points = (
+                _StoredArray(path, members["points"], header) if stored else _read(archive, members["points"])
+            )
+            self._take(list(members), lambda name: _read(archive, members[name]), fps, "array")
+
+
+def write_npz(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
+    """Write an uncompressed archive, block by block; the same sequence gives the same bytes."""
+    shape = (sequence.frame_count, sequence.vertex_count, 3)
+    with output.whole_file() as partial, zipfile.ZipFile(partial, "w") as archive:
+        with _new_member(archive, "points") as member:
+            np.lib.format.write_array_header_1_0(member, {"descr": "<f4", "fortran_order": False, "shape": shape})
+            for _, block in output.blocks(sequence, "NPZ"):
+                member.write(np.ascontiguousarray(block, "<f4").data)
+        for name, array in arrays_of(sequence, output.rate).items():
+            with _new_member(archive, name) as member:
+                np.lib.format.write_array(member, np.asarray(array, order="C"), version=(1, 0), allow_pickle=False)
+    return ()
+
+
+def _new_member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
+    info = zipfile.ZipInfo(f"{name}.npy", date_time=EARLIEST_DATE)
+    info.create_system = 3  # Unix on every system, for equal bytes
+    return archive.open(info, "w", force_zip64=True)
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What an array in NumPy's own format says of itself; `length` bytes stand before the numbers."""
+
+    shape: tuple[int, ...]
+    fortran_order: bool
+    dtype: np.dtype[Any]
+    length: int
+
+
+def _read_header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Header:
+    """Read and check the header of a member; ValueError where it is not an array at all."""
+    with archive.open(info) as member:
+        version = np.lib.format.read_magic(member)
+        if version == (1, 0):
+            found = np.lib.format.read_array_header_1_0(member)
+        elif version == (2, 0):
+            found = np.lib.format.read_array_header_2_0(member)
+        else:
+            raise InputError(f"{info.filename} has version {version} of NumPy's format; write it as version 1 or 2")
+        header = _Header(*found, member.tell())
+    if header.dtype.hasobject:
+        raise InputError(f"{info.filename} holds Python objects, which are never loaded; store numbers or text")
+    length = header.length + math.prod(header.shape) * header.dtype.itemsize
+    if any(size < 0 for size in header.shape) or length != info.file_size:
+        raise InputError(f"{info.filename} is damaged: its length is not what its header says; write it again")
+    if info.file_size > DEFLATE_FACTOR * info.compress_size:
+        raise InputError(f"{info.filename} is damaged: it claims more than its bytes can hold; write it again")
+    return header
+
+
+def _read(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
+    """Read a whole member; never runs what a file holds."""
+    _read_header(archive, info)
+    with archive.open(info) as member:
+        array: NDArray[Any] = np.lib.format.read_array(member, allow_pickle=False)
+    return array
+
+
+class _StoredArray:
+    """An uncompressed member in C order whose first dimension is read piece by piece, straight from the file.
+
+    Its checksum covers the whole member and is not looked at.
+    """
+
+    def __init__(self, path: Path | RemoteFile, info: zipfile.ZipInfo, header: _Header) -> None:
+        self.shape, self.dtype, self._path = header.shape, header.dtype, path
+        # A member's bytes start behind its own header, whose name and extra field may differ in length.
+        with path.open("rb") as file:
+            file.seek(info.header_offset)
+            local = file.read(LOCAL_HEADER_BYTES)
+        name, extra = (int.from_bytes(local[at : at + 2], "little") for at in (26, 28))
+        self._start = info.header_offset + LOCAL_HEADER_BYTES + name + extra + header.length
+        self._row = math.prod(header.shape[1:])
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        start, stop, _ = rows.indices(self.shape[0])
+        count = (stop - start) * self._row
+        offset = self._start + start * self._row * self.dtype.itemsize
+        with read_errors(self._path), self._path.open("rb") as file:
+            file.seek(offset)
+            numbers = np.empty(count, self.dtype)
+            # IO[bytes], as files are typed here, lacks what every one of them has.
+            read = file.readinto(numbers.data.cast("B")) if count else 0  # type: ignore[attr-defined]
+        if read < numbers.nbytes:
+            raise InputError("the file ends early; write it again", path=self._path, frame=start, offset=offset)
+        return numbers.reshape(stop - start, *self.shape[1:])
+
+
+@contextmanager
+def _archive_errors(path: Path | RemoteFile) -> Iterator[None]:
+    try:
+        with read_errors(path):
+            yield
+    except (*_DAMAGE, SyntaxError, TypeError, ValueError) as error:
+        raise InputError(f"is not a readable NumPy archive ({error}); write it again", path=path) from error

@@ -1,0 +1,203 @@
+"""Objects, attributes and metadata as named arrays: the layout that NPZ and HDF5 share.
+
+========================================  ==========================================================
+``objects/0/name``                        text
+``objects/0/vertex_count``                int64; vertices of all objects stand one after the other
+``objects/0/face_counts``                 (faces,) int32
+``objects/0/face_indices``                (corners,) int32, from 0 within the object
+``objects/0/line_counts``                 (lines,) int32
+``objects/0/line_indices``                (line points,) int32
+``objects/0/attributes/0/name``           text
+``objects/0/attributes/0/domain``         text: vertex, face, corner or object
+``objects/0/attributes/0/values``         (n,) or (n, k) numbers
+``objects/0/attributes/0/indices``        int32, where there are any
+``objects/0/attributes/0/labels``         (labels,) text, where there are any
+``metadata``                              (entries, 2) text, where there are any
+========================================  ==========================================================
+
+Beside them a file holds ``points`` (frames, vertices, 3), ``times`` (frames,) [s] and ``fps``, and for programs
+that know no more than that ``faces`` (rows, widest) int32 padded with -1, where it can say the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.base.times import timing_of_arrays
+from pdecodec.mesh.rounding import to_float32
+from pdecodec.mesh.sequence import (
+    Attribute,
+    AttributeDomain,
+    Connectivity,
+    Float32Array,
+    MeshObject,
+    MeshSequence,
+    check_frame_range,
+)
+
+PADDING_FACTOR = 4
+"""``faces`` is left out where padding would make it this many times as large as the indices: one n-gon of a
+thousand corners among a million triangles would make it gigabytes."""
+
+_CONNECTIVITY = ("face_counts", "face_indices", "line_counts", "line_indices")
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+class LaidOutSequence(MeshSequence):
+    """A sequence out of arrays of this layout, wherever they are stored."""
+
+    _points: Any
+
+    def _take(self, names: Sequence[str], read: Callable[[str], NDArray[Any]], fps: float | None, what: str) -> None:
+        """Check the points, and take everything else; `read` gives an array by its name, `what` is its kind."""
+        shape, dtype = self._points.shape, self._points.dtype
+        if len(shape) != 3 or shape[2] != 3 or dtype.kind not in "fiu":
+            raise InputError(f"points must be numbers of shape (frames, vertices, 3), not {dtype} {shape}")
+        if shape[1] == 0:
+            raise InputError("points have no vertices; give at least one")
+        arrays = {name: read(name) for name in names if name != "points" and _is_ours(name)}
+        self.objects = _objects_of(arrays, shape[1])
+        self.metadata = _metadata_of(arrays)
+        self.times, self.fps, notices = timing_of_arrays(arrays, shape[0], fps)
+        other = [name for name in names if not _is_ours(name)]
+        self.notices = (*notices, f"{what}s not kept: {', '.join(other)}") if other else notices
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        return to_float32(self._points[start:stop])
+
+
+def check_has_points(names: Sequence[str], what: str) -> None:
+    """Raise InputError unless one of the names is ``points``."""
+    if "points" not in names:
+        there = f"it has {', '.join(names)}: give that of the positions this name" if names else "it is empty"
+        raise InputError(f"has no {what} named points, of shape (frames, vertices, 3); {there}")
+
+
+def arrays_of(sequence: MeshSequence, fps: float) -> dict[str, NDArray[Any]]:
+    """Everything but points as arrays by name; text as ``<U`` arrays."""
+    arrays: dict[str, NDArray[Any]] = {"times": sequence.times, "fps": np.asarray(fps, np.float64)}
+    faces = _padded_faces(sequence.connectivity)
+    if faces is not None:
+        arrays["faces"] = faces
+    for number, item in enumerate(sequence.objects):
+        place = f"objects/{number}"
+        arrays[f"{place}/name"] = np.asarray(item.name)
+        arrays[f"{place}/vertex_count"] = np.asarray(item.vertex_count, np.int64)
+        for name in _CONNECTIVITY:
+            arrays[f"{place}/{name}"] = getattr(item.connectivity, name)
+        for rank, attribute in enumerate(item.attributes):
+            inner = f"{place}/attributes/{rank}"
+            arrays[f"{inner}/name"] = np.asarray(attribute.name)
+            arrays[f"{inner}/domain"] = np.asarray(attribute.domain)
+            arrays[f"{inner}/values"] = attribute.values
+            if attribute.indices is not None:
+                arrays[f"{inner}/indices"] = attribute.indices
+            if attribute.labels:
+                arrays[f"{inner}/labels"] = np.asarray(attribute.labels)
+    if sequence.metadata:
+        arrays["metadata"] = np.asarray(sorted(sequence.metadata.items()))
+    return arrays
+
+
+def _padded_faces(whole: Connectivity) -> NDArray[np.int32] | None:
+    """Faces, then lines of two and points, as rows padded with -1; None where rows cannot say it or grow too large.
+
+    A line of three points or more would be read as a face.
+    """
+    counts = np.concatenate([whole.face_counts, whole.line_counts])
+    indices = np.concatenate([whole.face_indices, whole.line_indices])
+    if counts.size == 0 or whole.line_counts.max(initial=0) > 2:
+        return None
+    width = int(counts.max())
+    if width * counts.size > PADDING_FACTOR * indices.size:
+        return None
+    padded = np.full((counts.size, width), -1, np.int32)
+    padded[np.arange(width) < counts[:, None]] = indices
+    return padded
+
+
+def _is_ours(name: str) -> bool:
+    """Whether an array of this name is part of the layout."""
+    return name in ("points", "faces", "times", "fps", "metadata") or name.startswith("objects/")
+
+
+def _objects_of(arrays: Arrays, vertex_count: int) -> tuple[MeshObject, ...]:
+    """The objects that arrays describe: by ``objects/``, else by padded ``faces``, else points alone."""
+    if "objects/0/name" not in arrays:
+        faces = arrays.get("faces")
+        connectivity = Connectivity(vertex_count) if faces is None else Connectivity.from_padded(vertex_count, faces)
+        return (MeshObject("mesh", connectivity),)
+    objects: list[MeshObject] = []
+    while f"objects/{len(objects)}/name" in arrays:
+        objects.append(_object_of(arrays, f"objects/{len(objects)}"))
+    total = sum(item.vertex_count for item in objects)
+    if total != vertex_count:
+        raise InputError(f"objects have {total} vertices, points have {vertex_count}; write the file again")
+    return tuple(objects)
+
+
+def _metadata_of(arrays: Arrays) -> dict[str, str]:
+    if "metadata" not in arrays:
+        return {}
+    entries = arrays["metadata"]
+    if entries.ndim != 2 or entries.shape[1] != 2 or entries.dtype.kind != "U":
+        raise InputError(f"metadata must be pairs of text, not {entries.dtype} {entries.shape}")
+    return {str(key): str(value) for key, value in entries}
+
+
+def _object_of(arrays: Arrays, place: str) -> MeshObject:
+    vertex_count = _number(arrays, f"{place}/vertex_count")
+    connectivity = Connectivity(vertex_count, *(_array(arrays, f"{place}/{name}") for name in _CONNECTIVITY))
+    attributes: list[Attribute] = []
+    while f"{place}/attributes/{len(attributes)}/name" in arrays:
+        attributes.append(_attribute_of(arrays, f"{place}/attributes/{len(attributes)}"))
+    return MeshObject(_text(arrays, f"{place}/name"), connectivity, tuple(attributes))
+
+
+def _attribute_of(arrays: Arrays, place: str) -> Attribute:
+    domain = _text(arrays, f"{place}/domain")
+    if domain not in get_args(AttributeDomain):
+        raise InputError(f"{place}/domain is {domain!r}, not one of {', '.join(get_args(AttributeDomain))}")
+    values = _array(arrays, f"{place}/values")
+    if values.ndim not in (1, 2) or values.dtype.kind not in "fiu":
+        raise InputError(f"{place}/values must be numbers in one or two dimensions, not {values.dtype} {values.shape}")
+    indices = arrays.get(f"{place}/indices")
+    if indices is not None and (indices.ndim != 1 or indices.dtype.kind not in "iu"):
+        raise InputError(f"{place}/indices must be one row of integers, not {indices.dtype} {indices.shape}")
+    labels = arrays.get(f"{place}/labels", np.zeros(0, "U1"))
+    if labels.ndim != 1 or labels.dtype.kind != "U":
+        raise InputError(f"{place}/labels must be one row of text, not {labels.dtype} {labels.shape}")
+    return Attribute(
+        _text(arrays, f"{place}/name"),
+        cast(AttributeDomain, domain),
+        values,
+        indices=None if indices is None else indices.astype(np.int32),
+        labels=tuple(str(label) for label in labels),
+    )
+
+
+def _array(arrays: Arrays, name: str) -> NDArray[Any]:
+    if name not in arrays:
+        raise InputError(f"{name} is missing; write the file again")
+    return arrays[name]
+
+
+def _text(arrays: Arrays, name: str) -> str:
+    array = _array(arrays, name)
+    if array.shape != () or array.dtype.kind != "U":
+        raise InputError(f"{name} must be text, not {array.dtype} {array.shape}")
+    return str(array)
+
+
+def _number(arrays: Arrays, name: str) -> int:
+    array = _array(arrays, name)
+    if array.shape != () or array.dtype.kind not in "iu" or int(array) < 0:
+        raise InputError(f"{name} must be a whole number, 0 or more, not {array.dtype} {array.shape}")
+    return int(array)

@@ -1,0 +1,211 @@
+"""What attributes are for, by their names: what lets UVs, colours and groups pass from one format to another.
+
+=====================  ===================  ==================================================================
+``uv``, ``uv:NAME``    corner               texture coordinates (n, 2 or 3); `indices` keep seams as they were
+``color``,             vertex, face,        colours (n, 3 or 4), 0 to 1
+``color:NAME``         corner, object
+``group``,             face                 int32, a row of `labels` each, -1 for none
+``material``,
+``object``
+``group:NAME``         face                 uint8, 1 where a face is in a set that shares faces with others
+``smoothing``          face                 int32, OBJ's smoothing groups
+``normal_group``       corner               see :mod:`pdecodec.formats.base.normals`
+``subdivision``        object               one of `labels`: the scheme of a subdivision surface
+``curve_basis``        object               one of `labels`: what the points of its lines control, ``cubic bspline``
+``curve_wrap``         object               one of `labels`: ``periodic`` where lines close
+``transform``          object               see :mod:`pdecodec.formats.base.scene_space`
+=====================  ===================  ==================================================================
+
+Where a format has one main UV set, it is called ``uv``; its other sets keep their names behind a colon. So with
+colours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.mesh.sequence import Attribute, Connectivity, Float32Array, Int32Array, MeshObject, MeshSequence
+
+UV, COLOR, GROUP, MATERIAL, ID = "uv", "color", "group", "material", "id"
+SUBDIVISION, CURVE_BASIS, CURVE_WRAP = "subdivision", "curve_basis", "curve_wrap"
+
+
+def is_role(attribute: Attribute, role: str) -> bool:
+    """Whether an attribute's name is a role's, or begins with it and a colon."""
+    return attribute.name == role or attribute.name.startswith(f"{role}:")
+
+
+def uv_sets(item: MeshObject) -> list[Attribute]:
+    """UV sets of an object, the main one first."""
+    found = [one for one in item.attributes if one.domain == "corner" and is_role(one, UV) and _width(one) in (2, 3)]
+    return sorted(found, key=lambda one: one.name != UV)
+
+
+def colors(item: MeshObject) -> list[Attribute]:
+    """Colours of an object, the main ones first."""
+    found = [one for one in item.attributes if is_role(one, COLOR) and _width(one) in (3, 4)]
+    return sorted(found, key=lambda one: one.name != COLOR)
+
+
+def role_name(role: str, name: str, main: Sequence[str]) -> str:
+    """Name of an attribute that a format calls `name`: the role's where that is one of its main names."""
+    return role if name in (role, *main) else f"{role}:{name}"
+
+
+def source_name(attribute: Attribute, role: str, main: str) -> str:
+    """Undo :func:`role_name`: what a format calls the attribute."""
+    return main if attribute.name == role else attribute.name.removeprefix(f"{role}:")
+
+
+def label_of(item: MeshObject, name: str) -> str | None:
+    """The label that an object attribute holds."""
+    found = next((one for one in item.attributes if one.name == name and one.domain == "object"), None)
+    if found is None or found.values.size != 1 or not 0 <= int(found.values.reshape(-1)[0]) < len(found.labels):
+        return None
+    return found.labels[int(found.values.reshape(-1)[0])]
+
+
+def label_attribute(name: str, label: str) -> Attribute:
+    """An object attribute that holds one label."""
+    return Attribute(name, "object", np.zeros(1, np.int32), labels=(label,))
+
+
+def face_groups(name: str, sets: Sequence[tuple[str, NDArray[np.integer]]], faces: int) -> list[Attribute]:
+    """Attributes of named sets of faces, each a name and its faces (n,), of an object of so many faces.
+
+    One, with a label for each set, where no face is in two of them; else one of ones and zeros for each.
+    """
+    if not sets:
+        return []
+    if sum(members.size for _, members in sets) == np.unique(np.concatenate([members for _, members in sets])).size:
+        values = np.full(faces, -1, np.int32)
+        for number, (_, members) in enumerate(sets):
+            values[members] = number
+        return [Attribute(name, "face", values, labels=tuple(label for label, _ in sets))]
+    masks = []
+    for label, members in sets:
+        mask = np.zeros(faces, np.uint8)
+        mask[members] = 1
+        masks.append(Attribute(f"{name}:{label}", "face", mask))
+    return masks
+
+
+def face_sets(item: MeshObject, name: str) -> list[tuple[str, Int32Array]]:
+    """Undo :func:`face_groups`: named sets of faces, empty ones too."""
+    found = []
+    for one in item.attributes:
+        if one.domain != "face" or one.values.ndim != 1:
+            continue
+        values = expanded(one)
+        if one.name == name and one.labels:
+            found += [
+                (label, np.flatnonzero(values == number).astype(np.int32)) for number, label in enumerate(one.labels)
+            ]
+        elif one.name.startswith(f"{name}:"):
+            found.append((one.name.removeprefix(f"{name}:"), np.flatnonzero(values > 0).astype(np.int32)))
+    return found
+
+
+def expanded(attribute: Attribute) -> NDArray[Any]:
+    """Values with one row for each element of the domain; zeros where an element has none."""
+    if attribute.indices is None:
+        return attribute.values
+    padded = np.concatenate([attribute.values, np.zeros_like(attribute.values, shape=(1, *attribute.values.shape[1:]))])
+    return padded[attribute.indices]
+
+
+def indexed_rows(attribute: Attribute) -> tuple[Float32Array, Int32Array | None, bool]:
+    """Values as float32 rows and their indices, for formats whose indices cannot say "none".
+
+    Returns
+    -------
+    values : (n, k) float32
+        Of an integer colour, over 255. With a row of zeros at the end where an element has none.
+    indices : (rows of the domain,) int32 or None
+    filled : bool
+        Whether that row was needed.
+    """
+    values = attribute.values.astype(np.float32)
+    if attribute.values.dtype.kind in "iu" and is_role(attribute, COLOR):
+        values /= np.float32(255)
+    if attribute.indices is None or not (attribute.indices < 0).any():
+        return np.ascontiguousarray(values), attribute.indices, False
+    values = np.concatenate([values, np.zeros((1, values.shape[1]), np.float32)])
+    return values, np.where(attribute.indices < 0, len(values) - 1, attribute.indices).astype(np.int32), True
+
+
+def is_by_vertex(uv: Attribute, connectivity: Connectivity) -> bool:
+    """Whether a UV set has a row for each vertex, which all corners there share."""
+    return (
+        uv.indices is not None
+        and len(uv.values) == connectivity.vertex_count
+        and np.array_equal(uv.indices, connectivity.face_indices)
+    )
+
+
+def reversed_corners(counts: Int32Array) -> NDArray[np.int64]:
+    """Order of corners that turns every face around: ``rows[reversed_corners(counts)]``, twice as it was."""
+    ends = np.cumsum(counts, dtype=np.int64)
+    starts = ends - counts
+    return np.repeat(starts + ends - 1, counts) - np.arange(int(ends[-1]) if ends.size else 0)
+
+
+def vertex_color(item: MeshObject) -> Attribute | None:
+    """The main colours of an object's vertices."""
+    return next((one for one in colors(item) if one.domain == "vertex"), None)
+
+
+def joined_colors(sequence: MeshSequence) -> Float32Array | None:
+    """(vertices, 3 or 4) float32: colours of the vertices of all objects; None unless every object has some."""
+    parts = []
+    for item in sequence.objects:
+        color = vertex_color(item)
+        if color is None:
+            return None
+        values, indices, _ = indexed_rows(color)
+        parts.append(values if indices is None else values[indices])
+    width = max(part.shape[1] for part in parts)
+    opaque = (np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=1) for part in parts)
+    return np.concatenate(list(opaque))
+
+
+def left_out(
+    sequence: MeshSequence, title: str, held: Callable[[MeshObject, Attribute], bool], metadata: Iterable[str] = ()
+) -> tuple[str, ...]:
+    """A line that names the attributes, and one that names the metadata, which a format does not hold.
+
+    `held` says whether an attribute is written, `metadata` are the keys that are.
+    """
+    names = dict.fromkeys(one.name for item in sequence.objects for one in item.attributes if not held(item, one))
+    keys = dict.fromkeys(key for key in sequence.metadata if key not in set(metadata))
+    return tuple(
+        f"{title} has no place for {kind}: {', '.join(lost)}"
+        for kind, lost in (("attributes", names), ("metadata", keys))
+        if lost
+    )
+
+
+def lost_by_joining(
+    sequence: MeshSequence,
+    title: str,
+    joined: str,
+    colors: Float32Array | None = None,
+    held: Callable[[MeshObject, Attribute], bool] = lambda item, one: False,
+) -> tuple[str, ...]:
+    """Lines for a format that joins objects to one thing, and holds :func:`joined_colors` and what `held` says."""
+    notices: tuple[str, ...] = ()
+    if len(sequence.objects) > 1 or sequence.objects[0].name != "mesh":
+        notices = (f"{title} has no names: objects are one {joined}",)
+    return notices + left_out(
+        sequence,
+        title,
+        lambda item, one: (colors is not None and one is vertex_color(item)) or held(item, one),
+    )
+
+
+def _width(attribute: Attribute) -> int:
+    return attribute.values.shape[1] if attribute.values.ndim == 2 else 0

@@ -1,0 +1,470 @@
+"""One file a frame: which files are the frames of a sequence, reading them one by one, writing all or none."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.base.attribute_roles import ID
+from pdecodec.formats.base.registry import Output
+from pdecodec.formats.base.times import Timing, timing_of_numbers
+from pdecodec.mesh.rounding import to_float32
+from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
+from pdecodec.mesh.sequence import (
+    BLOCK_BYTES,
+    Attribute,
+    Connectivity,
+    Float32Array,
+    MeshObject,
+    MeshSequence,
+    check_frame_range,
+)
+from pdecodec.system.whole_output import partial_folder, publish, write_errors
+
+FRAME_FIELD = re.compile(r"#+|@+|%0?\d*d|\$F\d*")
+"""Where a name carries its frame number: hashes, at signs, printf's and Houdini's notation."""
+
+_NUMBERED = re.compile(r"(?P<name>.*?)(?P<sign>-?)(?P<digits>\d+)(?P<end>\.[^.]*)", re.DOTALL)
+"""A file's name up to its number, the number, and the extension."""
+
+_NO_SIGN = "\0"
+"""Keeps a hyphen from the number behind it; no file name holds it."""
+
+FOLDER_PADDING = "####"
+"""Digits of frame numbers in names we choose ourselves: what render farms and players expect."""
+
+
+@dataclass(frozen=True)
+class FrameFiles:
+    """The files of a sequence, in order, and their frame numbers: None for a single file given by its own name."""
+
+    paths: tuple[Path, ...]
+    numbers: tuple[int, ...] | None
+
+
+def is_frame_pattern(path: Path) -> bool:
+    """Whether the file name has a field for the frame number."""
+    return FRAME_FIELD.search(path.name) is not None
+
+
+def find_frames(path: Path, extension: str) -> FrameFiles:
+    """The frames that a file, a pattern or a folder stands for.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        ``name.obj``, ``name.####.obj``, ``name.%04d.obj``, ``name.@@@@.obj``, ``name.$F4.obj``, the same with a
+        range (``name.1-100x2####.obj``), or a folder of numbered files.
+    extension : str
+        Of the files wanted in a folder, lower case with the dot.
+
+    Raises
+    ------
+    InputError
+        If nothing matches, several sequences do, or a frame inside the range is missing.
+    """
+    if path.is_file():
+        return FrameFiles((path,), None)
+    if path.is_dir():
+        sequence = _only_sequence(sequences_in(path, extension), path)
+        return _checked(sequence, path, wanted=None)
+    if not is_frame_pattern(path):
+        raise InputError("there is no such file; check the name", path=path)
+    pattern = parse_pattern(path)
+    if not path.parent.is_dir():
+        raise InputError("this folder does not exist; check the name", path=path.parent)
+    numbered = _numbered(path.parent, pattern)
+    there = _of_name(numbered, pattern.basename(), pattern)
+    if not there and pattern.frameRange().startswith("-"):
+        # In ``name-1-9####.obj`` the first hyphen is of the name, where the files there say so.
+        pattern.setFrameRange(pattern.frameRange()[1:])
+        there = _of_name(numbered, f"{pattern.basename()}-", pattern)
+    sequence = _only_sequence(there, path)
+    return _checked(sequence, path, wanted=pattern.frameSet())
+
+
+def frames_there(pattern: Path) -> list[Path]:
+    """Files that a reader of the pattern would take for its frames: what a writer would replace."""
+    parsed = parse_pattern(pattern)
+    if not pattern.parent.is_dir():
+        return []
+    there = _of_name(_numbered(pattern.parent, parsed), parsed.basename(), parsed)
+    return sorted(pattern.with_name(Path(name).name) for sequence in there for name in sequence)
+
+
+def _numbered(folder: Path, pattern: Any) -> list[Any]:
+    """Sequences of a folder that have the extension of a pattern (a ``fileseq.FileSequence``)."""
+    found = sequences_in(folder, pattern.extension().lower())
+    return [one for one in found if one.extension() == pattern.extension() and one.frameSet()]
+
+
+def _of_name(numbered: list[Any], name: str, pattern: Any) -> list[Any]:
+    """Those of a name. Where several paddings stand side by side the pattern's own decides; alone, any will do."""
+    same_name = [one for one in numbered if one.basename() == name]
+    return [one for one in same_name if one.zfill() == pattern.zfill()] or same_name
+
+
+def parse_pattern(path: Path) -> Any:
+    """The pattern as a ``fileseq.FileSequence``: one digit a hash or at sign."""
+    from fileseq.constants import PAD_STYLE_HASH1
+    from fileseq.exceptions import FileSeqException
+    from fileseq.filesequence import FileSequence
+
+    try:
+        return FileSequence(str(path), pad_style=PAD_STYLE_HASH1)
+    except FileSeqException as error:
+        raise InputError(f"is not a frame pattern ({error}); use name.####{path.suffix}", path=path) from error
+
+
+def sequences_in(folder: Path, extension: str) -> list[Any]:
+    """Numbered sequences and single files of a folder that have an extension (``fileseq.FileSequence`` each), in order.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be listed.
+    """
+    from fileseq.constants import PAD_STYLE_HASH1
+    from fileseq.exceptions import FileSeqException
+    from fileseq.filesequence import FileSequence
+
+    try:
+        with os.scandir(folder) as entries:
+            names = [item.name for item in entries if not item.name.startswith(".") and item.is_file()]
+        marked = [str(folder / name) for name in _hyphens_marked(names)]
+        found = list(FileSequence.findSequencesInList(marked, pad_style=PAD_STYLE_HASH1))
+    except (OSError, FileSeqException) as error:
+        raise InputError(f"its frames cannot be listed ({error}); check the folder", path=folder) from error
+    for item in found:
+        item.setBasename(item.basename().replace(_NO_SIGN, ""))
+    return sorted((item for item in found if item.extension().lower() == extension), key=str)
+
+
+def _hyphens_marked(names: Sequence[str]) -> list[str]:
+    """File names, with a mark between hyphen and number where the hyphen is of the name, not a minus sign.
+
+    ``wolf-1.obj`` is frame 1 of ``wolf-``, unless ``wolf0.obj`` or another number without a hyphen stands beside it.
+    After a dot or an underscore, which part the number from the name already, a hyphen is a minus sign.
+    """
+    numbered = [_NUMBERED.fullmatch(name) for name in names]
+    unsigned = {(found["name"], found["end"]) for found in numbered if found and not found["sign"]}
+    return [
+        f"{found['name']}-{_NO_SIGN}{found['digits']}{found['end']}"
+        if found and found["sign"] and found["name"][-1:].isalnum() and (found["name"], found["end"]) not in unsigned
+        else name
+        for name, found in zip(names, numbered, strict=True)
+    ]
+
+
+def _only_sequence(found: list[Any], path: Path) -> Any:
+    if not found:
+        raise InputError("no frame matches; check the name and the folder", path=path)
+    if len(found) > 1:
+        names = ", ".join(f"{item.basename()}{item.padding()}{item.extension()}" for item in found)
+        raise InputError(f"several sequences are here ({names}); name one of them", path=path)
+    return found[0]
+
+
+def _checked(sequence: Any, path: Path, *, wanted: Any) -> FrameFiles:
+    if not sequence.frameSet():
+        return FrameFiles((Path(sequence[0]),), None)
+    there = np.unique(np.fromiter(sequence.frameSet(), np.int64))
+    if wanted:
+        numbers = np.unique(np.fromiter(wanted, np.int64))
+        missing = np.setdiff1d(numbers, there)
+    else:
+        numbers = there
+        missing = there[np.flatnonzero(np.diff(there) > 1)] + 1
+    if missing.size:
+        raise InputError(
+            f"frame number {missing[0]} is missing; restore the file, "
+            f"or give the range that is there in the pattern, as name.1-9x2####{sequence.extension()}",
+            path=path,
+        )
+    return FrameFiles(
+        tuple(Path(sequence.frame(int(number))) for number in numbers), tuple(int(number) for number in numbers)
+    )
+
+
+Positions = NDArray[Any]
+"""Of a frame, of the type of number that its file has."""
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """What one file holds: positions (vertices, 3) as they are stored, and what must be the same in every frame."""
+
+    points: Positions
+    connectivity: Connectivity
+    attributes: tuple[Attribute, ...] = ()
+    notices: tuple[str, ...] = ()
+
+    def continues(self, other: MeshFile) -> bool:
+        """Whether another mesh has the same faces and lines, and the same vertices where they have ids."""
+        mine, theirs = (next((one.values for one in mesh.attributes if one.name == ID), None) for mesh in (self, other))
+        if (mine is None) != (theirs is None):
+            return False
+        is_same = mine is None or theirs is None or np.array_equal(mine, theirs)
+        return is_same and self.connectivity.same_as(other.connectivity)
+
+
+def _joined(parts: list[MeshFile]) -> MeshFile:
+    """Several meshes as one, their points one after the other; what belongs to points of one alone is left out."""
+    if len(parts) == 1:
+        return parts[0]
+    firsts = np.cumsum([0, *(len(part.points) for part in parts)])
+    shared = [part.connectivity for part in parts]
+    connectivity = Connectivity(
+        int(firsts[-1]),
+        np.concatenate([one.face_counts for one in shared]),
+        np.concatenate([one.face_indices + first for one, first in zip(shared, firsts, strict=False)]),
+        np.concatenate([one.line_counts for one in shared]),
+        np.concatenate([one.line_indices + first for one, first in zip(shared, firsts, strict=False)]),
+    )
+    names = dict.fromkeys(one.name for part in parts for one in part.attributes)
+    notices = dict.fromkeys(notice for part in parts for notice in part.notices)
+    lost = (f"not kept, for it has several parts: {', '.join(names)}",) if names else ()
+    return MeshFile(np.concatenate([part.points for part in parts]), connectivity, (), (*notices, *lost))
+
+
+class FrameMeshes:
+    """The meshes of the files of frames.
+
+    Parameters
+    ----------
+    files : sequence of sequences of pathlib.Path
+        Of each frame, mostly one.
+    read : callable
+        Gives the mesh of a file, or raises InputError.
+    """
+
+    def __init__(self, files: Sequence[Sequence[Path]], read: Callable[[Path], MeshFile]) -> None:
+        self.files, self._read = tuple(map(tuple, files)), read
+        self._kept = KeptPositions()
+
+    def mesh(self, frame: int) -> MeshFile:
+        return _joined([self._read(path) for path in self.files[frame]])
+
+    def points(self, frame: int, connectivity: Connectivity) -> Positions:
+        """Positions of a frame; InputError where it has another connectivity."""
+        found = self._kept.get(frame)
+        if found is None or len(found) != connectivity.vertex_count:
+            mesh = self.mesh(frame)
+            if not mesh.connectivity.same_as(connectivity):
+                raise InputError(
+                    f"{_difference(mesh.connectivity, connectivity)}; the file changed while it was read",
+                    path=self.files[frame][0],
+                    frame=frame,
+                )
+            found = mesh.points
+        return found
+
+    def run_starts(self) -> list[tuple[int, int]]:
+        """The first frame of each run of frames that have the same faces, lines and ids, and its vertices.
+
+        A frame that cannot be read is told of when it is asked for; the first one here.
+        """
+        starts: list[tuple[int, int]] = []
+        before: MeshFile | None = None
+        for frame in range(len(self.files)):
+            try:
+                mesh = self.mesh(frame)
+            except InputError:
+                if frame == 0:
+                    raise
+                continue
+            if before is None or not mesh.continues(before):
+                starts.append((frame, len(mesh.points)))
+                before = mesh
+            self._kept.keep(frame, mesh.points)
+        return starts
+
+
+class KeptPositions(dict[int, Positions]):
+    """Positions of frames that were read to compare them, as many as fit in a block."""
+
+    room = BLOCK_BYTES
+
+    def keep(self, frame: int, points: Positions) -> None:
+        if points.nbytes <= self.room:
+            self.room -= points.nbytes
+            self[frame] = points
+
+
+class FrameSequence(MeshSequence):
+    """Frames of one connectivity, from one on, that are read when they are asked for."""
+
+    def __init__(self, meshes: FrameMeshes, first: int, timing: Timing) -> None:
+        self._meshes, self._first = meshes, first
+        mesh = meshes.mesh(first)
+        self.objects = (MeshObject("mesh", mesh.connectivity, mesh.attributes),)
+        self.times, self.fps, notices = timing
+        self.metadata = {}
+        self.notices = (*notices, *mesh.notices)
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        points = np.empty((stop - start, self.vertex_count, 3), np.float32)
+        for frame in range(start, stop):
+            stored = self._meshes.points(self._first + frame, self.objects[0].connectivity)
+            points[frame - start] = to_float32(stored)
+        return points
+
+
+def open_frames(path: Path, extension: str, read: Callable[[Path], MeshFile], fps: float | None) -> MeshSequence:
+    """A file, a frame pattern or a folder as a sequence; errors as of :func:`find_frames` and the first frame."""
+    files = find_frames(path, extension)
+    return sequence_of_files([[file] for file in files.paths], timing_of_numbers(files.numbers, fps), read)
+
+
+def sequence_of_files(
+    files: Sequence[Sequence[Path]], timing: Timing, read: Callable[[Path], MeshFile]
+) -> MeshSequence:
+    """The sequence of files of frames, of several runs where connectivity changes; parameters as :class:`FrameMeshes`.
+
+    Every file is read once to learn whether it does; positions are kept while they fit in a block.
+    """
+    meshes = FrameMeshes(files, read)
+    return runs_of_frames(meshes.run_starts(), timing, lambda first, own: FrameSequence(meshes, first, own))
+
+
+def runs_of_frames(
+    starts: Sequence[tuple[int, int]], timing: Timing, open_run: Callable[[int, Timing], MeshSequence]
+) -> MeshSequence:
+    """One run, or a sequence of several: first frame and vertices of each; a run is opened by its first frame.
+
+    Those without vertices are left out, with a notice: no sequence has frames without any.
+    """
+    times, fps, notices = timing
+    ends = [*(first for first, _ in starts[1:]), times.size]
+    kept = [(first, end, vertices) for (first, vertices), end in zip(starts, ends, strict=True) if vertices]
+    frames = [end - first for first, end, _ in kept]
+    if not kept:
+        raise InputError("there are no vertices in any frame; check the file")
+    if sum(frames) < times.size:
+        lost = f"{times.size - sum(frames)} of {times.size} frames have no vertices and are left out"
+        notices = (*notices, f"{lost}: what came before stands still there")
+    first = open_run(kept[0][0], (times[kept[0][0] : kept[0][1]], fps, notices))
+    if len(kept) == 1:
+        return first
+
+    def of(number: int) -> MeshSequence:
+        begin, end, _ = kept[number]
+        return open_run(begin, (times[begin:end], fps, ())) if number else first
+
+    sequence = ChangingSequence(
+        OpenedRuns(of, len(kept)),
+        times=np.concatenate([times[begin:end] for begin, end, _ in kept]),
+        frames=frames,
+        vertices=[vertices for _, _, vertices in kept],
+        fps=fps,
+        metadata=first.metadata,
+        notices=first.notices,
+    )
+    sequence.unsupported = first.unsupported
+    return sequence
+
+
+def _difference(mine: Connectivity, first: Connectivity) -> str:
+    if mine.vertex_count != first.vertex_count:
+        return f"there are {mine.vertex_count} vertices, the first frame has {first.vertex_count}"
+    if mine.face_count != first.face_count or mine.line_count != first.line_count:
+        return f"there are {mine.face_count} faces and {mine.line_count} lines, the first frame has others"
+    return "faces or lines join other vertices than in the first frame"
+
+
+def join_cells(
+    vertices: int, faces: Sequence[NDArray[np.integer]], lines: Sequence[NDArray[np.integer]]
+) -> Connectivity:
+    """The connectivity of blocks of cells of one size, (cells, corners), or of single ones, (corners,)."""
+    joined = []
+    for blocks in (faces, lines):
+        rows = [np.atleast_2d(block) for block in blocks]
+        joined.append(np.concatenate([np.zeros(0, np.int32), *(np.full(len(row), row.shape[1]) for row in rows)]))
+        joined.append(np.concatenate([np.zeros(0, np.int64), *(row.reshape(-1) for row in rows)]))
+    return Connectivity(vertices, *joined)
+
+
+FrameBytes = Callable[[Float32Array, int], bytes]
+"""The bytes of a file: of positions (vertices, 3), and the index of the frame in its run."""
+
+
+def write_frames(
+    sequence: MeshSequence,
+    output: Output,
+    what: str,
+    frame_bytes: Callable[[MeshSequence, int], FrameBytes],
+    *,
+    new_folder: bool = False,
+    index: tuple[Path, Callable[[Sequence[Path]], bytes]] | None = None,
+) -> list[Path]:
+    """Write a file for each frame, all of them or none; the paths.
+
+    The frames are written to a hidden folder beside their place, and moved after the last one was written; a run that
+    is killed while it moves them is finished by the next. Of frames that are replaced, those that the new sequence does
+    not have are removed.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    output : Output
+        A pattern, ``name.####.ply``; for one frame also a plain name.
+    what : str
+        The format.
+    frame_bytes : callable
+        Gives, of a run of the sequence and its first frame, what gives the bytes of its files.
+    new_folder : bool
+        Whether the pattern's folder is new, and appears at once when all is written.
+    index : tuple of a path and a callable, optional
+        A file beside the frames that appears with them, and its bytes by their paths.
+
+    Raises
+    ------
+    InputError
+        If the place is taken or not writable, or several frames are to go to one file.
+    """
+    pattern = output.path
+    if not is_frame_pattern(pattern):
+        if sequence.frame_count > 1:
+            name = f"{pattern.stem}.{FOLDER_PADDING}{pattern.suffix}"
+            raise InputError(f"{sequence.frame_count} frames do not fit one {what} file; name it {name}", path=pattern)
+        with output.whole_file() as partial:
+            partial.write_bytes(frame_bytes(sequence.runs[0], 0)(sequence.read_frames(0, 1)[0], 0))
+        return [pattern]
+    old = frames_there(pattern)
+    if old and not output.overwrite:
+        raise InputError(
+            f"frames are there already ({old[0].name}); choose another name, or overwrite them (--overwrite)",
+            path=pattern,
+        )
+    parsed = parse_pattern(pattern)
+    # Frames carry the numbers of their times where those follow each other, else they count up from the first.
+    numbers = np.rint(sequence.times * output.rate)
+    if not (np.diff(numbers) == 1).all():
+        numbers = numbers[0] + np.arange(sequence.frame_count)
+    paths = [pattern.with_name(Path(parsed.frame(int(number))).name) for number in numbers]
+    place = pattern.parent if new_folder else pattern
+    with partial_folder(place) as partial, write_errors(place):
+        for run, first, start, block in output.blocks_of_runs(sequence, what):
+            if start == first:
+                bytes_of = frame_bytes(run, first)
+            for frame, points in enumerate(block, start):
+                (partial / paths[frame].name).write_bytes(bytes_of(points, frame - first))
+        if new_folder:
+            os.replace(partial, place)
+            return paths
+        names = [path.name for path in paths]
+        if index is not None:
+            (partial / index[0].name).write_bytes(index[1](paths))
+            names.append(index[0].name)
+        gone = [path.name for path in set(old) - set(paths)]
+        publish(partial, names, overwrite=output.overwrite, remove=gone)
+    return paths

@@ -1,0 +1,276 @@
+"""Motion put onto a file that is there: everything of the original stays, its objects move as a sequence says.
+
+Objects are found by their names, those of one name in order, or all in order where no name is shared. Their faces,
+lines and vertices must be those of the original. What lies in the space of the scene is brought into the space of the
+original's shapes.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError, SettingsError, naming_file
+from pdecodec.formats.base.attribute_roles import reversed_corners
+from pdecodec.formats.base.companions import input_files, output_files
+from pdecodec.formats.base.registry import Output, format_to_read, format_to_write, list_formats, load, open_sequence
+from pdecodec.formats.base.scene_reading import listed
+from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, bake_transforms, metres_per_unit, up_axis_of
+from pdecodec.formats.base.times import times_kept
+from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array, MeshObject, MeshSequence, Progress
+
+LOST = 1e-5
+"""Largest error over the largest coordinate of what a transform that flattens may leave of positions."""
+
+SOON = 1e-4
+"""Half the time [s] over which the motion of a transform is measured."""
+
+OntoWriter = Callable[..., tuple[str, ...]]
+"""What a format's ``onto`` names: puts a sequence onto an original that is open, which it fits; lines of what is lost.
+
+It takes the sequence, the original, the :class:`Fitted` objects, the original's path and the :class:`Output`.
+"""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """An object of a sequence, which of its vertices are the object's, and which object of the original it moves."""
+
+    item: MeshObject
+    own: slice
+    index: int
+
+
+def write_onto(
+    sequence: MeshSequence,
+    original: str | os.PathLike[str],
+    path: str | os.PathLike[str],
+    *,
+    clip: str | None = None,
+    layer: bool = False,
+    overwrite: bool = False,
+    fps: float | None = None,
+    velocities: MeshSequence | None = None,
+    progress: Progress | None = None,
+    meshopt: bool = False,
+) -> tuple[str, ...]:
+    """Write a file with everything that another of its format has, and a sequence's motion in the place of its own.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+        In the space of the original's scene.
+    original : path
+        An Alembic, USD, glTF or OBJ file; of OBJ sequences the first frame is taken.
+    path : path
+        Another file of that format, or for OBJ a pattern or a folder.
+    clip : str, optional
+        Which animation of the original the motion replaces, where it has several (glTF). Default: the first.
+    layer : bool
+        USD: only a layer over the original, which it names: points, normals and velocities.
+    overwrite, fps, velocities, progress, meshopt
+        As of :func:`pdecodec.formats.write_sequence`.
+
+    Returns
+    -------
+    tuple of str
+        A line for each thing that could not be kept.
+
+    Raises
+    ------
+    InputError
+        If the original cannot be read, objects do not fit it, or the place is taken or cannot be written to.
+    SettingsError
+        If the two are of different formats, or one file, or an option is not one of the format's.
+    MissingExtraError
+        If the format needs a package that is not installed.
+    """
+    source, where = Path(original), Path(path)
+    entry, wanted = format_to_read(source), format_to_write(where, is_folder=os.fspath(path).endswith(("/", os.sep)))
+    if entry is not wanted or entry.onto is None:
+        kinds = ", ".join(one.title.partition(",")[0] for one in list_formats() if one.onto)
+        message = f"{entry.title} does not go onto {wanted.title}; --onto takes one format for both: {kinds}"
+        if entry is wanted:
+            message = f"--onto is for {kinds}, not for {entry.title}; leave it out"
+        raise SettingsError(message, path=where)
+    if layer and entry.name != "usd":
+        raise SettingsError("--layer is for USD; leave it out", path=where)
+    if meshopt and "meshopt" not in entry.write_options:
+        raise SettingsError("--meshopt is for glTF; leave it out", path=where)
+    if clip is not None and "clip" not in entry.options:
+        raise SettingsError("--clip is for glTF; leave it out", path=where)
+    if velocities is not None and not entry.holds_velocities:
+        raise SettingsError(f"{entry.title} holds no velocities; leave them out, or write them apart", path=where)
+    shared = {one.resolve() for one in input_files(str(source))} & {one.resolve() for one in output_files(str(where))}
+    if shared:
+        raise SettingsError(f"would replace {shared.pop().name}, which the original is made of", path=where)
+    writer = load(entry, entry.onto, "written onto", where)
+    placed = bake_transforms(sequence)
+    speeds = None if velocities is None else bake_transforms(velocities)
+    rate = sequence.fps if fps is None else fps
+    output = Output(
+        path=where, rate=rate, overwrite=overwrite, velocities=speeds, progress=progress, meshopt=meshopt, layer=layer
+    )
+    with open_sequence(source, clip=clip, skip_unsupported=True) as there, naming_file(where):
+        _check_space(placed, there, source)
+        fits, notices = fitted(placed, there, source)
+        if entry.times != "exact":
+            notices += times_kept(sequence.times, entry.times, title=entry.title)
+        return (*notices, *writer(placed, there, fits, source, output))
+
+
+def _check_space(sequence: MeshSequence, original: MeshSequence, source: Path) -> None:
+    """Refuse a sequence that is known to be turned or scaled otherwise than the original."""
+    ours, theirs = up_axis_of(sequence), up_axis_of(original)
+    if ours and theirs and ours != theirs:
+        raise InputError(f"{UP_AXIS} is {ours}, and {theirs} in {source.name}; --up-axis {theirs} turns it")
+    mine, its = metres_per_unit(sequence), metres_per_unit(original)
+    if mine and its and abs(mine - its) > 1e-6 * its:
+        raise InputError(f"a {UNIT} is {mine:g} m, and {its:g} m in {source.name}; --scale {mine / its:g} makes it so")
+
+
+def fitted(sequence: MeshSequence, original: MeshSequence, source: Path) -> tuple[tuple[Fitted, ...], tuple[str, ...]]:
+    """Which object of the original each object of a sequence moves; lines about what else there is.
+
+    Raises
+    ------
+    InputError
+        If an object is not there, or has other vertices, faces or lines.
+    """
+    places = _places(original)
+    notices: tuple[str, ...] = ()
+    ours = _places(sequence)
+    if not places.keys() & ours.keys() and len(sequence.objects) == len(original.objects):
+        places = ours
+        notices = (f"no object has a name of {source.name}: they are taken in order",)
+    for name, alike in ours.items():
+        if name in places and len(alike) != len(places[name]):
+            raise InputError(
+                f"object {name!r} is ambiguous: {len(alike)} of this name, and {len(places[name])} in {source.name}; "
+                "encode the file that it is to go onto, or leave them out (--object)"
+            )
+    found, first = [], 0
+    next_of = {name: iter(alike) for name, alike in places.items()}
+    for item in sequence.objects:
+        own = slice(first, first + item.vertex_count)
+        first = own.stop
+        if item.name not in places:
+            known = listed([one.name for one in original.objects])
+            raise InputError(f"object {item.name!r} is not in {source.name}, which has {known}; name it alike")
+        index = next(next_of[item.name])
+        theirs = original.objects[index]
+        if item.vertex_count != theirs.vertex_count:
+            raise InputError(
+                f"object {item.name!r} has {item.vertex_count} vertices, and {theirs.vertex_count} in {source.name}; "
+                "encode the file that it is to go onto"
+            )
+        if not item.connectivity.same_as(theirs.connectivity):
+            raise InputError(
+                f"object {item.name!r} has other faces or lines than in {source.name}, or its vertices in another "
+                "order (--order free); encode the file that it is to go onto"
+            )
+        found.append(Fitted(item, own, index))
+    moved = {one.index for one in found}
+    left = [item.name for index, item in enumerate(original.objects) if index not in moved]
+    if left:
+        notices = (*notices, f"left as they are in {source.name}: {listed(left)}")
+    return tuple(found), notices
+
+
+def _places(sequence: MeshSequence) -> dict[str, list[int]]:
+    """Which objects of a sequence have each name, in order; siblings of glTF may have one and the same."""
+    places: dict[str, list[int]] = {}
+    for index, item in enumerate(sequence.objects):
+        places.setdefault(item.name, []).append(index)
+    return places
+
+
+def corner_order(stored: NDArray[np.integer], connectivity: Connectivity) -> NDArray[np.int64]:
+    """(corners,) int64: which corner of an object each corner of its file's faces is, which may be turned around."""
+    if np.array_equal(stored, connectivity.face_indices):
+        return np.arange(stored.size)
+    return reversed_corners(connectivity.face_counts)
+
+
+class Placed:
+    """Where a shape of the original is, and what lies there in its own space.
+
+    Parameters
+    ----------
+    at : callable
+        (n, 4, 4) float64 from the shape's space to the scene's at times (n,) [s], for points that are rows.
+    times : (frames,) float64 [s]
+    name : str
+        Of the object.
+    """
+
+    def __init__(self, at: Callable[[Float64Array], Float64Array], times: Float64Array, name: str) -> None:
+        self._at, self._times, self._name = at, times, name
+        self.matrices = at(times)
+        self._is_here = np.array_equal(self.matrices, np.broadcast_to(np.eye(4), self.matrices.shape))
+        self._slopes: Float64Array | None = None
+
+    @property
+    def stands(self) -> bool:
+        """Whether it is where it was at every frame."""
+        return bool((self.matrices == self.matrices[:1]).all())
+
+    def points(self, scene: Float32Array, start: int) -> Float32Array:
+        """Positions (frames, vertices, 3) of frames from `start` on, in the shape's space.
+
+        A transform that flattens has no inverse: of the points that it brings there, those nearest its origin count.
+
+        Raises
+        ------
+        InputError
+            If it flattens what is not flat.
+        """
+        if self._is_here:
+            return scene
+        matrices = self.matrices[:1] if self.stands else self.matrices[start : start + len(scene)]
+        turns, moves = matrices[:, :3, :3], matrices[:, None, 3, :3]
+        own: Float32Array = ((scene - moves) @ np.linalg.pinv(turns)).astype(np.float32)
+        off = np.abs(own @ turns + moves - scene).max(axis=(1, 2), initial=0)
+        bad = np.flatnonzero(~(off <= LOST * np.abs(scene).max(initial=0)))
+        if bad.size:
+            raise InputError(
+                f"object {self._name!r} is under a transform that flattens it; its motion has no place there",
+                frame=start + int(bad[0]),
+            )
+        return own
+
+    def normals(self, scene: Float32Array, frame: int) -> Float32Array:
+        """Unit normals (rows, 3) of a frame in the shape's space."""
+        if self._is_here:
+            return scene
+        turned = scene @ self.matrices[frame, :3, :3].T
+        lengths = np.linalg.norm(turned, axis=1, keepdims=True)
+        return np.where(lengths > 0, turned / np.where(lengths > 0, lengths, 1), scene).astype(np.float32)
+
+    def velocities(self, scene: Float32Array, own: Float32Array, start: int) -> Float32Array:
+        """Velocities (frames, vertices, 3) beside the shape's own motion, of positions `own` in its space."""
+        if self._is_here:
+            return scene
+        if self._slopes is None:
+            before, after = (np.clip(self._times + step, self._times[0], self._times[-1]) for step in (-SOON, SOON))
+            steps = np.maximum(after - before, SOON)[:, None, None]
+            self._slopes = (self._at(after) - self._at(before)) / steps
+        slopes = self._slopes[start : start + len(scene)]
+        carried = own @ slopes[:, :3, :3] + slopes[:, None, 3, :3]
+        turns = self.matrices[start : start + len(scene), :3, :3]
+        found: Float32Array = ((scene - carried) @ np.linalg.pinv(turns)).astype(np.float32)
+        return found
+
+
+def blocks_onto(
+    sequence: MeshSequence, output: Output, title: str
+) -> Iterator[tuple[int, Float32Array, Float32Array | None]]:
+    """First frame and positions of each block, and velocities at the same frames where they are asked for."""
+    for start, block in output.blocks(sequence, title):
+        speeds = None if output.velocities is None else output.velocities.read_frames(start, start + len(block))
+        yield start, block, speeds

@@ -1,0 +1,382 @@
+"""Objects that move rigidly, found by their positions: as one shape and the transforms that move it.
+
+A file then holds a matrix a frame where it held every vertex. What comes back is what was there, to the last bits of
+float32; or, where that is asked for, within a bound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdecodec.formats.base.scene_space import DerivedSequence, transform_attribute, transform_of
+from pdecodec.mesh.sequence import Float32Array, Float64Array, MeshObject, MeshSequence, check_frame_range
+
+RIGID = 2.0**-22
+"""Largest error over the largest coordinate of what moves rigidly: two units in the last place of float32."""
+
+FLAT = 1e-6
+"""Width over length below which a shape is a line, whose turns about itself are not known."""
+
+
+FIRST_GUESS = 4.0
+"""How many bounds from the first frame, moved, what moves rigidly may be: both are off, and so is how it is moved."""
+
+REWEIGHTINGS = 8
+"""Times that vertices are weighted by how far off they are: with 20 no more parts come within a bound."""
+
+CENTRINGS = 20
+"""Steps towards the centre of a ball: after so many it is within a few hundredths of the radius."""
+
+LEAST_WEIGHT = 1e-3
+"""What is added to a distance over the largest one: the vertex that is hit exactly counts again later."""
+
+
+def rigid_matrices(points: Float32Array, rest: Float32Array) -> Float64Array | None:
+    """The transforms of a shape to where it is, if they are all translations and rotations.
+
+    Parameters
+    ----------
+    points : (frames, vertices, 3) float32
+    rest : (vertices, 3) float32
+
+    Returns
+    -------
+    (frames, 4, 4) float64 or None
+        For points that are rows. The rotations are those of least squares (Kabsch 1976).
+    """
+    bound = RIGID * float(max(np.abs(points).max(initial=0), np.abs(rest).max(initial=0)))
+    if not np.isfinite(bound):
+        return None
+    shape = rest.astype(np.float64)
+    moved = np.broadcast_to(np.eye(4), (len(points), 4, 4)).copy()
+    moved[:, 3, :3] = points.mean(axis=1, dtype=np.float64) - shape.mean(axis=0)
+    if _error(points, shape, moved) <= bound:
+        return moved
+    found = _least_squares(points, shape)
+    return found if found is not None and _error(points, shape, found) <= bound else None
+
+
+def _least_squares(
+    points: Float32Array, shape: Float64Array, weights: Float64Array | None = None
+) -> Float64Array | None:
+    """The rotations and translations (frames, 4, 4) that bring a shape nearest to points; None of a line.
+
+    Squares are weighted by `weights` (frames, vertices), or count alike.
+    """
+    lengths = np.linalg.svd(shape - shape.mean(axis=0), compute_uv=False)
+    if lengths.size < 2 or not lengths[1] > FLAT * lengths[0]:
+        return None
+    if weights is None:
+        weights = np.ones((1, len(shape)))
+    shares = (weights / weights.sum(axis=1, keepdims=True))[:, None]
+    centre, centres = shares @ shape, shares @ points
+    spread = shares.transpose(0, 2, 1) * (shape - centre)
+    left, _, right = np.linalg.svd(spread.transpose(0, 2, 1) @ (points - centres))
+    left[..., 2] *= np.sign(np.linalg.det(left) * np.linalg.det(right))[:, None]
+    found = np.broadcast_to(np.eye(4), (len(points), 4, 4)).copy()
+    found[:, :3, :3] = left @ right
+    found[:, 3:, :3] = centres - centre @ found[:, :3, :3]
+    return found
+
+
+def _within(points: Float32Array, shape: Float64Array, bound: float) -> tuple[Float64Array, float] | None:
+    """The rotations and translations that bring a shape within a bound of points, and the largest distance; or None.
+
+    Least squares leave some vertices outside though all can be within: where they do, each vertex is weighted by how
+    far off it was, again and again, which makes the largest distance small (Lawson 1961).
+    """
+    best = _least_squares(points, shape)
+    if best is None:
+        return None
+    distances = _distances(points, shape, best)
+    if (np.square(distances).mean(axis=1) > bound**2).any():
+        return None  # The largest distance is never below the least root of mean squares.
+    most = distances.max(axis=1)
+    weights = np.ones_like(distances)
+    for _ in range(REWEIGHTINGS):
+        (left,) = np.nonzero(most > bound)
+        if not left.size:
+            break
+        off = distances[left]
+        weights[left] *= off / off.max(axis=1, keepdims=True) + LEAST_WEIGHT
+        weights[left] /= weights[left].max(axis=1, keepdims=True)
+        found = _least_squares(points[left], shape, weights[left])
+        assert found is not None
+        distances[left] = _distances(points[left], shape, found)
+        now = distances[left].max(axis=1)
+        better = now < most[left]
+        best[left[better]], most[left[better]] = found[better], now[better]
+    largest = float(most.max())
+    return (best, largest) if largest <= bound else None
+
+
+def _error(points: Float32Array, shape: Float64Array, matrices: Float64Array) -> float:
+    moved = shape @ matrices[:, :3, :3] + matrices[:, 3:, :3]
+    # Numbers that are not finite are no rigid motion either.
+    return float(np.nan_to_num(np.abs(moved - points), nan=np.inf).max(initial=0))
+
+
+def _extremes(points: Float64Array) -> Float64Array:
+    """Of the places of each vertex (frames, vertices, 3), those furthest along the axes: (6, vertices, 3)."""
+    frames = np.concatenate([points.argmin(axis=0).T, points.argmax(axis=0).T])
+    return np.take_along_axis(points, frames[:, :, None], axis=0)
+
+
+def _centres(points: Float64Array) -> Float64Array:
+    """Centres (vertices, 3) of the smallest balls around places of each vertex (places, vertices, 3).
+
+    Steps towards the place that is furthest, each shorter than the one before (Badoiu and Clarkson 2003).
+    """
+    centres: Float64Array = (points.min(axis=0) + points.max(axis=0)) / 2
+    for step in range(CENTRINGS):
+        furthest = np.linalg.norm(points - centres, axis=2).argmax(axis=0)
+        centres += (np.take_along_axis(points, furthest[None, :, None], axis=0)[0] - centres) / (step + 2)
+    return centres
+
+
+def _middle(points: Float32Array) -> Float32Array:
+    """(3,) float32: the middle of the box of points (vertices, 3)."""
+    found: Float32Array = ((points.min(axis=0) + points.max(axis=0)) / 2).astype(np.float32)
+    return found
+
+
+def _distances(points: Float32Array, shape: Float64Array, matrices: Float64Array) -> Float64Array:
+    """Between a moved shape and points: (frames, vertices)."""
+    found: Float64Array = np.linalg.norm(shape @ matrices[:, :3, :3] + matrices[:, 3:, :3] - points, axis=2)
+    return found
+
+
+@dataclass(frozen=True)
+class RigidFit:
+    """A shape (vertices, 3) float32, the matrices (frames, 4, 4) that move it, and how far off at most they are."""
+
+    shape: Float32Array
+    matrices: Float64Array
+    deviation: float
+
+
+def rigid_within(
+    blocks: Callable[[], Iterable[Float32Array]], places: Mapping[int, slice], bound: float
+) -> dict[int, RigidFit]:
+    """Of objects, those that move rigidly within a bound.
+
+    Parameters
+    ----------
+    blocks : callable
+        Gives every frame in order, as (frames, vertices, 3) float32; called twice.
+    places : mapping
+        Vertices of each object.
+    bound : float [scene units]
+        Largest distance of a vertex from where it is.
+
+    Returns
+    -------
+    dict of RigidFit
+        Each vertex of a shape is the centre of the smallest ball around its places of all frames, moved back: of those
+        places, the ones furthest along the axes are kept.
+    """
+    first: dict[int, Float64Array] = {}
+    extremes: dict[int, Float64Array] = {}
+    frames = 0
+    for points in blocks():
+        for index in places if not frames else tuple(extremes):
+            own = points[:, places[index]]
+            shape = first.setdefault(index, own[0].astype(np.float64))
+            found = _least_squares(own, shape) if np.isfinite(own).all() else None
+            if found is None or _distances(own, shape, found).max() > FIRST_GUESS * bound:
+                extremes.pop(index, None)
+                continue
+            back = (own - found[:, 3:, :3]) @ found[:, :3, :3].transpose(0, 2, 1)
+            extremes[index] = _extremes(np.concatenate([extremes[index], back]) if index in extremes else back)
+        frames += len(points)
+    shapes = {index: _centres(found).astype(np.float32) for index, found in extremes.items()}
+    parts: dict[int, list[tuple[Float64Array, float]]] = {index: [] for index in shapes}
+    for points in blocks() if parts else ():
+        for index in tuple(parts):
+            shape = shapes[index].astype(np.float64)
+            fit = _within(points[:, places[index]], shape, bound)
+            if fit is None:
+                del parts[index]
+                continue
+            parts[index].append(fit)
+    return {
+        index: RigidFit(shapes[index], np.concatenate([one for one, _ in fits]), max(off for _, off in fits))
+        for index, fits in parts.items()
+    }
+
+
+def rigid_notices(deviations: Iterable[float], between: float = 0.0) -> tuple[str, ...]:
+    """A line about objects that move rigidly within a bound: how far off each is at frames, and any between them."""
+    found = list(deviations)
+    if not found:
+        return ()
+    count = f"{len(found)} object{'s' * (len(found) > 1)}"
+    more = f", {between:.2g} between frames" if between else ""
+    return (f"{count} moved as rigid: vertices are up to {max(found):.2g} off what is decoded{more}",)
+
+
+@dataclass(frozen=True)
+class RigidKeys:
+    """How a node moves a shape.
+
+    Attributes
+    ----------
+    shape : (vertices, 3) float32
+        What is moved; the first frame, where the motion is exact.
+    centre : (3,) float32
+        The point of the shape that is the shape's origin: between frames it moves straight, and the rest turns
+        evenly about it.
+    keys : mapping
+        ``translation`` (frames, 3) of the centre, and ``rotation`` (frames, 4), a unit quaternion, its real part last,
+        unless there is none.
+    deviation, between : float
+        Largest distance of vertices from where they are at frames, and at the thirds between them; 0 of exact motion.
+    """
+
+    shape: Float32Array
+    centre: Float32Array
+    keys: dict[str, Float32Array]
+    deviation: float = 0.0
+    between: float = 0.0
+
+
+def rigid_keys(frames: Float32Array, between: Float32Array | None, bound: float | None = None) -> RigidKeys | None:
+    """How a node moves a shape that moves rigidly, between its frames too; None where it does not, or stands.
+
+    Parameters
+    ----------
+    frames : (frames, vertices, 3) float32
+    between : (2 (frames - 1), vertices, 3) float32 or None
+        At the thirds between frames, where they are known.
+    bound : float, optional
+        Take what moves rigidly within it at its frames, where it does not exactly.
+    """
+    from scipy.spatial.transform import Rotation, Slerp
+
+    shape, matrices = frames[0], rigid_matrices(frames, frames[0])
+    deviation = off_between = 0.0
+    if matrices is None and bound is not None:
+        fit = rigid_within(lambda: [frames], {0: slice(None)}, bound).get(0)
+        if fit is not None:
+            shape, matrices, deviation = fit.shape, fit.matrices, fit.deviation
+    if matrices is None or (matrices == np.eye(4)).all():
+        return None
+    centre = _middle(shape)
+    # Columns are turned by the transpose of what turns rows.
+    turns = Rotation.from_matrix(matrices[:, :3, :3].transpose(0, 2, 1))
+    centres = centre @ matrices[:, :3, :3] + matrices[:, 3, :3]
+    if between is not None:
+        numbers = np.arange(len(frames))
+        thirds = np.setdiff1d(np.arange(3 * len(frames) - 2), 3 * numbers) / 3
+        found = np.broadcast_to(np.eye(4), (thirds.size, 4, 4)).copy()
+        found[:, :3, :3] = Slerp(numbers, turns)(thirds).as_matrix().transpose(0, 2, 1)
+        straight = np.stack([np.interp(thirds, numbers, column) for column in centres.T], axis=1)
+        found[:, 3, :3] = straight - centre @ found[:, :3, :3]
+        if _error(between, shape.astype(np.float64), found) > RIGID * float(np.abs(between).max()):
+            if bound is None:
+                return None
+            off_between = float(_distances(between, shape.astype(np.float64), found).max())
+    keys = {"translation": centres.astype(np.float32)}
+    if (matrices[:, :3, :3] != np.eye(3)).any():
+        quaternions = turns.as_quat()
+        # Of the two for a rotation the one that is nearer to that before it, so that no turn goes the long way.
+        flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1, 1))
+        quaternions[1:] *= flips[:, None]
+        keys["rotation"] = quaternions.astype(np.float32)
+    return RigidKeys(shape, centre, keys, deviation, off_between)
+
+
+def rigid_parts(sequence: MeshSequence, bound: float | None = None) -> tuple[MeshSequence, tuple[str, ...]]:
+    """The sequence with meshes that move rigidly still, under a transform (:mod:`pdecodec.formats.base.scene_space`).
+
+    Itself where there is none; else positions are read once more than they are written. A mesh that turns stands with
+    the middle of its box at the origin, so that programs, between frames, turn it about that. With a bound, and read
+    twice more, meshes that move rigidly within it too; a line then says how far off they are.
+    """
+    exact = _exact_parts(sequence)
+    if bound is None or sequence.frame_count < 2:
+        return exact, ()
+    places = _places(exact)
+    fits = rigid_within(lambda: (block for _, block in exact.blocks()), places, bound)
+    if not fits:
+        return exact, ()
+    rest = np.array(exact.read_frames(0, 1)[0])
+    for index, fit in fits.items():
+        rest[places[index]] = fit.shape
+    moved = _moved_parts(exact, {index: fit.matrices for index, fit in fits.items()}, rest)
+    return moved, rigid_notices(fit.deviation for fit in fits.values())
+
+
+def _places(sequence: MeshSequence) -> dict[int, slice]:
+    """Vertices of each mesh that is not under a transform yet."""
+    ends = np.cumsum([item.vertex_count for item in sequence.objects]).tolist()
+    return {
+        index: slice(end - item.vertex_count, end)
+        for index, (item, end) in enumerate(zip(sequence.objects, ends, strict=True))
+        if item.connectivity.face_count and transform_of(item) is None
+    }
+
+
+def _exact_parts(sequence: MeshSequence) -> MeshSequence:
+    """As :func:`rigid_parts`, without a bound."""
+    if sequence.frame_count < 2:
+        return sequence
+    rest = np.array(sequence.read_frames(0, 1)[0])
+    places = _places(sequence)
+    parts: dict[int, list[Float64Array]] = {index: [] for index in places}
+    # Where the last frame rules an object out, the others need not be read for it.
+    last = sequence.read_frames(sequence.frame_count - 1, sequence.frame_count)
+    for block in (block for blocks in ([last], (one for _, one in sequence.blocks())) for block in blocks):
+        for index in tuple(parts):
+            matrices = rigid_matrices(block[:, places[index]], rest[places[index]])
+            if matrices is None:
+                del parts[index]
+            else:
+                parts[index].append(matrices)
+        if not parts:
+            return sequence
+    moves = {index: np.concatenate(blocks[1:]) for index, blocks in parts.items()}
+    moves = {index: matrices for index, matrices in moves.items() if (matrices != np.eye(4)).any()}
+    return _moved_parts(sequence, moves, rest) if moves else sequence
+
+
+def _moved_parts(sequence: MeshSequence, moves: dict[int, Float64Array], rest: Float32Array) -> MeshSequence:
+    """The sequence with objects still, under transforms; those that turn with their middle at the origin."""
+    places = _places(sequence)
+    for index, matrices in moves.items():
+        if (matrices[:, :3, :3] != np.eye(3)).any():
+            centre = _middle(rest[places[index]])
+            rest[places[index]] -= centre
+            matrices[:, 3, :3] += centre @ matrices[:, :3, :3]
+    return RigidParts(sequence, moves, rest)
+
+
+class RigidParts(DerivedSequence):
+    """Another sequence, some of whose objects are still under transforms; made by :func:`rigid_parts`."""
+
+    def __init__(self, source: MeshSequence, moves: dict[int, Float64Array], rest: Float32Array) -> None:
+        super().__init__(source)
+        self._rest = rest
+        self._moved = [index in moves for index in range(len(source.objects))]
+        self.objects = tuple(
+            MeshObject(
+                item.name,
+                item.connectivity,
+                (*item.attributes, *([transform_attribute(self.times, moves[index])] if index in moves else [])),
+            )
+            for index, item in enumerate(source.objects)
+        )
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        points = np.array(self._source.read_frames(start, stop))
+        first = 0
+        for item, moved in zip(self.objects, self._moved, strict=True):
+            own = slice(first, first + item.vertex_count)
+            if moved:
+                points[:, own] = self._rest[own]
+            first = own.stop
+        return points

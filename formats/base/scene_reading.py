@@ -1,0 +1,359 @@
+"""What readers of scenes share: shapes under transforms, what they carry, and objects that cannot be read."""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import abstractmethod
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.base.attribute_roles import GROUP, MATERIAL, UV, face_groups
+from pdecodec.formats.base.frame_files import runs_of_frames
+from pdecodec.formats.base.normals import read_normal_group
+from pdecodec.formats.base.scene_space import apply_matrices, mirrors, transform_attribute, turned_around
+from pdecodec.formats.base.times import SAME_TIME, Timing
+from pdecodec.mesh.sequence import (
+    Attribute,
+    AttributeDomain,
+    Connectivity,
+    Float32Array,
+    Float64Array,
+    Int32Array,
+    MeshObject,
+    MeshSequence,
+    Unsupported,
+    check_frame_range,
+)
+
+MOST_NAMES = 8
+"""Objects that a notice names; it counts the others."""
+
+FEWEST_CORNERS = 3
+"""Of a face."""
+
+MOST_INSTANCED = 2**25
+"""Vertices that instances may become: 400 MB a frame."""
+
+
+class Refusals:
+    """What a reader does about objects that it cannot read: refuse the file, or leave them out.
+
+    Parameters
+    ----------
+    skip : bool
+        Whether they are left out.
+    """
+
+    def __init__(self, *, skip: bool) -> None:
+        self._skip = skip
+        self.found: list[Unsupported] = []
+        self.others: Counter[str] = Counter()
+        """What there is that is no geometry, by kind."""
+        self.tessellated: Counter[str] = Counter()
+        """Shapes without vertices that became polygons, by kind."""
+
+    def refuse(self, name: str, feature: str, frame: int | None = None) -> None:
+        """Note an object that cannot be read; raises InputError unless such objects are left out."""
+        if not self._skip:
+            raise InputError(f"object {name!r} has {feature}; --skip-unsupported goes on without it", frame=frame)
+        self.found.append(Unsupported(name, feature, frame))
+
+    def notices(self, shapes: Sequence[Shape]) -> tuple[str, ...]:
+        """A line for each object that was left out, one for what is no geometry, one for what shapes lose.
+
+        Raises
+        ------
+        InputError
+            If no shape is left.
+        """
+        there = ", ".join(f"{count} {kind}{'s' * (count != 1)}" for kind, count in self.others.items())
+        if not shapes and self.found:
+            first, more = self.found[0], len(self.found) - 1
+            others = f", and {more} more object{'s' * (more > 1)} cannot be read either" if more else ""
+            raise InputError(
+                f"holds nothing that can be read: object {first.name!r} has {first.feature}{others}", frame=first.frame
+            )
+        if not shapes:
+            verb = "are" if next(iter(self.others.values()), 0) > 1 else "is"
+            raise InputError(f"holds no mesh, curve or point animation: there {verb} {there or 'nothing at all'}")
+        notices = []
+        for item in self.found:
+            at = "" if item.frame is None else f" at frame {item.frame}"
+            notices.append(f"object {item.name!r} is left out: it has {item.feature}{at}")
+        names = dict.fromkeys(name for shape in shapes for name in shape.left_out)
+        notices += [f"not read: {there}"] if there else []
+        if self.tessellated:
+            kinds = ", ".join(f"{count} {kind}" for kind, count in self.tessellated.items())
+            notices.append(f"shapes without vertices became polygons: {kinds}")
+        notices += [f"not kept: {', '.join(names)}"] if names else []
+        return (*notices, *hidden_notices(shapes))
+
+
+def fault_of_faces(counts: NDArray[np.integer], indices: NDArray[np.integer]) -> str | None:
+    """What is wrong with faces, for :meth:`Refusals.refuse`; None where nothing is.
+
+    Parameters
+    ----------
+    counts : (faces,) integers
+        Corners of each.
+    indices : (corners,) integers
+        Their vertices, face after face.
+    """
+    if (counts < FEWEST_CORNERS).any():
+        face = int(np.argmax(counts < FEWEST_CORNERS))
+        corners = int(counts[face])
+        of = f"{corners} corner{'s' * (corners != 1)}"
+        return f"a face of {of} (number {face}, from 0), and {FEWEST_CORNERS} are the fewest"
+    total = int(counts.sum(dtype=np.int64))
+    if total != indices.size:
+        return f"faces of {total} corners together, and vertices for {indices.size} corners"
+    return None
+
+
+class SceneWalk:
+    """A walk through a scene: the shapes that can be read, at a time or as they are first.
+
+    Parameters
+    ----------
+    refusals : Refusals
+    at : float, optional
+        When connectivity that changes is looked at, in the time that the format counts. Default: at first.
+    changes : dict of str to sequence of float, optional
+        When that of each shape changes, by its path, as an earlier walk found it.
+    """
+
+    def __init__(
+        self, refusals: Refusals, at: float | None = None, changes: dict[str, Sequence[float]] | None = None
+    ) -> None:
+        self.refusals, self.at = refusals, at
+        self.changes: dict[str, Sequence[float]] = {} if changes is None else changes
+        self.is_first = changes is None
+
+
+def hidden_notices(shapes: Sequence[Shape]) -> tuple[str, ...]:
+    """A line that names shapes that the file hides: there is no place for it here."""
+    names = [shape.name for shape in shapes if shape.hidden]
+    return (f"hidden in the file, always or at times, and there all the time here: {listed(names)}",) if names else ()
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names for a line: the first few, and how many more there are."""
+    more = [f"{len(names) - MOST_NAMES} more"] if len(names) > MOST_NAMES else []
+    return ", ".join([*map(repr, names[:MOST_NAMES]), *more])
+
+
+@dataclass(kw_only=True, eq=False)
+class Shape:
+    """A shape of a scene that can be read.
+
+    Attributes
+    ----------
+    name : str
+        Names from the root, without a leading slash.
+    connectivity : Connectivity
+    attributes : list of Attribute
+    gather : (vertices,) int64 or None
+        Which of the file's points its vertices are, where that is not all of them in order.
+    left_out : list of str
+        Names of what is not kept.
+    hidden : bool
+        Whether the file hides it, always or at times.
+    """
+
+    name: str
+    connectivity: Connectivity
+    attributes: Sequence[Attribute]
+    gather: NDArray[np.int64] | None = None
+    left_out: Sequence[str] = ()
+    hidden: bool = False
+
+    def fitted(self, points: Float32Array, path: Path, frame: int) -> Float32Array:
+        """(vertices, 3) float32 of the points that the file has at a frame."""
+        if self.gather is not None and len(points) > int(self.gather.max(initial=-1)):
+            points = points[self.gather]
+        if len(points) != self.connectivity.vertex_count:
+            raise InputError(
+                f"object {self.name!r} has {len(points)} points, its first frame has "
+                f"{self.connectivity.vertex_count}; every frame must have the connectivity of the first",
+                path=path,
+                frame=frame,
+            )
+        return points
+
+
+def runs_of_scene(
+    times: Float64Array,
+    changes: Sequence[ArrayLike],
+    timing: Timing,
+    open_run: Callable[[int, Timing], MeshSequence],
+) -> MeshSequence:
+    """A scene whose frames stand at times [s]; of several runs where connectivity changes between two of them.
+
+    Parameters
+    ----------
+    times : (frames,) float64 [s]
+    changes : sequence of array of float [s]
+        When the connectivity of each object changes.
+    timing : Timing
+        Of all frames.
+    open_run : callable
+        Gives the run from a frame on, given its timing.
+    """
+    edges = np.unique(np.concatenate([np.zeros(0), *map(np.asarray, changes)]))
+    numbers = np.searchsorted(edges, times + SAME_TIME, side="right")
+    firsts = np.flatnonzero(np.diff(numbers, prepend=numbers[0] - 1)).tolist()
+    if len(firsts) == 1:
+        return open_run(0, timing)
+    ends = [*firsts[1:], times.size]
+
+    def own(first: int, end: int) -> MeshSequence:
+        return open_run(first, (times[first:end], timing[1], timing[2]))
+
+    vertices = [own(first, end).vertex_count for first, end in zip(firsts, ends, strict=True)]
+    return runs_of_frames([*zip(firsts, vertices, strict=True)], timing, open_run)
+
+
+class SceneSequence(MeshSequence):
+    """Shapes of a scene under transforms, which are applied to positions or kept as attributes."""
+
+    _shapes: Sequence[Any]
+    _keep: bool
+    _first_frame = 0
+    """Of its frames, where they are a run of others: errors name frames of the whole."""
+
+    @abstractmethod
+    def _read(self, shape: Any, start: int, stop: int, out: Float32Array) -> None:
+        """Read positions of frames in the shape's own space into `out`, (stop - start, vertices, 3)."""
+
+    @abstractmethod
+    def _matrices(self, shape: Any, start: int, stop: int) -> Float64Array | None:
+        """(stop - start, 4, 4) from the shape's space to the scene's, for points that are rows; None for none."""
+
+    @property
+    def shapes(self) -> Sequence[Any]:
+        """What each object is in the file."""
+        return self._shapes
+
+    def _take(self, shapes: Sequence[Any], transforms: str) -> None:
+        """Take shapes as objects, when times are known; `transforms` is ``bake`` or ``keep``."""
+        self._shapes, self._keep = shapes, transforms == "keep"
+        self.objects = tuple(self._object(shape) for shape in shapes)
+
+    def _object(self, shape: Shape) -> MeshObject:
+        item = MeshObject(shape.name, shape.connectivity, tuple(shape.attributes))
+        if self._keep:
+            matrices = self._matrices(shape, 0, self.frame_count)
+            if matrices is not None and not np.array_equal(matrices, np.broadcast_to(np.eye(4), matrices.shape)):
+                transform = transform_attribute(self.times, matrices)
+                item = dataclasses.replace(item, attributes=(*item.attributes, transform))
+        elif shape.connectivity.face_count:
+            # The last frame is looked at where all is flat in the first.
+            ends = (self._matrices(shape, frame, frame + 1) for frame in (0, self.frame_count - 1))
+            if mirrors(one[0] for one in ends if one is not None):
+                item = turned_around(item)
+        return item
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        points = np.empty((stop - start, self.vertex_count, 3), np.float32)
+        first = 0
+        for shape in self._shapes if start < stop else ():
+            own = points[:, first : first + shape.connectivity.vertex_count]
+            self._read(shape, start, stop, own)
+            matrices = None if self._keep else self._matrices(shape, start, stop)
+            if matrices is not None:
+                own[:] = apply_matrices(own, matrices)
+            first += shape.connectivity.vertex_count
+        return points
+
+
+@dataclass
+class Extras:
+    """What a shape carries beside positions, as it is read.
+
+    Attributes
+    ----------
+    connectivity : Connectivity
+        Faces as they are kept.
+    order : (corners,) int64
+        Corner of the file that each corner of `connectivity` was.
+    attributes : list of Attribute
+    own : dict
+        Arrays that only our writers leave.
+    left_out : list of str
+        Names of what is not kept.
+    """
+
+    connectivity: Connectivity
+    order: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    attributes: list[Attribute] = field(default_factory=list)
+    own: dict[str, NDArray[Any]] = field(default_factory=dict)
+    left_out: list[str] = field(default_factory=list)
+
+    def fits(self, domain: AttributeDomain, values: NDArray[Any], indices: Int32Array | None) -> bool:
+        """Whether rows of a file are as many as the domain has elements, and their indices are within them."""
+        rows = {
+            "vertex": self.connectivity.vertex_count,
+            "face": self.connectivity.face_count,
+            "corner": self.connectivity.face_indices.size,
+        }.get(domain)
+        if indices is not None and indices.size and not -1 <= indices.min() <= indices.max() < len(values):
+            return False
+        return rows is None or rows == (len(values) if indices is None else indices.size)
+
+    def add(
+        self,
+        name: str,
+        domain: AttributeDomain,
+        values: NDArray[Any],
+        indices: Int32Array | None,
+        labels: tuple[str, ...] = (),
+    ) -> None:
+        """Add an attribute, its rows in the order of the file; left out where it does not fit the shape."""
+        if not self.fits(domain, values, indices):
+            self.left_out.append(name)
+            return
+        if domain == "corner":
+            values, indices = (values[self.order], None) if indices is None else (values, indices[self.order])
+        if indices is not None and (labels or domain == "object"):
+            # Labels are told apart by the values themselves.
+            values, indices = values[indices], None
+        if domain == "vertex" and name.partition(":")[0] == UV and self.connectivity.face_count:
+            rows = np.arange(len(values), dtype=np.int32) if indices is None else indices
+            domain, indices = "corner", rows[self.connectivity.face_indices]
+        self.attributes.append(Attribute(name, domain, values, indices, labels))
+
+    def add_normals(self, domain: AttributeDomain, normals: NDArray[Any], indices: Int32Array | None) -> None:
+        """Add which corners share a normal; left out where normals do not fit the shape."""
+        if normals.ndim != 2 or normals.shape[1] != 3 or not self.fits(domain, normals, indices):
+            self.left_out.append("normals")
+        elif self.connectivity.face_count:
+            self.attributes.append(read_normal_group(self.connectivity, domain, normals, indices, self.order))
+
+    def add_face_sets(self, found: Sequence[tuple[str, str, NDArray[np.integer]]]) -> None:
+        """Add named sets of faces: role (group or material), label, and members."""
+        for role in (GROUP, MATERIAL):
+            sets = [(label, members) for kind, label, members in found if kind == role]
+            self.attributes += face_groups(role, sets, self.connectivity.face_count)
+
+    def own_lines(self, counts: str, indices: str) -> Connectivity:
+        """The connectivity with lines that our writer left beside faces or points under these names."""
+        whole, none = self.connectivity, np.zeros(0, np.int32)
+        lines = self.own.get(counts, none), self.own.get(indices, none)
+        return Connectivity(whole.vertex_count, whole.face_counts, whole.face_indices, *lines)
+
+    def curves(self, counts: Int32Array) -> tuple[Connectivity, NDArray[np.int64] | None]:
+        """The connectivity of curves of so many points, and which points are vertices where curves share some."""
+        points = self.connectivity.vertex_count
+        indices = self.own.get("vertex", np.zeros(0, np.int32)).astype(np.int32)
+        if indices.size != points:
+            return Connectivity(points, line_counts=counts, line_indices=np.arange(points, dtype=np.int32)), None
+        _, gather = np.unique(indices, return_index=True)
+        return Connectivity(gather.size, line_counts=counts, line_indices=indices), gather

@@ -1,0 +1,327 @@
+"""The space positions are in: transforms above objects, which axis is up, how long a unit is; and velocities.
+
+The metadata ``up_axis`` is ``X``, ``Y`` or ``Z``; ``unit`` is ``mm``, ``cm``, ``dm``, ``m``, ``km``, ``in``, ``ft``,
+``yd`` or a number of metres, as ``2.5 m``. Neither is there where the source did not say it.
+
+An object whose transform was kept has positions in its own space, and the attribute ``transform`` of domain
+``object``: rows of 17 float64, a time [s] and the 16 numbers of a matrix row by row. A point is a row:
+``world = [x y z 1] M``, so the translation stands in the last row. Between its times a matrix is the straight line
+of its numbers, as Alembic and USD have it; before the first and after the last it stands still. A matrix that mirrors
+turns faces inside out; where it is applied, they are turned around too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdecodec.errors import InputError, SettingsError
+from pdecodec.formats.base.attribute_roles import reversed_corners
+from pdecodec.mesh.rounding import rounding_noticed, to_float32
+from pdecodec.mesh.runs import changed
+from pdecodec.mesh.sequence import (
+    Attribute,
+    Connectivity,
+    Float32Array,
+    Float64Array,
+    MeshObject,
+    MeshSequence,
+    check_frame_range,
+)
+
+UP_AXIS, UNIT = "up_axis", "unit"
+
+UNITS = {"mm": 0.001, "cm": 0.01, "dm": 0.1, "m": 1.0, "km": 1000.0, "in": 0.0254, "ft": 0.3048, "yd": 0.9144}
+"""Metres in each unit that has a name."""
+
+SAME_UNIT = 1e-9
+"""Relative difference at which a unit is the named one."""
+
+TRANSFORM, TRANSFORM_COLUMNS = "transform", 17
+"""Name of the attribute; a time and a matrix."""
+
+_TO_Y: Mapping[str, NDArray[np.int64]] = {
+    "X": np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
+    "Y": np.eye(3, dtype=np.int64),
+    "Z": np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]),
+}
+"""Quarter turns that bring an axis up to Y, for points that are rows: ``point @ turn``."""
+
+
+class DerivedSequence(MeshSequence):
+    """Another sequence, changed."""
+
+    def __init__(self, source: MeshSequence) -> None:
+        self._source = source
+        self.objects = source.objects
+        self.times, self.fps = source.times, source.fps
+        self.metadata, self.notices = source.metadata, source.notices
+
+    def close(self) -> None:
+        self._source.close()
+
+
+def up_axis_of(sequence: MeshSequence) -> str | None:
+    """``X``, ``Y`` or ``Z``, or None where nobody said."""
+    axis = sequence.metadata.get(UP_AXIS, "").strip().upper()
+    return axis if axis in _TO_Y else None
+
+
+def metres_per_unit(sequence: MeshSequence) -> float | None:
+    """Length of a unit [m], or None where nobody said."""
+    return _metres(sequence.metadata.get(UNIT, ""))
+
+
+def _metres(text: str) -> float | None:
+    text = text.strip()
+    if text in UNITS:
+        return UNITS[text]
+    number, _, metre = text.partition(" ")
+    try:
+        length = float(number) if metre == "m" else math.nan
+    except ValueError:
+        return None
+    return length if 0 < length < math.inf else None
+
+
+def unit_text(metres: float) -> str:
+    """What the metadata says of a unit of so many metres."""
+    for name, length in UNITS.items():
+        if abs(metres - length) <= SAME_UNIT * length:
+            return name
+    return f"{metres!r} m"
+
+
+def place(
+    sequence: MeshSequence, *, up_axis: str | None = None, scale: float = 1.0, unit: str | None = None
+) -> MeshSequence:
+    """A sequence turned and scaled.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    up_axis : {"X", "Y", "Z"}, optional
+        The axis that is to be up. Where the sequence does not say which one is, nothing is turned: it is taken to
+        be this one, and a notice says so.
+    scale : float
+        Positions are multiplied by it; the unit, where it is known, is divided by it.
+    unit : str, optional
+        The length of a unit of `sequence`, ``cm`` or ``2.5 m``, where it does not say it, or says it wrongly.
+
+    Raises
+    ------
+    SettingsError
+        If the scale is not a positive number, or there is no such axis or unit.
+    """
+    if not 0 < scale < math.inf:
+        raise SettingsError(f"the scale must be a positive number, not {scale}")
+    if up_axis is not None and up_axis.upper() not in _TO_Y:
+        raise SettingsError(f"the up axis is X, Y or Z, not {up_axis!r}")
+    if unit is not None and _metres(unit) is None:
+        raise SettingsError(f"a unit is {', '.join(UNITS)} or a number of metres, as '2.5 m', not {unit!r}")
+    if up_axis is None and scale == 1.0 and unit is None:
+        return sequence
+    axis = None if up_axis is None else up_axis.upper()
+    return changed(sequence, lambda run: PlacedSequence(run, axis, scale, unit))
+
+
+class PlacedSequence(DerivedSequence):
+    """Another sequence, turned by quarters and scaled; made by :func:`place`."""
+
+    def __init__(self, source: MeshSequence, up_axis: str | None, scale: float, unit: str | None) -> None:
+        super().__init__(source)
+        known, metres = up_axis_of(source), metres_per_unit(source) if unit is None else _metres(unit)
+        turn = np.eye(3, dtype=np.int64)
+        metadata = dict(source.metadata)
+        if unit is not None:
+            metadata[UNIT] = unit
+        if up_axis is not None:
+            metadata[UP_AXIS] = up_axis
+            if known is not None:
+                turn = _TO_Y[known] @ _TO_Y[up_axis].T
+            else:
+                unsaid = f"which axis is up is not recorded; it is taken to be {up_axis}, nothing is turned"
+                self.notices = (*source.notices, unsaid)
+        if metres is not None and scale != 1.0:
+            metadata[UNIT] = unit_text(metres / scale)
+        self.metadata = metadata
+        self._turn = turn.astype(np.float64) * scale
+        self._kept = [transform_of(item) is not None for item in source.objects]
+        self.objects = tuple(self._placed(item) for item in source.objects)
+
+    def _placed(self, item: MeshObject) -> MeshObject:
+        """An object whose kept transform does the turning."""
+        transform = transform_of(item)
+        if transform is None:
+            return item
+        rows = transform.values.astype(np.float64)
+        turn = np.eye(4)
+        turn[:3, :3] = self._turn
+        rows[:, 1:] = (rows[:, 1:].reshape(-1, 4, 4) @ turn).reshape(-1, 16)
+        placed = Attribute(TRANSFORM, "object", rows)
+        attributes = tuple(placed if one is transform else one for one in item.attributes)
+        return MeshObject(item.name, item.connectivity, attributes)
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        with rounding_noticed(float(np.abs(self._turn).max())):
+            points = self._source.read_frames(start, stop)
+        # Each new coordinate is one old one times a number, so nothing is rounded but by the scale.
+        axes = np.abs(self._turn).argmax(axis=0)
+        factors = self._turn[axes, np.arange(3)].astype(np.float32)
+        with np.errstate(over="ignore"):
+            placed: Float32Array = points[..., axes] * factors
+        first = 0
+        for item, kept in zip(self.objects, self._kept, strict=True):
+            if kept:
+                placed[:, first : first + item.vertex_count] = points[:, first : first + item.vertex_count]
+            first += item.vertex_count
+        return placed
+
+
+def transform_attribute(times: ArrayLike, matrices: ArrayLike) -> Attribute:
+    """The attribute of matrices (samples, 4, 4) at times [s]; repeated matrices at its ends are kept once."""
+    flat = np.asarray(matrices, np.float64).reshape(-1, 16)
+    rows = np.column_stack([np.asarray(times, np.float64), flat])
+    moving = np.flatnonzero((np.diff(flat, axis=0) != 0).any(axis=1))
+    rows = rows[:1] if moving.size == 0 else rows[moving[0] : moving[-1] + 2]
+    return Attribute(TRANSFORM, "object", np.ascontiguousarray(rows))
+
+
+def transform_of(item: MeshObject) -> Attribute | None:
+    """The object's transform, if it was kept.
+
+    Raises
+    ------
+    InputError
+        If the attribute of that name holds something else.
+    """
+    found = next((one for one in item.attributes if one.name == TRANSFORM and one.domain == "object"), None)
+    if found is None:
+        return None
+    rows = found.values
+    if rows.ndim != 2 or rows.shape[1] != TRANSFORM_COLUMNS or not len(rows) or (np.diff(rows[:, 0]) <= 0).any():
+        raise InputError(
+            f"attribute {TRANSFORM!r} of object {item.name!r} is no list of times and matrices; remove or rename it"
+        )
+    return found
+
+
+def matrices_at(transform: Attribute, times: ArrayLike) -> Float64Array:
+    """(times, 4, 4) float64: the matrices at given times [s]."""
+    rows = transform.values.astype(np.float64)
+    wanted = np.atleast_1d(np.asarray(times, np.float64))
+    columns = [np.interp(wanted, rows[:, 0], rows[:, column]) for column in range(1, TRANSFORM_COLUMNS)]
+    return np.stack(columns, axis=1).reshape(-1, 4, 4)
+
+
+def apply_matrices(points: Float32Array, matrices: Float64Array) -> Float32Array:
+    """Points moved by matrices, in float64 and rounded once.
+
+    Parameters
+    ----------
+    points : (frames, vertices, 3) float32
+    matrices : (frames, 4, 4) float64
+
+    Returns
+    -------
+    (frames, vertices, 3) float32
+        `points` itself where every matrix is the identity.
+    """
+    if np.array_equal(matrices, np.broadcast_to(np.eye(4), matrices.shape)):
+        return points
+    with np.errstate(over="ignore", invalid="ignore"):
+        return to_float32(points.astype(np.float64) @ matrices[:, :3, :3] + matrices[:, None, 3, :3])
+
+
+def mirrors(matrices: Iterable[Float64Array]) -> bool:
+    """Whether the first of some matrices (4, 4) that does not flatten mirrors."""
+    signs = (float(np.linalg.slogdet(matrix[:3, :3])[0]) for matrix in matrices)
+    with np.errstate(invalid="ignore"):
+        return next((sign for sign in signs if sign), 1.0) < 0
+
+
+def turned_around(item: MeshObject) -> MeshObject:
+    """An object with its faces the other way round, and what belongs to their corners with them."""
+    old = item.connectivity
+    order = reversed_corners(old.face_counts)
+    connectivity = Connectivity(
+        old.vertex_count, old.face_counts, old.face_indices[order], old.line_counts, old.line_indices
+    )
+    attributes = (_reordered(one, order) if one.domain == "corner" else one for one in item.attributes)
+    return MeshObject(item.name, connectivity, tuple(attributes))
+
+
+def _reordered(attribute: Attribute, order: NDArray[np.int64]) -> Attribute:
+    if attribute.indices is None:
+        return dataclasses.replace(attribute, values=attribute.values[order])
+    return dataclasses.replace(attribute, indices=attribute.indices[order])
+
+
+def bake_transforms(sequence: MeshSequence) -> MeshSequence:
+    """The sequence with every kept transform applied to its positions; itself where there is none."""
+    return BakedTransforms(sequence) if any(transform_of(item) for item in sequence.objects) else sequence
+
+
+class BakedTransforms(DerivedSequence):
+    """Another sequence in the space of the scene: kept transforms are applied, and no longer attributes."""
+
+    def __init__(self, source: MeshSequence) -> None:
+        super().__init__(source)
+        self._transforms = [transform_of(item) for item in source.objects]
+        self.objects = tuple(
+            self._baked(item, transform) for item, transform in zip(source.objects, self._transforms, strict=True)
+        )
+
+    def _baked(self, item: MeshObject, transform: Attribute | None) -> MeshObject:
+        if transform is None:
+            return item
+        attributes = tuple(one for one in item.attributes if one is not transform)
+        baked = MeshObject(item.name, item.connectivity, attributes)
+        return turned_around(baked) if mirrors(matrices_at(transform, self.times[[0, -1]])) else baked
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        points = self._source.read_frames(start, stop).copy()
+        first = 0
+        for item, transform in zip(self.objects, self._transforms, strict=True):
+            own = points[:, first : first + item.vertex_count]
+            if transform is not None:
+                own[:] = apply_matrices(own, matrices_at(transform, self.times[start:stop]))
+            first += item.vertex_count
+        return points
+
+
+def velocities_of(sequence: MeshSequence) -> MeshSequence:
+    """Velocities at a sequence's frames [scene units / s]: an animation's own, else differences of its positions."""
+    from pdecodec.codec.decoder import Animation
+    from pdecodec.mesh.resample import sampled
+
+    if isinstance(sequence, Animation):
+        return sampled(sequence, sequence.times, quantity="velocities")
+    return changed(sequence, DifferencedVelocities)
+
+
+class DifferencedVelocities(DerivedSequence):
+    """Velocities of another sequence at its frames, exact where vertices move by quadratics of time.
+
+    Inside, the slope at a frame of the parabola through it and its neighbours; at the ends, of the line to the next
+    frame; zero where there is one frame alone.
+    """
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        """(stop - start, vertices, 3) float32 [scene units / s]."""
+        check_frame_range(self, start, stop)
+        if start == stop or self.frame_count == 1:
+            return np.zeros((stop - start, self.vertex_count, 3), np.float32)
+        low, high = max(0, start - 1), min(self.frame_count, stop + 1)
+        points = self._source.read_frames(low, high).astype(np.float64)
+        steps = np.diff(self.times[low:high])[:, None, None]
+        slopes = np.diff(points, axis=0) / steps
+        inner = (steps[1:] * slopes[:-1] + steps[:-1] * slopes[1:]) / (steps[1:] + steps[:-1])
+        every = np.concatenate([slopes[:1], inner, slopes[-1:]])
+        with np.errstate(over="ignore"):
+            return every[start - low : stop - low].astype(np.float32)

@@ -1,0 +1,218 @@
+"""Times and frame rates as files store them: rounded, regular, sampled apart, or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdecodec.errors import InputError, SettingsError
+from pdecodec.mesh.sequence import DEFAULT_FPS, Float64Array, check_times
+from pdecodec.mesh.times import MOST_TIMES, times_at_rate
+
+SAME_TIME = 1e-6
+"""Seconds within which two sample times are one: files round theirs to six decimals, or to float32."""
+
+RATE_SLACK = 1e-6
+"""Relative distance at which a frame rate is taken for the round one it was meant to be."""
+
+FLOAT32_ROUNDING = 2.0**-23
+"""Relative error of a time after float32, with a bit to spare."""
+
+FRAME_SLACK = 1e-3
+"""Share of a frame by which times in files are rounded: that near, a key stands on a frame."""
+
+Timing = tuple[Float64Array, float, tuple[str, ...]]
+"""Times [s], nominal frame rate [1/s], and notices about them."""
+
+_ASSUMED = f"assumed {DEFAULT_FPS:g} frames per second; pass --fps to change"
+
+_KEPT = "the file stores its times, they are kept; {:g} frames per second is only the nominal rate"
+
+
+def merged_times(groups: Sequence[Float64Array]) -> Float64Array:
+    """Every time of several lists, once, in order; times within :data:`SAME_TIME` are one."""
+    every = np.sort(np.concatenate(groups))
+    kept: Float64Array = every[np.concatenate([[True], np.diff(every) > SAME_TIME])]
+    return kept
+
+
+def round_rate(rate: float) -> float:
+    """The rate meant by one that was stored as a rounded spacing: 24, 29.97 (30000 / 1001), or itself."""
+    for meant in (round(rate), round(rate * 1.001) / 1.001, round(rate, 3)):
+        if meant > 0 and abs(rate - meant) <= RATE_SLACK * rate:
+            return float(meant)
+    return rate
+
+
+def snapped_times(times: ArrayLike, rate: float, slack: float = SAME_TIME) -> Float64Array:
+    """Times [s] that are frames of a rate [1/s] but for a slack [s], without that rounding; others as they are."""
+    stored = np.asarray(times, np.float64)
+    frames = np.rint(stored * rate)
+    if (np.abs(frames / rate - stored) <= slack).all() and (np.diff(frames) > 0).all():
+        return frames / rate
+    return stored
+
+
+def regular_rate(times: Float64Array, fps: float) -> float | None:
+    """The rate of times that are a constant step apart; None where they are not, or there is only one."""
+    if times.size < 2:
+        return None
+    spacing = float(times[-1] - times[0]) / (times.size - 1)
+    for rate in (fps, round_rate(1.0 / spacing), 1.0 / spacing):
+        if (np.abs(times[0] + np.arange(times.size) / rate - times) <= SAME_TIME / 10).all():
+            return float(rate)
+    return None
+
+
+def times_kept(
+    times: Float64Array, kept_as: Literal["float32", "microseconds", "both"], *, title: str
+) -> tuple[str, ...]:
+    """A line that says how far the times [s] of a sequence are off in a format that rounds them.
+
+    Parameters
+    ----------
+    times : (frames,) float64 [s]
+    kept_as : {"float32", "microseconds", "both"}
+        Whether the format keeps float32, programs take times within :data:`SAME_TIME` for one, or both.
+    title : str
+        Of the format.
+
+    Raises
+    ------
+    InputError
+        If frames would fall together.
+    """
+    # A time beyond float32 is infinite, as is the next one.
+    with np.errstate(over="ignore"):
+        kept = times if kept_as == "microseconds" else times.astype(np.float32).astype(np.float64)
+    together = np.flatnonzero(~(np.diff(kept) > (0 if kept_as == "float32" else SAME_TIME)))
+    if together.size:
+        frame = int(together[0]) + 1
+        raise InputError(
+            f"its time {float(times[frame])!r} s and the one before are one in {title}; "
+            "write .npz or .h5, which keep them apart",
+            frame=frame,
+        )
+    steps = np.diff(times)
+    off = float(np.abs(kept - times).max())
+    if steps.size == 0 or off <= FRAME_SLACK * float(steps.min()):
+        return ()
+    return (f"{title} keeps times as float32: they are up to {off:.1g} s off",)
+
+
+def rate_or_default(stored: float | None, asked: float | None) -> tuple[float, tuple[str, ...]]:
+    """Frame rate that the caller asked for, else that of the file, else 24, and notices about it."""
+    if asked is not None:
+        differs = stored is not None and abs(stored - asked) > RATE_SLACK * stored
+        return asked, (_KEPT.format(asked),) if differs else ()
+    return (DEFAULT_FPS, (_ASSUMED,)) if stored is None else (stored, ())
+
+
+def frames_at_rate(first: float, last: float, rate: float, slack: float = SAME_TIME) -> Float64Array:
+    """Times [s] from the first key of an animation to its last at a rate [1/s], and the last where it falls between.
+
+    The slack [s] is by how much the last key may be rounded.
+
+    Raises
+    ------
+    InputError
+        If they are too many: nobody asked for so many frames, the file's own times do.
+    """
+    try:
+        times = times_at_rate(first, last + slack, rate)
+    except SettingsError as error:
+        raise InputError(error.message) from error
+    return times if last - times[-1] <= slack else np.append(times, last)
+
+
+def resampled(stored: Float64Array, rate: float) -> tuple[Float64Array, tuple[str, ...]]:
+    """Frames at a rate [1/s] that was asked for, from the first stored time [s] to the last, and a notice.
+
+    Frames that fall on stored times are these, exactly; the notice counts stored times that no frame falls on.
+    """
+    slack = FRAME_SLACK / rate
+    times = frames_at_rate(float(stored[0]), float(stored[-1]), rate, slack)
+    nearest = np.rint((stored - stored[0]) * rate).astype(np.int64)
+    nearest[-1] = times.size - 1
+    found = np.abs(times[np.minimum(nearest, times.size - 1)] - stored) <= slack
+    times[nearest[found]] = stored[found]
+    missed = int(stored.size - found.sum())
+    between = f"sampled at {rate:g} frames per second: {missed} of {stored.size} times in the file fall between frames"
+    return times, (between,) if missed else ()
+
+
+def without_gaps(keys: Float64Array, rate: float) -> Float64Array:
+    """Times [s] of keys, and as many evenly between two as leave no gap longer than a frame at a rate [1/s].
+
+    Raises
+    ------
+    InputError
+        If they are too many.
+    """
+    steps = np.maximum(1, np.ceil(np.diff(keys) * rate - FRAME_SLACK))
+    if steps.sum() >= MOST_TIMES:
+        raise InputError(
+            f"its keys from {keys[0]:g} to {keys[-1]:g} s are {steps.sum():.3g} frames at {rate:g} a second, more than "
+            f"{MOST_TIMES:,}; take a lower rate (--fps)"
+        )
+    counts = steps.astype(np.int64)
+    starts = np.repeat(np.arange(counts.size), counts)
+    share = (np.arange(starts.size) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[starts]
+    return np.append(keys[starts] + share * np.diff(keys)[starts], keys[-1])
+
+
+def timing_of_stored(times: Float64Array, fps: float | None) -> Timing:
+    """Stored times [s], checked, at the rate asked for, else at that of their mean spacing."""
+    span = float(times[-1] - times[0]) if times.size > 1 else 0.0
+    rate, notices = rate_or_default(round_rate((times.size - 1) / span) if span > 0 else None, fps)
+    return *check_times(times.size, times, rate), notices
+
+
+def timing_of_numbers(numbers: Sequence[int] | None, fps: float | None) -> Timing:
+    """Frame numbers over the rate; a single file without a number is at time 0."""
+    rate, notices = rate_or_default(None, fps)
+    if numbers is None:
+        return np.zeros(1), rate, ()
+    return np.asarray(numbers, np.float64) / rate, rate, notices
+
+
+def timing_of_arrays(arrays: Mapping[str, NDArray[Any]], frames: int, fps: float | None) -> Timing:
+    """Times of a file that may hold ``times`` (frames,), a rate ``fps`` (), both or neither.
+
+    Stored times win over the rate asked for, a stored rate does not.
+
+    Raises
+    ------
+    InputError
+        If stored times or rate are not numbers, or times do not increase.
+    """
+    times, stored = _numbers(arrays, "times"), _numbers(arrays, "fps")
+    if stored is not None and stored.size != 1:
+        raise InputError(f"fps must be one number, not {stored.shape}")
+    rate = fps if fps is not None else None if stored is None else float(stored.reshape(-1)[0])
+    notices: tuple[str, ...] = ()
+    if times is not None and fps is not None:
+        notices = (_KEPT.format(fps),)
+    elif times is None and rate is None:
+        notices = (_ASSUMED,)
+    return *check_times(frames, times, rate), notices
+
+
+def _numbers(arrays: Mapping[str, NDArray[Any]], name: str) -> Float64Array | None:
+    if name not in arrays:
+        return None
+    array = arrays[name]
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"{name} must be numbers, not {array.dtype}")
+    return array.astype(np.float64)
+
+
+def codes_of(times: Float64Array, rate: float) -> Float64Array:
+    """Time codes of times, whole where they are whole but for rounding."""
+    codes = times * rate
+    whole = np.rint(codes)
+    found: Float64Array = np.where(np.abs(codes - whole) <= 1e-9 * np.maximum(1.0, np.abs(whole)), whole, codes)
+    return found

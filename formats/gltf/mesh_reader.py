@@ -1,0 +1,363 @@
+"""glTF meshes in: primitives joined to one object, as they are or, where our writer noted it, as they were before.
+
+Vertices that were cut at hard edges and UV seams stay apart: each has one normal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, UV, face_groups, role_name
+from pdecodec.formats.base.normals import normal_group
+from pdecodec.formats.gltf.compression import DRACO, DracoMesh, decode_draco
+from pdecodec.formats.gltf.file import (
+    LINE_LOOP,
+    LINES,
+    POINTS,
+    TRIANGLE_FAN,
+    TRIANGLE_STRIP,
+    TRIANGLES,
+    GltfFile,
+    as_declared,
+    fingerprint,
+    flipped,
+    read_integers,
+)
+from pdecodec.mesh.sequence import Attribute, Connectivity, Float32Array, Float64Array, Int32Array
+
+MOST_UNUSED = 2**22
+"""Numbers that may be noted beyond one for each corner that is drawn: single points, rows of UVs that no corner has."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Vertices that primitives share: one set of attribute accessors."""
+
+    positions: Float32Array
+    targets: tuple[Float32Array, ...]
+    joints: NDArray[np.int64] | None
+    weights: Float64Array | None
+
+
+@dataclass(frozen=True)
+class GltfMesh:
+    """A mesh as one object: blocks, whose vertices stand one after the other, and which of them are the object's.
+
+    `weights`, (targets,), are those of the morph targets where nothing moves them; `starts` are the first rows of the
+    vertices of each primitive, `corner_rows`, (corners,), the row of each corner of the object's faces.
+    """
+
+    connectivity: Connectivity
+    attributes: tuple[Attribute, ...]
+    blocks: tuple[Block, ...]
+    gather: NDArray[np.int64] | None
+    weights: Float64Array
+    left_out: tuple[str, ...]
+    starts: tuple[int, ...]
+    corner_rows: Int32Array
+
+
+def read_mesh(file: GltfFile, index: int) -> GltfMesh:
+    """A mesh of the file; InputError where it is damaged."""
+    try:
+        return _Reader(file, file.listed("meshes")[index]).read()
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise InputError(f"mesh {index} is damaged ({error}); export the file again") from error
+
+
+class PrimitiveRows:
+    """The attributes of a primitive by their names, compressed or not."""
+
+    def __init__(self, file: GltfFile, primitive: Mapping[str, Any]) -> None:
+        self._file = file
+        self.accessors: Mapping[str, int] = primitive["attributes"]
+        extensions = primitive.get("extensions", {})
+        self.mode = primitive.get("mode", TRIANGLES)
+        self._indices = primitive.get("indices")
+        self._packed: DracoMesh | None = None
+        self._packed_as: Mapping[str, int] = {}
+        if DRACO in extensions:
+            self._packed = decode_draco(file.view_bytes(extensions[DRACO]["bufferView"]))
+            self._packed_as = extensions[DRACO]["attributes"]
+            # Strips are triangles when they come out.
+            self.mode = TRIANGLES
+        elif extensions and not {"bufferView", "sparse"} & file.listed("accessors")[self.accessors["POSITION"]].keys():
+            raise InputError(f"holds geometry in {', '.join(extensions)}, which is not read; export it without")
+
+    def read(self, name: str) -> NDArray[Any]:
+        """Numbers of an attribute, (vertices,) or (vertices, k)."""
+        index = self.accessors[name]
+        if self._packed is None or name not in self._packed_as:
+            return self._file.accessor(index)
+        values, entry = self._packed.attributes[self._packed_as[name]], self._file.listed("accessors")[index]
+        if len(values) != entry["count"]:
+            raise ValueError(f"{len(values)} vertices were compressed, {entry['count']} are declared")
+        return as_declared(values, entry)
+
+    def indices(self, rows: int) -> NDArray[np.int64]:
+        """(corners,) int64, below `rows`."""
+        if self._packed is not None:
+            indices = self._packed.indices
+        elif self._indices is None:
+            return np.arange(rows, dtype=np.int64)
+        else:
+            indices = self._file.accessor(self._indices).astype(np.int64)
+        if indices.size and int(indices.max()) >= rows:
+            raise ValueError(f"an index is {int(indices.max())}, there are {rows} vertices")
+        return indices
+
+
+class _Reader:
+    def __init__(self, file: GltfFile, entry: Mapping[str, Any]) -> None:
+        self._file, self._entry = file, entry
+        self._known: dict[str, tuple[int, int]] = {}
+        self._blocks: list[Block] = []
+        self._rows = 0
+        self._sources: list[PrimitiveRows] = []
+        self._left_out: dict[str, None] = {}
+
+    def read(self) -> GltfMesh:
+        faces: list[Int32Array] = []
+        materials: list[NDArray[np.int64]] = []
+        lines: list[Int32Array] = []
+        drawn: list[tuple[int, NDArray[np.int64]]] = []
+        starts: list[int] = []
+        groups: list[list[str]] = []
+        for primitive in self._entry["primitives"]:
+            rows = PrimitiveRows(self._file, primitive)
+            start, count = self._block(primitive, rows)
+            starts.append(start)
+            indices, mode = rows.indices(count) + start, rows.mode
+            drawn.append((mode, indices))
+            if mode in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
+                triangles = _triangles(mode, indices)
+                faces.append(triangles)
+                materials.append(np.full(len(triangles), primitive.get("material", -1), np.int64))
+                groups.append(_groups_of(primitive))
+            elif mode != POINTS:
+                lines += _lines(mode, indices)
+        triangles = np.concatenate(faces) if faces else np.zeros((0, 3), np.int32)
+        connectivity = Connectivity(
+            self._rows,
+            face_counts=np.full(len(triangles), 3, np.int32),
+            face_indices=triangles.reshape(-1),
+            line_counts=np.array([line.size for line in lines], np.int32),
+            line_indices=np.concatenate(lines) if lines else np.zeros(0, np.int32),
+        )
+        targets = max((len(block.targets) for block in self._blocks), default=0)
+        weights = np.array(self._entry.get("weights", [0.0] * targets), np.float64)
+        own = self._entry.get("extras", {}).get("pdecodec")
+        if isinstance(own, dict):
+            if own.get("of") == fingerprint(self._rows, drawn):
+                return self._restored(own, weights, sum(indices.size for _, indices in drawn), tuple(starts))
+            self._left_out["what pdecodec noted of faces and seams (another program changed the mesh)"] = None
+        attributes = [*self._vertex_attributes(connectivity), *self._materials(materials), *_groups(groups, materials)]
+        return GltfMesh(
+            connectivity,
+            tuple(attributes),
+            tuple(self._blocks),
+            None,
+            weights,
+            tuple(self._left_out),
+            tuple(starts),
+            connectivity.face_indices,
+        )
+
+    def _block(self, primitive: Mapping[str, Any], rows: PrimitiveRows) -> tuple[int, int]:
+        """First row and number of the vertices of a primitive; those of an earlier one where they are the same."""
+        packed = primitive.get("extensions", {}).get(DRACO)
+        key = repr((sorted(rows.accessors.items()), primitive.get("targets"), packed))
+        if key not in self._known:
+            positions = rows.read("POSITION").astype(np.float32).reshape(-1, 3)
+            targets = tuple(
+                self._file.accessor(target["POSITION"]).astype(np.float32).reshape(-1, 3)
+                if "POSITION" in target
+                else np.zeros_like(positions)
+                for target in primitive.get("targets", [])
+            )
+            if any(len(target) != len(positions) for target in targets):
+                raise ValueError("a morph target has another number of vertices")
+            joints, weights = _influences(rows, len(positions))
+            self._known[key] = (self._rows, len(positions))
+            self._blocks.append(Block(positions, targets, joints, weights))
+            self._sources.append(rows)
+            self._rows += len(positions)
+            if "TANGENT" in rows.accessors:
+                self._left_out["tangents"] = None
+        return self._known[key]
+
+    def _vertex_attributes(self, connectivity: Connectivity) -> list[Attribute]:
+        """UVs, colours and normals, of those primitives that have them."""
+        found = []
+        for name in sorted({name for source in self._sources for name in source.accessors}):
+            if name.startswith("_"):
+                self._left_out[name] = None
+            if not name.startswith(("TEXCOORD_", "COLOR_", "NORMAL")):
+                continue
+            has = np.concatenate(
+                [
+                    np.full(len(block.positions), name in source.accessors)
+                    for block, source in zip(self._blocks, self._sources, strict=True)
+                ]
+            )
+            if name == "NORMAL":
+                if connectivity.face_count:
+                    # Triangles without normals are flat.
+                    of_corner = np.repeat(np.arange(1, connectivity.face_count + 1), connectivity.face_counts)
+                    keys = np.where(has[connectivity.face_indices], 0, of_corner)
+                    found.append(normal_group(connectivity, None if has.all() else keys))
+                continue
+            parts = [source.read(name).astype(np.float32) for source in self._sources if name in source.accessors]
+            width = max(part.shape[1] for part in parts)
+            values = np.concatenate(
+                [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=1) for part in parts]
+            )
+            # Of each vertex, the row, or none.
+            rows = np.where(has, np.cumsum(has) - 1, -1).astype(np.int32)
+            role, main = (UV, "TEXCOORD_0") if name.startswith("TEXCOORD_") else (COLOR, "COLOR_0")
+            name = role_name(role, name, (main,))
+            if role == UV:
+                found.append(Attribute(name, "corner", flipped(values), rows[connectivity.face_indices]))
+            else:
+                found.append(Attribute(name, "vertex", values, None if has.all() else rows))
+        return found
+
+    def _materials(self, of_primitives: list[NDArray[np.int64]]) -> list[Attribute]:
+        of_faces = np.concatenate([np.zeros(0, np.int64), *of_primitives])
+        used = np.unique(of_faces[of_faces >= 0])
+        if used.size == 0:
+            return []
+        entries = self._file.listed("materials")
+        labels = tuple(str(entries[number].get("name") or f"material_{number}") for number in used)
+        values = np.where(of_faces >= 0, np.searchsorted(used, of_faces), -1).astype(np.int32)
+        return [Attribute(MATERIAL, "face", values, labels=labels)]
+
+    def _restored(
+        self, own: Mapping[str, Any], weights: Float64Array, corners: int, starts: tuple[int, ...]
+    ) -> GltfMesh:
+        """The object as it was before our writer cut it at seams and into triangles, of so many corners."""
+        vertices = int(own["vertices"])
+        if not 0 < vertices <= self._rows or len(self._blocks) != 1:
+            raise ValueError("what pdecodec noted does not fit it")
+
+        def array(name: str) -> Int32Array:
+            return read_integers(own[name], corners + MOST_UNUSED) if name in own else np.zeros(0, np.int32)
+
+        connectivity = Connectivity(
+            vertices, array("faceCounts"), array("faceIndices"), array("lineCounts"), array("lineIndices")
+        )
+        rows = array("cornerRows") if "cornerRows" in own else connectivity.face_indices
+        attributes: list[Attribute] = []
+        there = self._sources[0].accessors
+        for name, uv in own.get("uvs", {}).items():
+            if uv["accessor"] not in there:
+                self._left_out[name] = None
+                continue
+            by_corner = flipped(self._sources[0].read(uv["accessor"]).astype(np.float32))[rows]
+            attributes.append(_as_noted(name, by_corner, uv))
+        for name, color in own.get("colors", {}).items():
+            if color["accessor"] not in there:
+                self._left_out[name] = None
+                continue
+            shades = self._sources[0].read(color["accessor"]).astype(np.float32)
+            domain = color.get("domain", "vertex")
+            # Of faces and objects, the first corner of each.
+            firsts = np.cumsum(connectivity.face_counts, dtype=np.int64) - connectivity.face_counts
+            chosen = {"corner": rows, "face": rows[firsts], "object": rows[:1]}
+            attributes.append(
+                Attribute(name, domain, shades[chosen[domain]] if domain in chosen else shades[:vertices])
+            )
+        if "materials" in own:
+            labels = tuple(map(str, own["materials"]))
+            attributes.append(Attribute(MATERIAL, "face", array("faceMaterials") - np.int32(1), labels=labels))
+        for name, group in own.get("groups", {}).items():
+            members = read_integers(group["faces"], corners + MOST_UNUSED) - np.int32(1)
+            values = members if group["labels"] else members.astype(np.uint8)
+            attributes.append(Attribute(name, "face", values, labels=tuple(map(str, group["labels"]))))
+        has_normals = "NORMAL" in there or "normalGroups" in own
+        if has_normals and connectivity.face_count and own.get("normals") != "added":
+            attributes.append(normal_group(connectivity, array("normalGroups") if "normalGroups" in own else None))
+        gather = None if vertices == self._rows else np.arange(vertices, dtype=np.int64)
+        left_out = tuple(self._left_out)
+        return GltfMesh(connectivity, tuple(attributes), tuple(self._blocks), gather, weights, left_out, starts, rows)
+
+
+def _groups_of(primitive: Mapping[str, Any]) -> list[str]:
+    """Names of the sets of faces that a primitive says it is in."""
+    extras = primitive.get("extras")
+    found = extras.get("groups") if isinstance(extras, dict) else None
+    return [str(one) for one in found] if isinstance(found, list) else []
+
+
+def _groups(names: Sequence[list[str]], materials: Sequence[NDArray[np.int64]]) -> list[Attribute]:
+    """Sets of faces that primitives are: by the names that they have, or numbered where materials do not part them."""
+    if not any(names):
+        used = [int(one[0]) for one in materials if one.size]
+        if len(set(used)) == len(used):
+            return []
+        names = [[f"primitive_{number}"] for number in range(len(names))]
+    ends = np.cumsum([one.size for one in materials])
+    members: dict[str, list[NDArray[np.int64]]] = {}
+    for labels, end, one in zip(names, ends.tolist(), materials, strict=True):
+        for label in labels:
+            members.setdefault(label, []).append(np.arange(end - one.size, end))
+    return face_groups(GROUP, [(label, np.concatenate(found)) for label, found in members.items()], int(ends[-1]))
+
+
+def _as_noted(name: str, by_corner: Float32Array, uv: Mapping[str, Any]) -> Attribute:
+    """A UV set with the rows that corners shared before, where they were noted."""
+    if "indices" not in uv:
+        return Attribute(name, "corner", by_corner)
+    indices, rows = read_integers(uv["indices"], len(by_corner)) - np.int32(1), int(uv["rows"])
+    if not 0 <= rows <= len(by_corner) + MOST_UNUSED or indices.size != len(by_corner):
+        raise ValueError(f"{rows} rows of {name} are noted for {len(by_corner)} corners")
+    values = np.zeros((rows, by_corner.shape[1]), np.float32)
+    values[indices[indices >= 0]] = by_corner[indices >= 0]
+    return Attribute(name, "corner", values, indices)
+
+
+def _influences(source: PrimitiveRows, rows: int) -> tuple[NDArray[np.int64] | None, Float64Array | None]:
+    """Joints of each vertex and their shares, (vertices, k), which sum to one."""
+    joints, weights = [], []
+    number = 0
+    while f"JOINTS_{number}" in source.accessors and f"WEIGHTS_{number}" in source.accessors:
+        joints.append(source.read(f"JOINTS_{number}").astype(np.int64))
+        weights.append(source.read(f"WEIGHTS_{number}").astype(np.float64))
+        number += 1
+    if not joints:
+        return None, None
+    every_joint, every_weight = np.concatenate(joints, axis=1), np.concatenate(weights, axis=1)
+    if every_joint.shape != every_weight.shape or len(every_joint) != rows:
+        raise ValueError("its joints do not fit its vertices")
+    total = every_weight.sum(axis=1, keepdims=True)
+    # As viewers do: weights are shares, and a vertex without any goes with its first joint.
+    shares = np.divide(every_weight, total, out=np.zeros_like(every_weight), where=total > 0)
+    shares[total[:, 0] <= 0, 0] = 1
+    return every_joint, shares
+
+
+def _triangles(mode: int, indices: NDArray[np.int64]) -> Int32Array:
+    if mode == TRIANGLES:
+        return indices[: indices.size // 3 * 3].reshape(-1, 3).astype(np.int32)
+    count = max(0, indices.size - 2)
+    steps = np.arange(count)
+    if mode == TRIANGLE_FAN:
+        corners = np.stack([np.zeros(count, np.int64), steps + 1, steps + 2], axis=1)
+    else:
+        odd = steps % 2
+        corners = np.stack([steps, steps + 1 + odd, steps + 2 - odd], axis=1)
+    return indices[corners].astype(np.int32)
+
+
+def _lines(mode: int, indices: NDArray[np.int64]) -> list[Int32Array]:
+    if mode == LINES:
+        return list(indices[: indices.size // 2 * 2].reshape(-1, 2).astype(np.int32))
+    if mode == LINE_LOOP:
+        indices = np.concatenate([indices, indices[:1]])
+    return [indices.astype(np.int32)]

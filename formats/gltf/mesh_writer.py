@@ -1,0 +1,325 @@
+"""One object as a glTF mesh: triangles, vertices cut at seams and hard edges, morph targets, notes of what it was."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.formats.base.attribute_roles import GROUP, MATERIAL, colors, expanded, indexed_rows, is_role, uv_sets
+from pdecodec.formats.base.normals import NormalRows, group_attribute
+from pdecodec.formats.gltf.file import (
+    INDEX_DATA,
+    LINES,
+    POINTS,
+    QUANTIZATION,
+    TRIANGLES,
+    VERTEX_DATA,
+    GltfBuilder,
+    fingerprint,
+    flipped,
+    noted_integers,
+)
+from pdecodec.formats.gltf.motion import Motion
+from pdecodec.formats.gltf.quantization import Lattice
+from pdecodec.mesh.sequence import Attribute, Connectivity, Float32Array, MeshObject
+
+GROUPS = "groups"
+"""What the extras of a primitive call the sets that its faces are in; and of a mesh, which faces each set has."""
+
+MOST_TARGETS_OF_PARTS = 2048
+"""Morph targets of all primitives of a mesh that sets of faces may part: each is named in each of them."""
+
+
+def held_by_mesh(item: MeshObject, attribute: Attribute) -> bool:
+    """Whether a mesh has a place for an attribute."""
+    if (attribute.name == MATERIAL and attribute.domain == "face" and attribute.labels) or (
+        attribute is group_attribute(item)
+    ):
+        return True
+    held = (*uv_sets(item), *(color for color, _ in _held_colors(item)), *_groups_of(item))
+    return any(attribute is one for one in held)
+
+
+def _held_colors(item: MeshObject) -> list[tuple[Attribute, Float32Array]]:
+    """Colours between 0 and 1, as glTF wants them, and their rows: of each vertex, or of each corner of a face."""
+    found = []
+    faces, corners = item.connectivity.face_counts, item.connectivity.face_indices.size
+    for one in colors(item):
+        values, indices, filled = indexed_rows(one)
+        if filled or not values.size or not (values.min() >= 0 and values.max() <= 1):
+            continue
+        rows = values if indices is None else values[indices]
+        if one.domain == "vertex":
+            found.append((one, rows))
+        elif corners and (one.domain == "corner" or len(rows) in (1, len(faces))):
+            counts = faces if one.domain == "face" else np.array([corners if one.domain == "object" else 1])
+            found.append((one, np.repeat(rows, counts, axis=0)))
+    return found
+
+
+def _groups_of(item: MeshObject) -> list[Attribute]:
+    """Attributes that say which faces are in a set."""
+    found = [one for one in item.attributes if one.domain == "face" and is_role(one, GROUP) and one.values.ndim == 1]
+    return [one for one in found if one.values.dtype.kind in "iu"]
+
+
+def write_mesh(
+    builder: GltfBuilder,
+    item: MeshObject,
+    motion: Motion,
+    rows: NormalRows | None,
+    material: Callable[[str], int],
+    lattice: Lattice | None = None,
+) -> int:
+    """Write a mesh; its index. `material` gives the index of the material of a name.
+
+    On a lattice, positions are 16-bit fractions, and so are normals at rest; those that targets add have 8 bits where
+    they are small enough. Where a motion has no normals, those of `rows` are noted alone.
+    """
+    return _MeshWriter(builder, item, motion, rows, lattice).write(material)
+
+
+class _MeshWriter:
+    """A mesh on its way into a file: its vertices, what they have, and the primitives that are drawn of them.
+
+    Attributes
+    ----------
+    sources : (rows,) int
+        The vertex that each row is of.
+    corner_rows : (corners,) int
+        The row of each corner of a face.
+    notes : dict
+        What the mesh was, as its extras keep it.
+    """
+
+    def __init__(
+        self, builder: GltfBuilder, item: MeshObject, motion: Motion, rows: NormalRows | None, lattice: Lattice | None
+    ) -> None:
+        self._builder, self._item, self._motion, self._rows, self._lattice = builder, item, motion, rows, lattice
+        self._uv_sets, self._colors = uv_sets(item), _held_colors(item)
+        columns = [uv.values if uv.indices is None else uv.indices for uv in self._uv_sets]
+        if rows is not None and motion.normals is not None:
+            columns.append(rows.corner_rows)
+        columns += [values for color, values in self._colors if color.domain != "vertex"]
+        self.sources, self.corner_rows = _cut(item.connectivity, columns)
+        self.notes: dict[str, Any] = {"vertices": item.vertex_count}
+
+    def write(self, material: Callable[[str], int]) -> int:
+        """Write it; its index."""
+        if self._lattice is not None:
+            self._builder.require(QUANTIZATION)
+        attributes, morphs = self._attributes(), self._morphs()
+        self._add_normals(attributes, morphs)
+        _note_connectivity(self._item.connectivity, self.corner_rows, self.notes)
+        common = {"targets": morphs} if morphs else {}
+        drawn: list[tuple[int, NDArray[Any]]] = []
+        primitives: list[dict[str, Any]] = []
+        for mode, indices, label, groups in self._parts(len(morphs)):
+            primitive: dict[str, Any] = {"attributes": attributes, "mode": mode}
+            drawn.append((mode, np.arange(self.sources.size) if indices is None else indices))
+            if indices is not None:
+                is_triangles = mode == TRIANGLES
+                primitive["indices"] = self._builder.integers(indices, target=INDEX_DATA, triangles=is_triangles)
+            if label is not None:
+                primitive["material"] = material(label)
+            if groups:
+                primitive["extras"] = {GROUPS: list(groups)}
+            primitives.append(primitive | common)
+        self.notes["of"] = fingerprint(self.sources.size, drawn)
+        mesh: dict[str, Any] = {"primitives": primitives, "extras": {"pdecodec": self.notes}}
+        if morphs:
+            mesh["weights"] = self._motion.first_weights
+        return self._builder.add("meshes", mesh)
+
+    def _attributes(self) -> dict[str, int]:
+        """Accessors of positions, texture coordinates and colours."""
+        found = {"POSITION": self._positions(self._motion.rest, self._lattice)}
+        rows = self.sources.size
+        for number, uv in enumerate(self._uv_sets):
+            found[f"TEXCOORD_{number}"] = _write_uv(self._builder, uv, self.corner_rows, rows, self.notes)
+            self.notes["uvs"][uv.name]["accessor"] = f"TEXCOORD_{number}"
+        for number, (color, values) in enumerate(self._colors):
+            if color.domain == "vertex":
+                by_row = values[self.sources]
+            else:
+                by_row = np.zeros((rows, values.shape[1]), np.float32)
+                by_row[self.corner_rows] = values
+            found[f"COLOR_{number}"] = self._builder.floats(by_row, target=VERTEX_DATA)
+            noted = {"accessor": f"COLOR_{number}", "domain": color.domain}
+            self.notes.setdefault("colors", {})[color.name] = noted
+        return found
+
+    def _morphs(self) -> list[dict[str, int]]:
+        """Morph targets: what each adds to positions."""
+        # What targets add has no offset.
+        added = None if self._lattice is None else dataclasses.replace(self._lattice, offset=np.zeros(3))
+        return [
+            {"POSITION": self._positions(shape, added) if shape.any() else self._builder.zeros(self.sources.size)}
+            for shape in self._motion.targets
+        ]
+
+    def _add_normals(self, attributes: dict[str, int], morphs: Sequence[dict[str, int]]) -> None:
+        """Normals at rest, and what targets add to them; or a note where there are none."""
+        rows, motion = self._rows, self._motion
+        if rows is None:
+            return
+        if motion.normals is not None and motion.normal_targets is not None:
+            # A vertex that is in no face has the row of its number.
+            normals = self.sources.copy()
+            normals[self.corner_rows] = rows.corner_rows
+            attributes["NORMAL"] = self._directions(motion.normals[normals], "<i2")
+            kinds = ["<i1"] * len(morphs)
+            if motion.is_away_from_rest:
+                kinds[-1] = "<i2"
+            for morph, shape, kind in zip(morphs, motion.normal_targets, kinds, strict=True):
+                morph["NORMAL"] = self._directions(shape[normals], kind)
+        if group_attribute(self._item) is None:
+            self.notes["normals"] = "added"
+        elif not rows.is_smooth or motion.normals is None:
+            self.notes["normalGroups"] = noted_integers(rows.groups)
+
+    def _parts(self, morphs: int) -> Iterator[tuple[int, NDArray[Any] | None, str | None, Sequence[str]]]:
+        """Primitives: how and which rows are drawn, name of the material, sets of faces."""
+        item = self._item
+        triangles, faces = _fans(item.connectivity, self.corner_rows)
+        labels, of_faces = _materials_of(item)
+        if labels:
+            self.notes["materials"], self.notes["faceMaterials"] = list(labels), noted_integers(of_faces + 1)
+        if groups := _groups_of(item):
+            self.notes[GROUPS] = {
+                one.name: {"labels": list(one.labels), "faces": noted_integers(expanded(one).astype(np.int64) + 1)}
+                for one in groups
+            }
+        is_empty = True
+        most = max(1, MOST_TARGETS_OF_PARTS // max(1, morphs))
+        for members, number, names in _parts(of_faces, groups, most=most):
+            chosen = triangles[members[faces]]
+            if len(chosen):
+                is_empty = False
+                yield TRIANGLES, chosen.reshape(-1), None if number < 0 else labels[number], names
+        segments = _segments(item.connectivity)
+        if segments.size:
+            yield LINES, segments, None, ()
+        elif is_empty:
+            yield POINTS, None, None, ()
+
+    def _positions(self, points: Float32Array, steps: Lattice | None) -> int:
+        if steps is None:
+            return self._builder.floats(points[self.sources], target=VERTEX_DATA, bounds=True)
+        return self._builder.fractions(steps.fractions(points[self.sources]), "<i2", target=VERTEX_DATA, bounds=True)
+
+    def _directions(self, vectors: Float32Array, dtype: str) -> int:
+        if self._lattice is None or np.abs(vectors).max(initial=0) > 1:
+            return self._builder.floats(vectors, target=VERTEX_DATA)
+        return self._builder.fractions(vectors, dtype, target=VERTEX_DATA)
+
+
+def _cut(connectivity: Connectivity, columns: list[NDArray[Any]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Vertices cut where their corners differ in a column, (corners,) or (corners, k).
+
+    Returns
+    -------
+    sources : (rows,) int64
+        Vertex that each row is; the first rows are all vertices in order.
+    corner_rows : (corners,) int64
+        Row of each corner.
+    """
+    corners = connectivity.face_indices.astype(np.int64)
+    vertices = np.arange(connectivity.vertex_count)
+    keys = corners
+    for column in columns:
+        _, of_corner = np.unique(column, axis=0, return_inverse=True)
+        _, keys = np.unique(keys * (corners.size + 1) + of_corner.reshape(-1), return_inverse=True)
+    if keys is corners:
+        return vertices, corners
+    _, first = np.unique(keys, return_index=True)
+    # Of the rows of a vertex, the one that comes first in the file takes the vertex's own place.
+    order = np.argsort(first)
+    of_row = corners[first[order]]
+    _, first_of_vertex = np.unique(of_row, return_index=True)
+    is_extra = np.ones(of_row.size, bool)
+    is_extra[first_of_vertex] = False
+    rows = np.empty(of_row.size, np.int64)
+    rows[order] = np.where(is_extra, connectivity.vertex_count + np.cumsum(is_extra) - 1, of_row)
+    return np.concatenate([vertices, of_row[is_extra]]), rows[keys]
+
+
+def _write_uv(
+    builder: GltfBuilder, uv: Attribute, corner_rows: NDArray[np.int64], rows: int, notes: dict[str, Any]
+) -> int:
+    values, indices, _ = indexed_rows(uv)
+    by_corner = values[:, :2] if indices is None else values[indices, :2]
+    by_row = np.zeros((rows, 2), np.float32)
+    by_row[corner_rows] = by_corner
+    note: dict[str, Any] = {"rows": len(uv.values)}
+    if uv.indices is not None:
+        note["indices"] = noted_integers(uv.indices.astype(np.int64) + 1)
+    notes.setdefault("uvs", {})[uv.name] = note
+    return builder.floats(flipped(by_row), target=VERTEX_DATA)
+
+
+def _note_connectivity(connectivity: Connectivity, corner_rows: NDArray[np.int64], notes: dict[str, Any]) -> None:
+    if connectivity.face_count:
+        notes["faceCounts"] = noted_integers(connectivity.face_counts)
+        notes["faceIndices"] = noted_integers(connectivity.face_indices)
+        if not np.array_equal(corner_rows, connectivity.face_indices):
+            notes["cornerRows"] = noted_integers(corner_rows)
+    if connectivity.line_count:
+        notes["lineCounts"] = noted_integers(connectivity.line_counts)
+        notes["lineIndices"] = noted_integers(connectivity.line_indices)
+
+
+def _fans(connectivity: Connectivity, corner_rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Triangles of faces, each a fan from its first corner: (triangles, 3) rows, and the face of each."""
+    counts = connectivity.face_counts.astype(np.int64)
+    starts = np.cumsum(counts) - counts
+    per_face = counts - 2
+    faces = np.repeat(np.arange(counts.size), per_face)
+    step = np.arange(faces.size) - np.repeat(np.cumsum(per_face) - per_face, per_face)
+    corners = np.stack([starts[faces], starts[faces] + step + 1, starts[faces] + step + 2], axis=1)
+    return corner_rows[corners].reshape(-1, 3), faces
+
+
+def _materials_of(item: MeshObject) -> tuple[tuple[str, ...], NDArray[np.int64]]:
+    """Names of materials, and the one of each face, -1 for none."""
+    for one in item.attributes:
+        if one.name == MATERIAL and one.domain == "face" and one.labels:
+            values = one.values if one.indices is None else one.values[one.indices]
+            return one.labels, values.astype(np.int64)
+    return (), np.full(item.connectivity.face_count, -1, np.int64)
+
+
+def _parts(
+    materials: NDArray[np.int64], groups: Sequence[Attribute], most: int
+) -> Iterator[tuple[NDArray[np.bool_], int, list[str]]]:
+    """Parts of a mesh that have one material and are in the same sets: which faces, the material, names of the sets.
+
+    Where that are more than `most` parts, sets do not part them.
+    """
+    keys = np.column_stack([materials, *(expanded(one).astype(np.int64) for one in groups)])
+    found, members = np.unique(keys, axis=0, return_inverse=True)
+    if len(found) > most:
+        found, members = np.unique(keys[:, :1], axis=0, return_inverse=True)
+    for number, (material, *values) in enumerate(found.tolist()):
+        names = []
+        for one, value in zip(groups, values, strict=False):
+            if one.labels and 0 <= value < len(one.labels):
+                names.append(one.labels[value])
+            elif not one.labels and value > 0:
+                names.append(one.name.removeprefix(f"{GROUP}:"))
+        yield members.reshape(-1) == number, material, names
+
+
+def _segments(connectivity: Connectivity) -> NDArray[np.int64]:
+    """Lines as pairs of vertices, one after the other."""
+    indices = connectivity.line_indices.astype(np.int64)
+    if indices.size < 2:
+        return np.zeros(0, np.int64)
+    ends = np.cumsum(connectivity.line_counts) - 1
+    inside = np.ones(indices.size - 1, bool)
+    inside[ends[:-1][ends[:-1] < indices.size - 1]] = False
+    return np.stack([indices[:-1][inside], indices[1:][inside]], axis=1).reshape(-1)

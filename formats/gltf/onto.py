@@ -1,0 +1,277 @@
+"""Motion onto glTF: a file with all that another one has, whose meshes move by our morph targets or as their nodes do.
+
+Nodes, skins, materials, images, cameras, lights and extras stay; a mesh that is moved is a new one of the same indices
+and attributes, with other positions and normals, and no joints. Where the nodes above it stand still it keeps its place
+among them. Else, and where it moves rigidly, it goes to the scene's root, under still nodes of the same names.
+"""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote, unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.formats.base.normals import NormalRows
+from pdecodec.formats.base.onto import Fitted, Placed
+from pdecodec.formats.base.registry import Output
+from pdecodec.formats.base.rigid_motion import rigid_keys
+from pdecodec.formats.base.scene_reading import listed
+from pdecodec.formats.base.scene_space import mirrors
+from pdecodec.formats.gltf.animation import Nodes, Pose
+from pdecodec.formats.gltf.compression import DRACO
+from pdecodec.formats.gltf.file import INDEX_DATA, TRIANGLES, VERTEX_DATA, GltfBuilder
+from pdecodec.formats.gltf.mesh_reader import GltfMesh, PrimitiveRows
+from pdecodec.formats.gltf.motion import Motion, motion_of
+from pdecodec.formats.gltf.reader import GltfSequence
+from pdecodec.formats.gltf.types import INSTANCING, POINTER, VISIBILITY
+from pdecodec.formats.gltf.writer import GltfScene, check_size
+from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array, MeshSequence
+
+_MIRROR = np.array([-1, 1, 1], np.float32)
+"""Scale of a node at the root whose mesh stood under a transform that mirrors: its faces stay as they are stored."""
+
+_SAME_NORMALS = 256
+"""Parts of a unit in which coordinates of normals are compared: rows at one place with one normal are one vertex."""
+
+_FLATTEST = 1e6
+"""Ratio of the scales of a transform from which on it flattens, and what is under it goes to the root instead."""
+
+_OF_ANOTHER_MOTION = ("JOINTS_", "WEIGHTS_", "TANGENT")
+"""Beginnings of the names of attributes that belong to the motion that is replaced."""
+
+
+def write_gltf_onto(
+    sequence: MeshSequence, original: GltfSequence, fits: Sequence[Fitted], source: Path, output: Output
+) -> tuple[str, ...]:
+    """Write the original's scene with a sequence's motion."""
+    check_size(sequence)
+    with output.whole_file() as path:
+        builder = GltfBuilder(meshopt=output.meshopt)
+        builder.begin_with(original.file)
+        _name_images(builder.root, source.parent, output.path.parent)
+        notices = _Onto(builder, sequence, original, fits, output).write()
+        path.write_bytes(builder.to_gltf() if output.path.suffix.lower() == ".gltf" else builder.to_glb())
+    return tuple(notices)
+
+
+def _name_images(root: dict[str, Any], old: Path, new: Path) -> None:
+    """Name images that lie in files of their own from another folder."""
+    if old.resolve() == new.resolve():
+        return
+    for entry in root.get("images", []):
+        name = entry.get("uri", "data:")
+        if not name.startswith("data:") and "://" not in name:
+            entry["uri"] = quote(Path(os.path.relpath(old / unquote(name), new)).as_posix())
+
+
+def _worlds(nodes: Nodes, node: int, times: Float64Array) -> Float64Array:
+    """(times, 4, 4): where a node is."""
+    return Pose(nodes, times).world(node)
+
+
+class _Onto(GltfScene):
+    """A scene with all that the original's has, some of whose meshes are others."""
+
+    def __init__(
+        self,
+        builder: GltfBuilder,
+        sequence: MeshSequence,
+        original: GltfSequence,
+        fits: Sequence[Fitted],
+        output: Output,
+    ) -> None:
+        super().__init__(builder, sequence, output)
+        self._original, self._fits, root = original, fits, builder.root
+        under = original.nodes.parents
+        scenes = root.setdefault("scenes", [{"nodes": [k for k in range(len(root["nodes"])) if k not in under]}])
+        self._roots = scenes[root.setdefault("scene", 0)].setdefault("nodes", [])
+        self._animations = root.setdefault("animations", []) or [{"name": "motion", "samplers": [], "channels": []}]
+        root["animations"] = self._animations
+        chosen = self._animations[original.clip_number]
+        self._samplers, self._channels = chosen["samplers"], chosen["channels"]
+        extras = chosen.get("extras")
+        chosen["extras"] = {**(extras if isinstance(extras, dict) else {}), "pdecodec": {"fps": output.rate}}
+        moved = {original.shapes[one.index].node for one in fits}
+        for node in moved:
+            self._let_go(node)
+        # A mesh that no other node has gives its place to the new one.
+        users = [(entry["mesh"], index) for index, entry in enumerate(root["nodes"]) if "mesh" in entry]
+        self._free = {mesh for mesh, _ in users} - {mesh for mesh, index in users if index not in moved}
+        self._dropped: dict[str, None] = {}
+
+    def _let_go(self, node: int) -> None:
+        """Let no animation move the weights of a node, which gets others."""
+        pointer = f"/nodes/{node}/weights"
+        for animation in self._animations:
+            targets = [channel["target"] for channel in animation["channels"]]
+            animation["channels"][:] = [
+                channel
+                for channel, target in zip(animation["channels"], targets, strict=True)
+                if (target.get("node"), target.get("path")) != (node, "weights")
+                and target.get("extensions", {}).get(POINTER, {}).get("pointer") != pointer
+            ]
+
+    def write(self) -> list[str]:
+        builder, nodes = self._builder, self._builder.root["nodes"]
+        frames, between = self._read(), self._between()
+        meshes = {one.index: nodes[self._original.shapes[one.index].node]["mesh"] for one in self._fits}
+        moved: dict[str, None] = {}
+        for one in self._fits:
+            part, item = self._original.shapes[one.index], one.item
+            points, thirds = frames[:, one.own], None if between is None else between[:, one.own]
+            where = partial(_worlds, self._original.nodes, part.node)
+            placed = Placed(where, self._sequence.times, item.name)
+            turns = rigid_keys(points, thirds) if item.connectivity.face_count else None
+            entry, place = nodes[part.node], {}
+            stays = turns is None and part.instance is None and placed.stands
+            if stays and np.linalg.cond(placed.matrices[0, :3, :3]) < _FLATTEST:
+                points, thirds = placed.points(points, 0), None if thirds is None else placed.points(thirds, 0)
+            else:
+                stays = False
+                first = placed.matrices[:1] if part.instance is None else part.instance @ placed.matrices[:1]
+                if turns is not None:
+                    points, thirds, place = points[:1] - turns.centre, None, {"translation": turns.centre.tolist()}
+                if part.skin is None and mirrors(first):
+                    points, thirds = points * _MIRROR, None if thirds is None else thirds * _MIRROR
+                    place["scale"] = _MIRROR.tolist()
+            kept = {} if stays else {key: copy.deepcopy(entry[key]) for key in ("extras",) if key in entry}
+            for key in ("mesh", "skin", "weights"):
+                entry.pop(key, None)
+            entry.get("extensions", {}).pop(INSTANCING, None)
+            if not entry.get("extensions", True):
+                del entry["extensions"]
+            if part.hidden and not stays:
+                kept["extensions"] = {VISIBILITY: {"visible": False}}
+            mesh, motion = self._write_mesh(part.mesh, meshes[one.index], points, thirds)
+            if stays:
+                number = part.node
+                entry["mesh"] = mesh
+            else:
+                moved[item.name] = None
+                number = self._node(item.name, {"mesh": mesh, **kept, **place})
+            self._animate(number, motion, turns)
+        self._animations[:] = [one for one in self._animations if one["channels"]]
+        if not self._animations:
+            del builder.root["animations"]
+        self._settle_extensions()
+        notices = self._motion_notices()
+        if self._dropped:
+            notices.append(f"not kept: {', '.join(self._dropped)}, which viewers find out from normals and UVs")
+        if moved:
+            notices.append(
+                f"moved to the root of the scene, under still nodes of the same names: {listed(list(moved))}"
+            )
+        return notices
+
+    def _settle_extensions(self) -> None:
+        """Name only those extensions of geometry that are still there."""
+        root = self._builder.root
+        primitives = [one for mesh in root["meshes"] for one in mesh["primitives"]]
+        there = {
+            DRACO: any(DRACO in one.get("extensions", {}) for one in primitives),
+            INSTANCING: any(INSTANCING in node.get("extensions", {}) for node in root["nodes"]),
+        }
+        for kind in ("extensionsUsed", "extensionsRequired"):
+            if kind in root:
+                root[kind] = [name for name in root[kind] if there.get(name, True)]
+                if not root[kind]:
+                    del root[kind]
+
+    def _write_mesh(
+        self, mesh: GltfMesh, number: int, points: Float32Array, thirds: Float32Array | None
+    ) -> tuple[int, Motion]:
+        """A mesh like another one with other positions; its index, and how it moves."""
+        entry = copy.deepcopy(self._original.file.listed("meshes")[number])
+        stored = [PrimitiveRows(self._original.file, one) for one in entry["primitives"]]
+        sources = np.arange(sum(len(block.positions) for block in mesh.blocks))
+        sources[mesh.corner_rows] = mesh.connectivity.face_indices
+        rows = _rows_of(mesh, stored, sources)
+        motion = motion_of(points, thirds, rows)
+        whole: dict[int, tuple[dict[str, int], list[dict[str, int]]]] = {}
+        for primitive, old, start in zip(entry["primitives"], stored, mesh.starts, strict=True):
+            count = len(mesh.blocks[sorted(set(mesh.starts)).index(start)].positions)
+            if start not in whole:
+                whole[start] = self._put(motion, sources, slice(start, start + count))
+            geometry, targets = whole[start]
+            if DRACO in primitive.get("extensions", {}):
+                self._unpack(primitive, old, count)
+            names = primitive["attributes"]
+            self._dropped |= dict.fromkeys("tangents" for name in names if name == "TANGENT")
+            kept = {name: index for name, index in names.items() if not name.startswith(_OF_ANOTHER_MOTION)}
+            primitive["attributes"] = kept | {name: index for name, index in geometry.items() if name in names}
+            primitive["targets"] = [
+                {name: index for name, index in target.items() if name in names} for target in targets
+            ]
+            if not targets:
+                del primitive["targets"]
+        entry.pop("weights", None)
+        if len(motion.targets):
+            entry["weights"] = motion.first_weights
+        extras = entry.get("extras")
+        if isinstance(extras, dict):
+            extras.pop("targetNames", None)
+        if number in self._free:
+            self._free.remove(number)
+            self._builder.root["meshes"][number] = entry
+            return number, motion
+        return self._builder.add("meshes", entry), motion
+
+    def _put(
+        self, motion: Motion, sources: NDArray[np.int64], own: slice
+    ) -> tuple[dict[str, int], list[dict[str, int]]]:
+        """Accessors of positions and normals of some rows at rest, and of what targets add."""
+        add, rows = self._builder.floats, sources[own]
+        attributes = {"POSITION": add(motion.rest[rows], target=VERTEX_DATA, bounds=True)}
+        targets = [{"POSITION": add(shape[rows], target=VERTEX_DATA, bounds=True)} for shape in motion.targets]
+        if motion.normals is not None and motion.normal_targets is not None:
+            attributes["NORMAL"] = add(motion.normals[own], target=VERTEX_DATA)
+            for target, shape in zip(targets, motion.normal_targets, strict=True):
+                target["NORMAL"] = add(shape[own], target=VERTEX_DATA)
+        return attributes, targets
+
+    def _unpack(self, primitive: dict[str, Any], old: PrimitiveRows, count: int) -> None:
+        """Store what Draco held as it is."""
+        del primitive["extensions"][DRACO]
+        if not primitive["extensions"]:
+            del primitive["extensions"]
+        primitive["mode"] = TRIANGLES
+        primitive["indices"] = self._builder.integers(old.indices(count), target=INDEX_DATA, triangles=True)
+        for name in primitive["attributes"]:
+            if name not in ("POSITION", "NORMAL") and not name.startswith(_OF_ANOTHER_MOTION):
+                primitive["attributes"][name] = self._builder.floats(old.read(name), target=VERTEX_DATA)
+
+
+class _Welded(NormalRows):
+    """Normals of the rows of a mesh, which was cut at seams: rows at one place with one normal keep one normal."""
+
+    def __init__(self, mesh: GltfMesh, sources: NDArray[np.int64], keys: NDArray[np.float32]) -> None:
+        _, first, welded = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+        self._row_of, self._vertices = welded.reshape(-1), sources[first]
+        corners = self._row_of[mesh.corner_rows].astype(np.int32)
+        connectivity = Connectivity(first.size, mesh.connectivity.face_counts, corners)
+        super().__init__(connectivity, np.zeros(corners.size, np.int32))
+        self.count = sources.size
+
+    def of(self, points: Float32Array) -> Float32Array:
+        return super().of(points[:, self._vertices])[:, self._row_of]
+
+
+def _rows_of(mesh: GltfMesh, stored: Sequence[PrimitiveRows], sources: NDArray[np.int64]) -> _Welded | None:
+    """The normals that a mesh has; None where it has none."""
+    if not mesh.connectivity.face_count or not any("NORMAL" in one.accessors for one in stored):
+        return None
+    keys = np.zeros((sources.size, 6), np.float32)
+    for one, start in zip(stored, mesh.starts, strict=True):
+        positions = one.read("POSITION").astype(np.float32).reshape(-1, 3)
+        own = slice(start, start + len(positions))
+        keys[own, :3] = positions
+        if "NORMAL" in one.accessors:
+            keys[own, 3:] = np.rint(one.read("NORMAL").astype(np.float32) * _SAME_NORMALS)
+    return _Welded(mesh, sources, keys)

@@ -1,0 +1,275 @@
+"""glTF scenes: morph targets, skins and moving nodes, evaluated at a frame rate that is asked for.
+
+A glTF animation is curves over time, not frames. Frames are taken at `fps` from the clip's first key to its last;
+a last key between frames is one more.
+Files of our own writer say which times were frames. The scene is Y-up and in metres, as glTF has it; UVs are turned to
+count from the bottom, as everywhere else here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.base.registry import Transforms
+from pdecodec.formats.base.scene_reading import MOST_INSTANCED, SceneSequence, Shape, hidden_notices
+from pdecodec.formats.base.scene_space import UNIT, UP_AXIS
+from pdecodec.formats.base.times import (
+    FLOAT32_ROUNDING,
+    SAME_TIME,
+    Timing,
+    frames_at_rate,
+    merged_times,
+    rate_or_default,
+    snapped_times,
+)
+from pdecodec.formats.gltf.animation import Clip, Nodes, Pose, placed_at, read_clip
+from pdecodec.formats.gltf.file import GltfFile, read_gltf
+from pdecodec.formats.gltf.mesh_reader import Block, GltfMesh, read_mesh
+from pdecodec.formats.gltf.types import INSTANCING, VISIBILITY
+from pdecodec.mesh.rounding import to_float32
+from pdecodec.mesh.sequence import Float32Array, Float64Array
+
+TINY = 1e-30
+"""Lengths below are none: they are not divided by."""
+
+
+@dataclass(frozen=True)
+class _Skin:
+    """Joints of a skin and their inverse bind matrices, (joints, 4, 4), for points that are rows."""
+
+    joints: tuple[int, ...]
+    inverse_bind: Float64Array
+
+
+@dataclass(kw_only=True, eq=False)
+class _Part(Shape):
+    """A node with a mesh."""
+
+    node: int
+    mesh: GltfMesh
+    skin: _Skin | None
+    instance: Float64Array | None = None
+    """(4, 4): where this one of several instances is in the node's space."""
+
+
+class GltfSequence(SceneSequence):
+    """The meshes of a ``.gltf`` or ``.glb`` scene under one animation.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    fps : float or None
+        Frames per second to take; 24 and a notice where neither caller nor file says.
+    clip : str, optional
+        Name of the animation; the first by default.
+    transforms : {"bake", "keep"}
+        What becomes of nodes above meshes that have no skin.
+
+    Attributes
+    ----------
+    file, nodes : GltfFile, Nodes
+    clip_number : int
+        Which of the file's animations was taken.
+
+    Raises
+    ------
+    InputError
+        If it is no glTF 2.0 file, is damaged, holds no mesh, or has no animation of that name.
+    """
+
+    def __init__(
+        self, path: Path, *, fps: float | None, clip: str | None = None, transforms: Transforms = "bake"
+    ) -> None:
+        file = read_gltf(path)
+        chosen, self.clip_number, clip_notices = _choose_clip(file, clip)
+        self.file, self.nodes = file, Nodes(file, chosen)
+        parts = _parts_of(file, self.nodes)
+        if not parts:
+            raise InputError(f"holds no mesh: there are {len(self.nodes.entries)} nodes without one", path=path)
+        self.times, self.fps, time_notices = _timing(chosen, fps)
+        self._posed: tuple[int, int, Pose] | None = None
+        self._take(parts, transforms)
+        noted = file.root.get("asset", {}).get("extras", {})
+        own = noted.get("pdecodec", {}) if isinstance(noted, dict) else {}
+        found = {UP_AXIS: "Y", UNIT: "m", **{str(key): str(text) for key, text in own.items()}}
+        # Our writer notes an empty unit where nobody knew it.
+        self.metadata = {key: text for key, text in found.items() if text}
+        left_out = dict.fromkeys(name for part in parts for name in part.left_out)
+        left_out |= dict.fromkeys(() if chosen is None else chosen.left_out)
+        kept = (f"not kept: {', '.join(left_out)}",) if left_out else ()
+        self.notices = (*clip_notices, *time_notices, *kept, *hidden_notices(parts))
+
+    def _pose(self, start: int, stop: int) -> Pose:
+        """Where nodes are at some frames, which shapes have in common."""
+        if self._posed is None or self._posed[:2] != (start, stop):
+            self._posed = start, stop, Pose(self.nodes, self.times[start:stop])
+        return self._posed[2]
+
+    def _matrices(self, shape: _Part, start: int, stop: int) -> Float64Array | None:
+        if shape.skin is not None:
+            return None
+        world = self._pose(start, stop).world(shape.node)
+        return world if shape.instance is None else shape.instance @ world
+
+    def _read(self, shape: _Part, start: int, stop: int, out: Float32Array) -> None:
+        weights = self.nodes.weights(shape.node, self.times[start:stop], shape.mesh.weights)
+        pose = self._pose(start, stop)
+        blocks = [_moved(block, weights, shape.skin, pose) for block in shape.mesh.blocks]
+        points = blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=1)
+        out[:] = points if shape.gather is None else points[:, shape.gather]
+
+
+def _moved(block: Block, weights: Float64Array, skin: _Skin | None, pose: Pose) -> Float32Array:
+    """(times, vertices, 3): a block's positions under its morph targets and the skin."""
+    rest = block.positions.astype(np.float64)
+    used = [index for index in range(min(len(block.targets), weights.shape[1])) if (weights[:, index] != 0).any()]
+    points = np.broadcast_to(rest, (len(weights), *rest.shape))
+    if used:
+        targets = np.stack([block.targets[index] for index in used]).astype(np.float64)
+        points = rest + (weights[:, used] @ targets.reshape(len(used), -1)).reshape(points.shape)
+    if skin is None or block.joints is None or block.weights is None:
+        return points.astype(np.float32)
+    return _skinned(points, block.joints, block.weights, skin, pose)
+
+
+def _skinned(
+    points: NDArray[np.float64], joints: NDArray[np.int64], weights: Float64Array, skin: _Skin, pose: Pose
+) -> Float32Array:
+    """Points moved by joints, in the scene's space: the node of a skinned mesh does not move it."""
+    if joints.size and int(joints.max()) >= len(skin.joints):
+        raise InputError("a mesh names a joint that its skin does not have; export the file again")
+    worlds = np.stack([pose.world(joint) for joint in skin.joints], axis=1)
+    bound = (skin.inverse_bind @ worlds)[..., :3]
+    moved = np.empty(points.shape, np.float32)
+    for frame in range(len(points)):
+        blended = np.zeros((len(weights), 4, 3))
+        for column in range(joints.shape[1]):
+            blended += weights[:, column, None, None] * bound[frame, joints[:, column]]
+        moved[frame] = to_float32(np.einsum("va,vab->vb", points[frame], blended[:, :3]) + blended[:, 3])
+    return moved
+
+
+def _timing(clip: Clip | None, fps: float | None) -> Timing:
+    keys = [] if clip is None else clip.key_times
+    rate, notices = rate_or_default(None, fps)
+    if clip is None or not keys:
+        return np.zeros(1), rate, ()
+    noted = clip.extras.get("fps")
+    if isinstance(noted, (int, float)) and noted > 0 and fps is None:
+        times = merged_times(keys)
+        if times.size != clip.extras.get("frames"):
+            # Another program took keys out: they are no longer the frames.
+            times = frames_at_rate(float(times[0]), float(times[-1]), float(noted))
+        return snapped_times(times, float(noted), FLOAT32_ROUNDING * float(times[-1]) + 1e-9), float(noted), ()
+    first, last = min(float(one[0]) for one in keys), max(float(one[-1]) for one in keys)
+    return frames_at_rate(first, last, rate, max(SAME_TIME, FLOAT32_ROUNDING * last)), rate, notices
+
+
+def _choose_clip(file: GltfFile, name: str | None) -> tuple[Clip | None, int, tuple[str, ...]]:
+    """An animation, its number, and a line where there are others."""
+    entries = file.listed("animations")
+    names = [str(entry.get("name", f"animation_{index}")) for index, entry in enumerate(entries)]
+    if name is not None and name not in names:
+        there = ", ".join(map(repr, names)) or "none"
+        raise InputError(f"has no animation {name!r}; there is {there}")
+    if not entries:
+        return None, 0, ()
+    index = 0 if name is None else names.index(name)
+    notices: tuple[str, ...] = ()
+    if name is None and len(names) > 1:
+        notices = (f"has {len(names)} animations, {names[0]!r} is taken; --clip names another: {', '.join(names)}",)
+    return read_clip(file, index), index, notices
+
+
+def _parts_of(file: GltfFile, nodes: Nodes) -> list[_Part]:
+    """Nodes with a mesh of the scene that shows first, in the order of the file; of all where there is no scene."""
+    scenes, index = file.listed("scenes"), file.root.get("scene", 0)
+    roots = set(scenes[index].get("nodes", [])) if 0 <= index < len(scenes) else set()
+    meshes: dict[int, GltfMesh] = {}
+    parts = []
+    for number, node in enumerate(nodes.entries):
+        above = nodes.above(number)
+        if "mesh" not in node or (scenes and above[-1] not in roots):
+            continue
+        if node["mesh"] not in meshes:
+            meshes[node["mesh"]] = read_mesh(file, node["mesh"])
+        mesh = meshes[node["mesh"]]
+        if mesh.connectivity.vertex_count:
+            name = "/".join(_node_name(file, nodes, one) for one in reversed(above))
+            part = _Part(
+                name=name,
+                connectivity=mesh.connectivity,
+                attributes=mesh.attributes,
+                gather=mesh.gather,
+                left_out=mesh.left_out,
+                hidden=any(not _is_visible(nodes.entries[one]) for one in above),
+                node=number,
+                mesh=mesh,
+                skin=_read_skin(file, node["skin"], nodes) if "skin" in node else None,
+            )
+            instances = node.get("extensions", {}).get(INSTANCING)
+            if instances is not None and part.skin is not None:
+                # Joints say where it is, and once.
+                part.left_out = [*part.left_out, "instances of skinned meshes"]
+                instances = None
+            parts += [part] if instances is None else _instances_of(file, part, instances)
+            vertices = sum(one.connectivity.vertex_count for one in parts)
+            if vertices > MOST_INSTANCED:
+                raise InputError(
+                    f"its instances have {vertices:,} vertices, more than {MOST_INSTANCED:,}; thin them out"
+                )
+    return parts
+
+
+def _instances_of(file: GltfFile, part: _Part, entry: Mapping[str, Any]) -> list[_Part]:
+    """One part for each instance, numbered."""
+    stored = {path: file.accessor(index).astype(np.float64) for path, index in entry["attributes"].items()}
+    count = max((len(values) for values in stored.values()), default=0)
+    if count * part.connectivity.vertex_count > MOST_INSTANCED:
+        raise InputError(f"{part.name!r} has {count:,} instances, more vertices than {MOST_INSTANCED:,}; thin them out")
+    defaults = {"TRANSLATION": (0.0,) * 3, "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE": (1.0,) * 3}
+    rows = {path: stored.get(path, np.tile(default, (count, 1))) for path, default in defaults.items()}
+    if any(rows[path].shape != (count, len(default)) for path, default in defaults.items()):
+        raise InputError(f"instances of {part.name!r} do not fit each other; export the file again")
+    rows["ROTATION"] = rows["ROTATION"] / np.maximum(np.linalg.norm(rows["ROTATION"], axis=1, keepdims=True), TINY)
+    left_out = [*part.left_out, *(path for path in stored if path not in defaults)]
+    matrices = placed_at(rows["TRANSLATION"], rows["ROTATION"], rows["SCALE"])
+    return [
+        dataclasses.replace(part, name=f"{part.name}/{number}", instance=matrix, left_out=left_out)
+        for number, matrix in enumerate(matrices)
+    ]
+
+
+def _is_visible(node: Mapping[str, Any]) -> bool:
+    return bool(node.get("extensions", {}).get(VISIBILITY, {}).get("visible", True))
+
+
+def _node_name(file: GltfFile, nodes: Nodes, index: int) -> str:
+    node = nodes.entries[index]
+    mesh = file.listed("meshes")[node["mesh"]] if "mesh" in node else {}
+    return str(node.get("name") or mesh.get("name") or f"node_{index}")
+
+
+def _read_skin(file: GltfFile, index: int, nodes: Nodes) -> _Skin:
+    skins = file.listed("skins")
+    if not 0 <= index < len(skins):
+        raise InputError(f"skin {index} is missing; export the file again")
+    joints: Sequence[int] = skins[index].get("joints", [])
+    if any(not 0 <= joint < len(nodes.entries) for joint in joints):
+        raise InputError(f"skin {index} names a node that is not there; export the file again")
+    inverse: NDArray[np.float64] = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
+    if "inverseBindMatrices" in skins[index]:
+        stored = file.accessor(skins[index]["inverseBindMatrices"]).astype(np.float64)
+        if stored.shape != (len(joints), 16):
+            raise InputError(f"skin {index} has {len(stored)} matrices for {len(joints)} joints; export it again")
+        # Column-major for columns is row-major for rows.
+        inverse = stored.reshape(-1, 4, 4)
+    return _Skin(tuple(joints), inverse)

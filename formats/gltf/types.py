@@ -1,0 +1,177 @@
+"""What sort of value stands where in a glTF file's JSON, for all that is read: checked once, before anything is.
+
+Values beside it may be anything, as may extras, which are anybody's: those that pdecodec noted and that are not what it
+notes are passed over.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pdecodec.errors import InputError
+from pdecodec.formats.gltf.compression import DRACO, MESHOPT_NAMES
+
+INSTANCING, POINTER, VISIBILITY = "EXT_mesh_gpu_instancing", "KHR_animation_pointer", "KHR_node_visibility"
+"""Extensions of nodes and animations that are read."""
+
+MOST_ENTRIES = 2**31
+"""Indices are below: what they number is in memory."""
+
+MOST_BYTES = 2**53
+"""Offsets and counts are below: JSON's numbers are whole up to there."""
+
+EACH = "*"
+"""In a shape, in place of a key: any key."""
+
+Shape = Callable[[Any], Any] | list[Any] | dict[str, Any]
+"""An object of these keys, where it has them; a list of one shape; or what gives the value, ValueError for another."""
+
+
+@dataclass(frozen=True)
+class _Note:
+    """What is passed over where it has another shape."""
+
+    shape: Shape
+
+
+def _whole(most: int) -> Callable[[Any], int]:
+    def checked(value: Any) -> int:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < most or value % 1:
+            raise ValueError("is no whole number, or out of range")
+        return int(value)
+
+    return checked
+
+
+def _real(value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= MOST_REAL:
+        raise ValueError("is no number, or out of range")
+    return value
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError("is no text")
+    return value
+
+
+def _reals(count: int) -> Callable[[Any], Any]:
+    def checked(value: Any) -> Any:
+        if not isinstance(value, list) or len(value) != count:
+            raise ValueError(f"is not a list of {count} numbers")
+        return [_real(one) for one in value]
+
+    return checked
+
+
+MOST_REAL = math.ldexp(1, 128)
+"""Beyond float32's largest number there is none."""
+
+INDEX, COUNT = _whole(MOST_ENTRIES), _whole(MOST_BYTES)
+
+_PART: dict[str, Any] = {"bufferView": INDEX, "byteOffset": COUNT, "componentType": COUNT}
+_BYTES: dict[str, Any] = {"buffer": INDEX, "byteOffset": COUNT, "byteLength": COUNT, "byteStride": COUNT}
+_NOTED_MESH: dict[str, Any] = {
+    "vertices": COUNT,
+    **dict.fromkeys(
+        ("of", "faceCounts", "faceIndices", "lineCounts", "lineIndices", "cornerRows", "faceMaterials", "normalGroups"),
+        _text,
+    ),
+    "uvs": {EACH: {"accessor": _text, "indices": _text, "rows": COUNT}},
+    "colors": {EACH: {"accessor": _text, "domain": _text}},
+    "groups": {EACH: {"faces": _text, "labels": [_text]}},
+    "materials": [_text],
+    "normals": _text,
+}
+_PRIMITIVE: dict[str, Any] = {
+    "attributes": {EACH: INDEX},
+    "indices": INDEX,
+    "mode": INDEX,
+    "material": INDEX,
+    "targets": [{EACH: INDEX}],
+    "extensions": {DRACO: {"bufferView": INDEX, "attributes": {EACH: INDEX}}},
+}
+_NODE: dict[str, Any] = {
+    "children": [INDEX],
+    "mesh": INDEX,
+    "skin": INDEX,
+    "matrix": _reals(16),
+    "translation": _reals(3),
+    "rotation": _reals(4),
+    "scale": _reals(3),
+    "weights": [_real],
+    "extensions": {INSTANCING: {"attributes": {EACH: INDEX}}, VISIBILITY: {}},
+}
+_ANIMATION: dict[str, Any] = {
+    "channels": [
+        {"sampler": INDEX, "target": {"node": INDEX, "path": _text, "extensions": {POINTER: {"pointer": _text}}}}
+    ],
+    "samplers": [{"input": INDEX, "output": INDEX, "interpolation": _text}],
+    "extras": _Note({"pdecodec": {}}),
+}
+_ROOT: dict[str, Any] = {
+    "asset": {"extras": _Note({"pdecodec": {}})},
+    "extensionsRequired": [_text],
+    "scene": INDEX,
+    "scenes": [{"nodes": [INDEX]}],
+    "nodes": [_NODE],
+    "meshes": [{"primitives": [_PRIMITIVE], "weights": [_real], "extras": _Note({"pdecodec": _NOTED_MESH})}],
+    "accessors": [
+        {**_PART, "count": COUNT, "type": _text, "sparse": {"count": COUNT, "indices": _PART, "values": _PART}}
+    ],
+    "bufferViews": [
+        {
+            **_BYTES,
+            "extensions": {name: {**_BYTES, "count": COUNT, "mode": _text, "filter": _text} for name in MESHOPT_NAMES},
+        }
+    ],
+    "buffers": [{"uri": _text, "extensions": {}}],
+    "materials": [{}],
+    "skins": [{"joints": [INDEX], "inverseBindMatrices": INDEX}],
+    "animations": [_ANIMATION],
+}
+
+
+def check_types(root: Any) -> dict[str, Any]:
+    """The root of a file, with whole numbers as integers, and without extras that are not what pdecodec notes.
+
+    Raises
+    ------
+    InputError
+        If a value is of another sort than its place asks for.
+    """
+    found = _fitted(root, _ROOT, "")
+    assert isinstance(found, dict)
+    return found
+
+
+def _fitted(value: Any, shape: Any, place: str) -> Any:
+    if isinstance(shape, dict):
+        if not isinstance(value, dict):
+            raise _unfit(place, "is no object")
+        fitted = dict(value)
+        for key in value:
+            own = shape.get(key, shape.get(EACH))
+            if isinstance(own, _Note):
+                try:
+                    fitted[key] = _fitted(value[key], own.shape, key)
+                except InputError:
+                    del fitted[key]
+            elif own is not None:
+                fitted[key] = _fitted(value[key], own, f"{place}.{key}" if place else key)
+        return fitted
+    if isinstance(shape, list):
+        if not isinstance(value, list):
+            raise _unfit(place, "is no list")
+        return [_fitted(one, shape[0], f"{place}[{index}]") for index, one in enumerate(value)]
+    try:
+        return shape(value)
+    except ValueError as error:
+        raise _unfit(place, str(error)) from error
+
+
+def _unfit(place: str, what: str) -> InputError:
+    return InputError(f"{place[:80] or 'its root'} {what}; export the file again")

@@ -1,0 +1,267 @@
+"""glTF scenes out: each object a mesh whose motion is morph targets and the curves of their weights,
+or its node's.
+
+Where the motion is few functions of time, exactly, each is a target, and its curve is the function: for a decoded
+animation a cubic spline through and between its frames, for other sequences straight lines from frame to frame.
+Otherwise each frame is a target, and weights pass from one to the next in straight lines. An object that moves rigidly
+has no targets: its node moves.
+
+Faces become triangles, and vertices are cut where UVs have seams; the first rows are the vertices as they were, and
+what they were part of is noted in the mesh's ``extras``, so that everything comes back. The scene is turned Y-up.
+The whole motion is held in memory.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pdecodec.codec.decoder import Animation
+from pdecodec.errors import InputError
+from pdecodec.formats.base.attribute_roles import left_out
+from pdecodec.formats.base.normals import normal_rows, smooth_rows
+from pdecodec.formats.base.registry import Output
+from pdecodec.formats.base.rigid_motion import RigidKeys, rigid_keys, rigid_notices
+from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, metres_per_unit, place, up_axis_of
+from pdecodec.formats.base.scene_writing import DEFAULT_NAME, steps_of
+from pdecodec.formats.gltf.file import GltfBuilder
+from pdecodec.formats.gltf.functions import cubic_keys
+from pdecodec.formats.gltf.mesh_writer import held_by_mesh, write_mesh
+from pdecodec.formats.gltf.motion import Motion, motion_of
+from pdecodec.formats.gltf.quantization import lattice_of, with_rounded_normals
+from pdecodec.mesh.sequence import Float32Array, MeshSequence
+
+MOST_TARGETS = 256
+"""What Filament, which plays glTF on Android, keeps of a mesh; others keep a layer of a texture for each, 2048."""
+
+SEEN_ANGLE = 1.0
+"""Degrees that normals may be off before a notice says so."""
+
+MOST_MEMORY = 4 * 2**30
+"""Bytes of positions that are held at once: a glTF file that large plays nowhere."""
+
+THIRDS = (1 / 3, 2 / 3)
+"""Where between two frames a cubic is found out, beside its ends."""
+
+
+def write_gltf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
+    """Write ``.glb``, or ``.gltf`` with its numbers inside; of a decoded animation motion between frames too.
+
+    Raises
+    ------
+    InputError
+        If the place is taken or cannot be written to, the positions are not finite, or too many for one file.
+    """
+    check_size(sequence)
+    notices = []
+    axis, metres = up_axis_of(sequence), metres_per_unit(sequence)
+    if axis is None:
+        notices.append("which axis is up is not recorded: taken as Y, as glTF has it (--up-axis says it)")
+    elif axis != "Y":
+        notices.append(f"the scene is turned from {axis}-up to Y-up, as glTF has it")
+    if metres is None:
+        notices.append("the length of a unit is not recorded: taken as a metre, as glTF has it (--unit says it)")
+    elif metres != 1.0:
+        notices.append(
+            f"glTF counts in metres: it shows a unit of {metres:g} m as one (--scale {metres:g} makes it so)"
+        )
+    with output.whole_file() as partial:
+        builder = GltfBuilder(meshopt=output.meshopt)
+        notices += _Scene(builder, sequence, output, turn=axis not in (None, "Y")).write()
+        partial.write_bytes(builder.to_gltf() if output.path.suffix.lower() == ".gltf" else builder.to_glb())
+    return (*notices, *left_out(sequence, "glTF", held_by_mesh, metadata=tuple(sequence.metadata)))
+
+
+def check_size(sequence: MeshSequence) -> None:
+    """Raise InputError where there are too many positions for one file."""
+    rows = sum(item.vertex_count for item in sequence.objects if item.connectivity.face_count)
+    needed = 12 * sequence.frame_count * (sequence.vertex_count + rows)
+    if needed > MOST_MEMORY:
+        raise InputError(
+            f"{needed / 1e9:.1f} GB of positions and normals do not fit a glTF file; take fewer --frames or --object"
+        )
+
+
+class GltfScene:
+    """Nodes and animations of a file that is being written, and the motion of a sequence."""
+
+    def __init__(self, builder: GltfBuilder, sequence: MeshSequence, output: Output, *, turn: bool = False) -> None:
+        self._builder, self._sequence, self._output, self._turn = builder, sequence, output, turn
+        self._branches: dict[tuple[str, ...], int] = {}
+        self._roots: list[int] = []
+        self._samplers: list[dict[str, Any]] = []
+        self._channels: list[dict[str, Any]] = []
+        self._notices: list[str] = []
+        self._motions: list[tuple[int, int, float]] = []
+        self._key_times: int | None = None
+
+    def _read(self) -> Float32Array:
+        """Every frame, turned Y-up."""
+        source = place(self._sequence, up_axis="Y") if self._turn else self._sequence
+        found = np.empty((source.frame_count, source.vertex_count, 3), np.float32)
+        for start, block in self._output.blocks(source, "glTF"):
+            found[start : start + len(block)] = block
+        bad = np.argwhere(~np.isfinite(found).all(axis=2))
+        if bad.size:
+            raise InputError(f"vertex {bad[0, 1]} is not finite, glTF has no number for it", frame=int(bad[0, 0]))
+        return found
+
+    def _between(self) -> Float32Array | None:
+        """(2 (frames - 1), vertices, 3): at the thirds between frames, where the sequence knows."""
+        sequence = self._sequence
+        if not isinstance(sequence, Animation) or sequence.frame_count < 2:
+            return None
+        from pdecodec.mesh.resample import SampledAnimation
+
+        steps = np.diff(sequence.times)
+        times = (sequence.times[:-1, None] + steps[:, None] * np.array(THIRDS)).reshape(-1)
+        sampled: MeshSequence = SampledAnimation(sequence, times)
+        if self._turn:
+            sampled = place(sampled, up_axis="Y")
+        return sampled.read_frames(0, times.size)
+
+    def _animate(self, node: int, motion: Motion, turns: RigidKeys | None) -> None:
+        """Let a node's mesh move by its targets, and the node by its keys."""
+        self._motions.append((len(motion.targets), motion.frame_targets, motion.normal_error))
+        if self._key_times is None and (len(motion.targets) or turns):
+            self._key_times = self._builder.floats(self._sequence.times, bounds=True)
+        frames = self._sequence.frame_count
+        for path, values in turns.keys.items() if turns else ():
+            self._channel(node, path, self._key_times, self._builder.floats(values), "LINEAR")
+        if not len(motion.targets):
+            return
+        if motion.functions is None:
+            output = self._builder.unit_rows(frames, ones_at_end=motion.is_away_from_rest)
+            interpolation = "LINEAR"
+        elif len(motion.functions) == frames:
+            weights = motion.functions.reshape(-1)
+            quantize, interpolation = self._output.quantize, "LINEAR"
+            output = self._builder.fractions(weights, "<u2") if quantize else self._builder.floats(weights)
+        else:
+            splines = cubic_keys(motion.functions, self._sequence.times)
+            output, interpolation = self._builder.floats(splines.reshape(-1)), "CUBICSPLINE"
+        self._channel(node, "weights", self._key_times, output, interpolation)
+
+    def _motion_notices(self) -> list[str]:
+        """Lines about what motion became."""
+        baked = max((frames for _, frames, _ in self._motions), default=0)
+        targets = max((targets for targets, _, _ in self._motions), default=0)
+        angle = max((angle for _, _, angle in self._motions), default=0.0)
+        notices = []
+        if baked:
+            notices.append(
+                f"motion of too many functions of time to be exact between frames: {baked} targets, a frame each"
+            )
+        if targets > MOST_TARGETS:
+            notices.append(
+                f"{targets} targets: some viewers keep {MOST_TARGETS} (Filament), most 2048; take fewer --frames"
+            )
+        if angle > SEEN_ANGLE:
+            notices.append(f"normals are up to {angle:.2g} degrees off, as functions of time give them")
+        return notices
+
+    def _channel(self, node: int, path: str, keys: int | None, output: int, interpolation: str) -> None:
+        self._samplers.append({"input": keys, "output": output, "interpolation": interpolation})
+        self._channels.append({"sampler": len(self._samplers) - 1, "target": {"node": node, "path": path}})
+
+    def _hold_still(self) -> None:
+        """An animation that moves nothing, so that frames and times of a still sequence come back."""
+        keys = self._builder.floats(self._sequence.times, bounds=True)
+        still = self._builder.floats(np.zeros((self._sequence.frame_count, 3)))
+        self._channel(self._roots[0], "translation", keys, still, "LINEAR")
+
+    def _node(self, name: str, entry: dict[str, Any]) -> int:
+        """A node of an object, and those above it."""
+        steps = steps_of(name) or (DEFAULT_NAME,)
+        parent: int | None = None
+        for length in range(1, len(steps)):
+            branch = steps[:length]
+            if branch not in self._branches:
+                self._branches[branch] = self._attach({"name": branch[-1]}, parent)
+            parent = self._branches[branch]
+        return self._attach({"name": steps[-1], **entry}, parent)
+
+    def _attach(self, entry: dict[str, Any], parent: int | None) -> int:
+        index = self._builder.add("nodes", entry)
+        siblings = self._roots if parent is None else self._builder.root["nodes"][parent].setdefault("children", [])
+        siblings.append(index)
+        return index
+
+
+class _Scene(GltfScene):
+    """Every object of a sequence as a node with a mesh."""
+
+    def __init__(self, builder: GltfBuilder, sequence: MeshSequence, output: Output, *, turn: bool) -> None:
+        super().__init__(builder, sequence, output, turn=turn)
+        self._materials: dict[str, int] = {}
+
+    def write(self) -> list[str]:
+        sequence, builder = self._sequence, self._builder
+        frames = self._read()
+        between = self._between()
+        first = smoothed = 0
+        coarsest = steepest = 0.0
+        approximate: list[RigidKeys] = []
+        for item in sequence.objects:
+            own = slice(first, first + item.vertex_count)
+            first = own.stop
+            if not item.vertex_count:
+                # glTF has no mesh of nothing: its node keeps the name.
+                self._node(item.name, {})
+                continue
+            # A mesh without normals is faceted in glTF.
+            rows = normal_rows(item)
+            if rows is None and item.connectivity.face_count:
+                rows = smooth_rows(item)
+                smoothed += rows is not None and not rows.are_of_flat_triangles
+            part, thirds = frames[:, own], None if between is None else between[:, own]
+            turns = rigid_keys(part, thirds, self._output.rigid) if item.connectivity.face_count else None
+            place: dict[str, Any] = {}
+            if turns is not None:
+                part, thirds = turns.shape[None] - turns.centre, None
+                if turns.deviation:
+                    approximate.append(turns)
+                place = {"translation": turns.centre.tolist()}
+            # Viewers show triangles without normals flat.
+            shown = None if rows is not None and rows.are_of_flat_triangles else rows
+            motion = motion_of(part, thirds, shown)
+            lattice = lattice_of(motion, centred=turns is not None) if self._output.quantize else None
+            if lattice is not None:
+                motion, angle = with_rounded_normals(motion)
+                steepest = max(steepest, angle)
+                place = {"translation": lattice.offset.tolist(), **place, "scale": [lattice.scale] * 3}
+                coarsest = max(coarsest, lattice.error)
+            mesh = write_mesh(builder, item, motion, rows, self._material, lattice)
+            node = self._node(item.name, {"mesh": mesh, **place})
+            self._animate(node, motion, turns)
+        noted = {key: text for key, text in sequence.metadata.items() if key != UP_AXIS}
+        if metres_per_unit(sequence) is None:
+            noted.setdefault(UNIT, "")
+        builder.root["asset"]["extras"] = {"pdecodec": noted}
+        if not self._channels and (sequence.frame_count > 1 or sequence.times[0] != 0):
+            self._hold_still()
+        if self._channels:
+            extras = {"pdecodec": {"fps": self._output.rate, "frames": sequence.frame_count}}
+            animation = {"name": "motion", "samplers": self._samplers, "channels": self._channels, "extras": extras}
+            builder.add("animations", animation)
+        builder.add("scenes", {"nodes": self._roots})
+        builder.root["scene"] = 0
+        self._notices += self._motion_notices()
+        between_frames = max((one.between for one in approximate), default=0.0)
+        self._notices += rigid_notices((one.deviation for one in approximate), between_frames)
+        if self._output.quantize:
+            self._notices.append(f"positions are rounded to 16 bits: up to {coarsest:.2g} off along an axis")
+            if steepest:
+                self._notices.append(f"normals are rounded to 8 bits: up to {steepest:.2g} degrees off")
+        if smoothed:
+            objects = f"{smoothed} object{'s' * (smoothed > 1)}"
+            self._notices.append(f"normals of {objects} are not recorded: written as of smooth surfaces")
+        return self._notices
+
+    def _material(self, label: str) -> int:
+        """Index of the material of a name."""
+        if label not in self._materials:
+            entry = {"name": label, "doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0}}
+            self._materials[label] = self._builder.add("materials", entry)
+        return self._materials[label]

@@ -1,0 +1,145 @@
+"""Motion onto OBJ: the text of an original, with other numbers in its ``v`` lines and normals that fit them.
+
+Comments, groups, materials, texture vertices, weights, colours and statements that are not read stay as they were.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.base.frame_files import find_frames, write_frames
+from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows
+from pdecodec.formats.base.onto import Fitted
+from pdecodec.formats.base.registry import Output
+from pdecodec.formats.obj.text import ObjText, read_text
+from pdecodec.formats.obj.writer import check_finite, frame_output, normals_text, rows_text, time_comment
+from pdecodec.mesh.sequence import Float32Array, MeshObject, MeshSequence
+
+_LINE = re.compile(
+    rb"^[ \t]*(?:(?P<v>v)[ \t]+\S+[ \t]+\S+[ \t]+\S+(?P<rest>[^\r\n]*)|(?P<vn>vn)[ \t][^\r\n]*|(?P<f>f)[ \t][^\r\n]*"
+    rb"|mtllib[ \t]+(?P<library>[^\r\n]*?)[ \t]*|(?P<time># time )[^\r\n]*)(?:\r?\n)",
+    re.MULTILINE,
+)
+"""Lines that change: vertices, normals, faces, the library of materials, and our own comment."""
+
+_CORNER = re.compile(rb"(?<=[ \t])([-+\d]+/[-+\d]*/)([-+\d]+)|(?<=[ \t])[-+\d]+(?:/[-+\d]*)?(?=[ \t\r\n])")
+"""A corner of a face, with a normal or without one."""
+
+
+def write_obj_onto(
+    sequence: MeshSequence, original: MeshSequence, fits: Sequence[Fitted], source: Path, output: Output
+) -> tuple[str, ...]:
+    """Write the original's first frame again for each frame of a sequence, with its positions."""
+    placed, new_folder = frame_output(output)
+    text = _Template(read_text(find_frames(source, ".obj").paths[0], 0), original, fits, placed.path.parent)
+
+    def of_frame(points: Float32Array, frame: int) -> bytes:
+        check_finite(points, frame)
+        return time_comment(sequence.times[frame], output.rate) + text.filled(points)
+
+    write_frames(sequence, placed, "OBJ", lambda _run, _first: of_frame, new_folder=new_folder)
+    return ()
+
+
+class _Template:
+    """The text of an original as pieces that stay, and places for positions and normals."""
+
+    def __init__(self, text: ObjText, original: MeshSequence, fits: Sequence[Fitted], folder: Path) -> None:
+        self._rest = original.read_frames(0, 1)[0]
+        ends = np.cumsum([item.vertex_count for item in original.objects]).tolist()
+        self._places = [slice(end - item.vertex_count, end) for item, end in zip(original.objects, ends, strict=True)]
+        self._moves = [(one.own, self._places[one.index]) for one in fits]
+        self._folder, self._source = folder, text.path
+        moved = np.zeros(len(self._rest), bool)
+        for _, place in self._moves:
+            moved[place] = True
+        self._normals, corner_rows = _normals_of(original.objects)
+        self._pieces: list[bytes | tuple[int, list[bytes]] | None] = []
+        self._fill(text.data, moved, corner_rows)
+
+    def _fill(self, data: bytes, moved: NDArray[np.bool_], corner_rows: Iterator[int] | None) -> None:
+        """Take the text apart; a place is the first vertex and what follows each one's numbers, None is for normals."""
+        vertex = done = 0
+        has_normals = False
+        pieces = self._pieces
+        for found in _LINE.finditer(data):
+            kept = data[done : found.start()]
+            done = found.end()
+            line = found[0]
+            if found["v"]:
+                vertex += 1
+                if vertex <= len(moved) and moved[vertex - 1]:
+                    if not kept and pieces and isinstance(pieces[-1], tuple):
+                        pieces[-1][1].append(found["rest"])
+                    else:
+                        pieces += [kept, (vertex - 1, [found["rest"]])]
+                    continue
+            elif found["vn"] and corner_rows is not None:
+                pieces += [kept] if has_normals else [kept, None]
+                has_normals = True
+                continue
+            elif found["f"] and corner_rows is not None:
+                line = _CORNER.sub(partial(_with_normal, corner_rows), line)
+            elif found["library"]:
+                line = b"mtllib " + self._library(found["library"]) + b"\n"
+            elif found["time"]:
+                line = b""
+            pieces.append(kept + line)
+        pieces.append(data[done:])
+        if vertex != len(moved):
+            raise InputError(f"{len(moved)} vertices were read, but {vertex} lines hold one", path=self._source)
+
+    def _library(self, name: bytes) -> bytes:
+        """A library of materials as it is named from the folder of the output."""
+        here = self._source.parent / os.fsdecode(name)
+        if self._folder.resolve() == self._source.parent.resolve() or not here.is_file():
+            return name
+        return os.fsencode(os.path.relpath(here, self._folder.resolve()))
+
+    def filled(self, points: Float32Array) -> bytes:
+        """The text at positions (vertices, 3) of a sequence."""
+        whole = self._rest.copy()
+        for own, place in self._moves:
+            whole[place] = points[own]
+        return b"".join(self._text_of(piece, whole) for piece in self._pieces)
+
+    def _text_of(self, piece: bytes | tuple[int, list[bytes]] | None, whole: Float32Array) -> bytes:
+        if isinstance(piece, bytes):
+            return piece
+        if piece is None:
+            parts = zip(self._normals, self._places, strict=True)
+            return b"".join(normals_text(rows, whole[place]) for rows, place in parts if rows is not None)
+        first, rests = piece
+        lines = rows_text(whole[first : first + len(rests)], "v")
+        if not any(rests):
+            return lines
+        return b"".join(line + rest + b"\n" for line, rest in zip(lines.split(b"\n"), rests, strict=False))
+
+
+def _normals_of(objects: Sequence[MeshObject]) -> tuple[list[NormalRows | None], Iterator[int] | None]:
+    """Rows of normals of each object, and the line of the file's normals that each corner of a face then has."""
+    found = [None if group_attribute(item) is None else normal_rows(item) for item in objects]
+    if not any(found):
+        return found, None
+    lines: list[int] = []
+    first = 1
+    for item, rows in zip(objects, found, strict=True):
+        if rows is None:
+            lines += [0] * item.connectivity.face_indices.size
+        else:
+            lines += (rows.corner_rows + first).tolist()
+            first += rows.count
+    return found, iter(lines)
+
+
+def _with_normal(rows: Iterator[int], corner: re.Match[bytes]) -> bytes:
+    row = next(rows)
+    return corner[0] if corner[1] is None else corner[1] + str(row).encode()

@@ -1,0 +1,163 @@
+"""PLY out; STL and OFF in, without meshio: it joins the vertices of an STL file anew in every frame, and refuses OFF
+files whose faces are not all triangles.
+
+PLY is written binary and little-endian: vertices, faces of any size, normals, colours. Vertices of STL stay as they are
+written, three to a triangle; sequences of them have one connectivity then.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.base.attribute_roles import joined_colors, lost_by_joining
+from pdecodec.formats.base.frame_files import FrameBytes, MeshFile, Positions, open_frames, write_frames
+from pdecodec.formats.base.normals import VertexNormals
+from pdecodec.formats.base.registry import Output, read_errors
+from pdecodec.formats.obj.text import is_far, meant_by_text
+from pdecodec.mesh.sequence import Connectivity, Float32Array, MeshSequence
+
+STL_HEADER_BYTES, STL_FACET = 84, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+"""A binary STL file: 80 bytes of anything and a count, then facets."""
+
+_STL_VERTEX = re.compile(rb"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", re.MULTILINE)
+
+
+def write_ply(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
+    """Write PLY files; objects are joined to one mesh."""
+    notices: dict[str, None] = {}
+
+    def frame_bytes(run: MeshSequence, first: int) -> FrameBytes:
+        made, own = _run_bytes(run)
+        notices.update(dict.fromkeys(own))
+        return made
+
+    write_frames(sequence, output, "PLY", frame_bytes)
+    return (*notices, "PLY has no times: frames are numbered")
+
+
+def _run_bytes(sequence: MeshSequence) -> tuple[FrameBytes, tuple[str, ...]]:
+    """The bytes of the files of a run, and lines about what they cannot hold."""
+    connectivity = sequence.connectivity
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {sequence.vertex_count}"]
+    head += [f"property float {axis}" for axis in "xyz"]
+    normals = VertexNormals(sequence)
+    if normals.held:
+        head += [f"property float n{axis}" for axis in "xyz"]
+    colors, channels = joined_colors(sequence), 0
+    if colors is not None:
+        channels = 3 if colors.shape[1] == 3 or (colors[:, 3] == 1).all() else 4
+        head += [f"property uchar {name}" for name in ("red", "green", "blue", "alpha")[:channels]]
+    if connectivity.face_count:
+        size = "uchar" if connectivity.face_counts.max() < 256 else "int"
+        head += [f"element face {connectivity.face_count}", f"property list {size} int vertex_indices"]
+    before = ("\n".join([*head, "end_header"]) + "\n").encode("ascii")
+    after = _polygons(connectivity.face_counts, connectivity.face_indices)
+    fields = [("position", "<f4", 3), ("normal", "<f4", 3 if normals.held else 0), ("color", "u1", channels)]
+    rows = np.empty(sequence.vertex_count, np.dtype(fields))
+    if colors is not None:
+        rows["color"] = np.rint(np.clip(colors[:, :channels], 0, 1) * 255)
+
+    def frame_bytes(points: Float32Array, frame: int) -> bytes:
+        rows["position"] = points
+        if normals.held:
+            rows["normal"] = normals.at(points)
+        return before + rows.tobytes() + after
+
+    notices = lost_by_joining(sequence, "PLY", "mesh", colors, normals.holds)
+    if connectivity.line_count:
+        notices += ("lines are left out: readers of PLY take its edges for damage",)
+    return frame_bytes, notices
+
+
+def _polygons(counts: NDArray[np.int32], indices: NDArray[np.int32]) -> bytes:
+    """Faces as PLY's lists: a size of one byte, or of four where one is 256 or more, then indices."""
+    if not counts.size:
+        return b""
+    size = 1 if counts.max() < 256 else 4
+    starts = np.cumsum(size + 4 * counts.astype(np.int64)) - (size + 4 * counts)
+    data = np.zeros(int(starts[-1] + size + 4 * int(counts[-1])), np.uint8)
+    lengths = counts.astype("<i4").view(np.uint8).reshape(-1, 4)[:, :size]
+    data[starts[:, None] + np.arange(size)] = lengths
+    within = np.arange(indices.size) - np.repeat(np.cumsum(counts, dtype=np.int64) - counts, counts)
+    places = np.repeat(starts + size, counts) + 4 * within
+    data[places[:, None] + np.arange(4)] = indices.astype("<i4").view(np.uint8).reshape(-1, 4)
+    return data.tobytes()
+
+
+def open_stl(path: Path, *, fps: float | None) -> MeshSequence:
+    """Open STL files, one a frame; InputError where frames are missing or the first one cannot be used."""
+    return open_frames(path, ".stl", _read_stl, fps)
+
+
+def open_off(path: Path, *, fps: float | None) -> MeshSequence:
+    """Open OFF files, one a frame; errors as of :func:`open_stl`."""
+    return open_frames(path, ".off", _read_off, fps)
+
+
+def _read_stl(path: Path) -> MeshFile:
+    """One STL file, binary or text."""
+    with read_errors(path):
+        data = path.read_bytes()
+    count = int.from_bytes(data[STL_HEADER_BYTES - 4 : STL_HEADER_BYTES], "little")
+    if len(data) >= STL_HEADER_BYTES and len(data) == STL_HEADER_BYTES + count * STL_FACET.itemsize:
+        facets = np.frombuffer(data, STL_FACET, offset=STL_HEADER_BYTES)
+        points = facets["corners"].reshape(-1, 3).astype(np.float32)
+    else:
+        found = _STL_VERTEX.findall(data) if data.lstrip().startswith(b"solid") else []
+        if not found or len(found) % 3 or b"endsolid" not in data:
+            raise InputError("is no STL file, or a truncated one; export it again", path=path)
+        points = _positions([number for row in found for number in row], path)
+    corners = np.arange(len(points), dtype=np.int32)
+    return MeshFile(points, Connectivity(len(points), np.full(len(points) // 3, 3, np.int32), corners))
+
+
+def _read_off(path: Path) -> MeshFile:
+    """One OFF file, text, faces of any number of corners."""
+    with read_errors(path):
+        lines = [line.partition(b"#")[0].split() for line in path.read_bytes().splitlines()]
+    words = [line for line in lines if line]
+    if not words or words[0][0] != b"OFF":
+        raise InputError("is no OFF file (it does not begin with OFF); export it again", path=path)
+    head = words[0][1:] or (words[1] if len(words) > 1 else [])
+    body = words[1:] if words[0][1:] else words[2:]
+    try:
+        vertices, faces = int(head[0]), int(head[1])
+        rows, polygons = body[: max(0, vertices)], body[max(0, vertices) : max(0, vertices) + max(0, faces)]
+        if len(rows) != vertices or len(polygons) != faces:
+            raise ValueError(f"{vertices} vertices and {faces} faces are declared")
+        short = next((number for number, row in enumerate(rows) if len(row) < 3), None)
+        if short is not None:
+            raise ValueError(f"vertex {short} has fewer than three numbers")
+        counts = [int(row[0]) for row in polygons]
+        short = next((k for k, row in enumerate(polygons) if not 1 <= counts[k] < len(row)), None)
+        if short is not None:
+            raise ValueError(f"face {short} does not have the {counts[short]} corners that it declares")
+        sizes = np.array(counts, np.int32)
+        corners = [int(index) for row, count in zip(polygons, counts, strict=True) for index in row[1 : 1 + count]]
+        flat: NDArray[Any] = np.array(corners, np.int64)
+    except (IndexError, OverflowError, ValueError) as error:
+        raise InputError(f"is a damaged OFF file ({error}); export it again", path=path) from error
+    points = _positions([number for row in rows for number in row[:3]], path)
+    is_face = sizes >= 3
+    on_face = np.repeat(is_face, sizes)
+    connectivity = Connectivity(vertices, sizes[is_face], flat[on_face], sizes[~is_face], flat[~on_face])
+    return MeshFile(points, connectivity)
+
+
+def _positions(words: list[bytes], path: Path) -> Positions:
+    """Positions (vertices, 3) of a text: float32, or float64 where rounding moves them noticeably."""
+    if not words:
+        return np.zeros((0, 3), np.float32)
+    try:
+        numbers = np.array(words).astype(np.float64).reshape(-1, 3)
+    except ValueError as error:
+        raise InputError(f"holds what is no number ({error}); export it again", path=path) from error
+    with np.errstate(over="ignore"):
+        rounded = numbers.astype(np.float32)
+    return meant_by_text(numbers, rounded) if is_far(rounded) else rounded

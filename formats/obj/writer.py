@@ -1,0 +1,279 @@
+"""OBJ sequences out: one file a frame, all of them or none.
+
+Positions are written with as few digits as read back to the same float32. Kept: objects, faces, lines, points,
+``"uv"``, ``"color"``, ``"group"``, ``"material"``, ``"smoothing"`` and ``"object"`` attributes as
+:mod:`pdecodec.formats.obj.reader` gives them, hard edges as normals of each frame, the ``mtllib`` of the metadata, and
+times, in a comment. Of several UV sets or colours the main one is written. Other attributes have no place in OBJ: they
+are left out, and the writer says so.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from itertools import repeat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec import _core
+from pdecodec.errors import InputError
+from pdecodec.formats.base.attribute_roles import indexed_rows, left_out, uv_sets, vertex_color
+from pdecodec.formats.base.frame_files import (
+    FOLDER_PADDING,
+    FrameBytes,
+    frames_there,
+    is_frame_pattern,
+    write_frames,
+)
+from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows
+from pdecodec.formats.base.registry import Output
+from pdecodec.formats.base.scene_writing import DEFAULT_NAME
+from pdecodec.mesh.sequence import Attribute, Float32Array, MeshObject, MeshSequence
+
+NORMAL_DECIMALS = 4
+"""Decimals of normals, as other programs write them."""
+
+_FACE_STATEMENTS = (("object", "o {}", ""), ("group", "g {}", "g default"), ("material", "usemtl {}", "usemtl"))
+"""Face attributes with labels: name, the statement that sets one, and the one that unsets it."""
+
+
+def write_obj(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
+    """Write OBJ files to a folder (``name`` or ``name/``: ``name/name.0001.obj``), or as a pattern or file names them.
+
+    Raises
+    ------
+    InputError
+        If the place is taken or not writable, several frames are to go to one file, or a position is not finite.
+    """
+    placed, new_folder = frame_output(output)
+    notices: dict[str, None] = {}
+
+    def frame_bytes(run: MeshSequence, first: int) -> FrameBytes:
+        notices.update(dict.fromkeys(left_out(run, "OBJ", _is_written, metadata=("mtllib",))))
+        return _FrameText(run, output.rate, first).of_frame
+
+    write_frames(sequence, placed, "OBJ", frame_bytes, new_folder=new_folder)
+    return tuple(notices)
+
+
+def frame_output(output: Output) -> tuple[Output, bool]:
+    """The output with the pattern of its frames where it names a folder, and whether that is new; errors as above."""
+    path, new_folder = output.path, False
+    if not is_frame_pattern(path) and (path.suffix.lower() != ".obj" or path.is_dir()):
+        folder, path = path, path / f"{path.resolve().name}.{FOLDER_PADDING}.obj"
+        new_folder = not folder.exists()
+        frames = set(frames_there(path))
+        foreign = sorted(item.name for item in folder.glob("*.obj") if item not in frames)
+        if foreign:
+            raise InputError(
+                f"this folder holds other OBJ files ({foreign[0]}); choose an empty one or a pattern", path=folder
+            )
+    return dataclasses.replace(output, path=path), new_folder
+
+
+def time_comment(time: float, rate: float) -> bytes:
+    """The line that says when a frame is [s], and how many there are in a second; both numbers read back exactly."""
+    return f"# time {float(time)!r} s at {float(rate)!r} frames per second\n".encode()
+
+
+def check_finite(points: Float32Array, frame: int) -> None:
+    """Raise InputError where a position (vertices, 3) is not finite."""
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if bad.size:
+        raise InputError(
+            f"vertex {bad[0]} is not finite ({points[bad[0]].tolist()}), OBJ has no text for it; repair the sequence",
+            frame=frame,
+        )
+
+
+def _is_written(item: MeshObject, attribute: Attribute) -> bool:
+    if attribute.domain == "face" and attribute.name in ("object", "group", "material", "smoothing"):
+        return True
+    return any(attribute is one for one in (*uv_sets(item)[:1], vertex_color(item), group_attribute(item)))
+
+
+def _one_line(name: str) -> str:
+    """A name as OBJ can hold it: no line breaks, no zero bytes, blanks single, no continuation at its end."""
+    return b" ".join(name.replace("\0", "").encode("utf-8", "replace").split()).decode().rstrip("\\")
+
+
+class _FrameText:
+    """Makes the text of frames: what is the same in every frame is made once."""
+
+    def __init__(self, sequence: MeshSequence, rate: float, first: int) -> None:
+        self._times, self._rate, self._first = sequence.times, rate, first
+        library = sequence.metadata.get("mtllib")
+        self._head = f"mtllib {_one_line(library)}\n".encode() if library else b""
+        self._objects: list[_ObjectText] = []
+        vertices = textures = normals = 0
+        names_held: set[str] = set()
+        for item in sequence.objects:
+            text = _ObjectText(item, vertices, textures, normals, names_held, alone=len(sequence.objects) == 1)
+            vertices = text.vertices.stop
+            textures += text.texture_count
+            normals += 0 if text.normals is None else text.normals.count
+            self._objects.append(text)
+
+    def of_frame(self, points: Float32Array, frame: int) -> bytes:
+        """The text of a frame's positions (vertices, 3); InputError where one is not finite."""
+        check_finite(points, self._first + frame)
+        parts = [time_comment(self._times[frame], self._rate), self._head]
+        for item in self._objects:
+            own = points[item.vertices]
+            parts += (item.before, _vertex_text(own, item.color), item.normal_text(own), item.after)
+        return b"".join(parts)
+
+
+class _ObjectText:
+    """The statements of one object, around its positions."""
+
+    def __init__(
+        self,
+        item: MeshObject,
+        first_vertex: int,
+        first_texture: int,
+        first_normal: int,
+        names_held: set[str],
+        *,
+        alone: bool,
+    ) -> None:
+        attributes: dict[tuple[str, str], Attribute] = {
+            (attribute.name, attribute.domain): attribute for attribute in item.attributes
+        }
+        self.vertices = slice(first_vertex, first_vertex + item.vertex_count)
+        # Unnamed, a file whose faces have object names comes back as it was: `o` before the vertices is a name too.
+        unnamed = alone and item.name == DEFAULT_NAME and ("object", "face") in attributes
+        self.before = b"" if unnamed else f"o {_one_line(item.name)}\n".encode()
+        self.color = _color_rows(vertex_color(item))
+        # Smoothing groups are statements of their own.
+        self.normals = None if group_attribute(item) is None else normal_rows(item)
+        uv = next(iter(uv_sets(item)), None)
+        uv_text, uv_indices, self.texture_count = _texture(uv, item.connectivity.face_indices.size)
+        corners = list(map(str, (item.connectivity.face_indices.astype(np.int64) + first_vertex + 1).tolist()))
+        textures = [""] * len(corners)
+        if uv_indices is not None:
+            textures = [str(row) if row > first_texture else "" for row in (uv_indices + first_texture + 1).tolist()]
+        if self.normals is not None:
+            normals = (self.normals.corner_rows + np.int64(first_normal + 1)).tolist()
+            corners = [f"{v}/{t}/{n}" for v, t, n in zip(corners, textures, normals, strict=True)]
+        elif uv_indices is not None:
+            corners = [f"{v}/{t}" if t else v for v, t in zip(corners, textures, strict=True)]
+        lines = _lines_of(corners, item.connectivity.face_counts.tolist(), repeat("f"))
+        changes = _changes(item, attributes, names_held, with_objects=alone)
+        faces = "".join(
+            f"{changes[face]}{line}\n" if face in changes else f"{line}\n" for face, line in enumerate(lines)
+        )
+        self.after = b"".join((uv_text, faces.encode(), _polyline_text(item, first_vertex + 1)))
+
+    def normal_text(self, points: Float32Array) -> bytes:
+        """``vn`` lines at positions (vertices, 3)."""
+        if self.normals is None:
+            return b""
+        return normals_text(self.normals, points)
+
+
+def normals_text(rows: NormalRows, points: Float32Array) -> bytes:
+    """``vn`` lines of rows of normals at positions (vertices, 3)."""
+    return rows_text(np.round(rows.of(points[None])[0], NORMAL_DECIMALS) + np.float32(0), "vn")
+
+
+def _vertex_text(points: Float32Array, color: Float32Array | None) -> bytes:
+    """``v`` lines of finite points, and of colours (vertices, 3 or 4), of which NaN rows are none."""
+    if color is None:
+        return rows_text(points, "v")
+    colored = np.isfinite(color[:, 0])
+    if colored.all():
+        return rows_text(np.hstack([points, color]), "v")
+    return b"".join(
+        rows_text(np.concatenate([point, shade])[None] if has else point[None], "v")
+        for point, shade, has in zip(points, color, colored.tolist(), strict=True)
+    )
+
+
+def rows_text(rows: Float32Array, word: str) -> bytes:
+    """Lines of a word and finite numbers, (rows, columns); all of nine digits where that is not enough for one."""
+    text = _core.write_rows(np.ascontiguousarray(rows), word)
+    if text is None:
+        return "".join(word + "".join(f" {value:.9g}" for value in row) + "\n" for row in rows.tolist()).encode()
+    return text
+
+
+def _color_rows(color: Attribute | None) -> Float32Array | None:
+    """Colours by vertex, NaN in every channel for none."""
+    if color is None:
+        return None
+    values, indices, _ = indexed_rows(color)
+    rows: Float32Array = values if indices is None else values[indices]
+    has = np.isfinite(rows).all(axis=1, keepdims=True)
+    if color.indices is not None:
+        has &= color.indices[:, None] >= 0
+    return np.where(has, rows, np.float32(np.nan))
+
+
+def _texture(uv: Attribute | None, corners: int) -> tuple[bytes, NDArray[np.int64] | None, int]:
+    """``vt`` lines, the index of each corner into them from 0 (-1 for none), and how many there are."""
+    if uv is None:
+        return b"", None, 0
+    with np.errstate(over="ignore"):
+        values = uv.values.astype(np.float32)
+    if not np.isfinite(values).all():
+        raise InputError("a UV is not finite, OBJ has no text for it; repair the attribute")
+    indices = np.arange(corners) if uv.indices is None else uv.indices.astype(np.int64)
+    return rows_text(values, "vt"), indices, len(values)
+
+
+def _polyline_text(item: MeshObject, first_vertex: int) -> bytes:
+    counts = item.connectivity.line_counts.tolist()
+    points = list(map(str, (item.connectivity.line_indices.astype(np.int64) + first_vertex).tolist()))
+    words = ("p" if count == 1 else "l" for count in counts)
+    return "".join(f"{line}\n" for line in _lines_of(points, counts, words)).encode()
+
+
+def _lines_of(tokens: list[str], counts: list[int], words: Iterator[str]) -> Iterator[str]:
+    start = 0
+    for count, word in zip(counts, words, strict=False):
+        yield f"{word} {' '.join(tokens[start : start + count])}"
+        start += count
+
+
+def _changes(
+    item: MeshObject,
+    attributes: Mapping[tuple[str, str], Attribute],
+    names_held: set[str],
+    *,
+    with_objects: bool,
+) -> dict[int, str]:
+    """Statements to write before a face: where the name of a face differs from that of the face before.
+
+    `names_held` are the kinds of names that hold at the end of the objects before this one, and are unset where
+    this one has none; it is brought up to date.
+    """
+    faces = item.connectivity.face_count
+    changes: dict[int, str] = {}
+    if faces == 0:
+        return changes
+    for name, setting, unsetting in (*_FACE_STATEMENTS, ("smoothing", "s {}", "s off")):
+        if name == "object" and not with_objects:
+            continue
+        attribute = attributes.get((name, "face"))
+        values = np.full(faces, -1, np.int64)
+        if attribute is not None:
+            rows = np.arange(faces) if attribute.indices is None else attribute.indices
+            values = np.where(rows >= 0, attribute.values[rows].astype(np.int64), -1)
+        starts = np.flatnonzero(np.diff(values, prepend=values[0] - 1)).tolist()
+        if name == "smoothing":
+            labels: dict[int, str] = {value: str(value) for value in values[starts].tolist() if value > 0}
+        else:
+            labels = dict(enumerate(attribute.labels if attribute else ()))
+        held = None if name in names_held else unsetting
+        for start in starts:
+            label = labels.get(int(values[start]))
+            statement = unsetting if label is None else setting.format(_one_line(label))
+            if statement != held and statement:
+                changes[start] = f"{changes.get(start, '')}{statement}\n"
+            held = statement
+        names_held.discard(name)
+        if held != unsetting:
+            names_held.add(name)
+    return changes

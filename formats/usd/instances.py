@@ -1,0 +1,91 @@
+"""USD's point instancers: where each instance of a prototype is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from pdecodec.errors import InputError
+from pdecodec.formats.base.scene_reading import MOST_INSTANCED
+from pdecodec.mesh.sequence import Float64Array
+
+MOST_KEPT = 2**28
+"""Bytes of transforms that are kept until they are needed again."""
+
+
+@dataclass(frozen=True, eq=False)
+class Instancer:
+    """A point instancer.
+
+    Attributes
+    ----------
+    prim, arrays
+        The prim, and its schema.
+    roots : tuple
+        Root prims of its prototypes.
+    prototypes : (instances,) int64
+        Of each instance, which of them.
+    shown : (instances,) bool
+        Whether it is ever there.
+    hidden : (instances,) bool
+        Whether it is not there at times.
+    """
+
+    prim: Any
+    arrays: Any
+    roots: tuple[Any, ...]
+    prototypes: NDArray[np.int64]
+    shown: NDArray[np.bool_]
+    hidden: NDArray[np.bool_]
+    _kept: dict[float, Float64Array] = field(default_factory=dict)
+
+    @property
+    def turning(self) -> list[Any]:
+        """Attributes along which instances move in no straight line."""
+        return [self.arrays.GetOrientationsAttr(), self.arrays.GetScalesAttr()]
+
+    def placed(self, instance: int, prim: Any, cache: Any) -> Float64Array:
+        """(4, 4) from the space of a prim of a prototype to the scene, for points that are rows, at a cache's time."""
+        code = cache.GetTime()
+        above = np.array(cache.GetLocalToWorldTransform(self.prim), np.float64)
+        root = self.roots[self.prototypes[instance]]
+        inner = np.array(cache.ComputeRelativeTransform(prim, root)[0], np.float64)
+        placed: Float64Array = inner @ self._at(code)[instance] @ above
+        return placed
+
+    def _at(self, code: Any) -> Float64Array:
+        """(instances, 4, 4): each instance's transform, its prototype's own one included."""
+        key = code.GetValue()
+        if key not in self._kept:
+            if len(self._kept) * self.prototypes.size * 128 > MOST_KEPT:
+                self._kept.clear()
+            include, ignore = UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
+            found = self.arrays.ComputeInstanceTransformsAtTime(code, code, include, ignore)
+            if len(found) != self.prototypes.size:
+                raise InputError(
+                    f"instancer {self.prim.GetPath()} has {len(found)} places for {self.prototypes.size} instances"
+                )
+            self._kept[key] = np.array(found, np.float64).reshape(-1, 4, 4)
+        return self._kept[key]
+
+
+def open_instancer(prim: Any) -> Instancer | str:
+    """A prim as an instancer, or what about it cannot be read."""
+    arrays = UsdGeom.PointInstancer(prim)
+    stage = prim.GetStage()
+    roots = tuple(stage.GetPrimAtPath(path) for path in arrays.GetPrototypesRel().GetForwardedTargets())
+    stored = arrays.GetProtoIndicesAttr().Get(Usd.TimeCode.EarliestTime())
+    prototypes = np.array(stored if stored is not None else [], np.int64)
+    if not all(roots) or (prototypes.size and not 0 <= prototypes.min() <= prototypes.max() < len(roots)):
+        return "instances of prototypes that are not there"
+    if prototypes.size > MOST_INSTANCED:
+        return f"{prototypes.size:,} instances, more than {MOST_INSTANCED:,}; thin them out"
+    codes = [Usd.TimeCode(code) for code in arrays.GetInvisibleIdsAttr().GetTimeSamples()]
+    masks = [list(arrays.ComputeMaskAtTime(code)) for code in codes or [Usd.TimeCode.EarliestTime()]]
+    there = np.array([mask or [True] * prototypes.size for mask in masks], bool).reshape(len(masks), prototypes.size)
+    shown, always = np.logical_or.reduce(there), np.logical_and.reduce(there)
+    return Instancer(prim, arrays, roots, prototypes, shown, ~always)

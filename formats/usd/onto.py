@@ -1,0 +1,248 @@
+"""Motion onto USD: stronger opinions about points, normals and velocities, over a stage that stays as it is.
+
+They stand in a copy of the original's root layer, or in a layer of their own that has the original as its sublayer.
+Transforms stay; points are brought into the space of their prims. Skeletons and blend shapes stay too, and no longer
+deform what we move; instances that we move are instances no more.
+"""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Tf, Usd, UsdGeom, UsdSkel, UsdUtils
+
+from pdecodec.errors import InputError
+from pdecodec.formats.base.normals import NormalRows, normal_rows
+from pdecodec.formats.base.onto import Fitted, Placed, blocks_onto, corner_order
+from pdecodec.formats.base.registry import Output
+from pdecodec.formats.base.times import codes_of
+from pdecodec.formats.usd.attributes import NORMALS, SAMPLED, int_array, valid_name
+from pdecodec.formats.usd.implicit import Implicit
+from pdecodec.formats.usd.reader import UsdSequence
+from pdecodec.formats.usd.writer import vectors
+from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array, MeshSequence
+from pdecodec.system.whole_output import check_writable, failure_of, move_into, partial_folder, write_errors
+
+
+def write_usd_onto(
+    sequence: MeshSequence, original: UsdSequence, fits: Sequence[Fitted], source: Path, output: Output
+) -> tuple[str, ...]:
+    """Write a copy of the original's root layer, or with ``output.layer`` a layer over it, that moves its prims."""
+    path = output.path
+    check_writable(path, overwrite=output.overwrite)
+    packed, from_package = path.suffix.lower() == ".usdz", source.suffix.lower() == ".usdz"
+    if packed and output.layer:
+        raise InputError("a package does not hold a layer over another file; write a .usda or .usdc file")
+    with partial_folder(path) as folder, write_errors(path):
+        file = folder / (f"{valid_name(path.stem)}.usdc" if packed else path.name)
+        try:
+            if packed and from_package:
+                file = _unpacked(source, folder / "package")
+                layer = Sdf.Layer.FindOrOpen(str(file))
+            else:
+                layer = Sdf.Layer.CreateNew(str(file))
+                below = original.root_layer
+                if output.layer:
+                    layer.subLayerPaths.append(below.identifier)
+                    for name in ("defaultPrim", "timeCodesPerSecond", "framesPerSecond", "upAxis", "metersPerUnit"):
+                        _hand_on(below, layer, name)
+                else:
+                    layer.TransferContent(below)
+                    UsdUtils.ModifyAssetPaths(layer, lambda text: _anchored(below, text))
+            notices = _Over(sequence, original, fits, Usd.Stage.Open(layer), output).write()
+            if packed:
+                package = folder / path.name
+                if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(file)), str(package)):
+                    raise InputError("USD cannot make this package; write a .usdc file")
+                file = package
+            else:
+                place = path.parent.resolve()
+                UsdUtils.ModifyAssetPaths(layer, lambda text: _relative(text, place))
+                # Saved again, a binary file would keep what it held before.
+                file = file.with_name(f"whole{path.suffix}")
+                layer.Export(str(file))
+        except Tf.ErrorException as error:
+            reason = str(error).strip().splitlines()[-1].strip()
+            reason = failure_of(folder, f"USD says {reason}")
+            raise InputError(f"cannot be written ({reason}); check the folder and the free space") from error
+        move_into(file, path, overwrite=output.overwrite)
+    return notices
+
+
+def _hand_on(below: Any, layer: Any, name: str) -> None:
+    """Say of a layer what the one below it says of itself: sublayers say nothing of a stage."""
+    root, wanted = below.pseudoRoot, layer.pseudoRoot
+    if root.HasInfo(name):
+        wanted.SetInfo(name, root.GetInfo(name))
+
+
+def _anchored(layer: Any, text: str) -> str:
+    """The absolute name of an asset that a layer names."""
+    if not text or "://" in text or os.path.isabs(text):
+        return text
+    found: str = layer.ComputeAbsolutePath(text)
+    if os.path.isabs(found):
+        return found
+    # Names that are looked for elsewhere first, and patterns of names.
+    return os.path.normpath(Path(layer.realPath).parent / text)
+
+
+def _relative(text: str, folder: Path) -> str:
+    """The name of an asset from the folder that names it, where it has an absolute one."""
+    if not os.path.isabs(text.partition("[")[0]):
+        return text
+    found = Path(os.path.relpath(text, folder)).as_posix()
+    return found if found.startswith(".") else f"./{found}"
+
+
+def _unpacked(source: Path, folder: Path) -> Path:
+    """The files of a package in a folder, and the layer that stands first there."""
+    folder.mkdir()
+    with zipfile.ZipFile(source) as package:
+        names = package.namelist()
+        # USD reads packages that are not compressed alone, so that none is larger than its file.
+        if any(item.compress_type != zipfile.ZIP_STORED for item in package.infolist()):
+            raise InputError("is a package with compressed files, which USD does not read", path=source)
+        package.extractall(folder)
+    return folder / names[0]
+
+
+class _Over:
+    """A stage whose root layer is written."""
+
+    def __init__(
+        self, sequence: MeshSequence, original: UsdSequence, fits: Sequence[Fitted], stage: Any, output: Output
+    ) -> None:
+        self._sequence, self._stage, self._output = sequence, stage, output
+        per_second = stage.GetTimeCodesPerSecond()
+        self._codes = codes_of(sequence.times, per_second)
+        shapes = [original.shapes[one.index] for one in fits]
+        of_points = [one.name for one in shapes if one.instancer is not None]
+        if of_points:
+            raise InputError(
+                f"object {of_points[0]!r} is an instance of a PointInstancer, where all have one shape; "
+                "leave it out (--object)"
+            )
+        for shape in shapes:
+            self._alone(shape.prim.GetPath())
+        _note_range(stage, self._codes)
+        self._prims = [
+            _PrimOver(stage.GetPrimAtPath(shape.prim.GetPath()), shape, one, original, sequence.times)
+            for shape, one in zip(shapes, fits, strict=True)
+        ]
+
+    def _alone(self, path: Any) -> None:
+        """Let a prim be one of its own where it is part of an instance."""
+        while self._stage.GetPrimAtPath(path).IsInstanceProxy():
+            above = self._stage.GetPrimAtPath(path)
+            while above.IsInstanceProxy():
+                above = above.GetParent()
+            above.SetInstanceable(False)
+
+    def write(self) -> tuple[str, ...]:
+        for start, block, speeds in blocks_onto(self._sequence, self._output, "USD"):
+            for prim in self._prims:
+                prim.write(block, speeds, start, self._codes[start : start + len(block)])
+            self._stage.GetRootLayer().Save()
+        return ()
+
+
+def _note_range(stage: Any, codes: Float64Array) -> None:
+    """Let the stage last at least as long as the motion; it has every frame of it as a sample."""
+    first, last = float(codes[0]), float(codes[-1])
+    if stage.HasAuthoredTimeCodeRange():
+        first, last = min(first, stage.GetStartTimeCode()), max(last, stage.GetEndTimeCode())
+    stage.SetStartTimeCode(first)
+    stage.SetEndTimeCode(last)
+    stage.SetMetadataByDictKey("customLayerData", SAMPLED, True)
+
+
+class _PrimOver:
+    """Opinions about one prim."""
+
+    def __init__(self, prim: Any, shape: Any, fit: Fitted, original: UsdSequence, times: Float64Array) -> None:
+        self._own = fit.own
+        self._placed = Placed(lambda moments: original.prim_matrices(shape.prim, moments), times, fit.item.name)
+        is_implicit = isinstance(shape.points, Implicit)
+        item = original.objects[fit.index]
+        if is_implicit:
+            _make_mesh(prim, item.connectivity)
+        geometry = UsdGeom.PointBased(prim)
+        rows = normal_rows(item) if item.connectivity.face_count else None
+        self._rows = rows if is_implicit or _has_normals(geometry) else None
+        if shape.skinning is not None:
+            _let_go(prim)
+        for attribute in (geometry.GetVelocitiesAttr(), geometry.GetAccelerationsAttr()):
+            _silence(attribute)
+        self._points, self._extent = geometry.CreatePointsAttr(), geometry.CreateExtentAttr()
+        for attribute in (self._points, self._extent):
+            attribute.Clear()
+        self._normals: Any = None if self._rows is None else _open_normals(geometry, self._rows, item.connectivity)
+        self._gather = None if shape.gather is None else item.connectivity.line_indices
+        self._geometry = geometry
+
+    def write(self, block: Float32Array, speeds: Float32Array | None, start: int, codes: Float64Array) -> None:
+        scene = block[:, self._own]
+        points = self._placed.points(scene, start)
+        moving = None if speeds is None else self._placed.velocities(speeds[:, self._own], points, start)
+        normals = iter([None] * len(points)) if self._rows is None else self._rows.of_each(scene)
+        if self._gather is not None:
+            points = points[:, self._gather]
+            moving = None if moving is None else moving[:, self._gather]
+        for frame, (code, rows) in enumerate(zip(codes.tolist(), normals, strict=True)):
+            self._points.Set(vectors(points[frame]), code)
+            self._extent.Set(vectors(np.stack([points[frame].min(axis=0), points[frame].max(axis=0)])), code)
+            if rows is not None:
+                self._normals.Set(vectors(self._placed.normals(rows, start + frame)), code)
+            if moving is not None:
+                self._geometry.CreateVelocitiesAttr().Set(vectors(moving[frame]), code)
+
+
+def _silence(attribute: Any) -> None:
+    """Let an attribute have no value, where it has one."""
+    if attribute and attribute.HasAuthoredValue():
+        attribute.Block()
+
+
+def _let_go(prim: Any) -> None:
+    """Let neither joints nor blend shapes deform a prim; they stay where they are."""
+    binding = UsdSkel.BindingAPI.Apply(prim)
+    for name in (UsdSkel.Tokens.skelSkeleton, UsdSkel.Tokens.skelAnimationSource, UsdSkel.Tokens.skelBlendShapeTargets):
+        prim.CreateRelationship(name, custom=False).SetTargets([])
+    for attribute in (binding.GetBlendShapesAttr(), binding.GetJointIndicesAttr(), binding.GetJointWeightsAttr()):
+        _silence(attribute)
+
+
+def _make_mesh(prim: Any, connectivity: Connectivity) -> None:
+    """Let an implicit shape be the mesh that it was read as."""
+    prim.SetTypeName("Mesh")
+    mesh = UsdGeom.Mesh(prim)
+    mesh.CreateFaceVertexCountsAttr(int_array(connectivity.face_counts))
+    mesh.CreateFaceVertexIndicesAttr(int_array(connectivity.face_indices))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+
+
+def _has_normals(geometry: Any) -> bool:
+    primvar = UsdGeom.PrimvarsAPI(geometry).GetPrimvar(NORMALS)
+    return bool(geometry.GetNormalsAttr().HasAuthoredValue() or (primvar and primvar.HasAuthoredValue()))
+
+
+def _open_normals(geometry: Any, rows: NormalRows, connectivity: Connectivity) -> Any:
+    """The attribute for rows of normals, the prim's own silent: by vertex, or by corner where there are hard edges."""
+    _silence(geometry.GetNormalsAttr())
+    stored = np.array(UsdGeom.Mesh(geometry).GetFaceVertexIndicesAttr().Get(), np.int64)
+    order = corner_order(stored, connectivity)
+    primvars = UsdGeom.PrimvarsAPI(geometry)
+    primvar = primvars.CreatePrimvar(NORMALS, Sdf.ValueTypeNames.Normal3fArray)
+    primvar.GetAttr().Clear()
+    primvar.SetInterpolation(UsdGeom.Tokens.vertex if rows.is_smooth else UsdGeom.Tokens.faceVarying)
+    if rows.is_smooth:
+        primvar.BlockIndices()
+    else:
+        primvar.SetIndices(int_array(rows.corner_rows[order]))
+    return primvar

@@ -1,0 +1,207 @@
+"""USD stages: meshes, curves and points, with UsdSkel, blend shapes and transforms applied, read when asked for.
+
+Frames stand at every time code at which something of the scene is sampled, and, where transforms or skeletons move
+along no straight line, between those at the stage's frame rate; or at the rate that is asked for alone. What is not
+sampled there is USD's own value at that code.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Tf, Usd, UsdGeom
+
+from pdecodec.errors import InputError
+from pdecodec.formats.base.registry import Transforms
+from pdecodec.formats.base.scene_reading import Refusals, SceneSequence, runs_of_scene
+from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, unit_text
+from pdecodec.formats.base.times import (
+    Timing,
+    codes_of,
+    merged_times,
+    rate_or_default,
+    resampled,
+    snapped_times,
+    without_gaps,
+)
+from pdecodec.formats.usd.attributes import METADATA, SAMPLED
+from pdecodec.formats.usd.shapes import ShapeScan, UsdShape
+from pdecodec.mesh.rounding import to_float32
+from pdecodec.mesh.sequence import Float32Array, Float64Array, MeshSequence, Unsupported
+
+PARSE_ERROR = re.compile(r":(?P<line>\d+):\d+: parse error matching \S+ (?P<place>at .*)")
+"""What USD says of text that does not parse; behind "matching" stands a name of its sources."""
+
+WHERE_IN_USD = re.compile(r"^Error in '[^']*' at line \d+ in file \S+ : ")
+"""What USD's messages begin with: a place in its own sources."""
+
+
+def open_usd(
+    path: Path, *, fps: float | None, transforms: Transforms = "bake", skip_unsupported: bool = False
+) -> MeshSequence:
+    """Open the geometry of a USD stage; runs of frames where faces, or which points there are, change.
+
+    Where `fps` is given, frames stand at that rate from the first sample to the last; where the stage does not say
+    how many time codes are a second, it is that instead.
+
+    Raises
+    ------
+    InputError
+        If it is no USD file, or holds no geometry.
+    """
+    with _stage_errors(path):
+        stage = _open_stage(path)
+        scan = ShapeScan(Refusals(skip=skip_unsupported))
+        shapes = scan.shapes(stage)
+        notices = scan.refusals.notices(shapes)
+        codes, timing = _timing(stage, shapes, fps)
+        metadata = _metadata(stage)
+    times, rate, time_notices = timing
+    unsupported = tuple(scan.refusals.found)
+
+    def open_run(first: int, own: Timing) -> MeshSequence:
+        with _stage_errors(path):
+            again = ShapeScan(Refusals(skip=skip_unsupported), float(codes[first]), scan.changes)
+            found = again.shapes(stage) if scan.changes else shapes
+            of_run = codes[first : first + own[0].size]
+            return UsdSequence(path, stage, found, of_run, own, transforms, metadata, unsupported, first)
+
+    per_second = _codes_per_second(stage, fps)
+    changes = [np.asarray(one) / per_second for one in scan.changes.values()]
+    return runs_of_scene(times, changes, (times, rate, (*time_notices, *notices)), open_run)
+
+
+class UsdSequence(SceneSequence):
+    """Frames of one connectivity of a USD stage, which stays open until :meth:`close`."""
+
+    def __init__(
+        self,
+        path: Path,
+        stage: Any,
+        shapes: Sequence[UsdShape],
+        codes: Float64Array,
+        timing: Timing,
+        transforms: Transforms,
+        metadata: Mapping[str, str],
+        unsupported: tuple[Unsupported, ...],
+        first_frame: int,
+    ) -> None:
+        self._path, self._stage, self._codes, self._first_frame = path, stage, codes, first_frame
+        self.times, self.fps, self.notices = timing
+        self.metadata, self.unsupported = metadata, unsupported
+        with _stage_errors(path):
+            self._take(shapes, transforms)
+
+    def _matrices(self, shape: UsdShape, start: int, stop: int) -> Float64Array:
+        found = []
+        cache = UsdGeom.XformCache()
+        for code in self._codes[start:stop].tolist():
+            cache.SetTime(Usd.TimeCode(code))
+            if shape.instancer is None:
+                found.append(np.array(cache.GetLocalToWorldTransform(shape.placed_by), np.float64))
+            else:
+                found.append(shape.instancer.placed(shape.instance, shape.placed_by, cache))
+        return np.array(found, np.float64).reshape(-1, 4, 4)
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        with _stage_errors(self._path):
+            return super().read_frames(start, stop)
+
+    def _read(self, shape: UsdShape, start: int, stop: int, out: Float32Array) -> None:
+        for row, code in enumerate(self._codes[start:stop].tolist()):
+            points = to_float32(np.asarray(shape.points.Get(shape.code_within(code))).reshape(-1, 3))
+            if shape.skinning is not None:
+                points = shape.skinning.deform(points, code)
+            out[row] = shape.fitted(points, self._path, self._first_frame + start + row)
+
+    @property
+    def root_layer(self) -> Any:
+        """The layer that the stage begins with."""
+        return self._stage.GetRootLayer()
+
+    def prim_matrices(self, prim: Any, times: Float64Array) -> Float64Array:
+        """(times, 4, 4) from the space of a prim of the stage to the scene's at times [s], for points that are rows."""
+        cache, found = UsdGeom.XformCache(), []
+        for code in codes_of(times, self._stage.GetTimeCodesPerSecond()).tolist():
+            cache.SetTime(Usd.TimeCode(code))
+            found.append(np.array(cache.GetLocalToWorldTransform(prim), np.float64))
+        return np.array(found, np.float64).reshape(-1, 4, 4)
+
+    def close(self) -> None:
+        # The stage closes when nothing refers to it any more.
+        self._shapes = []
+        self._stage = None
+
+
+def _says_rate(stage: Any) -> bool:
+    """Whether a stage says how many time codes a second are; one that does not has 24 by USD's rule."""
+    return any(stage.HasAuthoredMetadata(name) for name in ("timeCodesPerSecond", "framesPerSecond"))
+
+
+def _codes_per_second(stage: Any, fps: float | None) -> float:
+    says = _says_rate(stage)
+    return rate_or_default(stage.GetTimeCodesPerSecond() if says else None, None if says else fps)[0]
+
+
+def _timing(stage: Any, shapes: Sequence[UsdShape], fps: float | None) -> tuple[Float64Array, Timing]:
+    """Time codes of the frames, and their times."""
+    says = _says_rate(stage)
+    rate = stage.GetTimeCodesPerSecond() if says else None
+    per_second, notices = rate_or_default(rate, None if says else fps)
+    nominal = float(stage.GetFramesPerSecond()) if stage.HasAuthoredMetadata("framesPerSecond") else per_second
+    if says and fps is not None:
+        nominal, notices = rate_or_default(nominal, fps)
+    found = [shape.time_codes() for shape in shapes]
+    straight = [codes / per_second for one, _ in found for codes in one]
+    curved = [codes / per_second for _, one in found for codes in one]
+    if not straight and not curved:
+        code = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
+        return np.array([code]), (np.array([code / per_second]), nominal, notices if says else ())
+    stored = merged_times(straight + curved)
+    if says and fps is not None:
+        times, notices = resampled(stored, fps)
+    else:
+        sampled = bool(stage.GetRootLayer().customLayerData.get(SAMPLED))
+        times = without_gaps(stored, nominal) if curved and not sampled else stored
+    codes = codes_of(times, per_second)
+    return codes, (snapped_times(codes / per_second, per_second), nominal, notices)
+
+
+@contextmanager
+def _stage_errors(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (Tf.ErrorException, UnicodeDecodeError) as error:
+        try:
+            lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+            if found := PARSE_ERROR.search(str(error)):
+                lines = [f"line {found['line']} does not parse {found['place']}"]
+        except UnicodeDecodeError:
+            # USD's message quotes the file.
+            lines = ["its text is not UTF-8"]
+        reason = WHERE_IN_USD.sub("", lines[-1]).strip("'") if lines else "unknown"
+        raise InputError(f"is no USD file, or a damaged one ({reason}); export it again", path=path) from error
+
+
+def _open_stage(path: Path) -> Any:
+    known = Sdf.Layer.Find(str(path))
+    if known is not None:
+        # USD keeps files that are open: this one may have been written again since.
+        known.Reload()
+    return Usd.Stage.Open(str(path))
+
+
+def _metadata(stage: Any) -> dict[str, str]:
+    data = stage.GetRootLayer().customLayerData
+    stored = data.get(METADATA, {})
+    metadata = {str(key): str(text) for key, text in stored.items()} if isinstance(stored, dict) else {}
+    if stage.HasAuthoredMetadata("upAxis"):
+        metadata[UP_AXIS] = str(UsdGeom.GetStageUpAxis(stage))
+    if stage.HasAuthoredMetadata("metersPerUnit"):
+        metadata[UNIT] = unit_text(float(UsdGeom.GetStageMetersPerUnit(stage)))
+    return metadata

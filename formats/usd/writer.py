@@ -1,0 +1,272 @@
+"""USD stages out: one prim an object, in the tree that names say, its points sampled at every frame.
+
+A file is saved after every block of frames, so that memory does not grow with the clip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
+
+from pdecodec.errors import InputError
+from pdecodec.formats.base.registry import Output
+from pdecodec.formats.base.rigid_motion import rigid_parts
+from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, matrices_at, metres_per_unit, transform_of, up_axis_of
+from pdecodec.formats.base.scene_writing import steps_of, tree_paths
+from pdecodec.formats.base.shape_writing import ShapeKey, ShapeWriter, shape_keys, write_shapes
+from pdecodec.formats.base.times import codes_of
+from pdecodec.formats.usd.attributes import (
+    ADDED,
+    METADATA,
+    NAME,
+    NORMALS,
+    SAMPLED,
+    ExtrasWriter,
+    int_array,
+    valid_name,
+)
+from pdecodec.formats.usd.shapes import SUBDIVISION_SCHEMES
+from pdecodec.mesh.sequence import Attribute, Float32Array, Float64Array, MeshObject, MeshSequence
+from pdecodec.system.whole_output import check_writable, failure_of, move_into, partial_folder, write_errors
+
+ROOT = "scene"
+"""Name of the prim above all others where the tree has several roots: a stage has one default prim."""
+
+USD_METRES = 0.01
+"""Length of a unit of a stage that does not say it [m], by USD's rule."""
+
+_SCHEMAS = {"mesh": UsdGeom.Mesh, "curves": UsdGeom.BasisCurves, "points": UsdGeom.Points}
+
+_BASES = {"bezier": "bezier", "bspline": "bspline", "catmullrom": "catmullRom"}
+
+
+def write_usd(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
+    """Write a stage: text where the name ends in ``.usda``, else binary; in a package for ``.usdz``."""
+    path = output.path
+    moved: tuple[str, ...] = ()
+    if output.velocities is None and len(sequence.runs) == 1:
+        sequence, moved = rigid_parts(sequence, output.rigid)
+    check_writable(path, overwrite=output.overwrite)
+    with partial_folder(path) as folder, write_errors(path):
+        packed = path.suffix.lower() == ".usdz"
+        file = folder / (f"{valid_name(path.stem)}.usdc" if packed else path.name)
+        try:
+            notices = _Stage(sequence, Usd.Stage.CreateNew(str(file)), output).write()
+            if packed:
+                package = folder / path.name
+                if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(file)), str(package)):
+                    raise InputError("USD cannot make this package; write a .usdc file")
+                file = package
+        except Tf.ErrorException as error:
+            reason = str(error).strip().splitlines()[-1].strip()
+            reason = failure_of(folder, f"USD says {reason}")
+            raise InputError(f"cannot be written ({reason}); check the folder and the free space") from error
+        move_into(file, path, overwrite=output.overwrite)
+    return (*moved, *notices)
+
+
+class _Stage:
+    """A stage that is being written."""
+
+    def __init__(self, sequence: MeshSequence, stage: Any, output: Output) -> None:
+        self._sequence, self._stage, self._output = sequence, stage, output
+        self.notices: list[str] = []
+        keys = shape_keys(sequence)
+        paths, _ = tree_paths([key.name for key in keys], valid_name)
+        self._describe([key.name for key in keys], paths)
+        changes = len(sequence.runs) > 1
+        self._shapes = {
+            key: _PrimWriter(stage.GetPrimAtPath(self._make_path(key, steps)), key, output.rate, changes=changes)
+            for key, steps in zip(keys, paths, strict=True)
+        }
+
+    def write(self) -> tuple[str, ...]:
+        for _ in write_shapes(self._sequence, self._output, "USD", self._shapes):
+            self._stage.GetRootLayer().Save()
+        told = dict.fromkeys(notice for shape in self._shapes.values() for notice in shape.notices)
+        return (*self.notices, *told)
+
+    def _describe(self, names: Sequence[str], paths: Sequence[tuple[str, ...]]) -> None:
+        sequence, stage = self._sequence, self._stage
+        codes = codes_of(sequence.times, self._output.rate)
+        stage.SetTimeCodesPerSecond(self._output.rate)
+        stage.SetMetadataByDictKey("customLayerData", SAMPLED, True)
+        stage.SetFramesPerSecond(self._output.rate)
+        stage.SetStartTimeCode(float(codes[0]))
+        stage.SetEndTimeCode(float(codes[-1]))
+        axis, metres = up_axis_of(sequence), metres_per_unit(sequence)
+        if axis == "X":
+            self.notices.append("USD has no up axis X: none is written, programs take it as Y (--up-axis turns)")
+        # What nobody stated is not authored: a reader would take it for a fact.
+        if axis in ("Y", "Z"):
+            UsdGeom.SetStageUpAxis(stage, axis)
+        elif axis is None:
+            self.notices.append("which axis is up is not recorded: programs take it as Y (--up-axis says it)")
+        if metres is not None:
+            UsdGeom.SetStageMetersPerUnit(stage, metres)
+        else:
+            self.notices.append(
+                f"the length of a unit is not recorded: programs take it as {USD_METRES} m, a metre as its hundredth "
+                "(--unit m says it)"
+            )
+        layer = stage.GetRootLayer()
+        data = dict(layer.customLayerData)
+        known = {UP_AXIS} if axis in ("Y", "Z") else set()
+        known |= {UNIT} if metres is not None else set()
+        rest = {key: text for key, text in sequence.metadata.items() if key not in known}
+        if rest:
+            data[METADATA] = rest
+        layer.customLayerData = data
+        # Names that USD cannot hold come back, from the prims' custom data; others do not.
+        renamed = [
+            f"{name!r} as {'/'.join(path)!r}"
+            for name, path in zip(names, paths, strict=True)
+            if tuple(map(valid_name, steps_of(name))) != path
+        ]
+        if renamed:
+            self.notices.append(f"names that had to change: {', '.join(renamed)}")
+        roots = {steps[0] for steps in paths}
+        self._root = Sdf.Path.absoluteRootPath
+        if len(roots) > 1:
+            root = UsdGeom.Xform.Define(stage, f"/{ROOT}").GetPrim()
+            root.SetCustomDataByKey(ADDED, True)
+            self._root = root.GetPath()
+            stage.SetDefaultPrim(root)
+
+    def _make_path(self, key: ShapeKey, steps: tuple[str, ...]) -> Any:
+        """The path of a shape's prim, those above it made where they are not there yet."""
+        path = self._root
+        names = steps_of(key.name)
+        for index, step in enumerate(steps):
+            path = path.AppendChild(step)
+            last = index == len(steps) - 1
+            prim = self._stage.GetPrimAtPath(path)
+            if not prim:
+                kind = _SCHEMAS[key.kind] if last else UsdGeom.Xform
+                prim = kind.Define(self._stage, path).GetPrim()
+                if index < len(names) and valid_name(names[index]) == step != names[index]:
+                    prim.SetCustomDataByKey(NAME, names[index])
+                    prim.SetDisplayName(names[index])
+            if index == 0 and not self._stage.HasDefaultPrim():
+                self._stage.SetDefaultPrim(prim)
+        return path
+
+
+def vectors(rows: Float32Array) -> Any:
+    """(n, 3) as Vt.Vec3fArray."""
+    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rows))
+
+
+class _PrimWriter(ShapeWriter):
+    """One shape: its prim, and samples as frames come.
+
+    What is described is a sample at the first frame of a run where there are several runs.
+    """
+
+    def __init__(self, prim: Any, key: ShapeKey, rate: float, *, changes: bool) -> None:
+        super().__init__(key, "USD", changes=changes)
+        self._rate, self._prim = rate, prim
+        self._geometry = _SCHEMAS[key.kind](prim)
+        self._points = self._geometry.CreatePointsAttr()
+        self._extent = self._geometry.CreateExtentAttr()
+        self._extras = ExtrasWriter(prim)
+        self._normals: Any = None
+        self._transform: Attribute | None = None
+        self._op: Any = None
+        self._first: Any = None
+        """Time code at which the first run begins, or USD's for what has no samples."""
+        self._at: Any = None
+        """The same of this run."""
+        if key.kind == "mesh":
+            schemes = {ours: theirs for theirs, ours in SUBDIVISION_SCHEMES.items()}
+            self._geometry.CreateSubdivisionSchemeAttr(schemes.get(key.subdivision or "", "none"))
+        elif key.kind == "curves":
+            self._describe_curves()
+
+    def begin(self, item: MeshObject, times: Float64Array) -> None:
+        super().begin(item, times)
+        ends = [Usd.TimeCode(code) for code in codes_of(times[[0, -1]], self._rate).tolist()]
+        ends = ends[: times.size] if self.changes else [Usd.TimeCode.Default()]
+        self._at = ends[0]
+        if self._first is None:
+            self._first = self._at
+        if self.changes and not item.vertex_count:
+            self._points.Set(Vt.Vec3fArray(), self._at)
+        elif not self.changes:
+            self._transform = transform_of(item)
+        if self._transform is not None:
+            self._geometry.SetResetXformStack(True)
+            self._op = self._geometry.AddTransformOp()
+        self._describe()
+        self.notices += self._extras.write(item, self.drawn, self.in_samples, ends)
+
+    def write(self, points: Float32Array, speeds: Float32Array | None, times: Float64Array) -> None:
+        if not points.shape[1]:
+            if not self.changes:
+                self._points.Set(Vt.Vec3fArray())
+            elif speeds is not None:
+                self._geometry.CreateVelocitiesAttr().Set(Vt.Vec3fArray(), self._at)
+            return
+        # Coordinate by coordinate: minima along rows of three are ten times as slow.
+        axes = np.ascontiguousarray(points.transpose(0, 2, 1))
+        extents = np.stack([axes.min(axis=2), axes.max(axis=2)], axis=1)
+        codes = codes_of(times, self._rate)
+        for frame, (code, normals) in enumerate(zip(codes.tolist(), self.normals_at(points), strict=True)):
+            self._points.Set(vectors(points[frame]), code)
+            self._extent.Set(vectors(extents[frame]), code)
+            if normals is not None:
+                self._normals.Set(vectors(normals), code)
+            if speeds is not None:
+                self._geometry.CreateVelocitiesAttr().Set(vectors(speeds[frame]), code)
+        if self._transform is None or self._op is None:
+            return
+        matrices = matrices_at(self._transform, times).reshape(-1, 16).tolist()
+        if len(self._transform.values) == 1:
+            self._op.Set(Gf.Matrix4d(*matrices[0]))
+            return
+        for code, numbers in zip(codes.tolist(), matrices, strict=True):
+            self._op.Set(Gf.Matrix4d(*numbers), code)
+
+    def _describe(self) -> None:
+        """Faces, curves or ids of points: what does not change within a run."""
+        connectivity, geometry, at = self.item.connectivity, self._geometry, self._at
+        if self.key.kind == "mesh":
+            geometry.CreateFaceVertexCountsAttr().Set(int_array(connectivity.face_counts), at)
+            geometry.CreateFaceVertexIndicesAttr().Set(int_array(connectivity.face_indices), at)
+            self._describe_normals()
+        elif self.key.kind == "curves":
+            geometry.CreateCurveVertexCountsAttr().Set(int_array(connectivity.line_counts), at)
+        numbers = self.numbered_points(np.iinfo(np.int64).max)
+        if numbers is not None:
+            geometry.CreateIdsAttr().Set(Vt.Int64Array.FromNumpy(np.ascontiguousarray(numbers, np.int64)), at)
+
+    def _describe_normals(self) -> None:
+        """Of vertices where that is enough; where connectivity changes, always of corners: that is said once."""
+        if self.normals is None:
+            if self._normals is not None:
+                self._normals.Set(Vt.Vec3fArray(), self._at)
+                self._normals.SetIndices(Vt.IntArray(), self._at)
+        elif self.normals.is_smooth and not self.changes:
+            self._normals = self._geometry.CreateNormalsAttr()
+        else:
+            if self._normals is None:
+                kind = Sdf.ValueTypeNames.Normal3fArray
+                self._normals = UsdGeom.PrimvarsAPI(self._geometry).CreatePrimvar(NORMALS, kind, "faceVarying")
+                if self._first != self._at:
+                    self._normals.Set(Vt.Vec3fArray(), self._first)
+                    self._normals.SetIndices(Vt.IntArray(), self._first)
+            self._normals.SetIndices(int_array(self.normals.corner_rows), self._at)
+
+    def _describe_curves(self) -> None:
+        geometry, basis = self._geometry, self.key.curve_basis or "linear"
+        cubic = _BASES.get(basis.removeprefix("cubic "))
+        geometry.CreateTypeAttr("cubic" if cubic else "linear")
+        if cubic:
+            geometry.CreateBasisAttr(cubic)
+        elif basis != "linear":
+            self.notices.append(f"curves of object {self.key.name!r} are written as lines, not as {basis}")
+        wrap = self.key.curve_wrap
+        geometry.CreateWrapAttr(wrap if wrap in ("periodic", "pinned") else "nonperiodic")

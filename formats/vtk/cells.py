@@ -1,0 +1,204 @@
+"""Cells of finite elements as faces and lines: of solids the surface, of curved elements with the nodes on their edges.
+
+Nodes keep their order; where some are neither on the surface nor in a line they are left out, and the attribute
+``node`` says which the others were.
+
+Corners and edges are numbered as Exodus has them. VTK numbers the upright edges of hexahedra and wedges after those on
+top, not before. Which way round a wedge is numbered its documents and its programs do not agree on: if the solids of a
+kind have a negative volume together, all of them are turned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.base.frame_files import join_cells
+from pdecodec.mesh.sequence import Attribute, Connectivity
+
+NODE = "node"
+"""Attribute of vertices, int32: number of the node that each was, as the file counts."""
+
+_Edges = tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """Corners of a kind of cell, the faces that they make, counterclockwise seen from outside, and its edges."""
+
+    corners: int
+    faces: tuple[tuple[int, ...], ...]
+    edges: _Edges
+
+
+def _ring(count: int, first: int = 0) -> _Edges:
+    return tuple((first + k, first + (k + 1) % count) for k in range(count))
+
+
+_SOLIDS = {
+    "tetra": _Kind(4, ((0, 1, 3), (1, 2, 3), (0, 3, 2), (0, 2, 1)), (*_ring(3), (0, 3), (1, 3), (2, 3))),
+    "pyramid": _Kind(
+        5, ((0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4), (0, 3, 2, 1)), (*_ring(4), (0, 4), (1, 4), (2, 4), (3, 4))
+    ),
+    "wedge": _Kind(
+        6,
+        ((0, 1, 4, 3), (1, 2, 5, 4), (0, 3, 5, 2), (0, 2, 1), (3, 4, 5)),
+        (*_ring(3), (0, 3), (1, 4), (2, 5), *_ring(3, 3)),
+    ),
+    "hexahedron": _Kind(
+        8,
+        ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (0, 4, 7, 3), (0, 3, 2, 1), (4, 5, 6, 7)),
+        (*_ring(4), (0, 4), (1, 5), (2, 6), (3, 7), *_ring(4, 4)),
+    ),
+}
+
+_FLAT: Mapping[tuple[str, int], tuple[int, ...]] = {
+    ("triangle", 3): (0, 1, 2),
+    ("triangle", 6): (0, 3, 1, 4, 2, 5),
+    ("triangle", 7): (0, 3, 1, 4, 2, 5),
+    ("quad", 4): (0, 1, 2, 3),
+    ("quad", 8): (0, 4, 1, 5, 2, 6, 3, 7),
+    ("quad", 9): (0, 4, 1, 5, 2, 6, 3, 7),
+    ("line", 1): (0,),
+    ("line", 2): (0, 1),
+    ("line", 3): (0, 2, 1),
+    ("line", 4): (0, 2, 3, 1),
+}
+"""Nodes along the border of cells that are no solids, by kind and number of nodes."""
+
+
+class Cells:
+    """Cells as they are read, block by block.
+
+    Parameters
+    ----------
+    vtk : bool
+        Whether edges of solids are numbered as VTK has them.
+    """
+
+    def __init__(self, *, vtk: bool = False) -> None:
+        self._vtk = vtk
+        self._faces: list[NDArray[np.int64]] = []
+        self._lines: list[NDArray[np.int64]] = []
+        self._solids: list[tuple[str, NDArray[np.int64]]] = []
+
+    def add(self, kind: str, rows: NDArray[np.integer]) -> None:
+        """Add cells (cells, nodes) of a kind.
+
+        Of "polyline" and "polygon" the nodes are the border; of "line", "triangle", "quad", "tetra", "pyramid", "wedge"
+        and "hexahedron" they are numbered as finite elements.
+
+        Raises
+        ------
+        InputError
+            If no such cell has so many nodes.
+        """
+        nodes = np.asarray(rows, np.int64)
+        if kind in _SOLIDS and nodes.shape[1] >= _SOLIDS[kind].corners:
+            self._solids.append((kind, nodes))
+        elif kind in ("polygon", "polyline"):
+            (self._faces if kind == "polygon" else self._lines).append(nodes)
+        elif (kind, nodes.shape[1]) in _FLAT:
+            border = nodes[:, list(_FLAT[kind, nodes.shape[1]])]
+            (self._lines if kind == "line" else self._faces).append(border)
+        else:
+            raise InputError(f"holds cells of kind {kind} with {nodes.shape[1]} nodes, which are not read")
+
+    def connectivity(self, points: NDArray[np.floating]) -> tuple[Connectivity, NDArray[np.int64] | None]:
+        """Faces and lines of cells at points (nodes, 3), and which nodes are vertices: None where all are."""
+        nodes = len(points)
+        surface = self._surface(points)
+        curved = any(len(border) and border.shape[1] > 4 for border in self._faces)
+        whole = join_cells(nodes, [*self._faces, *surface], self._lines)
+        if not self._solids and not curved:
+            return whole, None
+        used = np.zeros(nodes, bool)
+        used[whole.face_indices] = True
+        used[whole.line_indices] = True
+        if used.all() or not used.any():
+            return whole, None
+        numbers = np.cumsum(used) - 1
+        faces, lines = numbers[whole.face_indices], numbers[whole.line_indices]
+        return Connectivity(int(used.sum()), whole.face_counts, faces, whole.line_counts, lines), np.flatnonzero(used)
+
+    def _surface(self, points: NDArray[np.floating]) -> list[NDArray[np.int64]]:
+        """Borders of faces that one solid alone has, blocks of one size, (faces, nodes)."""
+        nodes = len(points)
+        borders: dict[int, list[NDArray[np.int64]]] = {}
+        corners: dict[int, list[NDArray[np.int64]]] = {}
+        for _, rows in self._solids:
+            if rows.size and (rows.min() < 0 or rows.max() >= nodes):
+                raise InputError(f"a cell has node {int(rows.max())}, there are {nodes}; export the file again")
+        volumes = dict.fromkeys(_SOLIDS, 0.0)
+        for kind, rows in self._solids:
+            volumes[kind] += _volume(points, rows, _SOLIDS[kind].faces)
+        for kind, rows in self._solids:
+            for face, border in self._sides(kind, rows.shape[1]):
+                if volumes[kind] < 0:
+                    face, border = face[::-1], [border[0], *border[:0:-1]]
+                key = len(face)
+                corners.setdefault(key, []).append(np.sort(rows[:, face], axis=1))
+                borders.setdefault(key, []).append(
+                    np.pad(rows[:, border], ((0, 0), (0, 8 - len(border))), constant_values=-1)
+                )
+        found: list[NDArray[np.int64]] = []
+        for key in sorted(borders):
+            whole = np.concatenate(borders[key])
+            _, first, counts = np.unique(np.concatenate(corners[key]), axis=0, return_index=True, return_counts=True)
+            outer = whole[np.sort(first[counts == 1])]
+            sizes = (outer >= 0).sum(axis=1)
+            for size in np.unique(sizes).tolist():
+                rows = outer[sizes == size, :size]
+                flat = (np.diff(np.sort(rows, axis=1), axis=1) == 0).any(axis=1)
+                found.append(rows[~flat])
+                # A cell with a node twice has sides with fewer corners.
+                thin = [row[row != np.roll(row, 1)] for row in rows[flat]]
+                found += [row for row in thin if row.size >= 3]
+        return found
+
+    def _sides(self, kind: str, nodes: int) -> list[tuple[list[int], list[int]]]:
+        """Of each side of a solid of so many nodes the corners, and the nodes along its border."""
+        shape = _SOLIDS[kind]
+        edges: Sequence[tuple[int, int]] = shape.edges
+        if self._vtk and kind in ("wedge", "hexahedron"):
+            base = shape.corners // 2
+            edges = (*edges[:base], *edges[2 * base :], *edges[base : 2 * base])
+        middle = {frozenset(edge): shape.corners + k for k, edge in enumerate(edges)}
+        if nodes < shape.corners + len(edges):
+            return [(list(face), list(face)) for face in shape.faces]
+        found = []
+        for face in shape.faces:
+            pairs = zip(face, (*face[1:], face[0]), strict=True)
+            found.append((list(face), [node for a, b in pairs for node in (a, middle[frozenset((a, b))])]))
+        return found
+
+
+def _volume(points: NDArray[np.floating], rows: NDArray[np.int64], faces: tuple[tuple[int, ...], ...]) -> float:
+    """Sum of the volumes of solids, six times; of each by tetrahedra from its first corner."""
+    with np.errstate(all="ignore"):
+        corners = points.astype(np.float64)[rows[:, : max(map(max, faces)) + 1]]
+        corners -= corners[:, :1]
+        total = 0.0
+        for face in faces:
+            for a, b in pairwise(face[1:]):
+                normal = np.cross(corners[:, a], corners[:, b])
+                total += float(np.einsum("ij,ij->", corners[:, face[0]], normal))
+    return total
+
+
+def node_attribute(numbers: NDArray[np.integer]) -> Attribute:
+    """The attribute of nodes' numbers (vertices,)."""
+    return Attribute(NODE, "vertex", numbers.astype(np.int32))
+
+
+def left_out_notice(gather: NDArray[np.int64] | None, nodes: int) -> tuple[str, ...]:
+    """A line that counts the nodes that are left out."""
+    if gather is None:
+        return ()
+    lost = nodes - gather.size
+    return (f"no face or line has {lost} of {nodes} nodes: left out, and the attribute {NODE!r} numbers the others",)

@@ -1,0 +1,207 @@
+"""VTK's files through the library itself (extra ``vtk``): what meshio and our own reader of VTP do not read.
+
+Any XML or legacy data set with points: unstructured grids, polygonal data, structured grids; what is solid gives its
+surface, with the numbers of its points. It runs in a process of its own, which damaged files may end.
+"""
+
+from __future__ import annotations
+
+import atexit
+import sys
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.formats.base.child import Answer, Child, serve
+from pdecodec.formats.base.frame_files import MeshFile
+from pdecodec.formats.vtk.cells import left_out_notice, node_attribute
+from pdecodec.mesh.sequence import Attribute, Connectivity
+
+ORIGINAL = "vtkOriginalPointIds"
+"""Point data in which the surface filter says which points it took."""
+
+PACKAGE = "vtkmodules"
+
+LEAST_MEMORY, MEMORY_FACTOR = 2**32, 256
+"""Bytes that VTK may take, and how many more for each of a file: LZ4 packs up to 255 in one."""
+
+FIRST_LISTED = 42
+"""First of VTK's numbers of cells with more to them than their points: polyhedra, and those of any order."""
+
+MOST_NUMBERED = 2**62
+"""More points than any cell has: what is not to be followed never has enough."""
+
+
+def else_vtk(read: Callable[[Path], MeshFile]) -> Callable[[Path], MeshFile]:
+    """A reader of a file, or the library where that refuses it and the library is installed."""
+
+    def read_either(path: Path) -> MeshFile:
+        try:
+            return read(path)
+        except InputError as refused:
+            if not path.is_file():
+                raise
+            # What is not there: the package, or a module that was taken away.
+            if sys.modules.get(PACKAGE, find_spec(PACKAGE)) is None:
+                message = f"{refused.message}; VTK itself may read it: pip install 'pdecodec[vtk]'"
+                raise InputError(message, path=path) from refused
+            try:
+                return _read_in_child(path)
+            except InputError:
+                raise refused from None
+
+    return read_either
+
+
+_child = Child(__name__)
+atexit.register(_child.close)
+
+
+def _read_in_child(path: Path) -> MeshFile:
+    found = _child.ask(path)
+    whole = Connectivity(len(found["points"]), *(found[f"part{k}"] for k in range(4)))
+    attributes = (node_attribute(found["node"]),) if "node" in found else ()
+    return MeshFile(found["points"], whole, attributes, tuple(map(str, found["notices"])))
+
+
+def _answer(path: Path) -> Answer:
+    _limit_memory(path)
+    mesh = read_with_vtk(path)
+    whole = mesh.connectivity
+    parts = (whole.face_counts, whole.face_indices, whole.line_counts, whole.line_indices)
+    arrays = {f"part{number}": part for number, part in enumerate(parts)}
+    arrays |= {one.name: one.values for one in mesh.attributes}
+    return {**arrays, "points": mesh.points, "notices": np.array(mesh.notices, np.str_)}
+
+
+def _limit_memory(path: Path) -> None:
+    """Let this process take no more memory than a file of that size needs."""
+    try:
+        import resource
+    except ModuleNotFoundError:  # not on Windows
+        return
+    most, hard = LEAST_MEMORY + MEMORY_FACTOR * path.stat().st_size, resource.getrlimit(resource.RLIMIT_AS)[1]
+    if hard == resource.RLIM_INFINITY or most <= hard:
+        resource.setrlimit(resource.RLIMIT_AS, (most, hard))
+
+
+def read_with_vtk(path: Path) -> MeshFile:
+    """One file's mesh.
+
+    Raises
+    ------
+    InputError
+        If VTK cannot read it, or it holds no points.
+    """
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkObject
+    from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
+    from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
+    from vtkmodules.vtkIOXML import vtkXMLGenericDataObjectReader
+
+    vtkObject.GlobalWarningDisplayOff()
+    with path.open("rb") as file:
+        is_legacy = file.read(len(b"# vtk")) == b"# vtk"
+    reader = vtkGenericDataObjectReader() if is_legacy else vtkXMLGenericDataObjectReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    data: Any = reader.GetOutput()
+    if data is None or not data.IsA("vtkPointSet") or not data.GetNumberOfPoints():
+        kind = "nothing" if data is None else data.GetClassName()
+        raise InputError(f"VTK finds no points with cells in it ({kind}); check or export it again", path=path)
+    nodes, gather = data.GetNumberOfPoints(), None
+    _check_cells(data, path)
+    names = [
+        str(fields.GetArrayName(index))
+        for fields in (data.GetPointData(), data.GetCellData())
+        for index in range(fields.GetNumberOfArrays())
+    ]
+    if not data.IsA("vtkPolyData"):
+        surface = vtkGeometryFilter()
+        surface.PassThroughPointIdsOn()
+        surface.SetOriginalPointIdsName(ORIGINAL)
+        surface.SetInputData(data)
+        surface.Update()
+        data = surface.GetOutput()
+        ids = data.GetPointData().GetArray(ORIGINAL)
+        if ids is None or not data.GetNumberOfPoints():
+            raise InputError("VTK finds no surface in it; extract it as polygons first", path=path)
+        gather = vtk_to_numpy(ids).astype(np.int64)
+    points = vtk_to_numpy(data.GetPoints().GetData())
+
+    def cells(array: Any) -> tuple[NDArray[Any], NDArray[Any]]:
+        offsets = vtk_to_numpy(array.GetOffsetsArray()).astype(np.int64)
+        return np.diff(offsets), vtk_to_numpy(array.GetConnectivityArray()).astype(np.int64)
+
+    faces = cells(data.GetPolys())
+    lines = [np.concatenate(both) for both in zip(cells(data.GetVerts()), cells(data.GetLines()), strict=True)]
+    strips = [_triangles(row) for row in _rows(*cells(data.GetStrips()))]
+    if strips:
+        corners = np.concatenate(strips)
+        faces = np.append(faces[0], np.full(len(corners), 3)), np.append(faces[1], corners)
+    attributes: tuple[Attribute, ...] = ()
+    if gather is not None:
+        # In the order that the points have in the file.
+        order = np.argsort(gather)
+        place = np.argsort(order)
+        points, gather = points[order], gather[order]
+        faces, lines = (faces[0], place[faces[1]]), [lines[0], place[lines[1]]]
+        if gather.size < nodes:
+            attributes = (node_attribute(gather),)
+        else:
+            gather = None
+    notices = (f"not kept: {', '.join(names)}",) if names else ()
+    connectivity = Connectivity(len(points), *faces, *lines)
+    return MeshFile(points, connectivity, attributes, (*notices, *left_out_notice(gather, nodes)))
+
+
+def _check_cells(data: Any, path: Path) -> None:
+    """Raise InputError where cells have points that are not there: VTK's filters follow them anywhere."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonDataModel import vtkGenericCell
+
+    if data.IsA("vtkPolyData"):
+        arrays = [data.GetVerts(), data.GetLines(), data.GetPolys(), data.GetStrips()]
+    else:
+        arrays = [data.GetCells()] if data.IsA("vtkUnstructuredGrid") else []
+    fit = True
+    for array in arrays:
+        if array is None or not array.GetNumberOfCells():
+            continue
+        offsets = vtk_to_numpy(array.GetOffsetsArray()).astype(np.int64)
+        points = vtk_to_numpy(array.GetConnectivityArray()).astype(np.int64)
+        ordered = offsets[0] == 0 and (np.diff(offsets) >= 0).all() and offsets[-1] == points.size
+        inside = not points.size or 0 <= points.min() <= points.max() < data.GetNumberOfPoints()
+        fit = fit and bool(ordered) and bool(inside)
+    if fit and data.IsA("vtkUnstructuredGrid") and data.GetNumberOfCells():
+        # GetCellTypesArray before VTK 9.6 is GetCellTypes since.
+        stored = data.GetCellTypes() if hasattr(data, "GetDistinctCellTypes") else data.GetCellTypesArray()
+        kinds = vtk_to_numpy(stored).astype(np.int64)
+        sizes = np.diff(vtk_to_numpy(data.GetCells().GetOffsetsArray()).astype(np.int64))
+        least = np.full(256, MOST_NUMBERED)
+        for number in np.unique(kinds[kinds < FIRST_LISTED]).tolist():
+            cell = vtkGenericCell.InstantiateCell(number)
+            least[number] = MOST_NUMBERED if cell is None else cell.GetNumberOfPoints()
+        fit = kinds.size == sizes.size and bool((sizes >= least[kinds]).all())
+    if not fit:
+        raise InputError("its cells have points that are not there; export it again", path=path)
+
+
+def _rows(counts: NDArray[np.int64], indices: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    return np.split(indices, np.cumsum(counts)[:-1]) if counts.size else []
+
+
+def _triangles(strip: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(triangles, 3): every second one turned round."""
+    steps = np.arange(max(0, strip.size - 2))
+    odd = steps % 2
+    return strip[np.stack([steps, steps + 1 + odd, steps + 2 - odd], axis=1)]
+
+
+if __name__ == "__main__":
+    serve(_answer)

@@ -1,0 +1,177 @@
+"""The container: identifier, header, table of sections, sections (``spec/pdeanim.md``, sections 1 to 3)."""
+
+from __future__ import annotations
+
+import io
+import struct
+import tempfile
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from pathlib import Path
+from typing import BinaryIO
+
+from pdecodec.system.whole_output import whole_file, write_errors
+
+IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
+"""As PNG's: a byte that is not ASCII, the name, and line ends that a text transfer would change."""
+
+MAJOR_VERSION, MINOR_VERSION = 1, 0
+
+HEADER = struct.Struct("<12sHHIII")
+"""Identifier, major and minor version, number of sections, CRC-32 of the table, CRC-32 of all before."""
+
+ENTRY_HEAD = struct.Struct("<4sB")
+"""Type, and flags with sixteen times the bytes that the length takes. The length and the CRC-32 follow: a section
+begins where the one before it ends."""
+
+CHECKSUM = struct.Struct("<I")
+
+LENGTH_AT = 4
+"""Bit of the flags at which the bytes of a length begin to be counted."""
+
+REQUIRED = 1
+"""Section flag: a decoder that does not know this type must refuse the file."""
+
+FIRST_OF_GROUPS = "TIME"
+"""The first of the sections that hold groups of frames; what stands before it is read whatever frame is asked for."""
+
+COPY_BYTES = 2**20
+"""Bytes copied or checked at a time, so that memory does not grow with a section."""
+
+
+class Spool:
+    """A section that grows while frames stream by: an unnamed temporary file, in `folder` if one is given."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder or Path(tempfile.gettempdir())
+        with write_errors(self._folder):
+            self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - lives as long as the spool, see close()
+        self.length = 0
+        self.checksum = 0
+
+    def append(self, data: bytes) -> None:
+        with write_errors(self._folder):
+            self._file.write(data)
+        self.length += len(data)
+        self.checksum = zlib.crc32(data, self.checksum)
+
+    def pieces(self) -> Iterable[bytes]:
+        self._file.seek(0)
+        while piece := self._file.read(COPY_BYTES):
+            yield piece
+
+    def close(self) -> None:
+        self._file.close()
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section to be written.
+
+    Attributes
+    ----------
+    type : str
+        Four ASCII letters.
+    content : bytes or Spool
+    required : bool
+        Whether a decoder that does not know the type must refuse the file.
+    """
+
+    type: str
+    content: bytes | Spool
+    required: bool = True
+
+    @property
+    def length(self) -> int:
+        return self.content.length if isinstance(self.content, Spool) else len(self.content)
+
+    @property
+    def checksum(self) -> int:
+        return self.content.checksum if isinstance(self.content, Spool) else zlib.crc32(self.content)
+
+    def pieces(self) -> Iterable[bytes]:
+        return self.content.pieces() if isinstance(self.content, Spool) else (self.content,)
+
+
+@dataclass(frozen=True)
+class StoredSection:
+    """A section of a file: where it is, and CRC-32 of its bytes."""
+
+    offset: int
+    length: int
+    checksum: int
+
+
+def stored_sections(file: BinaryIO) -> list[tuple[str, StoredSection]]:
+    """The table of sections of a file that a decoder has opened, and so checked."""
+    file.seek(0)
+    count = HEADER.unpack(file.read(HEADER.size))[3]
+    found = []
+    for _ in range(count):
+        kind, flags = ENTRY_HEAD.unpack(file.read(ENTRY_HEAD.size))
+        length = int.from_bytes(file.read(flags >> LENGTH_AT), "little")
+        found.append((kind.decode("ascii"), length, *CHECKSUM.unpack(file.read(CHECKSUM.size))))
+    ends = [*accumulate((length for _, length, _ in found), initial=file.tell())]
+    return [
+        (kind, StoredSection(offset, length, checksum))
+        for offset, (kind, length, checksum) in zip(ends, found, strict=False)
+    ]
+
+
+def before_groups(head: bytes) -> int:
+    """Where groups of frames begin in a file, by its first bytes, which nobody has checked; 0 where they do not say."""
+    if not head.startswith(IDENTIFIER):
+        return 0
+    try:
+        sections = dict(stored_sections(io.BytesIO(head)))
+    except (struct.error, UnicodeDecodeError):
+        return 0
+    return sections[FIRST_OF_GROUPS].offset if FIRST_OF_GROUPS in sections else 0
+
+
+def write_container(path: Path, sections: Sequence[Section], *, overwrite: bool = True) -> dict[str, int]:
+    """Write a whole file, or nothing.
+
+    Returns
+    -------
+    dict of str to int
+        Bytes of each section, and of header and table as ``"container"``; the sum is the file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    with whole_file(path, overwrite=overwrite) as partial, partial.open("wb") as file:
+        for piece in container_pieces(sections):
+            file.write(piece)
+    return section_sizes(sections)
+
+
+def container_pieces(sections: Sequence[Section]) -> Iterator[bytes]:
+    """The bytes of a file, a piece at a time: header, table, sections."""
+    table = b"".join(_rows(sections))
+    unsealed = HEADER.pack(IDENTIFIER, MAJOR_VERSION, MINOR_VERSION, len(sections), zlib.crc32(table), 0)[:-4]
+    yield unsealed + CHECKSUM.pack(zlib.crc32(unsealed))
+    yield table
+    for section in sections:
+        yield from section.pieces()
+
+
+def _rows(sections: Sequence[Section]) -> Iterator[bytes]:
+    """Rows of the table of sections."""
+    for section in sections:
+        size = (section.length.bit_length() + 7) // 8
+        flags = (REQUIRED if section.required else 0) | size << LENGTH_AT
+        length = section.length.to_bytes(size, "little")
+        yield ENTRY_HEAD.pack(section.type.encode("ascii"), flags) + length + CHECKSUM.pack(section.checksum)
+
+
+def section_sizes(sections: Sequence[Section]) -> dict[str, int]:
+    """Bytes of each section, and of header and table as ``"container"``."""
+    return {
+        "container": HEADER.size + sum(len(row) for row in _rows(sections)),
+        **{section.type: section.length for section in sections},
+    }

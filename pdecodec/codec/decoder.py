@@ -1,0 +1,575 @@
+"""The decoder: a `.pdeanim` file as a mesh sequence that gives positions at any time.
+
+All of it is native (`core/decode/animation.hpp`); here are times, settings and errors as Python has them.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, BinaryIO, TypeVar, cast, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdecodec import _core
+from pdecodec.codec.container import before_groups
+from pdecodec.codec.paper_form import PaperForm, paper_form
+from pdecodec.codec.sections.attributes import DOMAINS
+from pdecodec.codec.sections.connectivity import core_errors
+from pdecodec.codec.sections.groups import TIME_BASES, GroupEntry
+from pdecodec.codec.sections.reference import ReferenceFrame
+from pdecodec.codec.sections.space_basis import SPACE_KINDS, SpaceBasis, SpaceForm, decode_space_basis
+from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
+from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.times import OUTSIDES, Outside, times_inside
+from pdecodec.system.shares import thread_count
+from pdecodec.system.storage import is_address, open_range_reader
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+Array = TypeVar("Array")
+
+POSITIONS, VELOCITIES, ACCELERATIONS = 0, 1, 2
+"""Quantities by the core's numbers."""
+
+DEFAULT_MAX_MEMORY = 4 * 2**30
+"""Bytes a file may ask for while it is opened and decoded: some five million vertices."""
+
+DEFAULT_MAX_KEPT = 512 * 2**20
+"""Bytes of decoded groups of frames: all of most clips, some 400 frames of 100,000 vertices."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DecodeLimits:
+    """What a file may cost.
+
+    Parameters
+    ----------
+    max_memory : int [bytes]
+        A file that declares more than fits is refused before memory is taken (LimitError).
+    max_output : int [bytes], optional
+        Positions of all frames together, 12 bytes for each vertex and frame: what it takes to decode all of a file, in
+        time as in space, of which two kilobytes can declare terabytes. A file that declares more is refused when it is
+        opened (LimitError). Default: none is.
+    max_kept : int [bytes]
+        Decoded groups of frames that stay in memory, so that they need not be decoded again: an eighth of it at first,
+        and more where times go back to groups that were given up. `max_memory` holds for them as well.
+    """
+
+    max_memory: int = DEFAULT_MAX_MEMORY
+    max_output: int | None = None
+    max_kept: int = DEFAULT_MAX_KEPT
+
+
+_usual_limits: ContextVar[DecodeLimits | None] = ContextVar("limits of files that are opened without", default=None)
+
+
+@contextmanager
+def usual_limits(limits: DecodeLimits) -> Iterator[None]:
+    """Within, files that are opened without limits have these, whatever opens them: readers, cuts, reports."""
+    token = _usual_limits.set(limits)
+    try:
+        yield
+    finally:
+        _usual_limits.reset(token)
+
+
+def chosen_limits(limits: DecodeLimits | None) -> DecodeLimits:
+    """Limits that are given, else those of :func:`usual_limits`, else the defaults."""
+    return limits or _usual_limits.get() or DecodeLimits()
+
+
+def open_animation(
+    source: str | os.PathLike[str] | bytes | BinaryIO, *, limits: DecodeLimits | None = None
+) -> Animation:
+    """Open a `.pdeanim` file; ``pdecodec.open`` is the same.
+
+    Parameters
+    ----------
+    source : path-like, bytes or binary file
+        The file's path, its address (``https://``, ``s3://``; extra ``remote``), of which what is needed is read and no
+        more, the whole file in memory, or a file that can seek. The latter stays the caller's: nobody else
+        may move it while the animation is open, unless it is a plain file of the system.
+    limits : DecodeLimits, optional
+        Default: those of :func:`usual_limits`, else its own defaults.
+
+    Returns
+    -------
+    Animation
+        Close it, or use it in a ``with`` statement: each part is read from the file when it is needed.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be opened or read.
+    CorruptFileError
+        If it is damaged, truncated, of another kind or a later major version.
+    LimitError
+        If it asks for more memory than `limits` allow.
+    """
+    limits = chosen_limits(limits)
+    if isinstance(source, bytes):
+        return _opened(source, "bytes in memory", limits)
+    if not isinstance(source, str | os.PathLike):
+        return _opened(source, str(getattr(source, "name", "a file in memory")), limits)
+    if is_address(source):
+        remote = open_range_reader(str(source))
+        remote.read_ahead(before_groups(remote.head))
+        return _opened(cast("BinaryIO", remote), str(source), limits, origin=str(source))
+    try:
+        file = Path(source).open("rb", buffering=0)  # noqa: SIM115 - the animation keeps it open until it is closed
+    except (OSError, ValueError) as error:  # ValueError: a character that no path can have
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"cannot be opened ({reason})", path=source) from error
+    try:
+        return _opened(file, os.fspath(source), limits, os.path.abspath(source))
+    except BaseException:
+        file.close()
+        raise
+
+
+def _opened(file: BinaryIO | bytes, path: str, limits: DecodeLimits, origin: str | None = None) -> Animation:
+    core = open_core(file, path, limits)
+    if len(core.runs) == 1:
+        return Animation(file, path, limits, origin=origin, core=core)
+    from pdecodec.codec.run_animation import ChangingAnimation
+
+    animation: Animation = ChangingAnimation(file, path, limits, origin=origin, core=core)
+    return animation
+
+
+def open_core(file: BinaryIO | bytes, path: str, limits: DecodeLimits) -> _core.Animation:
+    """The core's view of a file; errors as of :func:`open_animation`."""
+    with naming_file_of(path, file):
+        return _core.Animation(_core_source(file), limits.max_memory, thread_count(), limits.max_kept)
+
+
+@contextmanager
+def naming_file_of(path: str, file: BinaryIO | bytes, first_frame: int = 0) -> Iterator[None]:
+    """Name the file in errors of the core, which knows section and frame of a run, and the run's first frame."""
+    try:
+        with core_errors():
+            yield
+    except CorruptFileError as error:
+        frame = None if error.frame is None else first_frame + error.frame
+        raise type(error)(error.message, path=path, frame=frame, offset=error.offset) from error
+    except _core.ReadError as error:
+        raise InputError(str(error), path=path) from error
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror or error})", path=path) from error
+    except ValueError as error:
+        if not getattr(file, "closed", False):
+            raise
+        raise InputError("its file was closed; open both again", path=path) from error
+    except MemoryError as error:
+        raise LimitError("needs more memory than there is; lower the memory limit", path=path) from error
+
+
+def _reopened(source: str | bytes, limits: DecodeLimits, run: int | None = None) -> MeshSequence:
+    animation = open_animation(source, limits=limits)
+    if run is None:
+        return animation
+    alone = animation.runs[run]
+    assert isinstance(alone, Animation)
+    alone._owns_file = not isinstance(source, bytes)
+    return alone
+
+
+def _core_source(file: BinaryIO | bytes) -> BinaryIO | bytes | int:
+    """A plain file by its descriptor, where reads need not move it: threads and forked processes share its place."""
+    if os.name == "posix" and type(file) in (io.FileIO, io.BufferedReader):
+        raw = getattr(file, "raw", file)
+        if type(raw) is io.FileIO:
+            return raw.fileno()
+    return file
+
+
+def _numbers(times: ArrayLike) -> Float64Array:
+    """As an array; SettingsError for what are no numbers."""
+    try:
+        return np.asarray(times, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise SettingsError("times must be a number or a list of numbers") from error
+
+
+def _writable(out: Any) -> NDArray[Any]:
+    """The array itself, or numpy's view of another library's; SettingsError where it cannot be written to."""
+    if isinstance(out, np.ndarray):
+        return out
+    try:
+        return _core.writable_view(out)
+    except TypeError as error:
+        raise SettingsError(
+            "the array to write to must be of numpy, or export float32 of main memory through DLPack"
+        ) from error
+
+
+class Animation(MeshSequence):
+    """A `.pdeanim` file: a mesh sequence, and a mesh at any time between its first and its last frame.
+
+    Made by :func:`open_animation`. Opening reads headers alone, and the vertex counts that the mesh begins with; the
+    mesh, attributes and groups of frames are decoded when they are first needed. At the time of a frame every method
+    gives the same bits. To the frames in :attr:`jumps` motion is not continuous from the frames before: it is straight
+    from one to the other.
+
+    It may be used from any number of threads, which take turns, and closed by any of them: calls under way end well,
+    later ones with InputError. It survives a fork (the child decodes anew what it needs), and is pickled by its path,
+    or with its bytes; one of a file object cannot be pickled.
+    """
+
+    def __init__(
+        self,
+        file: BinaryIO | bytes,
+        path: str,
+        limits: DecodeLimits,
+        *,
+        origin: str | None = None,
+        core: _core.Animation | None = None,
+        run: int | None = None,
+    ) -> None:
+        self.path, self.notices = path, ()
+        self._file, self._origin, self._limits, self._run = file, origin, limits, run
+        self._owns_file = origin is not None and run is None
+        self._core = core or open_core(file, path, limits)
+        self._first_frame = 0 if run is None else self._core.runs[run][0]
+        self.times, self.fps = self._core.times, self._core.fps
+        self.jumps = tuple(self._core.jumps)
+        self._describe()
+        size = 12 * self.position_count
+        if limits.max_output is not None and size > limits.max_output:
+            raise LimitError(
+                f"declares {self.frame_count} frames of {self.position_count / self.frame_count:.10g} vertices, {size} "
+                f"bytes of positions; the output limit is {limits.max_output}; raise it if you trust the file",
+                path=path,
+            )
+
+    def _describe(self) -> None:
+        """Take over what there is to know before anything is decoded."""
+        self._vertex_counts = self._core.vertex_counts
+
+    def _naming_the_file(self) -> AbstractContextManager[None]:
+        return naming_file_of(self.path, self._file, self._first_frame)
+
+    @property
+    def vertex_count(self) -> int:
+        return sum(self._vertex_counts)
+
+    @cached_property
+    def objects(self) -> tuple[MeshObject, ...]:  # type: ignore[override]  # decoded when it is first needed
+        with self._naming_the_file():
+            attributes = self._core.attributes()
+            return tuple(
+                MeshObject(
+                    item.name,
+                    item.connectivity,
+                    tuple(
+                        Attribute(name, DOMAINS[domain], values, indices, labels)
+                        for name, domain, values, indices, labels in own
+                    ),
+                )
+                for item, own in zip(self.meshes, attributes, strict=True)
+            )
+
+    @cached_property
+    def meshes(self) -> tuple[MeshObject, ...]:
+        """The objects without their attributes, for which the reference frame need not be decoded."""
+        with self._naming_the_file():
+            parts, names = self._core.connectivity(), self._core.names()
+        return tuple(
+            MeshObject(name, Connectivity(vertices, *arrays))
+            for name, vertices, arrays in zip(names, self._vertex_counts, parts, strict=True)
+        )
+
+    @cached_property
+    def _remarks(self) -> dict[str, Any]:
+        with self._naming_the_file():
+            data = self._core.remarks()
+            if not data:
+                return {}
+            from pdecodec.codec.sections.description import decode_remarks
+
+            return decode_remarks(data, self._limits.max_memory)
+
+    @property
+    def metadata(self) -> dict[str, str]:  # type: ignore[override]  # read when it is first needed
+        found = self._remarks.get("metadata", {})
+        return {str(key): str(value) for key, value in found.items()} if isinstance(found, dict) else {}
+
+    def close(self) -> None:
+        self._core.close()
+        if self._owns_file:
+            assert not isinstance(self._file, bytes)
+            self._file.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        source = self._origin or self._file
+        if not isinstance(source, str | bytes):
+            raise InputError(
+                "was opened as a file object, which cannot be pickled; open it by its path", path=self.path
+            )
+        return _reopened, (source, self._limits, self._run)
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        return self.sample(self.times[start:stop])
+
+    @overload
+    def positions(self, times: ArrayLike, *, out: None = None, outside: Outside = "clamp") -> Float32Array: ...
+    @overload
+    def positions(self, times: ArrayLike, *, out: Array, outside: Outside = "clamp") -> Array: ...
+    def positions(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
+        """Positions at one time or at several, into an array of the caller's if there is one.
+
+        Parameters
+        ----------
+        times : float or (n,) array [s]
+            In any order.
+        out : (vertices, 3) or (n, vertices, 3) float32, optional
+            Written and returned; after an error it may hold anything. A numpy array, or any other of main memory that
+            can be exported through DLPack: a tensor of torch, say, that needs no copy then.
+        outside : {"clamp", "loop", "refuse"}
+            What holds before the first and after the last frame: that frame, the clip again, an error.
+
+        Returns
+        -------
+        (vertices, 3) or (n, vertices, 3) float32 [scene units]
+
+        Raises
+        ------
+        SettingsError
+            If `times` is no number and no list of numbers, one lies outside and that is refused, or `out` is of another
+            shape or dtype, or cannot be written to.
+        CorruptFileError
+            If a group that is needed is damaged.
+        """
+        return self._evaluated(POSITIONS, times, out, outside)
+
+    @overload
+    def sample(self, times: ArrayLike, *, out: None = None, outside: Outside = "clamp") -> Float32Array: ...
+    @overload
+    def sample(self, times: ArrayLike, *, out: Array, outside: Outside = "clamp") -> Array: ...
+    def sample(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
+        """Positions at several times: (n, vertices, 3), as of :meth:`positions` of a list."""
+        asked = _numbers(times)
+        if asked.ndim == 0:
+            raise SettingsError("times must be a list of numbers; `positions` takes a single one, too")
+        return self._evaluated(POSITIONS, asked, out, outside)
+
+    def _evaluated(self, quantity: int, times: ArrayLike, out: Any, outside: Outside) -> Any:
+        """A quantity at one time or at several; of one, there is no axis of times."""
+        given = _numbers(times)
+        asked = given if given.ndim else given[np.newaxis]
+        return self._of_core(quantity, asked, self._inside(asked, outside), out, outside, is_one=not given.ndim)
+
+    def _of_core(
+        self, quantity: int, asked: Float64Array, inside: Float64Array, out: Any, outside: Outside, *, is_one: bool
+    ) -> Any:
+        # The core knows that nothing moves outside the clip.
+        known = inside if quantity == POSITIONS or outside == "loop" else asked
+        whole = (known.size, self.vertex_count, 3)
+        shape = whole[1:] if is_one else whole
+        target = np.empty(shape, np.float32) if out is None else _writable(out)
+        if target.shape != shape or target.dtype != np.float32 or not target.flags.writeable:
+            kind = "" if target.flags.writeable else "read-only "
+            raise SettingsError(
+                f"the array to write to must be float32 {shape}, not {kind}{target.dtype} {target.shape}"
+            )
+        found = target if target.flags.c_contiguous else np.empty(shape, np.float32)
+        try:
+            self._core.evaluate(quantity, known, None, found.reshape(whole))
+        except Exception:
+            # Entered where something went wrong alone: that takes longer than a small frame.
+            with self._naming_the_file():
+                raise
+        if found is not target:
+            target[:] = found
+        return target if out is None else out
+
+    @overload
+    def velocities(self, times: ArrayLike, *, out: None = None, outside: Outside = "clamp") -> Float32Array: ...
+    @overload
+    def velocities(self, times: ArrayLike, *, out: Array, outside: Outside = "clamp") -> Array: ...
+    def velocities(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
+        """Velocity of every vertex at one time or at several: the exact derivative of the positions.
+
+        Residuals change at constant speed from one frame to the next; at a frame the speed to the next
+        one counts. Where positions are held (clamped) outside the clip nothing moves.
+
+        Parameters
+        ----------
+        times : float or (n,) array [s]
+        out : (vertices, 3) or (n, vertices, 3) float32, optional
+        outside : {"clamp", "loop", "refuse"}
+            All as in :meth:`positions`.
+
+        Returns
+        -------
+        (vertices, 3) or (n, vertices, 3) float32 [scene units / s]
+
+        Raises
+        ------
+        SettingsError, CorruptFileError
+            As of :meth:`positions`.
+        """
+        return self._evaluated(VELOCITIES, times, out, outside)
+
+    @overload
+    def accelerations(self, times: ArrayLike, *, out: None = None, outside: Outside = "clamp") -> Float32Array: ...
+    @overload
+    def accelerations(self, times: ArrayLike, *, out: Array, outside: Outside = "clamp") -> Array: ...
+    def accelerations(self, times: ArrayLike, *, out: Any = None, outside: Outside = "clamp") -> Any:
+        """Acceleration of every vertex: the exact second derivative of the positions; residuals have none.
+
+        Parameters, shapes and errors are those of :meth:`velocities`, its unit [scene units / s^2].
+        """
+        return self._evaluated(ACCELERATIONS, times, out, outside)
+
+    def _inside(self, asked: Float64Array, outside: Outside) -> Float64Array:
+        first, last = self._ends
+        if asked.size == 1 == asked.ndim and first <= asked.item() <= last and outside in OUTSIDES:
+            return asked
+        if asked.ndim != 1 or np.isnan(asked).any():
+            raise SettingsError("times must be a number or a list of numbers")
+        return times_inside(asked, first, last, outside)
+
+    @cached_property
+    def _ends(self) -> tuple[float, float]:
+        return float(self.times[0]), float(self.times[-1])
+
+    def coefficients(self, group: int) -> PaperForm:
+        """The coefficients of one group as the paper writes them (Eqs. 17 and 18), and all that they multiply.
+
+        Parameters
+        ----------
+        group : int
+            0 to ``info()["groups"] - 1``.
+
+        Raises
+        ------
+        SettingsError
+            If the file was encoded with functions that are not the paper's 32, or there is no such group.
+        """
+        with self._naming_the_file():
+            groups = self._core.groups
+        if not 0 <= group < len(groups):
+            raise SettingsError(f"there is no group {group}; the file has {len(groups)}, from 0 on")
+        first, frames, functions, _, _, alpha = groups[group]
+        reference, space = self.reference_and_space()
+        with self._naming_the_file():
+            values = self._core.coefficients(group)
+        return paper_form(
+            reference, space, values, self.times[first : first + frames], alpha=alpha, functions=functions,
+            first_frame=first,
+        )  # fmt: skip
+
+    @property
+    def group_edges(self) -> list[int]:
+        """First frame of every group of frames, which is read and decoded at once, and the number of all frames."""
+        with self._naming_the_file():
+            return [*(group[0] for group in self._core.groups), self.frame_count]
+
+    @property
+    def groups(self) -> list[GroupEntry]:
+        """The groups of frames, without what says where their bytes are."""
+        with self._naming_the_file():
+            found = self._core.groups
+        return [
+            GroupEntry(
+                frames=frames, functions=functions, basis=TIME_BASES[basis], single=False, step=step, alpha=alpha
+            )
+            for _, frames, functions, basis, step, alpha in found
+        ]
+
+    @property
+    def residual_step(self) -> float:
+        """What residuals are whole numbers of [scene units]."""
+        with self._naming_the_file():
+            return self._core.model[6]
+
+    def reference_and_space(self) -> tuple[ReferenceFrame, SpaceBasis]:
+        """The reference frame, and the functions of space, that the motion of every group is coded in."""
+        with self._naming_the_file():
+            kind, points, most, threshold, rate, is_affine, _, layout = self._core.model
+            grid, origin, step = self._core.reference()
+            form = SpaceForm(SPACE_KINDS[kind], points, most, threshold, rate, is_affine)
+            return ReferenceFrame(grid, np.array(origin), step), decode_space_basis(form, layout, self.meshes, grid)
+
+    @property
+    def sections(self) -> dict[str, int]:
+        """Bytes of each section, and of header and table as ``"container"``; the sum is the file."""
+        with self._naming_the_file():
+            sizes = {name: length for name, _, length in self._core.sections}
+            # A run has no header of its own.
+            beside = 0 if self._run is not None else self._core.file_bytes - sum(sizes.values())
+            return {"container": beside, **sizes}
+
+    def info(self) -> dict[str, Any]:
+        """What the headers say of the file, as a JSON object: sections, model, settings, and why this model."""
+        with self._naming_the_file():
+            groups, space_kind = self._core.groups, self._core.model[0]
+        remarks, file_bytes = self._remarks, sum(self.sections.values())
+        frames = [group[1] for group in groups]
+        return {
+            "file_bytes": file_bytes,
+            "ratio": 12 * self.frame_count * self.vertex_count / file_bytes,
+            "sections": self.sections,
+            "summary": str(remarks.get("summary", "")),
+            "generator": str(remarks.get("generator", "")),
+            "settings": remarks.get("settings", {}),
+            "time_bases": sorted({TIME_BASES[basis] for _, _, _, basis, _, _ in groups}),
+            "space_basis": SPACE_KINDS[space_kind],
+            "functions_of_time": max(functions for _, _, functions, _, _, _ in groups),
+            "groups": len(groups),
+            "group_frames": [min(frames), max(frames)],
+            "jumps": list(self.jumps),
+            "alternatives": remarks.get("alternatives"),
+        }
+
+    @property
+    def group_frames(self) -> list[tuple[int, int]]:
+        """First frame of each group of frames, and the one after its last; of a run its own frames, from 0."""
+        with self._naming_the_file():
+            return [(first, first + frames) for first, frames, *_ in self._core.groups]
+
+    @property
+    def part_decoders(self) -> tuple[Callable[[], object], ...]:
+        """What decode its parts but the groups of frames, each alone: names, faces, reference frame, attributes."""
+        own = self._core
+
+        def naming(decode: Callable[[], object]) -> Callable[[], object]:
+            def decoded() -> object:
+                with self._naming_the_file():
+                    return decode()
+
+            return decoded
+
+        return tuple(map(naming, (own.names, own.connectivity, own.reference, own.attributes)))
+
+    def check_section(self, kind: str) -> None:
+        """Check the bytes of one section; CorruptFileError where they are not those that were written."""
+        with self._naming_the_file():
+            self._core.check_section(kind)
+
+    def check_group(self, group: int) -> None:
+        """Check the bytes of one group of frames; CorruptFileError where they are not those that were written."""
+        with self._naming_the_file():
+            self._core.check_group(group)
+
+    def verify(self) -> None:
+        """Check every byte of the file, and that every part and every group decodes.
+
+        Raises
+        ------
+        CorruptFileError
+            If one does not.
+        """
+        with self._naming_the_file():
+            self._core.verify()
+        _ = self.objects, self._remarks

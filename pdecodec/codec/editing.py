@@ -1,0 +1,391 @@
+"""Cutting and joining files: groups of frames are taken as they are coded, and others are coded to stand beside them.
+
+A position at a frame depends on the frame's own group alone, so that it stays what it was, to the last bit. Between
+frames it follows the spline through all frames of the file, from jump to jump: near a place where files were cut or
+joined it is another one, 0.27 times as much with each frame further away, and continuous in position and velocity,
+unless it jumps there.
+"""
+
+from __future__ import annotations
+
+import os
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.codec.container import Section, Spool, stored_sections, write_container
+from pdecodec.codec.decoder import Animation, open_animation
+from pdecodec.codec.encode.appending import AppendingEncoder, bound_of
+from pdecodec.codec.encode.jumps import jumps_across, shifted
+from pdecodec.codec.encode.report import generator
+from pdecodec.codec.sections.description import decode_remarks, encode_remarks, encode_sequence_description
+from pdecodec.codec.sections.groups import CHUNK_SECTIONS, GroupEntry, read_group_table, write_group_table
+from pdecodec.codec.settings import EffortName
+from pdecodec.errors import CorruptFileError, InputError, SettingsError
+from pdecodec.mesh.selection import FrameSelection
+from pdecodec.mesh.sequence import SHORTEST_TIME_STEP, MeshSequence, Progress
+from pdecodec.system.whole_output import check_writable
+
+Float64Array = NDArray[np.float64]
+
+SHARED_SECTIONS = {
+    "CONN": "faces",
+    "ORDR": "the order of vertices and faces",
+    "REST": "the reference frame",
+    "MODL": "the functions of space, or the bound",
+    "ATTR": "attributes",
+}
+"""Sections that groups of one file have in common, and what is in them."""
+
+EDITED = "; then "
+"""Between what a file's summary says of its model and what became of the file since: the latest alone."""
+
+ON_A_FRAME = 1e-6
+"""Frames by which a time may miss one and still count frames."""
+
+
+@dataclass(frozen=True)
+class CutReport:
+    """What became of a cut or a join.
+
+    Attributes
+    ----------
+    frames, groups, file_bytes : int
+        Of what was written.
+    coded_again : int
+        Frames that were not taken as they were coded.
+    first_time, last_time : float [s]
+    """
+
+    frames: int
+    groups: int
+    file_bytes: int
+    coded_again: int
+    first_time: float
+    last_time: float
+
+
+Coded = tuple[GroupEntry, tuple[bytes, bytes, bytes]]
+"""A row of the table of groups, and the chunks that it is about."""
+
+
+class CodedFile:
+    """An open file as it is coded: its sections and its groups of frames.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Raises
+    ------
+    InputError
+        If it has several runs of frames.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = os.fspath(path)
+        with ExitStack() as stack:
+            self.animation: Animation = stack.enter_context(open_animation(path))
+            self._file: BinaryIO = stack.enter_context(Path(path).open("rb"))
+            table = stored_sections(self._file)
+            self._sections = dict(table)
+            if len(self._sections) < len(table):
+                raise InputError("has several runs of frames, of which none is cut or joined yet", path=path)
+            self.entries = read_group_table(self.section("GRUP"), self.animation.frame_count)
+            self._stack = stack.pop_all()
+
+    def __enter__(self) -> CodedFile:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    @property
+    def edges(self) -> list[int]:
+        """First frame of every group, and the number of all frames."""
+        return [0, *np.cumsum([entry.frames for entry in self.entries]).tolist()]
+
+    def section(self, kind: str) -> bytes:
+        """A section's bytes, checked; none where there is no such section."""
+        stored = self._sections.get(kind)
+        if stored is None:
+            return b""
+        data = self._read(stored.offset, stored.length)
+        if zlib.crc32(data) != stored.checksum:
+            raise CorruptFileError(f"section {kind} is damaged; encode it again", path=self.path, offset=stored.offset)
+        return data
+
+    def coded(self, first: int, end: int) -> Iterator[Coded]:
+        """Groups `first` to `end` - 1; CorruptFileError where one is damaged."""
+        sizes = np.array([entry.sizes for entry in self.entries], np.int64).reshape(-1, 3)
+        starts = np.cumsum(sizes, axis=0) - sizes + [self._sections[kind].offset for kind in CHUNK_SECTIONS]
+        for index in range(first, end):
+            entry = self.entries[index]
+            time, coefficients, residuals = (
+                self._read(int(at), size) for at, size in zip(starts[index], entry.sizes, strict=True)
+            )
+            if zlib.crc32(residuals, zlib.crc32(coefficients, zlib.crc32(time))) != entry.checksum:
+                raise CorruptFileError(
+                    "a group of frames is damaged; encode it again", path=self.path, frame=self.edges[index]
+                )
+            yield entry, (time, coefficients, residuals)
+
+    def _read(self, offset: int, size: int) -> bytes:
+        self._file.seek(offset)
+        return self._file.read(size)
+
+    def appending(self, sequence: MeshSequence, *, effort: EffortName, progress: Progress | None) -> AppendingEncoder:
+        """What codes frames of a sequence of its mesh with its model.
+
+        Raises
+        ------
+        InputError
+            If it is in closed form, where frames cannot be added.
+        """
+        if self.entries[0].basis == "closed form":
+            raise InputError(
+                "profile paper: no frames can be coded beside its own; decode it, and encode all frames", path=self.path
+            )
+        step = self.animation.residual_step
+        return AppendingEncoder(sequence, self.animation, self.entries[-1], step, effort=effort, progress=progress)
+
+
+class _Described(MeshSequence):
+    """Times, names and jumps for the header of a file."""
+
+    def __init__(self, head: Animation, times: Float64Array, jumps: list[int]) -> None:
+        self.objects, self.times, self.fps, self.jumps = head.meshes, times, head.fps, jumps
+        self.metadata, self.notices = {}, ()
+
+    def read_frames(self, start: int, stop: int) -> Any:
+        raise NotImplementedError  # a header holds no positions: nobody asks
+
+
+def cut_animation(
+    source: str | os.PathLike[str],
+    path: str | os.PathLike[str],
+    first: int,
+    end: int,
+    *,
+    recode: bool = False,
+    effort: EffortName = "default",
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> CutReport:
+    """Write some consecutive frames of a file as a file of their own; they keep their times.
+
+    Parameters
+    ----------
+    source, path : path-like
+    first, end : int
+        Of the frames, from 0 on; `end` is not among them. Both are to be where a group of frames begins or ends.
+    recode : bool
+        Code frames of groups that are cut through again, within the bound of the file of what it decodes to: there
+        they are off their source by twice that bound at most.
+    effort : {"fast", "default", "best"}
+        Of frames that are coded again.
+    overwrite : bool
+    progress : callable, optional
+
+    Raises
+    ------
+    SettingsError
+        If there are no such frames, or a group would be cut through; the nearest places where none is are named.
+    InputError, CorruptFileError
+        If a file cannot be read or written, or is damaged.
+    """
+    check_writable(Path(path), overwrite=overwrite)
+    with CodedFile(source) as file:
+        edges, animation = file.edges, file.animation
+        if not 0 <= first < end <= edges[-1]:
+            raise SettingsError(f"there are no frames {first} to {end}; the file has {edges[-1]}", path=source)
+        whole = [edge for edge in edges if first <= edge <= end]
+        through = [frame for frame in (first, end) if frame not in edges]
+        if through and not recode:
+            places = "; ".join(_nearest(edges, frame, animation) for frame in through)
+            raise SettingsError(f"groups of frames are not cut through: {places}; or code them again", path=source)
+
+        def pieces() -> Iterator[Coded]:
+            inner = (whole[0], whole[-1]) if whole else (end, end)
+            if first < inner[0]:
+                yield from again(first, inner[0])
+            yield from file.coded(edges.index(inner[0]), edges.index(inner[1])) if whole else ()
+            if inner[1] < end:
+                yield from again(inner[1], end)
+
+        def again(begin: int, stop: int) -> Iterator[Coded]:
+            frames = FrameSelection(animation, range(begin, stop))
+            coder = file.appending(frames, effort=effort, progress=progress)
+            return ((group.entry, group.chunks) for group in coder.coded())
+
+        kept = whole[-1] - whole[0] if whole else 0
+        summary = f"frames {first} to {end - 1} of {edges[-1]}"
+        described = _Described(animation, animation.times[first:end], shifted(animation.jumps, first, end, 0))
+        return _write(file, described, pieces(), summary, end - first - kept, Path(path), overwrite)
+
+
+def join_animations(
+    source: str | os.PathLike[str],
+    others: Sequence[str | os.PathLike[str] | MeshSequence],
+    path: str | os.PathLike[str],
+    *,
+    shift: bool = False,
+    recode: bool = False,
+    effort: EffortName = "default",
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> CutReport:
+    """Write a file and what comes after it as one file.
+
+    Parameters
+    ----------
+    source : path-like
+        Its frames come first, as they are coded.
+    others : sequence of path-like or MeshSequence
+        Files that share its reference frame and model, as those cut from one do, are taken as they are coded.
+        Sequences are coded with its model, within its bound.
+    path : path-like
+    shift : bool
+        Move the times of each to one frame after what is before it. Otherwise they have to be later.
+    recode : bool
+        Decode files of another model, and code them within the bound again: bounds add up.
+    effort : {"fast", "default", "best"}
+        Of frames that are coded.
+    overwrite : bool
+    progress : callable, optional
+
+    Raises
+    ------
+    SettingsError
+        If a file is of another model, or times do not follow one another.
+    InputError, CorruptFileError
+        If meshes differ, or a file cannot be read or written, or is damaged.
+    """
+    check_writable(Path(path), overwrite=overwrite)
+    with ExitStack() as stack:
+        head = stack.enter_context(CodedFile(source))
+        times, names, coded_again = [head.animation.times], [os.path.basename(head.path)], 0
+        before: MeshSequence = head.animation
+        is_closed = head.entries[0].basis == "closed form"
+        jumps, bound = list(head.animation.jumps), bound_of(head.animation)
+        coming: list[CodedFile | MeshSequence] = []
+        for other in others:
+            if isinstance(other, MeshSequence):
+                sequence, name = other, "frames"
+                _require_mesh_of(head, sequence, None)
+                coming.append(other)
+            else:
+                file = stack.enter_context(CodedFile(other))
+                sequence, name = file.animation, os.path.basename(file.path)
+                _require_mesh_of(head, sequence, other)
+                differing = [what for kind, what in SHARED_SECTIONS.items() if file.section(kind) != head.section(kind)]
+                if differing and not recode:
+                    raise SettingsError(
+                        f"differs from {head.path} in {differing[0]}, so that its groups of frames do not fit there; "
+                        "they can be coded again, and then bounds add up",
+                        path=other,
+                    )
+                coming.append(sequence if differing else file)
+            where = None if isinstance(other, MeshSequence) else other
+            times.append(_following(times[-1], sequence.times, head.animation.fps, shift=shift, path=where))
+            coded_again += 0 if isinstance(coming[-1], CodedFile) else sequence.frame_count
+            names.append(name)
+            if not is_closed and bound is not None and jumps_across(before, sequence, bound):
+                jumps.append(sum(part.size for part in times[:-1]))
+            before = sequence
+
+        def pieces() -> Iterator[Coded]:
+            yield from head.coded(0, len(head.entries))
+            starts = np.cumsum([part.size for part in times])
+            for one, start in zip(coming, starts.tolist(), strict=False):
+                if isinstance(one, CodedFile):
+                    yield from one.coded(0, len(one.entries))
+                    own: Sequence[int] = one.animation.jumps
+                else:
+                    coder = head.appending(one, effort=effort, progress=progress)
+                    yield from ((group.entry, group.chunks) for group in coder.coded())
+                    own = coder.jumps
+                jumps.extend(start + frame for frame in own)
+
+        summary = f"{' and '.join(names)} joined"
+        described = _Described(head.animation, np.concatenate(times), jumps)
+        return _write(head, described, pieces(), summary, coded_again, Path(path), overwrite)
+
+
+def _write(
+    head: CodedFile,
+    described: _Described,
+    pieces: Iterator[Coded],
+    summary: str,
+    coded_again: int,
+    path: Path,
+    overwrite: bool,
+) -> CutReport:
+    """Write groups of frames with what the head has in common with them."""
+    times = described.times
+    remarks = {**decode_remarks(head.section("META")), "generator": generator()}
+    remarks["summary"] = f"{str(remarks.get('summary', '')).partition(EDITED)[0]}{EDITED}{summary}"
+    spools = [Spool(path.parent) for _ in CHUNK_SECTIONS]
+    try:
+        entries = []
+        for entry, chunks in pieces:
+            entries.append(entry)
+            for spool, chunk in zip(spools, chunks, strict=True):
+                spool.append(chunk)
+        shared = {kind: head.section(kind) for kind in SHARED_SECTIONS}
+        sections = [
+            Section("META", encode_remarks(remarks), required=False),
+            Section("SEQN", encode_sequence_description(described, sorted(described.jumps))),
+            *(Section(kind, shared[kind]) for kind in ("CONN", "ORDR", "REST", "MODL") if shared[kind]),
+            Section("GRUP", write_group_table(entries)),
+            *(Section(name, spool) for name, spool in zip(CHUNK_SECTIONS, spools, strict=True)),
+            *([Section("ATTR", shared["ATTR"])] if shared["ATTR"] else []),
+        ]
+        sizes = write_container(path, sections, overwrite=overwrite)
+    finally:
+        for spool in spools:
+            spool.close()
+    return CutReport(times.size, len(entries), sum(sizes.values()), coded_again, float(times[0]), float(times[-1]))
+
+
+def _nearest(edges: Sequence[int], frame: int, animation: Animation) -> str:
+    """The places nearest to a frame where no group is cut through, in words."""
+    at = int(np.searchsorted(edges, frame))
+    times = animation.times
+    near = [
+        f"{edge} ({times[edge]:g} s)" if edge < times.size else f"{edge}, the end" for edge in edges[at - 1 : at + 1]
+    ]
+    return f"frame {frame} is inside one, which begins at {near[0]} and ends before {near[1]}"
+
+
+def _require_mesh_of(head: CodedFile, sequence: MeshSequence, path: str | os.PathLike[str] | None) -> None:
+    """Refuse frames of another mesh before anything else that differs: coding them again would not help."""
+    if not sequence.connectivity.same_as(head.animation.connectivity):
+        raise InputError(f"is of another mesh than {head.path}: faces and lines differ", path=path)
+
+
+def _following(
+    before: Float64Array, times: Float64Array, fps: float, *, shift: bool, path: str | os.PathLike[str] | None
+) -> Float64Array:
+    """Times of frames that come after others; SettingsError where they do not, and are not to be moved."""
+    if not shift:
+        if times[0] - before[-1] < SHORTEST_TIME_STEP:
+            raise SettingsError(
+                f"begins at {times[0]:g} s, and what is before it ends at {before[-1]:g} s; its times can be moved",
+                path=path,
+            )
+        return times
+    moved: Float64Array
+    last, numbers = np.rint(before[-1] * fps), np.rint(times * fps)
+    if abs(before[-1] * fps - last) < ON_A_FRAME and np.abs(times * fps - numbers).max() < ON_A_FRAME:
+        # Times that count frames go on counting them, and take no room in the file.
+        moved = (numbers - numbers[0] + last + 1.0) / fps
+        return moved
+    moved = times - times[0] + before[-1] + 1.0 / fps
+    return moved

@@ -1,0 +1,214 @@
+"""Profile "paper": the model of Fang et al. 2024, section 4, as a codec.
+
+Whole curves (or pieces), segments of a fixed number of frames, and on each curve, axis and segment 32 coefficients:
+4 functions of time (Eq. 12) times 8 of space (Eqs. 14 and 16). The functions are a tensor product, and both factors
+are orthonormal here, so that the least squares of Eq. 25 is one projection in time and one in space.
+
+Departs from the paper in fitting the displacement from a reference frame (eight functions cannot carry the shape of a
+long curve), in the parameter u (Eq. 24 needs the answer), and in leaving rotations in (Eqs. 19 to 23), which are data.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec import _core
+from pdecodec.codec.encode.displacements import FARTHEST_STEPS
+from pdecodec.codec.encode.group_encoder import FINEST_STEP, Encoder
+from pdecodec.codec.encode.group_fit import EncodedGroup, FittedGroup, GroupFitter
+from pdecodec.codec.encode.principal import product
+from pdecodec.codec.encode.quantisation import QUARTERS, quantise
+from pdecodec.codec.limits import LARGEST
+from pdecodec.codec.sections.basis import SPACE_FUNCTIONS, TIME_FUNCTIONS
+from pdecodec.codec.sections.closed_form import ClosedForm
+from pdecodec.codec.sections.groups import GroupEntry
+from pdecodec.codec.sections.reference import quantise_reference
+from pdecodec.codec.sections.space_basis import MOST_POINTS, SpaceBasis, build_space_basis
+from pdecodec.codec.settings import EncodeSettings
+from pdecodec.mesh.sequence import MeshSequence, Progress
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+Int64Array = NDArray[np.int64]
+
+ALPHAS = (1.5, 2.5, 3.5, 5.0, 7.0, 10.0)
+"""Rates of Eq. 12 to choose from, over half a segment: at 3.14 sin and cos swing once over the segment."""
+
+RATES = (1.5, 3.0, 5.0, 8.0)
+"""Rates r of Eqs. 14 and 16 to choose from, over half a piece."""
+
+STEPS = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 32.0, 64.0)
+"""Quantisation steps to choose from where there is a bound, in units."""
+
+SAMPLED_SEGMENTS = 3
+"""Segments, from all over the clip, that the rate r and the steps are chosen by."""
+
+WORTHWHILE_GAIN = 1e-9
+"""Share of the energy by which a larger rate must win, so that rounding does not choose."""
+
+ADDED_BY_QUANTISATION = 0.01
+"""Of the model's own squared error, what quantised coefficients may add to it: half a hundredth of the error."""
+
+ADDED_BY_REFERENCE = 0.05
+"""Of the model's own error, what the reference frame may be off by: added up in squares, an eighth of a hundredth."""
+
+STEP_RATIO = QUARTERS[1]
+"""From one quantisation step that is tried to the next."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Projected:
+    """Displacements of a segment in its functions of time and space.
+
+    Attributes
+    ----------
+    alpha : float
+    coefficients : (functions of space, 4 * 3) float64 [scene units]
+    error : float [scene units^2]
+        Sum of squares that the functions leave.
+    """
+
+    alpha: float
+    coefficients: Float64Array
+    error: float
+
+
+class PaperEncoder(Encoder):
+    """One encode under profile "paper"."""
+
+    def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
+        super().__init__(sequence, settings, progress)
+        paper = settings.paper
+        self._alphas: Sequence[float] = ALPHAS if paper.alpha is None else (paper.alpha,)
+        sampled = [(self._read(*part), part) for part in self._sampled_segments()]
+        finest = FINEST_STEP * self._scale
+        fine = quantise_reference(self._first, finest)
+        errors: dict[float, float] = {}
+        for rate in RATES if paper.r is None else (paper.r,):
+            basis = self._build(fine.grid, rate)
+            errors[rate] = sum(self._project(points, part, basis, fine.points).error for points, part in sampled)
+        self._rate = min(errors, key=lambda rate: errors[rate] * (1.0 + WORTHWHILE_GAIN * rate))
+        positions = sum(len(points) for points, _ in sampled) * sequence.vertex_count
+        rms = float(np.sqrt(errors[self._rate] / positions))
+        step = max(2.0 * ADDED_BY_REFERENCE * rms, finest)  # rounding is off by half a step as root mean square
+        self._set_reference(step if self._bound is None else min(step, self._bound / 2.0))
+        self._basis = self._build(self._reference.grid, self._rate)
+
+    @property
+    def _space(self) -> SpaceBasis:
+        return self._basis
+
+    def _build(self, grid: Int64Array, rate: float) -> SpaceBasis:
+        """The functions of Eqs. 14 and 16 at a rate, on whole curves or pieces of them."""
+        return build_space_basis(
+            "curve",
+            self._sequence.objects,
+            grid,
+            points=self._settings.paper.piece_points or MOST_POINTS["curve"],
+            functions=SPACE_FUNCTIONS,
+            rate=rate,
+            affine=False,
+        )
+
+    def _segments(self) -> list[tuple[int, int]]:
+        """First and last frame but one of each segment; a rest too short for four functions joins the one before."""
+        frames, length = self._sequence.frame_count, self._settings.paper.segment_frames
+        edges = [*range(0, frames, length), frames]
+        if len(edges) > 2 and edges[-1] - edges[-2] < min(length, TIME_FUNCTIONS):
+            del edges[-2]
+        return list(itertools.pairwise(edges))
+
+    def _sampled_segments(self) -> list[tuple[int, int]]:
+        segments = self._segments()
+        places = np.unique(np.linspace(0, len(segments) - 1, SAMPLED_SEGMENTS).astype(np.int64))
+        return [segments[place] for place in places]
+
+    def _project(
+        self, points: Float32Array, part: tuple[int, int], basis: SpaceBasis, reference: Float64Array
+    ) -> _Projected:
+        """The least squares of Eq. 25 for the alpha that leaves least: for given rates they are linear."""
+        moved = points.astype(np.float64) - reference
+        if self._bound is not None:  # as under "auto", what is so far off is left to residuals
+            moved[np.abs(moved) > FARTHEST_STEPS * self._unit] = 0.0
+        energy = _core.sum_of_products(moved.ravel(), moved.ravel())
+        best: _Projected | None = None
+        for alpha in self._alphas:
+            functions = self._closed_form(part, alpha)
+            weights = functions.weights(functions.times)
+            # Eq. 25: both factors are orthonormal, so that its normal equations are these two projections.
+            along = product(weights.T, moved.reshape(len(moved), -1)).reshape(-1, len(reference), 3).transpose(1, 0, 2)
+            coefficients = basis.project(along.reshape(len(reference), -1))
+            error = max(energy - _core.sum_of_products(coefficients.ravel(), coefficients.ravel()), 0.0)
+            if best is None or error < best.error * (1.0 - WORTHWHILE_GAIN):
+                best = _Projected(alpha, coefficients, error)
+        assert best is not None  # there is an alpha
+        return best
+
+    def _closed_form(self, part: tuple[int, int], alpha: float) -> ClosedForm:
+        times = self._sequence.times[slice(*part)]
+        return ClosedForm(times, alpha, min(TIME_FUNCTIONS, times.size))
+
+    def _groups(self) -> Iterator[EncodedGroup]:
+        for part in self._segments():
+            points = self._read(*part)
+            projected = self._project(points, part, self._basis, self._reference.points)
+            fitter = GroupFitter(
+                points,
+                self._reference.points,
+                self._first,
+                times=self._sequence.times[slice(*part)],
+                bound=np.inf if self._bound is None else self._bound,
+                unit=self._unit,
+                residual_step=self._residual_step,
+            )
+            if self._bound is None:
+                fitted = self._quantised(fitter, projected, self._step(projected))
+            else:
+                tried = (self._quantised(fitter, projected, steps * self._unit) for steps in STEPS)
+                fitted = min(tried, key=lambda item: item.bits)
+            yield fitter.encode(fitted, self._basis)
+
+        if self._settings.why:
+            from pdecodec.codec.encode.alternatives import model_question
+
+            self._questions = [model_question(self._sequence, self._bound, "paper")]
+
+    def _step(self, projected: _Projected) -> float:
+        """The coarsest step at which rounding adds little to the error that the model has anyhow."""
+        coefficients = projected.coefficients
+        largest = float(np.abs(coefficients).max(initial=0.0))
+        step = max(self._unit, 2.0 * largest / LARGEST)
+        allowed = ADDED_BY_QUANTISATION * projected.error
+        while step < largest:
+            coarser = step * STEP_RATIO
+            off = coefficients - coarser * quantise(coefficients, coarser)
+            if _core.sum_of_products(off.ravel(), off.ravel()) > allowed:
+                break
+            step = coarser
+        return step
+
+    def _quantised(self, fitter: GroupFitter, projected: _Projected, step: float) -> FittedGroup:
+        quantised = quantise(projected.coefficients, step)
+        entry = GroupEntry(
+            frames=fitter.frames,
+            functions=quantised.shape[1] // 3 if quantised.any() else 0,
+            basis="closed form",
+            single=False,
+            step=step,
+            alpha=projected.alpha,
+        )
+        return fitter.fitted(self._basis, entry, quantised[:, : entry.width])
+
+    def _summary(self) -> str:
+        groups = len(self._entries)
+        frames = self._sequence.frame_count / groups
+        where = self._where("curve" if self._settings.paper.piece_points is None else "piece", "s")
+        return (
+            f"closed form x curve: {TIME_FUNCTIONS} functions of time over {groups} groups of {frames:.0f} frames, "
+            f"times {SPACE_FUNCTIONS} of space on {where}"
+        )

@@ -1,0 +1,196 @@
+"""What an encode says of itself when it is done."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pdecodec import __version__
+from pdecodec.mesh.rounding import NOTEWORTHY, rounding_words
+
+GENERATOR = "pdecodec "
+"""What stands before the version in the remarks of files that this package made."""
+
+CONSTANT_SECTIONS = frozenset({"CONN", "ORDR", "ATTR"})
+"""Sections that do not grow with the motion: rates in bits per vertex and frame leave them out."""
+
+SECTION_TITLES = {
+    "container": "header and table",
+    "META": "remarks",
+    "SEQN": "times and objects",
+    "CONN": "connectivity",
+    "ORDR": "order of faces",
+    "REST": "reference frame",
+    "MODL": "model",
+    "GRUP": "groups of frames",
+    "TIME": "functions of time",
+    "COEF": "coefficients",
+    "CORR": "residuals",
+    "ATTR": "attributes",
+    "NAME": "names of objects",
+    "RUNS": "runs of frames",
+}
+"""Sections of a `.pdeanim` file in words."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """One way, and what the frames that are compared would have taken with it.
+
+    Attributes
+    ----------
+    way : str
+    size : int [bytes]
+    chosen : bool
+    """
+
+    way: str
+    size: int
+    chosen: bool
+
+
+@dataclass(frozen=True)
+class Question:
+    """What was chosen among several ways.
+
+    Attributes
+    ----------
+    what : str
+    frames : int
+        How many costs are of, from the first on.
+    ways : tuple of Alternative
+    """
+
+    what: str
+    frames: int
+    ways: tuple[Alternative, ...]
+
+
+def to_json(questions: Sequence[Question]) -> list[dict[str, Any]]:
+    """For section META."""
+    return [
+        {
+            "what": question.what,
+            "frames": question.frames,
+            "ways": [
+                {"way": item.way, "bytes": item.size, **({"chosen": True} if item.chosen else {})}
+                for item in question.ways
+            ],
+        }
+        for question in questions
+    ]
+
+
+def from_json(record: Any) -> tuple[Question, ...]:
+    """Undo :func:`to_json`; nothing where somebody else wrote something else."""
+    try:
+        return tuple(
+            Question(
+                str(question["what"]),
+                int(question["frames"]),
+                tuple(
+                    Alternative(str(item["way"]), int(item["bytes"]), bool(item.get("chosen", False)))
+                    for item in question["ways"]
+                ),
+            )
+            for question in record
+        )
+    except (TypeError, KeyError, ValueError, AttributeError):
+        return ()
+
+
+@dataclass(frozen=True)
+class EncodeReport:
+    """What an encode did.
+
+    Attributes
+    ----------
+    path : Path, str or None
+        Where the file is, of one at an address that.
+    frames, vertices : int
+        Of several runs the vertices are the most that one has.
+    sections : dict of str to int
+        Bytes of each section; the sum is the file.
+    max_error, rms_error : float [scene units]
+        Largest Euclidean vertex distance at the input's frames, and the root of the mean square distance, of
+        the float32 positions that the written bytes decode to.
+    bound : float or None [scene units]
+    scale : float [scene units]
+        What tolerances are relative to.
+    residuals : int
+        Vertices of single frames that were corrected.
+    groups, patches, functions_of_space : int
+        How large the model is: groups of frames, patches or pieces of curves, and their functions together.
+    coefficients : int
+        Numbers that the motion is made of: coefficients other than zero, and all stored values of functions of time.
+        The reference frame and residuals are not among them.
+    seconds : float
+    summary : str
+        In a sentence, what model was taken and why.
+    data : bytes or None
+        The file itself where it was encoded without a path.
+    runs : int
+        Runs of frames of one connectivity each.
+    jumps : tuple of int
+        Frames that motion jumps to from the frame before: splines between frames end and begin there.
+    alternatives : tuple of Question
+        Where that was asked for: what else could have been taken, and what it would have cost.
+    positions : int or None
+        Vertices of all frames together, where that is not vertices times frames.
+    rounding : float [scene units]
+        How far the float32 positions that were encoded, and that errors count from, are from the input's at most.
+    """
+
+    path: Path | str | None
+    frames: int
+    vertices: int
+    sections: dict[str, int]
+    max_error: float
+    rms_error: float
+    bound: float | None
+    scale: float
+    residuals: int
+    groups: int
+    patches: int
+    functions_of_space: int
+    coefficients: int
+    seconds: float
+    summary: str
+    data: bytes | None = None
+    runs: int = 1
+    jumps: tuple[int, ...] = ()
+    alternatives: tuple[Question, ...] = ()
+    positions: int | None = None
+    rounding: float = 0.0
+
+    @property
+    def raw_bytes(self) -> int:
+        """Of float32 positions alone."""
+        return 12 * (self.frames * self.vertices if self.positions is None else self.positions)
+
+    @property
+    def rounding_warning(self) -> str:
+        """What is to be said where float32 alone is farther from the input than was asked, or where nothing was,
+        noteworthily so; else nothing.
+        """
+        if self.rounding <= (NOTEWORTHY * self.scale if self.bound is None else self.bound):
+            return ""
+        beyond = "" if self.bound is None else ", more than the bound, which counts from there"
+        return f"{rounding_words(self.rounding)}{beyond}; move the scene nearer to its origin"
+
+    @property
+    def file_bytes(self) -> int:
+        """Of the whole file."""
+        return sum(self.sections.values())
+
+
+def generator() -> str:
+    """What the file says it was made by."""
+    return f"{GENERATOR}{__version__}"
+
+
+def counted(number: int, what: str, ending: str = "s", cut: int = 0) -> str:
+    """A number and its noun; in the plural the noun's last `cut` letters give way to `ending`."""
+    return f"{number} {what}" if number == 1 else f"{number} {what[: len(what) - cut]}{ending}"

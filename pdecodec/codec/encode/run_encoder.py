@@ -1,0 +1,172 @@
+"""Encoding runs of frames: one after the other, each as a file of its own would be, without what all of them share.
+
+Only one run is in memory at a time. Sections that are the bytes of the run before are not stored again.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from pdecodec.codec.container import Section, Spool, container_pieces, section_sizes, write_container
+from pdecodec.codec.encode.group_encoder import checked_frames
+from pdecodec.codec.encode.profiles import make_encoder
+from pdecodec.codec.encode.report import EncodeReport, counted, generator
+from pdecodec.codec.sections.bytestream import FieldWriter
+from pdecodec.codec.sections.description import encode_names, encode_remarks, encode_sequence_description
+from pdecodec.codec.sections.groups import CHUNK_SECTIONS
+from pdecodec.codec.settings import EncodeSettings
+from pdecodec.errors import InputError
+from pdecodec.mesh.metrics import frame_scale
+from pdecodec.mesh.runs import ChangingSequence
+from pdecodec.mesh.sequence import MeshSequence, Progress
+
+RUN_SECTIONS = ("NAME", "CONN", "ORDR", "REST", "MODL", "GRUP", *CHUNK_SECTIONS, "ATTR")
+"""Sections of a run, in the order in which section RUNS lists them and RDAT has them."""
+
+AS_BEFORE = 0
+"""In place of a length plus one: the section is that of the run before."""
+
+
+def encode_runs(
+    sequence: ChangingSequence,
+    settings: EncodeSettings,
+    path: Path | None,
+    *,
+    overwrite: bool,
+    progress: Progress | None,
+) -> EncodeReport:
+    """Encode a sequence of runs; parameters and errors as of :func:`pdecodec.encode`."""
+    started = time.perf_counter()
+    scale = frame_scale(checked_frames(sequence.runs[0], 0, 1)[0])
+    bound = settings.bound(scale)
+    of_run = replace(settings, why=False)  # remarks are of all runs together, whose choices are each its own
+    if bound is not None:
+        of_run = replace(of_run, tolerance=None, max_error=bound)
+    reports: list[EncodeReport] = []
+    table = RunTable(None if path is None else path.parent)
+    try:
+        for first, run in zip(sequence.run_starts.tolist(), sequence.runs, strict=True):
+            reports.append(_encode_run(run, of_run, table, first, _within(progress, first, sequence.frame_count)))
+        starts = sequence.run_starts.tolist()
+        jumps = [first + frame for first, report in zip(starts, reports, strict=True) for frame in report.jumps]
+        summary = _summary(sequence)
+        remarks = {"generator": generator(), "settings": settings.changed(), "summary": summary}
+        if sequence.metadata:
+            remarks["metadata"] = dict(sequence.metadata)
+        sections = [
+            Section("META", encode_remarks(remarks), required=False),
+            Section("SEQN", encode_sequence_description(sequence, jumps)),
+            Section("RUNS", table.to_bytes()),
+            Section("RDAT", table.data),
+        ]
+        data = None
+        if path is None:
+            data = b"".join(container_pieces(sections))
+        else:
+            write_container(path, sections, overwrite=overwrite)
+    finally:
+        table.close()
+    sizes = {name: size for name, size in section_sizes(sections).items() if name != "RDAT"}
+    return EncodeReport(
+        path=path,
+        frames=sequence.frame_count,
+        vertices=int(sequence.run_vertices.max()),
+        sections={**sizes, **table.sizes},
+        max_error=max(report.max_error for report in reports),
+        rms_error=math.sqrt(sum(report.rms_error**2 * report.raw_bytes for report in reports) / 12
+                            / sequence.position_count),
+        bound=bound,
+        scale=scale,
+        residuals=sum(report.residuals for report in reports),
+        groups=sum(report.groups for report in reports),
+        patches=sum(report.patches for report in reports),
+        functions_of_space=sum(report.functions_of_space for report in reports),
+        coefficients=sum(report.coefficients for report in reports),
+        seconds=time.perf_counter() - started,
+        summary=summary,
+        data=data,
+        runs=len(sequence.runs),
+        jumps=tuple(jumps),
+        positions=sequence.position_count,
+    )  # fmt: skip
+
+
+class RunTable:
+    """Sections RUNS and RDAT as they grow: RDAT in an unnamed file in `folder`, if one is given.
+
+    Attributes
+    ----------
+    data : Spool
+        Section RDAT.
+    sizes : dict of str to int
+        Bytes of it by the section of a run that they are of.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self.data = Spool(folder)
+        self.sizes: dict[str, int] = {}
+        self._writer = FieldWriter()
+        self._before: dict[str, bytes] = {}
+
+    def add(self, sequence: MeshSequence, sections: Sequence[Section]) -> None:
+        """Add a run, of the sections of a file of it alone."""
+        found = {section.type: section for section in sections}
+        found["NAME"] = Section("NAME", encode_names(sequence))
+        self._writer.count(sequence.vertex_count)
+        for name in RUN_SECTIONS:
+            self._add(found.get(name, Section(name, b"")))
+
+    def _add(self, section: Section) -> None:
+        if isinstance(section.content, bytes):
+            if section.content and self._before.get(section.type) == section.content:
+                self._writer.count(AS_BEFORE)
+                return
+            self._before[section.type] = section.content
+        self._writer.count(section.length + 1)
+        if section.length and section.type not in CHUNK_SECTIONS:
+            self._writer.numbers("I", section.checksum)
+        for piece in section.pieces():
+            self.data.append(piece)
+        self.sizes[section.type] = self.sizes.get(section.type, 0) + section.length
+
+    def to_bytes(self) -> bytes:
+        """Section RUNS."""
+        return self._writer.to_bytes()
+
+    def close(self) -> None:
+        self.data.close()
+
+
+def _encode_run(
+    run: MeshSequence, settings: EncodeSettings, table: RunTable, first: int, progress: Progress | None
+) -> EncodeReport:
+    """Encode a run from frame `first` on, and add it to the table."""
+    try:
+        encoder = make_encoder(run, settings, progress)
+        with encoder.encoded(None) as sections:
+            table.add(run, sections)
+            return encoder.report(None, None, section_sizes(sections))
+    except InputError as error:
+        if error.path is not None or error.frame is None:
+            raise
+        raise InputError(error.message, frame=first + error.frame) from error
+
+
+def _within(progress: Progress | None, first: int, frames: int) -> Progress | None:
+    """Progress of a run as that of the whole."""
+    if progress is None:
+        return None
+    return lambda done, _, what: progress(first + done, frames, what)
+
+
+def _summary(sequence: ChangingSequence) -> str:
+    frames, vertices = (
+        f"{values.min()}" if values.min() == values.max() else f"{values.min()} to {values.max()}"
+        for values in (sequence.run_frames, sequence.run_vertices)
+    )
+    count = counted(len(sequence.runs), "run")
+    return f"{count} of frames that have faces of their own; frames of each: {frames}, vertices: {vertices}"

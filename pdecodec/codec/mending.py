@@ -1,0 +1,247 @@
+"""Damaged `.pdeanim` files, as far as they can be read: header and table of sections taken as they are, and put right.
+
+The decoder refuses a file whose header, table or length is wrong. Here what is wrong with them is listed, and the file
+is given with a sound header, zeros where its end is missing, and nothing after its last section. Every section and
+every group of frames has a checksum of its own, so that what the decoder then accepts is what was written.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import BinaryIO, Literal, cast
+
+from pdecodec.codec.container import (
+    CHECKSUM,
+    COPY_BYTES,
+    ENTRY_HEAD,
+    HEADER,
+    IDENTIFIER,
+    LENGTH_AT,
+    MAJOR_VERSION,
+    REQUIRED,
+    StoredSection,
+)
+from pdecodec.errors import CorruptFileError, LimitError
+
+MOST_SECTIONS = 64
+"""The specification's section 2.1."""
+
+MOST_LENGTH_BYTES = 8
+"""The specification's section 2.2."""
+
+KNOWN_SECTIONS = frozenset(
+    ("META", "SEQN", "RUNS", "RDAT", "CONN", "ORDR", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR", "ATTR")
+)
+"""Sections that a table of this version may list."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong with a file.
+
+    Attributes
+    ----------
+    code : str
+        Stays what it is from version to version: :data:`pdecodec.codec.checking.CODES`.
+    message : str
+        One line.
+    severity : {"error", "note"}
+        Whether the file breaks the format, or there is only something to know.
+    section : str, optional
+        Its four letters.
+    run, group : int, optional
+        Counted from 0; a group's number is within its run.
+    frames : (int, int), optional
+        What it concerns: the first frame, and the one after the last.
+    offset : int, optional
+        Byte of the file.
+    """
+
+    code: str
+    message: str
+    severity: Literal["error", "note"] = "error"
+    section: str | None = None
+    run: int | None = None
+    group: int | None = None
+    frames: tuple[int, int] | None = None
+    offset: int | None = None
+
+
+@dataclass(frozen=True)
+class ListedSection(StoredSection):
+    """A row of the table of sections as it stands there."""
+
+    type: str
+    is_required: bool
+
+
+class MendedFile(io.RawIOBase):
+    """A file with another beginning, and as long as it says: zeros stand for what is missing at its end.
+
+    Parameters
+    ----------
+    file : binary file
+        Stays the caller's.
+    head : bytes
+        In place of as many at the beginning.
+    size : int [bytes]
+    name : str
+        For messages.
+    """
+
+    def __init__(self, file: BinaryIO, head: bytes, size: int, name: str) -> None:
+        self._file, self._head, self._size, self.name = file, head, size, name
+        self._at = 0
+
+    def seekable(self) -> bool:
+        return True
+
+    def readable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        self._at = offset + {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._size}[whence]
+        return self._at
+
+    def read(self, count: int = -1) -> bytes:
+        left = max(0, self._size - self._at)
+        count = left if count < 0 else min(count, left)
+        found = self._head[self._at : self._at + count]
+        if len(found) < count:
+            self._file.seek(self._at + len(found))
+            found += self._file.read(count - len(found))
+        self._at += count
+        return found.ljust(count, b"\0")
+
+
+def mended(file: BinaryIO, name: str, most_missing: int) -> tuple[BinaryIO, list[ListedSection], list[Finding]]:
+    """A file that the decoder takes as far as it is sound, its sections, and what is wrong with header, table, length.
+
+    Parameters
+    ----------
+    file : binary file
+        Stays the caller's, who keeps it open.
+    name : str
+    most_missing : int [bytes]
+        How much longer than it is a file may say that it is: what is read of it takes memory.
+
+    Raises
+    ------
+    CorruptFileError
+        If it is no such file, of a later major version, or its table cannot be read: an :class:`UnreadableError`.
+    LimitError
+        If more than `most_missing` is missing at its end.
+    """
+    size = file.seek(0, io.SEEK_END)
+    file.seek(0)
+    header = file.read(HEADER.size)
+    if header[: len(IDENTIFIER)] != IDENTIFIER[: len(header)] or not header:
+        reason = "not a .pdeanim file (its first bytes are others); pdecodec encode makes one"
+        raise UnreadableError("identifier", reason, 0)
+    if len(header) < HEADER.size:
+        raise UnreadableError("truncated", "ends inside its header", len(header))
+    _, major, minor, count, table_checksum, checksum = HEADER.unpack(header)
+    findings = []
+    is_sound = zlib.crc32(header[: -CHECKSUM.size]) == checksum
+    if not is_sound:
+        findings.append(Finding("header-checksum", "its header is damaged", offset=0))
+    elif major != MAJOR_VERSION:
+        raise UnreadableError(
+            "version", f"has format version {major}, this decoder reads version {MAJOR_VERSION}; update pdecodec", 12
+        )
+    if count > MOST_SECTIONS:
+        raise UnreadableError("table", f"declares {count} sections, at most {MOST_SECTIONS} can be", 16)
+    table, sections = _read_table(file, count)
+    if zlib.crc32(table) != table_checksum:
+        findings.append(Finding("table-checksum", "its table of sections is damaged", offset=HEADER.size))
+    end = sections[-1].offset + sections[-1].length if sections else HEADER.size
+    if end - size > most_missing:
+        if findings:
+            raise UnreadableError("table", f"its table of sections is damaged: it declares {end} bytes", HEADER.size)
+        raise LimitError(
+            f"says that it has {end} bytes, and has {size}; the memory limit is {most_missing}",
+            path=name,
+        )
+    if end > size:
+        findings.append(Finding("truncated", f"is truncated: {size} bytes where its table says {end}", offset=size))
+    elif end < size:
+        findings.append(Finding("trailing-bytes", f"has {size - end} bytes after its last section", offset=end))
+    unsealed = HEADER.pack(IDENTIFIER, MAJOR_VERSION, minor, count, zlib.crc32(table), 0)[: -CHECKSUM.size]
+    head = unsealed + CHECKSUM.pack(zlib.crc32(unsealed)) + table
+    return cast(BinaryIO, MendedFile(file, head, end, name)), sections, findings
+
+
+class UnreadableError(CorruptFileError):
+    """A file of which nothing can be read: `code` says why, as of a :class:`Finding`."""
+
+    def __init__(self, code: str, message: str, offset: int) -> None:
+        super().__init__(message, offset=offset)
+        self.code = code
+
+
+def _read_table(file: BinaryIO, count: int) -> tuple[bytes, list[ListedSection]]:
+    """The table's bytes, and its rows; a section that stands twice makes it unreadable."""
+    rows: list[bytes] = []
+    found: list[ListedSection] = []
+    for _ in range(count):
+        row = file.read(ENTRY_HEAD.size)
+        size = row[-1] >> LENGTH_AT if len(row) == ENTRY_HEAD.size else MOST_LENGTH_BYTES + 1
+        row += file.read(size + CHECKSUM.size)
+        if size > MOST_LENGTH_BYTES or len(row) < ENTRY_HEAD.size + size + CHECKSUM.size:
+            raise UnreadableError("table", "its table of sections cannot be read", HEADER.size)
+        rows.append(row)
+    offset = HEADER.size + sum(map(len, rows))
+    for row in rows:
+        kind, flags = ENTRY_HEAD.unpack_from(row)
+        length = int.from_bytes(row[ENTRY_HEAD.size : -CHECKSUM.size], "little")
+        (checksum,) = struct.unpack("<I", row[-CHECKSUM.size :])
+        name = kind.decode("ascii", "backslashreplace")
+        if any(name == one.type for one in found):
+            raise UnreadableError("table", f"section {name} stands twice in its table", HEADER.size)
+        found.append(ListedSection(offset, length, checksum, name, bool(flags & REQUIRED)))
+        offset += length
+    return b"".join(rows), found
+
+
+def damaged_sections(file: BinaryIO, sections: Sequence[ListedSection]) -> list[Finding]:
+    """Sections that are unknown, and those whose bytes are not the ones that the table was made for."""
+    findings = []
+    for section in sections:
+        if section.type not in KNOWN_SECTIONS:
+            code = "section-unknown-required" if section.is_required else "section-unknown"
+            findings.append(
+                Finding(
+                    code,
+                    f"section {section.type} is unknown" + ("; update pdecodec" if section.is_required else ""),
+                    "error" if section.is_required else "note",
+                    section=section.type,
+                    offset=section.offset,
+                )
+            )
+        if _checksum(file, section) != section.checksum:
+            findings.append(
+                Finding(
+                    "section-checksum",
+                    f"section {section.type} is damaged",
+                    section=section.type,
+                    offset=section.offset,
+                )
+            )
+    return findings
+
+
+def _checksum(file: BinaryIO, section: StoredSection) -> int | None:
+    """CRC-32 of a section's bytes, None where some are missing."""
+    file.seek(section.offset)
+    left, checksum = section.length, 0
+    while left:
+        piece = file.read(min(left, COPY_BYTES))
+        if not piece:
+            return None
+        left -= len(piece)
+        checksum = zlib.crc32(piece, checksum)
+    return checksum

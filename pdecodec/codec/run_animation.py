@@ -1,0 +1,98 @@
+"""A `.pdeanim` file of several runs of frames: each is an animation of its own, opened when it is needed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pdecodec.codec.decoder import Animation
+from pdecodec.codec.paper_form import PaperForm
+from pdecodec.errors import SettingsError
+from pdecodec.mesh.runs import ChangingSequence, OpenedRuns, one_run_of
+from pdecodec.mesh.sequence import Float64Array, MeshObject
+from pdecodec.mesh.times import Outside
+
+
+class ChangingAnimation(ChangingSequence, Animation):
+    """A `.pdeanim` file whose connectivity changes: one timeline, and each of its :attr:`runs` an :class:`Animation`.
+
+    Made by :func:`pdecodec.open`. Opening reads where the runs are; of a run that is asked for, no other bytes than its
+    own are read. At a time between two runs the earlier one stands still. Times that are asked for at once must be of
+    one run, else that is a SettingsError: see :meth:`run_at`.
+    """
+
+    __init__ = Animation.__init__
+
+    def _describe(self) -> None:
+        runs = self._core.runs
+        self._take_runs(
+            OpenedRuns(self._open_run, len(runs)),
+            [frames for _, frames, _ in runs],
+            [vertices for _, _, vertices in runs],
+        )
+
+    def _open_run(self, number: int) -> Animation:
+        with self._naming_the_file():
+            core = self._core.open_run(number)
+        return Animation(self._file, self.path, self._limits, origin=self._origin, core=core, run=number)
+
+    def _run_of(self, times: Float64Array) -> Animation:
+        run = self.runs[one_run_of(self, times)]
+        assert isinstance(run, Animation)
+        return run
+
+    def close(self) -> None:
+        ChangingSequence.close(self)
+        Animation.close(self)
+
+    @property
+    def meshes(self) -> tuple[MeshObject, ...]:  # each run has its own
+        self._only_run()
+        return super().meshes
+
+    def _of_core(
+        self, quantity: int, asked: Float64Array, inside: Float64Array, out: Any, outside: Outside, *, is_one: bool
+    ) -> Any:
+        run = self._run_of(inside)
+        # Looped, a time is in another run than it looks; of that one, it may be behind the last frame.
+        own = inside if outside == "loop" else asked
+        return run._of_core(quantity, own, run._inside(own, "clamp"), out, "clamp", is_one=is_one)
+
+    def coefficients(self, group: int) -> PaperForm:
+        raise SettingsError(f"coefficients are of one run of frames, of which there are {len(self.runs)}; choose one")
+
+    @property
+    def sections(self) -> dict[str, int]:
+        """Bytes of each section, those of a run summed over all runs; and of header and table as ``"container"``."""
+        with self._naming_the_file():
+            sizes = {name: length for name, _, length in self._core.sections}
+            own = {place for number in range(len(self.runs)) for place in self._core.run_sections(number) if place[2]}
+            beside = self._core.file_bytes - sum(sizes.values())
+        for name, _, length in own:
+            sizes[name] = sizes.get(name, 0) + length
+        del sizes["RDAT"]
+        return {"container": beside, **dict(sorted(sizes.items()))}
+
+    def info(self) -> dict[str, Any]:
+        """What the headers say of the file, as of other animations; how many runs, how long and how large."""
+        remarks, file_bytes = self._remarks, self._core.file_bytes
+        return {
+            "file_bytes": file_bytes,
+            "ratio": 12 * self.position_count / file_bytes,
+            "sections": self.sections,
+            "summary": str(remarks.get("summary", "")),
+            "generator": str(remarks.get("generator", "")),
+            "settings": remarks.get("settings", {}),
+            "jumps": list(self.jumps),
+            "runs": len(self.runs),
+            "run_frames": [int(self.run_frames.min()), int(self.run_frames.max())],
+            "run_vertices": [int(self.run_vertices.min()), int(self.run_vertices.max())],
+        }
+
+    def verify(self) -> None:
+        """Check every byte of the file, and that every part of every run decodes; errors as of other animations."""
+        with self._naming_the_file():
+            self._core.verify()
+        _ = self._remarks
+        for run in self.runs:
+            assert isinstance(run, Animation)
+            run.verify()

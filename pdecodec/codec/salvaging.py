@@ -1,0 +1,228 @@
+"""What is undamaged of a damaged `.pdeanim` file: every group of frames that decodes, at the times it had.
+
+A position at a frame depends on the frame's own group alone, on the mesh and on the reference frame. So groups can be
+lost one by one; where the mesh, the reference frame, the table of groups or the times are damaged, nothing can be saved
+of the run that they are of.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.codec.decoder import Animation, DecodeLimits, chosen_limits, open_animation
+from pdecodec.codec.mending import mended
+from pdecodec.errors import CorruptFileError, InputError, LimitError
+from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
+from pdecodec.mesh.sequence import Float32Array, MeshObject, MeshSequence, check_frame_range
+
+Frames = tuple[int, int]
+"""The first frame, and the one after the last."""
+
+FROM_ELSEWHERE = "get the file again, or encode it again"
+
+
+@dataclass(frozen=True)
+class Salvage:
+    """What was saved.
+
+    Attributes
+    ----------
+    sequence : MeshSequence
+        The frames that decode, at their times; of a file of runs, the runs of which some do.
+    frame_count : int
+        Frames of the file.
+    missing : tuple of (int, int)
+        Frames of the file, from 0, that are not in `sequence`: first, and after the last.
+    lost : tuple of str
+        What else is missing, a line each.
+    """
+
+    sequence: MeshSequence
+    frame_count: int
+    missing: tuple[Frames, ...]
+    lost: tuple[str, ...]
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether nothing is missing."""
+        return not (self.missing or self.lost)
+
+
+class SoundFrames(MeshSequence):
+    """Frames of a run that decode, without what does not.
+
+    Parameters
+    ----------
+    run : Animation
+        Stays the caller's.
+    frames : (n,) int64 array
+        Its frames that decode, increasing.
+    objects : tuple of MeshObject
+    metadata : mapping of str to str
+    """
+
+    def __init__(
+        self,
+        run: Animation,
+        frames: NDArray[np.int64],
+        objects: tuple[MeshObject, ...],
+        metadata: Mapping[str, str],
+    ) -> None:
+        self._run = run
+        self.objects, self.metadata, self.notices = objects, metadata, ()
+        self.times, self.fps = run.times[frames], run.fps
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        return self._run.sample(self.times[start:stop])
+
+
+@contextmanager
+def salvage(path: str | os.PathLike[str], *, limits: DecodeLimits | None = None) -> Iterator[Salvage]:
+    """Save what is undamaged of a file, while a ``with`` statement lasts.
+
+    Every group of frames is decoded once to know whether it does, and again when its frames are read.
+
+    Parameters
+    ----------
+    path : path-like
+    limits : DecodeLimits, optional
+
+    Yields
+    ------
+    Salvage
+        Its sequence is closed with the file, when the block ends.
+
+    Raises
+    ------
+    CorruptFileError
+        If nothing can be saved; the message says why.
+    LimitError
+        If the file asks for more than `limits` allow.
+    InputError
+        If it cannot be opened or read.
+    """
+    limits = chosen_limits(limits)
+    with ExitStack() as stack:
+        try:
+            file = stack.enter_context(Path(path).open("rb"))
+        except (OSError, ValueError) as error:  # ValueError: a character that no path can have
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise InputError(f"cannot be opened ({reason})", path=path) from error
+        try:
+            view, _, _ = mended(file, os.fspath(path), limits.max_memory)
+            animation = stack.enter_context(open_animation(view, limits=limits))
+            saved = _Saved(animation)
+        except LimitError:
+            raise
+        except CorruptFileError as error:
+            raise _nothing(path, error.message) from error
+        yield Salvage(saved.sequence(), animation.frame_count, saved.missing, saved.lost)
+
+
+def _nothing(path: str | os.PathLike[str], reason: str) -> CorruptFileError:
+    reason = reason.removesuffix("; get the file again").removesuffix("; get it again")
+    return CorruptFileError(f"nothing can be saved: {reason}; {FROM_ELSEWHERE}", path=path)
+
+
+class _Saved:
+    """The runs of an animation of which something decodes, and what does not."""
+
+    def __init__(self, animation: Animation) -> None:
+        self.animation = animation
+        self.frames: dict[int, NDArray[np.int64]] = {}
+        self._missing: list[Frames] = []
+        self._lost: dict[str, None] = {}
+        try:
+            self.metadata = animation.metadata
+        except CorruptFileError as error:
+            self.metadata = {}
+            self._lost[f"metadata ({error.message})"] = None
+        starts = animation.run_starts.tolist()
+        reasons: list[str] = []
+        for number, (first, end) in enumerate(zip(starts, [*starts[1:], animation.frame_count], strict=True)):
+            try:
+                run = self._run(number)
+                _ = run.meshes
+            except LimitError:
+                raise
+            except CorruptFileError as error:
+                self._missing.append((first, end))
+                reasons.append(error.message)
+                continue
+            self._take(run, number, first, reasons)
+        if not self.frames:
+            raise CorruptFileError(reasons[0], path=animation.path)
+
+    def _run(self, number: int) -> Animation:
+        run = self.animation.runs[number]
+        assert isinstance(run, Animation)
+        return run
+
+    def _take(self, run: Animation, number: int, first: int, reasons: list[str]) -> None:
+        sound = []
+        for group, (begin, end) in enumerate(run.group_frames):
+            try:
+                run.check_group(group)
+                run.positions(float(run.times[begin]))
+            except LimitError:
+                raise
+            except CorruptFileError as error:
+                self._missing.append((first + begin, first + end))
+                reasons.append(error.message)
+            else:
+                sound.append(np.arange(begin, end))
+        if sound:
+            self.frames[number] = np.concatenate(sound)
+            self._objects(run)
+
+    def _objects(self, run: Animation) -> tuple[MeshObject, ...]:
+        """Objects of a run, without attributes where these are damaged."""
+        try:
+            return run.objects
+        except LimitError:
+            raise
+        except CorruptFileError as error:
+            self._lost[f"attributes ({error.message})"] = None
+            return run.meshes
+
+    @property
+    def missing(self) -> tuple[Frames, ...]:
+        """Frames that are lost, those that follow one another together."""
+        joined: list[Frames] = []
+        for first, end in self._missing:
+            if joined and joined[-1][1] == first:
+                first = joined.pop()[0]
+            joined.append((first, end))
+        return tuple(joined)
+
+    @property
+    def lost(self) -> tuple[str, ...]:
+        """What is lost beside frames."""
+        return tuple(self._lost)
+
+    def sequence(self) -> MeshSequence:
+        numbers = [*self.frames]
+        if len(numbers) == 1:
+            return self._sound(numbers[0])
+        assert isinstance(self.animation, ChangingSequence)
+        starts = self.animation.run_starts
+        return ChangingSequence(
+            OpenedRuns(lambda index: self._sound(numbers[index]), len(numbers)),
+            times=self.animation.times[np.concatenate([starts[number] + self.frames[number] for number in numbers])],
+            frames=[self.frames[number].size for number in numbers],
+            vertices=[int(self.animation.run_vertices[number]) for number in numbers],
+            fps=self.animation.fps,
+            metadata=self.metadata,
+        )
+
+    def _sound(self, number: int) -> SoundFrames:
+        run = self._run(number)
+        return SoundFrames(run, self.frames[number], self._objects(run), self.metadata)

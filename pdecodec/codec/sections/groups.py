@@ -1,0 +1,266 @@
+"""Groups of frames: runs of a clip that share functions of time, the table of them (section GRUP), their evaluation.
+
+A group has one of four time bases:
+
+* ``trajectories``: principal trajectories, one function of time for each axis, with one coefficient for all three;
+* ``shapes``: principal functions of time that all axes share, with a coefficient for each axis;
+* ``cosines``: the cosines ``cos(alpha_j x)`` of Eq. 12 at the harmonics ``alpha_j = j pi`` (the DCT-II);
+* ``closed form``: the four functions of Eq. 12 at a rate alpha that the file stores (the paper's).
+
+The first three are sampled at the frames; between frames positions follow the C2 spline through all frames of the
+clip (core/decode/evaluate/spline.hpp), whose pieces are the four functions of Eq. 12 at alpha = 0. The closed form is
+evaluated at any time (:mod:`pdecodec.codec.sections.closed_form`).
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec import _core
+from pdecodec._core import cosine_wave
+from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
+from pdecodec.codec.sections.closed_form import ClosedForm
+from pdecodec.codec.sections.space_basis import SpaceBasis
+from pdecodec.system.shares import thread_count
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+FloatArray = NDArray[np.float32] | NDArray[np.float64]
+Int64Array = NDArray[np.int64]
+
+TimeBasis = Literal["trajectories", "shapes", "cosines", "closed form"]
+TIME_BASES: tuple[TimeBasis, ...] = get_args(TimeBasis)
+"""By their number in the file."""
+
+SAMPLED_BASES: tuple[TimeBasis, ...] = ("trajectories", "shapes")
+"""Those whose functions are stored, frame by frame, in section TIME."""
+
+DOUBLE = 4
+"""The bit of a group's kind, beside its time basis: its positions are added up in float64, not in float32."""
+
+SINGLE_IS_ENOUGH = 2.0**-13
+"""Displacements are added up in float32 where the bound is at least this share of the largest. What an element moves
+as a whole is added up in float64 all the same (core/decode/evaluate/motion.hpp), and what is left hardly ever rounds
+by as much as the margin has room for; where it does, the encoder finds it."""
+
+SINGLE_MARGIN, DOUBLE_MARGIN = 2.0**-11, 2.0**-20
+"""How far decoders may differ in a coordinate before it is rounded to float32, in residual steps, where a group's
+positions are added up in float32 and in float64."""
+
+ROUNDING = 2.0**-44
+"""Share of everything that is added up by which they may differ in any case."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroupEntry:
+    """One row of section GRUP.
+
+    Attributes
+    ----------
+    frames, functions : int
+    basis : TimeBasis
+    single : bool
+        Positions are added up in float32, not in float64.
+    step : float [scene units]
+        Quantisation step of the coefficients.
+    time_step : float [scene units]
+        The same of the functions of time, where these are stored.
+    alpha : float
+        Rate of Eq. 12 over half the group, under basis "closed form".
+    sizes : (int, int, int)
+        Bytes in TIME, COEF and CORR.
+    checksum : int
+        CRC-32 of the three.
+    """
+
+    frames: int
+    functions: int
+    basis: TimeBasis
+    single: bool
+    step: float
+    time_step: float = 0.0
+    alpha: float = 0.0
+    sizes: tuple[int, int, int] = (0, 0, 0)
+    checksum: int = 0
+
+    @property
+    def axes(self) -> int:
+        """Coefficients that a function of time has for each of space: one, or one an axis."""
+        return 1 if self.basis == "trajectories" else 3
+
+    @property
+    def time_axes(self) -> int:
+        """Values that a function of time has at a frame: one an axis, or one for all."""
+        return 3 if self.basis == "trajectories" else 1
+
+    @property
+    def width(self) -> int:
+        """Coefficients of one function of space."""
+        return self.functions * self.axes
+
+    def with_chunks(self, chunks: tuple[bytes, bytes, bytes]) -> GroupEntry:
+        """With the sizes and the checksum of what is written."""
+        sizes = (len(chunks[0]), len(chunks[1]), len(chunks[2]))
+        return replace(self, sizes=sizes, checksum=zlib.crc32(b"".join(chunks)))
+
+    def write(self, writer: FieldWriter) -> None:
+        writer.count(self.frames)
+        writer.count(self.functions)
+        writer.numbers("Bd", TIME_BASES.index(self.basis) + (0 if self.single else DOUBLE), self.step)
+        if self.basis in SAMPLED_BASES:
+            writer.numbers("d", self.time_step)
+            writer.count(self.sizes[0])
+        elif self.basis == "closed form":
+            writer.numbers("d", self.alpha)
+        writer.count(self.sizes[1])
+        writer.count(self.sizes[2])
+        writer.numbers("I", self.checksum)
+
+    @classmethod
+    def read(cls, reader: FieldReader) -> GroupEntry:
+        """Undo :meth:`write`."""
+        frames, functions = reader.count(), reader.count()
+        (kind,), (step,) = reader.integers("B"), reader.reals("d")
+        basis, time_step, alpha, time_bytes = TIME_BASES[kind % DOUBLE], 0.0, 0.0, 0
+        if basis in SAMPLED_BASES:
+            (time_step,), time_bytes = reader.reals("d"), reader.count()
+        elif basis == "closed form":
+            (alpha,) = reader.reals("d")
+        sizes = (time_bytes, reader.count(), reader.count())
+        return cls(
+            frames=frames,
+            functions=functions,
+            basis=basis,
+            single=not kind & DOUBLE,
+            step=step,
+            time_step=time_step,
+            alpha=alpha,
+            sizes=sizes,
+            checksum=reader.integers("I")[0],
+        )
+
+
+CHUNK_SECTIONS = ("TIME", "COEF", "CORR")
+
+
+def write_group_table(entries: Sequence[GroupEntry]) -> bytes:
+    """Section GRUP."""
+    writer = FieldWriter()
+    for entry in entries:
+        entry.write(writer)
+    return writer.to_bytes()
+
+
+def read_group_table(data: bytes, frames: int) -> list[GroupEntry]:
+    """The rows of a section GRUP, as many as fill so many frames."""
+    reader, entries = FieldReader(data, "GRUP"), []
+    while frames > 0:
+        entries.append(GroupEntry.read(reader))
+        frames -= entries[-1].frames
+    reader.finish()
+    return entries
+
+
+def cosines(frames: int, functions: int) -> Float64Array:
+    """(frames, functions) float64: the first orthonormal cosines ``cos(j pi (f + 1/2) / frames)``, j = 0, 1, ..."""
+    wave = cosine_wave(frames)
+    index = np.outer(2 * np.arange(frames) + 1, np.arange(functions)) % (4 * frames)
+    values: Float64Array = wave[index] * np.sqrt(2.0 / frames)
+    values[:, :1] *= np.sqrt(0.5)
+    return values
+
+
+def normalised(time_functions: Float64Array) -> Float64Array:
+    """Functions of time of unit length, (frames, axes, functions) float64; those that are all zero stay so.
+
+    Squares are added up frame after frame, x y z within each.
+    """
+    flat = time_functions.reshape(time_functions.shape[0] * time_functions.shape[1], time_functions.shape[2])
+    lengths = np.sqrt(np.cumsum(flat * flat, axis=0)[-1])
+    unit: Float64Array = time_functions / np.where(lengths > 0.0, lengths, 1.0)
+    return unit
+
+
+@dataclass(frozen=True, eq=False)
+class GroupFunctions:
+    """A decoded group.
+
+    Attributes
+    ----------
+    time : (frames, 3 or 1, functions) float64
+        Functions of time at the frames, for each axis or for all.
+    motion : pdecodec._core.Motion
+        What they move.
+    """
+
+    time: Float64Array
+    motion: _core.Motion
+
+
+def group_functions(
+    entry: GroupEntry,
+    time: Float64Array,
+    quantised: Int64Array,
+    basis: SpaceBasis,
+    subbands: Int64Array | None = None,
+) -> GroupFunctions:
+    """Functions of time and what they move.
+
+    Parameters
+    ----------
+    entry : GroupEntry
+    time : (frames, 3 or 1, functions) float64
+        Of :func:`functions_of_time`.
+    quantised : (functions of space, channels) int64
+        Quantised coefficients; with `subbands` those of their functions alone.
+    basis : SpaceBasis
+    subbands : (n,) int64, optional
+        As :meth:`SpaceBasis.subbands_of` gives them: positions are those of the vertices of their elements alone,
+        element after element.
+    """
+    coefficients = np.ascontiguousarray(quantised)
+    motion = _core.Motion(basis.core, coefficients, entry.axes, entry.step, entry.single, subbands, thread_count())
+    return GroupFunctions(time, motion)
+
+
+def functions_of_time(entry: GroupEntry, time_functions: Float64Array, times: Float64Array) -> Float64Array:
+    """:attr:`GroupFunctions.time`.
+
+    Parameters
+    ----------
+    entry : GroupEntry
+    time_functions : (frames, 3 or 1, functions) float64
+        Decoded from section TIME; of use under trajectories and shapes alone.
+    times : (frames,) float64 [s]
+        Of the group's frames; of use under closed form alone.
+    """
+    if entry.basis == "cosines":
+        return cosines(entry.frames, entry.functions)[:, None]
+    if entry.basis == "closed form":
+        return ClosedForm(times, entry.alpha, entry.functions).weights(times)[:, None]
+    return normalised(time_functions)
+
+
+def margins(entry: GroupEntry, time: FloatArray, largest: Int64Array, residual_step: float) -> Float64Array:
+    """(frames,) float64: how far decoders may differ in a coordinate before residuals, and before it is rounded.
+
+    Parameters
+    ----------
+    entry : GroupEntry
+    time : (frames, 3 or 1, functions) float64
+        Functions of time.
+    largest : (channels,) int64
+        Largest magnitude of a coefficient in each channel, in steps.
+    residual_step : float [scene units]
+    """
+    amplitudes = entry.step * largest.reshape(entry.functions, entry.axes).T
+    added = (np.abs(time) * amplitudes).sum(axis=2).max(axis=1, initial=0.0)
+    least = residual_step * (SINGLE_MARGIN if entry.single else DOUBLE_MARGIN)
+    found: Float64Array = np.maximum(ROUNDING * added, least)
+    return found

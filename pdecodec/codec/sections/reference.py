@@ -1,0 +1,115 @@
+"""The reference frame, frame 0 on a grid, and its coding (section REST): predicted across the faces.
+
+Vertices that lie on the same point may be welded for the purpose: seams and soups of polygons then have a surface to
+predict across. Residuals may be matched with earlier ones: regular shapes repeat themselves. The encoder takes what is
+smallest. The coder is native: `core/reference/`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec import _core
+from pdecodec.codec.limits import LARGEST_STEP
+from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
+from pdecodec.codec.sections.connectivity import core_errors
+from pdecodec.errors import CorruptFileError
+from pdecodec.mesh.polygons import polygons_of
+from pdecodec.mesh.sequence import MeshObject
+
+Int64Array = NDArray[np.int64]
+
+WELDED, MATCHED = 1, 2
+"""Predictors, across the faces: vertices that lie on the same point are welded, residuals matched with earlier ones."""
+
+PREDICTORS = 4
+"""Of neither, one or both of these."""
+
+LARGEST_BITS = 40
+"""Bits of a coordinate in quantisation steps: products of three stay exact enough in float64, and any
+float32 shape keeps all of its 24 bits."""
+
+HEADER_BYTES = 33
+"""Step, origin, predictor."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceFrame:
+    """The reference frame on a grid.
+
+    Attributes
+    ----------
+    grid : (vertices, 3) int64
+        Coordinates in steps from the origin, in the mesh's vertex order; not negative.
+    origin : (3,) float64 [scene units]
+    step : float [scene units]
+    """
+
+    grid: Int64Array
+    origin: NDArray[np.float64]
+    step: float
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """(vertices, 3) float64 [scene units]: what displacements are added to."""
+        return self.origin + self.grid * self.step
+
+
+def quantise_reference(points: NDArray[np.float32], step: float) -> ReferenceFrame:
+    """Round a frame to a grid of `step`, coarsened where coordinates would pass :data:`LARGEST_BITS`.
+
+    Parameters
+    ----------
+    points : (vertices, 3) float32
+    step : float [scene units]
+    """
+    wide = points.astype(np.float64)
+    origin = wide.min(axis=0)
+    extent = float((wide - origin).max())
+    if extent > 0:
+        step = max(step, math.ldexp(extent, -LARGEST_BITS + 1))
+    return ReferenceFrame(np.rint((wide - origin) / step).astype(np.int64), origin, step)
+
+
+def encode_reference(shape: ReferenceFrame, objects: Sequence[MeshObject]) -> bytes:
+    """Section REST, with the predictor that makes it smaller.
+
+    Parameters
+    ----------
+    shape : ReferenceFrame
+    objects : sequence of MeshObject
+        Whose vertices `shape` has, one object after the other.
+    """
+    mesh = polygons_of(objects)
+    predictor, data = _core.encode_reference(mesh.starts, mesh.vertex, mesh.faces, np.ascontiguousarray(shape.grid))
+    writer = FieldWriter()
+    writer.numbers("ddddB", shape.step, *shape.origin.tolist(), predictor)
+    return writer.to_bytes() + data
+
+
+def decode_reference(data: bytes, objects: Sequence[MeshObject]) -> ReferenceFrame:
+    """Undo :func:`encode_reference`.
+
+    Raises
+    ------
+    CorruptFileError
+        If the section is damaged or a coordinate is out of range.
+    """
+    reader = FieldReader(data, "REST")
+    step, *origin = reader.reals("dddd")
+    (predictor,) = reader.integers("B")
+    if predictor >= PREDICTORS:
+        raise CorruptFileError(f"section REST names predictor {predictor}, this decoder has 0 to {PREDICTORS - 1}")
+    if not 0 < step <= LARGEST_STEP or max(map(abs, origin)) > LARGEST_STEP:
+        raise CorruptFileError("section REST has a quantisation step or an origin out of range")
+    mesh = polygons_of(objects)
+    with core_errors():
+        grid = _core.decode_reference(
+            mesh.starts, mesh.vertex, mesh.faces, mesh.vertices, predictor, data[HEADER_BYTES:]
+        )
+    return ReferenceFrame(grid, np.array(origin), step)

@@ -1,0 +1,314 @@
+"""Space bases: orthonormal functions of the reference frame on patches, joined upwards over the whole mesh.
+
+A mesh is divided into elements: patches, by halving its graph again and again (space basis "patch"), or pieces of its
+curves ("curve"). On each element stand orthonormal functions: the affine four ``1, x, y, z`` first (what the literal
+Eq. 23 amounts to once its matrices are data), then polynomials of local coordinates by total degree, or the eight
+functions of Eqs. 14 and 16 along a piece, then unit vectors until the space of the element is complete or it has as
+many functions as it may.
+
+What the affine functions of two neighbouring elements have in common, they share: those of a node of the partition tree
+are an orthogonal combination of those of its halves, and only the node's wavelets (the rest of the combinations) stay
+with it. A limb that moves as one needs four numbers, however many patches it has. (Alpert 1993, "A class of bases in L2
+for the sparse representation of integral operators": multiwavelets, here on the vertices of a mesh.)
+
+How many functions there are, and of what kind, follows from integers and from what the file says. The values of the
+functions are floating-point numbers, and may be computed in any way: see `SpaceForm.threshold`. All of this is native:
+`core/basis/`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec import _core
+from pdecodec.codec.sections.connectivity import core_errors
+from pdecodec.codec.sections.curves import extract_curves
+from pdecodec.codec.sections.patches import EarlyPatches, Patches, build_patches
+from pdecodec.mesh.sequence import MeshObject
+from pdecodec.system.shares import thread_count
+
+Float64Array = NDArray[np.float64]
+Rows = NDArray[Any]
+"""Of float32 or float64."""
+Int64Array = NDArray[np.int64]
+
+SpaceKind = Literal["patch", "curve"]
+
+SPACE_KINDS: tuple[SpaceKind, ...] = ("patch", "curve")
+"""By their number in the file."""
+
+MOST_POINTS = {"patch": 256, "curve": 65535}
+"""Vertices of a patch at most; about as many of a piece of a curve."""
+
+MOST_FUNCTIONS = 128
+"""Functions of an element at most: building them costs the square of their number."""
+
+THRESHOLDS = 8
+"""Thresholds that an encoder has to choose from: each is the usual one less k sixteenths."""
+
+CLEAR = 2.0**-18
+"""No share may be nearer to its threshold than this, relative to it: whoever computes it otherwise drops the same."""
+
+
+@dataclass(frozen=True)
+class SpaceForm:
+    """What a file says of its space basis.
+
+    Attributes
+    ----------
+    kind : {"patch", "curve"}
+    points : int
+        Vertices of a patch at most, or about as many of a piece.
+    functions : int
+        Of an element at most.
+    threshold : int
+        Which of THRESHOLDS: one that no column of the file comes near, so that all decoders drop the same columns
+        however they round.
+    rate : float
+        r of Eqs. 14 and 16 over half a piece.
+    affine : bool
+        Whether pieces have the affine four, and unit vectors to complete them; patches always do.
+    """
+
+    kind: SpaceKind
+    points: int
+    functions: int
+    threshold: int = 0
+    rate: float = 0.0
+    affine: bool = True
+
+
+class SpaceBasis:
+    """Elements, their functions, and how they are joined.
+
+    Parameters
+    ----------
+    form : SpaceForm
+    patches : Patches
+        The elements, and the partition tree.
+    reference : (vertices, 3) int64
+        Grid coordinates of the reference frame.
+    layout : bytes, optional
+        How many local coordinates each element takes, and which of 1, x, y, z the nodes of the partition tree
+        keep, as :attr:`layout` is; chosen where there is none.
+
+    Raises
+    ------
+    CorruptFileError
+        If the layout does not end where the partition tree does.
+
+    Attributes
+    ----------
+    form : SpaceForm
+    patches : Patches
+    order : (vertices,) int32
+        Vertices of the mesh, element after element.
+    starts : (elements + 1,) int64
+        Element e holds ``order[starts[e]:starts[e + 1]]``.
+    functions : int
+        Functions of all elements together.
+    coefficient_starts : (elements + 1,) int64
+        Where each element's functions that are not affine begin among those of all.
+    """
+
+    def __init__(self, form: SpaceForm, patches: Patches, reference: Int64Array, layout: bytes | None = None) -> None:
+        self.form, self.patches = form, patches
+        with core_errors():
+            self.core = _core.SpaceBasis(
+                SPACE_KINDS.index(form.kind), form.points, form.functions, form.threshold, form.rate, form.affine,
+                patches, reference, layout, thread_count(),
+            )  # fmt: skip
+        self.order, self.starts = patches.order, patches.starts
+        self.functions, self.coefficient_starts = self.core.functions, self.core.coefficient_starts
+
+    @property
+    def element_count(self) -> int:
+        return self.starts.size - 1
+
+    @property
+    def subband_count(self) -> int:
+        """One of the whole's affine functions, one for the wavelets of each node, one for each element's functions."""
+        return self.subbands[1].size
+
+    @cached_property
+    def subbands(self) -> tuple[Int64Array, Int64Array, Int64Array]:
+        """Functions as they are coded together: ``(starts, kinds, parents)``.
+
+        Subband 0 is the whole's affine functions, then come the wavelets of each node, then each element's other
+        functions. ``kinds`` is a node's depth (0 for subband 0), or -1 - affine for an element; ``parents`` the subband
+        of the node above.
+        """
+        return self.core.subbands()
+
+    def functions_of_elements(self) -> Iterator[Float64Array]:
+        """Of each element, its functions: (functions, points) float64."""
+        self.core.make_functions(thread_count())
+        return map(self.core.functions_of, range(self.element_count))
+
+    @property
+    def nearest(self) -> float:
+        """The least distance of a column's share from the one that decides whether it is dropped, relative to that."""
+        self.core.make_functions(thread_count())
+        return self.core.nearest
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether every decoder drops the same columns, however it rounds."""
+        return self.nearest > CLEAR
+
+    def project(self, values: Rows) -> Rows:
+        """Coefficients of values on vertices: (vertices, channels), mesh order, to (functions, channels).
+
+        They are added up, but for what elements have in common, in the precision of the values, and have it.
+        """
+        contiguous: Rows = np.ascontiguousarray(values)
+        return self.core.project(contiguous, thread_count())
+
+    def project_some(self, values: Rows, subbands: Int64Array) -> Rows:
+        """The same of the functions of some subbands alone, which follow one after another.
+
+        Values are contiguous; subbands ascend, the first of them 0.
+        """
+        return self.core.project_some(values, subbands, thread_count())
+
+    def subbands_of(self, elements: Int64Array, *, least_depth: int | None = None) -> Int64Array:
+        """Subbands of the whole, some elements, the nodes above them, and all nodes (down to a depth): ascending."""
+        _, kinds, parents = self.subbands
+        nodes = kinds.size - self.element_count
+        is_chosen = np.zeros(kinds.size, bool)
+        is_chosen[:nodes] = least_depth is None or kinds[:nodes] <= least_depth
+        above = nodes + elements
+        while above.size:
+            is_chosen[above] = True
+            above = np.unique(parents[above[above > 0]])
+        return np.flatnonzero(is_chosen)
+
+    def functions_in(self, subbands: Int64Array) -> Int64Array:
+        """(n,) int64: the functions of some subbands, among those of all."""
+        starts, sizes = self.subbands[0][subbands], np.diff(self.subbands[0])[subbands]
+        ends = np.cumsum(sizes)
+        return np.repeat(starts - (ends - sizes), sizes) + np.arange(int(sizes.sum()))
+
+    @cached_property
+    def layout(self) -> bytes:
+        """Local coordinates that elements take, and which of 1, x, y, z the nodes keep: a coded stream."""
+        return self.core.encode_layout()
+
+
+def build_space_basis(
+    kind: SpaceKind,
+    objects: Sequence[MeshObject],
+    reference: Int64Array,
+    *,
+    points: int,
+    functions: int,
+    rate: float = 0.0,
+    affine: bool = True,
+) -> SpaceBasis:
+    """A space basis for an encoder: one that all decoders build alike.
+
+    Parameters
+    ----------
+    kind : {"patch", "curve"}
+    objects : sequence of MeshObject
+    reference : (vertices, 3) int64
+        Grid coordinates of the reference frame.
+    points, functions : int
+        Of an element at most.
+    rate : float
+        r of Eqs. 14 and 16 over half a piece.
+    affine : bool
+        False leaves the functions of Eqs. 14 and 16 alone.
+    """
+    form = SpaceForm(kind, points, functions, rate=rate, affine=affine)
+    return clear_space_basis(SpaceBasis(form, _elements(form, objects, reference, None), reference), reference)
+
+
+def clear_space_basis(basis: SpaceBasis, reference: Int64Array) -> SpaceBasis:
+    """A space basis, or one with another threshold: one that all decoders build alike.
+
+    Parameters
+    ----------
+    basis : SpaceBasis
+        Of threshold 0.
+    reference : (vertices, 3) int64
+        Grid coordinates that it was made of.
+    """
+    for threshold in range(1, THRESHOLDS):
+        if basis.is_clear:
+            break
+        basis = SpaceBasis(replace(basis.form, threshold=threshold), basis.patches, reference)
+    return basis
+
+
+def trial_space_basis(
+    kind: SpaceKind,
+    objects: Sequence[MeshObject],
+    reference: Int64Array,
+    *,
+    points: int,
+    functions: int,
+    early: EarlyPatches | None = None,
+) -> SpaceBasis:
+    """A space basis to estimate with, for :func:`clear_space_basis` to look at once it is chosen: to make its functions
+    is most of the work.
+    """
+    form = SpaceForm(kind, points, functions)
+    patches = early.of(points) if early and kind == "patch" else None
+    return SpaceBasis(form, _elements(form, objects, reference, patches), reference)
+
+
+def decode_space_basis(
+    form: SpaceForm, layout: bytes, objects: Sequence[MeshObject], reference: Int64Array, early: Patches | None = None
+) -> SpaceBasis:
+    """The space basis of a file.
+
+    Parameters
+    ----------
+    form : SpaceForm
+    layout : bytes
+        :attr:`SpaceBasis.layout`.
+    objects : sequence of MeshObject
+    reference : (vertices, 3) int64
+        Grid coordinates of the reference frame.
+    early : Patches, optional
+        What `pdecodec.codec.sections.patches.early_patches` gave; made again where the reference frame changes them.
+
+    Raises
+    ------
+    CorruptFileError
+        If the layout does not end where the partition tree does.
+    """
+    return SpaceBasis(form, _elements(form, objects, reference, early), reference, layout)
+
+
+def _elements(form: SpaceForm, objects: Sequence[MeshObject], reference: Int64Array, early: Patches | None) -> Patches:
+    if form.kind == "patch":
+        return build_patches(objects, reference, form.points, early)
+    curves = extract_curves(objects, reference)
+    return _core.cut_curves(curves.order, curves.starts, form.points)
+
+
+def arc_length_parameter(reference: Int64Array, pieces: Patches) -> Float64Array:
+    """Parameter u in [-1, 1] along each piece, by arc length of the reference frame.
+
+    By index where all points of a piece coincide; 0 for a piece of one point.
+
+    Parameters
+    ----------
+    reference : (vertices, 3) int64
+        Grid coordinates of the reference frame.
+    pieces : Patches
+
+    Returns
+    -------
+    (vertices,) float64
+        Piece after piece.
+    """
+    return _core.arc_length_parameters(reference, pieces)

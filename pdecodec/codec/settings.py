@@ -1,0 +1,218 @@
+"""Settings of an encode: a frozen dataclass that goes to JSON and comes back equal; the file records it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from numbers import Integral, Real
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from pdecodec.codec.sections.basis import MAX_RATE
+from pdecodec.errors import SettingsError
+
+Profile = Literal["auto", "paper"]
+Order = Literal["keep", "free"]
+EffortName = Literal["fast", "default", "best"]
+
+DEFAULT_TOLERANCE = 1e-3
+"""A thousandth of frame 0's diagonal: below what is seen on a full-frame character."""
+
+SMALLEST_BOUND = 2.0**-150
+"""Half the least distance of two float32 that differ: a smaller bound asks for nothing more."""
+
+LARGEST_BOUND = 2.0**130
+"""Farther than any two float32 positions lie apart: a larger bound allows nothing more."""
+
+MAX_SEGMENT_FRAMES = 64
+"""Longest group of frames in closed form: four functions carry no more."""
+
+PAPER_SEGMENT_FRAMES = 11
+"""Frames 0 to 10, the window of the paper's section 5."""
+
+
+BYTE_POWERS = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
+
+
+def parse_byte_count(text: str) -> int:
+    """A number of bytes: ``800000000``, ``200kB``, ``1.5GiB``; ValueError if it is none.
+
+    Units as in coreutils: kB, MB, GB, TB are decimal; K, M, G, T and KiB, MiB, GiB, TiB binary.
+    """
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)(|B|iB)", text.strip(), re.IGNORECASE)
+    if found is None:
+        raise ValueError(f"{text!r} is not a number of bytes such as 800M or 1.5G")
+    base = 1000 if found[3].upper() == "B" else 1024
+    return int(float(found[1]) * base ** BYTE_POWERS[found[2].upper()])
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperSettings:
+    """Settings of the profile "paper" alone: the model of Fang et al. 2024, section 4.
+
+    Parameters
+    ----------
+    segment_frames : int
+        Frames of a time segment, 2 to 64; 11 in the paper's section 5.
+    piece_points : int or None
+        About as many points in each curve piece, 2 to 65535; None: whole curves.
+    alpha : float or None
+        Rate of the time functions (Eq. 12) over half a segment, above 0 and at most 12; None chooses it by error,
+        segment by segment.
+    r : float or None
+        Rate of the space functions (Eqs. 14, 16) over half a piece, likewise; None chooses it by error.
+
+    Raises
+    ------
+    SettingsError
+        If a value is out of range.
+    """
+
+    segment_frames: int = PAPER_SEGMENT_FRAMES
+    piece_points: int | None = None
+    alpha: float | None = None
+    r: float | None = None
+
+    def __post_init__(self) -> None:
+        _settle(self, ("segment_frames", "piece_points"), int, Integral, "a whole number")
+        _settle(self, ("alpha", "r"), float, Real, "a number")
+        if not 2 <= self.segment_frames <= MAX_SEGMENT_FRAMES:
+            raise SettingsError(f"segment_frames must be from 2 to {MAX_SEGMENT_FRAMES}, not {self.segment_frames}")
+        if self.piece_points is not None and self.piece_points < 2:
+            raise SettingsError(f"piece_points must be at least 2, not {self.piece_points}")
+        for name in ("alpha", "r"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value <= MAX_RATE:
+                raise SettingsError(f"{name} must be above 0 and at most {MAX_RATE:g}, not {value}")
+
+
+def _settle(settings: object, names: tuple[str, ...], kind: type, taken: type, what: str) -> None:
+    """Numbers of other libraries become Python's own: the file records them as JSON, which knows no others."""
+    for name in names:
+        value = getattr(settings, name)
+        if value is None:
+            continue
+        if not isinstance(value, kind | taken):
+            raise SettingsError(f"{name} must be {what}, not {value!r}")
+        try:
+            object.__setattr__(settings, name, kind(value))
+        except OverflowError as error:
+            raise SettingsError(f"{name} must be below 2^1024") from error
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncodeSettings:
+    """How to encode.
+
+    Parameters
+    ----------
+    tolerance : float or None
+        Largest Euclidean vertex distance at the input's frames, over the diagonal of frame 0's bounding box.
+        None: 1e-3; under profile "paper" no bound, the model alone without residuals.
+    max_error : float or None [scene units]
+        The same bound in scene units; instead of `tolerance`.
+    profile : {"auto", "paper"}
+        "auto": trajectories, shapes or cosines over groups of frames, on patches or curves: what costs least.
+        "paper": the functions of Fang et al. 2024 (Eq. 18) in closed form, 32 coefficients for each curve, axis and
+        segment of time.
+    effort : {"fast", "default", "best"}
+        How many alternatives the encoder of profile "auto" measures (:data:`pdecodec.codec.encode.effort.EFFORTS`).
+    group_frames : int or None
+        Frames of a group at most, from 2 on, under profile "auto"; None: as many as memory allows. What is cut out of a
+        file, or read of one that is far away, is whole groups: short ones cost bytes.
+    max_memory : int or None [bytes]
+        Memory that encoding takes about, interpreter included, under profile "auto": groups of frames become shorter
+        until they fit, which costs bytes. None: what groups of usual length take.
+    uv_tolerance : float or None
+        How far texture coordinates may be off on each axis, in units of the texture; None keeps them to the last bit.
+    order : {"keep", "free"}
+        Whether vertices, faces and their first corners come back in the order they have, or in one that costs nothing.
+    why : bool
+        Keep in the file's remarks what else could have been taken, and what it would have cost: twice the time or more.
+        Not of several runs of frames, which choose each for itself.
+    paper : PaperSettings
+        Of profile "paper".
+
+    Raises
+    ------
+    SettingsError
+        If a value is out of range or two contradict each other.
+    """
+
+    tolerance: float | None = None
+    max_error: float | None = None
+    profile: Profile = "auto"
+    effort: EffortName = "default"
+    group_frames: int | None = None
+    max_memory: int | None = None
+    uv_tolerance: float | None = None
+    order: Order = "keep"
+    why: bool = False
+    paper: PaperSettings = field(default_factory=PaperSettings)
+
+    def __post_init__(self) -> None:
+        if self.tolerance is not None and self.max_error is not None:
+            raise SettingsError("give either a tolerance or a maximum error, not both")
+        _settle(self, ("tolerance", "max_error", "uv_tolerance"), float, Real, "a number")
+        _settle(self, ("why",), bool, np.bool_, "True or False")
+        for name in ("tolerance", "max_error", "uv_tolerance"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise SettingsError(f"{name} must be a positive number, not {value}")
+        _settle(self, ("group_frames", "max_memory"), int, Integral, "a whole number")
+        if self.group_frames is not None and self.group_frames < 2:
+            raise SettingsError(f"group_frames must be at least 2, not {self.group_frames}")
+        if self.group_frames is not None and self.profile == "paper":
+            raise SettingsError("group_frames is a setting of the profile auto; the paper's is segment_frames")
+        if self.max_memory is not None and self.profile == "paper":
+            raise SettingsError("max_memory is a setting of the profile auto; the paper's takes short segments anyway")
+        for name, kind in (("profile", Profile), ("order", Order), ("effort", EffortName)):
+            known = get_args(kind)
+            if getattr(self, name) not in known:
+                raise SettingsError(f"{name} must be one of {', '.join(known)}, not {getattr(self, name)!r}")
+        if not isinstance(self.paper, PaperSettings):
+            raise SettingsError(f"paper must be PaperSettings, not {self.paper!r}")
+        if self.profile != "paper" and self.paper != PaperSettings():
+            raise SettingsError("segment_frames, piece_points, alpha and r are settings of the profile paper; take it")
+
+    def bound(self, scale: float) -> float | None:
+        """The largest distance allowed, in scene units; None where there is no bound.
+
+        Parameters
+        ----------
+        scale : float [scene units]
+            What tolerances are relative to, :func:`pdecodec.mesh.metrics.frame_scale` of frame 0.
+        """
+        if self.max_error is not None:
+            bound = self.max_error
+        elif self.tolerance is not None:
+            bound = self.tolerance * scale
+        elif self.profile == "paper":
+            return None
+        else:
+            bound = DEFAULT_TOLERANCE * scale
+        return min(max(bound, SMALLEST_BOUND), LARGEST_BOUND)
+
+    def to_json(self) -> dict[str, Any]:
+        """As a JSON object; :meth:`from_json` brings it back equal."""
+        return asdict(self)
+
+    def changed(self) -> dict[str, Any]:
+        """As :meth:`to_json`, without what is as it is by default."""
+        usual = EncodeSettings().to_json()
+        return {name: value for name, value in self.to_json().items() if value != usual[name]}
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> EncodeSettings:
+        """Undo :meth:`to_json`; names of later versions are passed over."""
+        found = _known(cls, values)
+        if "paper" in found:
+            found["paper"] = PaperSettings(**_known(PaperSettings, found["paper"]))
+        return cls(**found)
+
+
+def _known(settings: type[EncodeSettings] | type[PaperSettings], values: Mapping[str, Any]) -> dict[str, Any]:
+    return {item.name: values[item.name] for item in fields(settings) if item.name in values}

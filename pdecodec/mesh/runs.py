@@ -1,0 +1,226 @@
+"""Sequences whose connectivity changes: runs of frames, each a mesh sequence of its own, on one timeline.
+
+A fluid that is meshed anew in every frame is runs of one frame. Between the last frame of a run and the first of the
+next the earlier one stands still.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import lru_cache
+from itertools import pairwise
+from typing import overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdecodec.errors import InputError, SettingsError
+from pdecodec.mesh.sequence import Float32Array, MeshObject, MeshSequence, check_frame_range, check_times
+
+OPEN_RUNS = 2
+"""Runs that stay open after they were asked for: the one at a time, and the next."""
+
+
+class OpenedRuns(Sequence[MeshSequence]):
+    """Runs that are opened when they are asked for; the latest ones stay open.
+
+    Parameters
+    ----------
+    open_run : callable
+        Opens the run of a number.
+    count : int
+    """
+
+    def __init__(self, open_run: Callable[[int], MeshSequence], count: int) -> None:
+        self._open, self._count = lru_cache(OPEN_RUNS)(open_run), count
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, index: int) -> MeshSequence: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[MeshSequence]: ...
+    def __getitem__(self, index: int | slice) -> MeshSequence | Sequence[MeshSequence]:
+        chosen = range(self._count)[index]
+        return (
+            self._open(chosen) if isinstance(chosen, int) else OpenedRuns(lambda k: self._open(chosen[k]), len(chosen))
+        )
+
+    def forget(self) -> None:
+        """Let go of runs that are open."""
+        self._open.cache_clear()
+
+
+class ChangingSequence(MeshSequence):
+    """A sequence whose connectivity changes from frame to frame, as runs of constant connectivity.
+
+    What is of one connectivity (:attr:`objects`, :attr:`vertex_count`) is each run's own: here it is an InputError.
+
+    Parameters
+    ----------
+    runs : sequence of MeshSequence
+        One after the other; each has its own times.
+    times : (frames,) array [s], optional
+        Of all runs, strictly increasing. Default: those of the runs.
+    frames, vertices : sequence of int, optional
+        Of each run. Default: as the runs have them. Where all three are given no run is looked at before it is needed.
+    fps : float, optional
+        Nominal frame rate. Default: that of the first run, as are metadata.
+    metadata : mapping of str to str, optional
+    notices : sequence of str, optional
+        Default: those of all runs, each once.
+
+    Raises
+    ------
+    InputError
+        If there is no run, one has no frame, or times do not increase from run to run.
+    """
+
+    def __init__(
+        self,
+        runs: Sequence[MeshSequence],
+        *,
+        times: ArrayLike | None = None,
+        frames: Sequence[int] | None = None,
+        vertices: Sequence[int] | None = None,
+        fps: float | None = None,
+        metadata: Mapping[str, str] | None = None,
+        notices: Sequence[str] | None = None,
+    ) -> None:
+        if not len(runs):
+            raise InputError("there are no runs of frames; give at least one")
+        if times is None or frames is None or vertices is None:
+            times = np.concatenate([run.times for run in runs])
+            frames, vertices = [run.frame_count for run in runs], [run.vertex_count for run in runs]
+            notices = [*dict.fromkeys(notice for run in runs for notice in run.notices)] if notices is None else notices
+        self._take_runs(runs, frames, vertices)
+        rate = runs[0].fps if fps is None else fps
+        self.times, self.fps = check_times(int(self.run_frames.sum()), times, rate)
+        self.metadata = dict(runs[0].metadata if metadata is None else metadata)
+        self.notices = tuple(notices or ())
+
+    def _take_runs(self, runs: Sequence[MeshSequence], frames: Sequence[int], vertices: Sequence[int]) -> None:
+        self._runs = runs
+        self.run_frames: NDArray[np.int64] = np.array(frames, np.int64)
+        self.run_vertices: NDArray[np.int64] = np.array(vertices, np.int64)
+        self._starts: NDArray[np.int64] = np.cumsum(self.run_frames) - self.run_frames
+
+    @property
+    def runs(self) -> Sequence[MeshSequence]:
+        return self._runs
+
+    @property
+    def position_count(self) -> int:
+        return int(self.run_frames @ self.run_vertices)
+
+    def run_number_at(self, time: float) -> int:
+        frame = int(np.searchsorted(self.times, time, side="right")) - 1
+        return self.run_number_of(max(frame, 0))
+
+    def run_number_of(self, frame: int) -> int:
+        return int(np.searchsorted(self._starts, frame, side="right")) - 1
+
+    @property
+    def run_starts(self) -> NDArray[np.int64]:
+        return self._starts
+
+    @property
+    def most_vertices(self) -> int:
+        return int(self.run_vertices.max())
+
+    @property
+    def objects(self) -> tuple[MeshObject, ...]:  # type: ignore[override]  # each run has its own
+        return self._only_run().objects
+
+    @property
+    def vertex_count(self) -> int:
+        return self._only_run().vertex_count
+
+    def _only_run(self) -> MeshSequence:
+        if len(self._starts) > 1:
+            raise InputError(
+                "its connectivity changes, and this takes one that does not; choose frames that have one (--frames)",
+                frame=int(self._starts[1]),
+            )
+        return self.runs[0]
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        """Positions of frames, all of which must have as many vertices; else InputError, and errors as of runs."""
+        check_frame_range(self, start, stop)
+        first = self.run_number_of(min(start, self.frame_count - 1))
+        last = max(first, self.run_number_of(stop - 1))
+        if (self.run_vertices[first : last + 1] != self.run_vertices[first]).any():
+            self._only_run()
+        parts = []
+        for number in range(first, last + 1):
+            begin, count = int(self._starts[number]), int(self.run_frames[number])
+            within = max(start - begin, 0), min(stop - begin, count)
+            parts.append(self.runs[number].read_frames(*within))
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def blocks(self, frames: int | None = None) -> Iterator[tuple[int, Float32Array]]:
+        """Blocks of frames as of other sequences, none of frames of two runs."""
+        for first, run in zip(self._starts.tolist(), self.runs, strict=True):
+            for start, block in run.blocks(frames):
+                yield first + start, block
+
+    def close(self) -> None:
+        if isinstance(self._runs, OpenedRuns):
+            self._runs.forget()
+        else:
+            for run in self._runs:
+                run.close()
+
+
+class DerivedRuns(ChangingSequence):
+    """Another sequence's runs, each changed in the same way.
+
+    Parameters
+    ----------
+    source : ChangingSequence
+    change : callable
+        Gives a sequence of as many frames, at the same times.
+    """
+
+    def __init__(self, source: ChangingSequence, change: Callable[[MeshSequence], MeshSequence]) -> None:
+        self._source = source
+        first = change(source.runs[0])
+        super().__init__(
+            OpenedRuns(lambda number: first if number == 0 else change(source.runs[number]), len(source.runs)),
+            times=source.times,
+            frames=source.run_frames.tolist(),
+            vertices=source.run_vertices.tolist(),
+            fps=source.fps,
+            metadata=first.metadata,
+            notices=[*dict.fromkeys([*source.notices, *first.notices])],
+        )
+
+    def close(self) -> None:
+        super().close()
+        self._source.close()
+
+
+def changed(sequence: MeshSequence, change: Callable[[MeshSequence], MeshSequence]) -> MeshSequence:
+    """A sequence after a change that keeps frames and vertices; of several runs each, when it is needed."""
+    return DerivedRuns(sequence, change) if isinstance(sequence, ChangingSequence) else change(sequence)
+
+
+def equal_runs(keys: Sequence[object]) -> list[int]:
+    """How many frames there are in each run, given for each frame what is the same within a run."""
+    edges = [0, *(frame for frame, (a, b) in enumerate(pairwise(keys), 1) if a != b), len(keys)]
+    return [end - begin for begin, end in pairwise(edges)]
+
+
+def one_run_of(sequence: ChangingSequence, times: NDArray[np.float64]) -> int:
+    """The number of the run that holds at all of several times.
+
+    Raises
+    ------
+    SettingsError
+        If they are of several runs.
+    """
+    numbers = {sequence.run_number_at(float(time)) for time in (times.min(), times.max())} if times.size else {0}
+    if len(numbers) > 1:
+        raise SettingsError("the times lie in several runs of frames, whose vertices differ; ask for them run by run")
+    return numbers.pop()

@@ -1,0 +1,203 @@
+"""Views of a mesh sequence as sequences of their own: some frames, some objects, another order of its vertices."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.codec.sections.attributes import reorder_attributes
+from pdecodec.codec.sections.connectivity import CodedOrder, coded_orders
+from pdecodec.errors import InputError
+from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
+from pdecodec.mesh.sequence import (
+    AttributeDomain,
+    Connectivity,
+    Float32Array,
+    MeshObject,
+    MeshSequence,
+    check_frame_range,
+    check_times,
+)
+
+
+class FrameSelection(MeshSequence):
+    """Some frames of another sequence: every second one, a range, a list.
+
+    Parameters
+    ----------
+    source : MeshSequence
+    frames : sequence of int
+        Strictly increasing frame indices of `source`.
+    """
+
+    def __init__(self, source: MeshSequence, frames: Sequence[int] | range) -> None:
+        chosen = np.asarray(list(frames), dtype=np.int64)
+        if chosen.size == 0:
+            raise InputError("the selection holds no frame")
+        if chosen[0] < 0 or chosen[-1] >= source.frame_count or (np.diff(chosen) <= 0).any():
+            raise InputError(f"frames must increase within 0 to {source.frame_count - 1}")
+        self._source = source
+        self._chosen = chosen
+        self.objects = source.objects
+        self.times, self.fps = check_times(chosen.size, source.times[chosen], _rate(chosen, source.fps))
+        self.metadata = source.metadata
+        self.notices = source.notices
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        chosen = self._chosen[start:stop]
+        if chosen.size == 0:
+            return np.zeros((0, self.vertex_count, 3), np.float32)
+        if chosen[-1] - chosen[0] == chosen.size - 1:
+            return self._source.read_frames(int(chosen[0]), int(chosen[-1]) + 1)
+        return np.concatenate([self._source.read_frames(int(index), int(index) + 1) for index in chosen])
+
+    def close(self) -> None:
+        self._source.close()
+
+
+class SelectedRuns(ChangingSequence):
+    """Some frames of a sequence of runs; runs of which none is left are left out.
+
+    Parameters
+    ----------
+    source : ChangingSequence
+    frames : sequence of int
+        Strictly increasing frame indices of `source`.
+    """
+
+    def __init__(self, source: ChangingSequence, frames: Sequence[int] | range) -> None:
+        chosen = np.asarray(list(frames), np.int64)
+        if chosen.size == 0 or chosen[0] < 0 or chosen[-1] >= source.frame_count or (np.diff(chosen) <= 0).any():
+            raise InputError(f"frames must increase within 0 to {source.frame_count - 1}, and be some")
+        self._source = source
+        numbers = np.searchsorted(source.run_starts, chosen, side="right") - 1
+        used, counts = np.unique(numbers, return_counts=True)
+        ends = np.cumsum(counts)
+
+        def open_run(number: int) -> MeshSequence:
+            of_run = chosen[ends[number] - counts[number] : ends[number]] - source.run_starts[used[number]]
+            return FrameSelection(source.runs[int(used[number])], of_run.tolist())
+
+        super().__init__(
+            OpenedRuns(open_run, used.size),
+            times=source.times[chosen],
+            frames=counts.tolist(),
+            vertices=source.run_vertices[used].tolist(),
+            fps=source.fps,
+            metadata=source.metadata,
+            notices=source.notices,
+        )
+
+    def close(self) -> None:
+        super().close()
+        self._source.close()
+
+
+def select(sequence: MeshSequence, frames: Sequence[int] | range) -> MeshSequence:
+    """Some frames of a sequence, of one run or of several; an ordinary sequence where they are all of one run."""
+    if not isinstance(sequence, ChangingSequence):
+        return FrameSelection(sequence, frames)
+    selected = SelectedRuns(sequence, frames)
+    return selected if len(selected.runs) > 1 else selected.runs[0]
+
+
+def _rate(chosen: NDArray[np.int64], fps: float) -> float | None:
+    """Frames a second of evenly chosen frames: the source's over the step, not what rounded times say; else None."""
+    steps = np.diff(chosen)
+    if (steps != steps[:1]).any():
+        return None
+    return fps / int(steps[0]) if steps.size else fps
+
+
+class ObjectSelection(MeshSequence):
+    """Some objects of another sequence, by name.
+
+    Parameters
+    ----------
+    source : MeshSequence
+    names : sequence of str
+        Of `source`'s objects; they keep the order they have there. A name that several objects share selects
+        them all.
+
+    Raises
+    ------
+    InputError
+        If there is no object of one of the names.
+    """
+
+    def __init__(self, source: MeshSequence, names: Sequence[str]) -> None:
+        known = [item.name for item in source.objects]
+        for name in names:
+            if name not in known:
+                raise InputError(f"there is no object '{name}'; there are {', '.join(map(repr, known))}")
+        ends = np.cumsum([item.vertex_count for item in source.objects])
+        chosen = [index for index, name in enumerate(known) if name in names]
+        if not chosen:
+            raise InputError("the selection holds no object")
+        self._source = source
+        self.objects = tuple(source.objects[index] for index in chosen)
+        self._vertices = np.concatenate(
+            [np.arange(ends[index] - source.objects[index].vertex_count, ends[index]) for index in chosen]
+        )
+        self.times, self.fps = source.times, source.fps
+        self.metadata = source.metadata
+        self.notices = source.notices
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        return self._source.read_frames(start, stop)[:, self._vertices]
+
+    def close(self) -> None:
+        self._source.close()
+
+
+class CodedOrderSequence(MeshSequence):
+    """A sequence whose vertices, faces and corners stand in the order in which their surface is coded.
+
+    Parameters
+    ----------
+    source : MeshSequence
+    """
+
+    def __init__(self, source: MeshSequence) -> None:
+        self._source = source
+        self.times, self.fps = source.times, source.fps
+        self.metadata, self.notices = source.metadata, source.notices
+        objects, vertices, first = [], [], 0
+        for item, order in zip(
+            source.objects, coded_orders([item.connectivity for item in source.objects]), strict=True
+        ):
+            count = item.vertex_count
+            numbers = np.arange(count) if order is None else order.vertices.astype(np.int64)
+            vertices.append(first + numbers)
+            objects.append(item if order is None else _reordered(item, order))
+            first += count
+        self.objects = tuple(objects)
+        self._vertices = np.concatenate(vertices)
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        return np.ascontiguousarray(self._source.read_frames(start, stop)[:, self._vertices])
+
+    def close(self) -> None:
+        self._source.close()
+
+
+def _reordered(item: MeshObject, order: CodedOrder) -> MeshObject:
+    part = item.connectivity
+    number = np.empty(part.vertex_count, np.int32)
+    number[order.vertices] = np.arange(part.vertex_count, dtype=np.int32)
+    connectivity = Connectivity(
+        part.vertex_count,
+        face_counts=part.face_counts[order.faces],
+        face_indices=number[part.face_indices[order.corners]],
+        line_counts=part.line_counts,
+        line_indices=number[part.line_indices],
+    )
+    rows: dict[AttributeDomain, NDArray[np.int64]] = {
+        "vertex": order.vertices.astype(np.int64),
+        "face": order.faces.astype(np.int64),
+        "corner": order.corners.astype(np.int64),
+    }
+    return MeshObject(item.name, connectivity, reorder_attributes(item, rows))

@@ -1,0 +1,483 @@
+"""Mesh sequences: named objects of constant connectivity whose vertices move.
+
+Everything that gives frames is a :class:`MeshSequence`: an array in memory, a reader that holds a file
+open, the decoder of a `.pdeanim` file. Everything that takes frames asks for them by blocks, so that a
+sequence longer than memory passes through.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import TracebackType
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdecodec.errors import InputError
+from pdecodec.mesh.rounding import note_rounding, rounding_noticed, to_float32
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+Int32Array = NDArray[np.int32]
+
+Progress = Callable[[int, int, str], None]
+"""Called as ``progress(frames done, frames in all, what is being done)``."""
+
+AttributeDomain = Literal["vertex", "face", "corner", "object"]
+
+DEFAULT_FPS = 24.0
+"""Frames per second where neither the file nor the user gives them; readers say so in a notice."""
+
+BLOCK_BYTES = 64 * 2**20
+"""Raw float32 bytes that one block of frames may take: what bounds memory while frames pass through."""
+
+LARGEST_TIME = 2.0**53
+"""Farthest time from 0 [s]: there float64 no longer tells half seconds apart."""
+
+SHORTEST_TIME_STEP = 2.0**-53
+"""Least time from frame to frame [s], a tenth of a femtosecond: rates stay far from overflow."""
+
+MAX_INDEX = int(np.iinfo(np.int32).max)
+"""Largest vertex index: indices are int32 everywhere, here and in the file."""
+
+
+def _int32(values: ArrayLike, what: str) -> Int32Array:
+    array = np.asarray(values)
+    if array.size == 0:
+        return np.zeros(0, np.int32)
+    if array.ndim != 1 or array.dtype.kind not in "iu":
+        raise InputError(f"{what} must be a one-dimensional integer array, not {array.dtype} {array.shape}")
+    if int(array.max()) > MAX_INDEX or int(array.min()) < -MAX_INDEX:
+        raise InputError(f"{what} hold a number beyond 32 bits ({int(array.max())}); indices are int32")
+    return np.ascontiguousarray(array, dtype=np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class Connectivity:
+    """Faces and lines over `vertex_count` vertices, in the order the source gave them.
+
+    Parameters
+    ----------
+    vertex_count : int
+        Number of vertices; indices run from 0 to ``vertex_count - 1``.
+    face_counts : (faces,) int32
+        Corners of each face, 3 or more.
+    face_indices : (sum of face_counts,) int32
+        Vertex of each corner, face after face.
+    line_counts : (lines,) int32
+        Points of each polyline, 1 or more (1 is a point element).
+    line_indices : (sum of line_counts,) int32
+        Vertex of each polyline point, line after line.
+
+    Raises
+    ------
+    InputError
+        If counts and indices do not fit together or an index is out of range.
+    """
+
+    vertex_count: int
+    face_counts: Int32Array = field(default_factory=lambda: np.zeros(0, np.int32))
+    face_indices: Int32Array = field(default_factory=lambda: np.zeros(0, np.int32))
+    line_counts: Int32Array = field(default_factory=lambda: np.zeros(0, np.int32))
+    line_indices: Int32Array = field(default_factory=lambda: np.zeros(0, np.int32))
+
+    def __post_init__(self) -> None:
+        for name in ("face_counts", "face_indices", "line_counts", "line_indices"):
+            object.__setattr__(self, name, _int32(getattr(self, name), name))
+        self._check("face", self.face_counts, self.face_indices, smallest=3)
+        self._check("line", self.line_counts, self.line_indices, smallest=1)
+
+    def _check(self, what: str, counts: Int32Array, indices: Int32Array, *, smallest: int) -> None:
+        if counts.size and int(counts.min()) < smallest:
+            raise InputError(f"{what} {int(counts.argmin())} has {int(counts.min())} points, needs {smallest}")
+        if int(counts.sum(dtype=np.int64)) != indices.size:
+            raise InputError(f"{what} counts add up to {int(counts.sum(dtype=np.int64))}, indices are {indices.size}")
+        outside = np.flatnonzero((indices < 0) | (indices >= self.vertex_count))
+        if outside.size:
+            owner = int(np.searchsorted(np.cumsum(counts), outside[0], side="right"))
+            raise InputError(
+                f"{what} {owner} refers to vertex {int(indices[outside[0]])}, "
+                f"but there are {self.vertex_count} vertices (numbered from 0)"
+            )
+
+    @classmethod
+    def from_padded(cls, vertex_count: int, faces: ArrayLike) -> Connectivity:
+        """From a rectangular index array padded with -1; rows of one or two vertices become lines.
+
+        Parameters
+        ----------
+        vertex_count : int
+        faces : (rows, width) integer
+            Vertex indices, each row padded with -1 at its end.
+        """
+        padded = np.asarray(faces)
+        if padded.size == 0:
+            return cls(vertex_count)
+        if padded.ndim != 2 or padded.dtype.kind not in "iu":
+            raise InputError(f"faces must be a two-dimensional integer array, not {padded.dtype} {padded.shape}")
+        used = padded != -1
+        counts = used.sum(axis=1)
+        if not np.array_equal(used, np.arange(padded.shape[1]) < counts[:, None]):
+            raise InputError("faces are padded with -1 before their end; -1 may only follow the last index")
+        if counts.min() < 1:
+            raise InputError(f"face {int(counts.argmin())} has no vertices")
+        is_face = counts >= 3
+        return cls(
+            vertex_count,
+            face_counts=counts[is_face].astype(np.int32),
+            face_indices=padded[is_face][used[is_face]],
+            line_counts=counts[~is_face].astype(np.int32),
+            line_indices=padded[~is_face][used[~is_face]],
+        )
+
+    @property
+    def face_count(self) -> int:
+        return int(self.face_counts.size)
+
+    @property
+    def line_count(self) -> int:
+        return int(self.line_counts.size)
+
+    def same_as(self, other: Connectivity) -> bool:
+        """Whether both have the same vertices, faces and lines in the same order."""
+        return self.vertex_count == other.vertex_count and all(
+            np.array_equal(getattr(self, name), getattr(other, name))
+            for name in ("face_counts", "face_indices", "line_counts", "line_indices")
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Attribute:
+    """Constant data that travels with an object unchanged: UVs, colours, groups, materials.
+
+    Parameters
+    ----------
+    name : str
+        ``"uv"``, ``"color"``, ``"group"``, ``"material"``, or the source's own name.
+    domain : {"vertex", "face", "corner", "object"}
+        What `values` (or `indices`, where present) has one row for.
+    values : (n,) or (n, k) array
+        float32, float64, int32 or uint8.
+    indices : (rows of the domain,) int32, optional
+        Row of `values` used by each element of the domain; -1 for none. Keeps UV seams as they were.
+    labels : tuple of str
+        Names that integer `values` refer to (group and material names).
+    """
+
+    name: str
+    domain: AttributeDomain
+    values: NDArray[Any]
+    indices: Int32Array | None = None
+    labels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class MeshObject:
+    """One named object: what stays the same from frame to frame.
+
+    Parameters
+    ----------
+    name : str
+        In a tree of objects its path, ``"Bone/BoneShape"``.
+    connectivity : Connectivity
+    attributes : tuple of Attribute
+
+    Raises
+    ------
+    InputError
+        If an attribute has not one row for each vertex, face or corner, or refers to rows that it does not have.
+    """
+
+    name: str
+    connectivity: Connectivity
+    attributes: tuple[Attribute, ...] = ()
+
+    def __post_init__(self) -> None:
+        rows = {
+            "vertex": self.connectivity.vertex_count,
+            "face": self.connectivity.face_count,
+            "corner": int(self.connectivity.face_indices.size),
+        }
+        for attribute in self.attributes:
+            if attribute.domain != "object":
+                if attribute.domain not in rows:
+                    known = ", ".join((*rows, "object"))
+                    raise InputError(
+                        f"attribute {attribute.name!r} of object {self.name!r} is of '{attribute.domain}'; there are "
+                        f"{known}"
+                    )
+                self._check(attribute, rows[attribute.domain])
+
+    def _check(self, attribute: Attribute, rows: int) -> None:
+        what = f"attribute {attribute.name!r} of object {self.name!r}"
+        indices = attribute.indices
+        given = len(attribute.values) if indices is None else len(indices)
+        if given != rows:
+            raise InputError(f"{what} has {given} rows, but there are {rows} of its domain, {attribute.domain}")
+        if indices is not None and indices.size and not -1 <= indices.min() <= indices.max() < len(attribute.values):
+            raise InputError(f"{what} refers to rows outside its {len(attribute.values)} values")
+
+    @property
+    def vertex_count(self) -> int:
+        return self.connectivity.vertex_count
+
+
+@dataclass(frozen=True)
+class Unsupported:
+    """An object of a file that was left out because it cannot be read.
+
+    Parameters
+    ----------
+    name : str
+        Of the object, with its path.
+    feature : str
+        What about it is beyond us.
+    frame : int, optional
+        Where its connectivity changes first.
+    """
+
+    name: str
+    feature: str
+    frame: int | None = None
+
+
+class MeshSequence(ABC):
+    """Named objects and their vertex positions at a list of times.
+
+    Vertices of all objects stand one after the other, object by object, in `read_frames`.
+
+    Attributes
+    ----------
+    objects : tuple of MeshObject
+        At least one.
+    times : (frames,) float64 [s]
+        Strictly increasing.
+    fps : float [1/s]
+        Nominal frame rate, for formats that count frames.
+    metadata : mapping of str to str
+        What else the source said (``up_axis``, ``unit``, ``source``...).
+    notices : tuple of str
+        What a person should know (an assumed frame rate, data left out); the command line prints them.
+    unsupported : tuple of Unsupported
+        Objects that a reader left out because it was told to go on without them.
+    """
+
+    objects: tuple[MeshObject, ...]
+    times: Float64Array
+    fps: float
+    metadata: Mapping[str, str]
+    notices: tuple[str, ...]
+    unsupported: tuple[Unsupported, ...] = ()
+
+    @abstractmethod
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        """Positions of frames ``start`` to ``stop - 1``.
+
+        Returns
+        -------
+        (stop - start, vertices, 3) float32 [scene units]
+
+        Raises
+        ------
+        InputError
+            If a frame is missing, unreadable, or has another connectivity.
+        IndexError
+            If ``0 <= start <= stop <= frame_count`` does not hold.
+        """
+
+    def close(self) -> None:  # noqa: B027 - a hook, not a duty: most sequences hold nothing open
+        """Let go of open files. Nothing to do by default."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def frame_count(self) -> int:
+        return int(self.times.size)
+
+    @property
+    def vertex_count(self) -> int:
+        return sum(item.vertex_count for item in self.objects)
+
+    @property
+    def position_count(self) -> int:
+        """Vertices of all frames together."""
+        return self.frame_count * self.vertex_count
+
+    @property
+    def most_vertices(self) -> int:
+        """Vertices of the frame that has most."""
+        return self.vertex_count
+
+    @property
+    def run_starts(self) -> NDArray[np.int64]:
+        """The first frame of each run."""
+        return np.zeros(1, np.int64)
+
+    @property
+    def runs(self) -> Sequence[MeshSequence]:
+        """Runs of frames of constant connectivity, in order: itself, but of :class:`pdecodec.ChangingSequence`."""
+        return (self,)
+
+    def run_number_at(self, time: float) -> int:
+        """The number of the run that holds at a time [s]; between two runs it is the earlier one."""
+        return 0
+
+    def run_number_of(self, frame: int) -> int:
+        """The number of the run that has a frame."""
+        return 0
+
+    def run_at(self, time: float) -> MeshSequence:
+        """The run that holds at a time [s]: its objects are those of that time."""
+        return self.runs[self.run_number_at(time)]
+
+    @cached_property
+    def connectivity(self) -> Connectivity:
+        """All objects as one connectivity, indices shifted by the vertices before each object."""
+        if len(self.objects) == 1:
+            return self.objects[0].connectivity
+        shifts = np.cumsum([0] + [item.vertex_count for item in self.objects])
+        parts = [item.connectivity for item in self.objects]
+        return Connectivity(
+            int(shifts[-1]),
+            face_counts=np.concatenate([part.face_counts for part in parts]),
+            face_indices=np.concatenate(
+                [part.face_indices + shift for part, shift in zip(parts, shifts, strict=False)]
+            ),
+            line_counts=np.concatenate([part.line_counts for part in parts]),
+            line_indices=np.concatenate(
+                [part.line_indices + shift for part, shift in zip(parts, shifts, strict=False)]
+            ),
+        )
+
+    @property
+    def frames_per_block(self) -> int:
+        """Frames that fit in :data:`BLOCK_BYTES`, at least one."""
+        return max(1, BLOCK_BYTES // max(1, 12 * self.vertex_count))
+
+    def blocks(self, frames: int | None = None) -> Iterator[tuple[int, Float32Array]]:
+        """Blocks of consecutive frames, ``(first frame, positions)``, at most `frames` long each."""
+        size = frames or self.frames_per_block
+        for start in range(0, self.frame_count, size):
+            yield start, self.read_frames(start, min(start + size, self.frame_count))
+
+    def to_array(self) -> ArraySequence:
+        """The whole sequence in memory."""
+        return ArraySequence(
+            self.read_frames(0, self.frame_count),
+            objects=self.objects,
+            times=self.times,
+            fps=self.fps,
+            metadata=self.metadata,
+            notices=self.notices,
+        )
+
+
+class ArraySequence(MeshSequence):
+    """A mesh sequence in memory.
+
+    Parameters
+    ----------
+    points : (frames, vertices, 3) array [scene units]
+        Taken as float32 (other types are rounded).
+    objects : sequence of MeshObject, optional
+        Objects whose vertices, one after the other, are `points`. Default: one object of points alone.
+    times : (frames,) array [s], optional
+        Strictly increasing. Default: frames at `fps` from 0.
+    fps : float, optional
+        Nominal frame rate. Default: from `times`, else 24.
+
+    Raises
+    ------
+    InputError
+        If shapes disagree, there is no frame or no vertex, or times do not increase.
+    """
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        *,
+        objects: Sequence[MeshObject] | None = None,
+        times: ArrayLike | None = None,
+        fps: float | None = None,
+        metadata: Mapping[str, str] | None = None,
+        notices: Sequence[str] = (),
+    ) -> None:
+        array = np.asarray(points)
+        if array.ndim != 3 or array.shape[2] != 3 or array.dtype.kind not in "fiu":
+            raise InputError(f"points must be numbers of shape (frames, vertices, 3), not {array.dtype} {array.shape}")
+        with rounding_noticed() as rounding:
+            self.points: Float32Array = to_float32(array)
+        self._rounding = rounding.largest
+        frames, vertices = array.shape[:2]
+        self.objects = tuple(objects) if objects else (MeshObject("mesh", Connectivity(vertices)),)
+        if self.vertex_count != vertices:
+            raise InputError(f"objects have {self.vertex_count} vertices, points have {vertices}")
+        self.times, self.fps = check_times(frames, times, fps)
+        if vertices == 0:
+            raise InputError("there are no vertices; give at least one")
+        self.metadata = dict(metadata or {})
+        self.notices = tuple(notices)
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        check_frame_range(self, start, stop)
+        note_rounding(self._rounding)
+        return self.points[start:stop]
+
+
+def check_frame_range(sequence: MeshSequence, start: int, stop: int) -> None:
+    """Raise IndexError unless ``0 <= start <= stop <= frame_count``."""
+    if not 0 <= start <= stop <= sequence.frame_count:
+        raise IndexError(f"frames {start} to {stop} of a sequence of {sequence.frame_count}")
+
+
+def check_times(frames: int, times: ArrayLike | None, fps: float | None) -> tuple[Float64Array, float]:
+    """Times and nominal frame rate, checked and completed.
+
+    Parameters
+    ----------
+    frames : int
+        Number of frames that there must be times for.
+    times : (frames,) array [s] or None
+        Default: ``arange(frames) / fps``.
+    fps : float [1/s] or None
+        Default: from the median spacing of `times`, else 24.
+
+    Returns
+    -------
+    times : (frames,) float64 [s]
+    fps : float [1/s]
+    """
+    if frames == 0:
+        raise InputError("there are no frames; give at least one")
+    if fps is not None and not (np.isfinite(fps) and fps > 0):
+        raise InputError(f"frames per second must be a positive number, not {fps}")
+    if times is None:
+        fps = DEFAULT_FPS if fps is None else fps
+        with np.errstate(over="ignore"):  # refused below
+            times = np.arange(frames) / fps
+    checked = np.ascontiguousarray(times, dtype=np.float64)
+    if checked.shape != (frames,):
+        raise InputError(f"there are {frames} frames, but times have shape {checked.shape}")
+    if not np.isfinite(checked).all():
+        raise InputError("a time is not a finite number", frame=int(np.flatnonzero(~np.isfinite(checked))[0]))
+    steps = np.diff(checked)
+    if (steps <= 0).any():
+        raise InputError("times must increase from frame to frame", frame=int(np.flatnonzero(steps <= 0)[0]) + 1)
+    if np.abs(checked).max() > LARGEST_TIME or (steps < SHORTEST_TIME_STEP).any():
+        raise InputError(
+            f"times must lie within {LARGEST_TIME:g} seconds of 0, and frames {SHORTEST_TIME_STEP:g} seconds apart"
+        )
+    if fps is None:
+        spacing = float(np.median(steps)) if frames > 1 else 1.0 / DEFAULT_FPS
+        fps = round(1.0 / spacing, 6) or DEFAULT_FPS
+    return checked, float(fps)

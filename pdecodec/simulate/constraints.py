@@ -1,0 +1,282 @@
+"""What all constraint types share: a batch of constraints, solved one after another in the given order.
+
+A batch holds many constraints of one type and one material as arrays. Each of them may have several rows: a vector
+constraint (a point on a target, a bending normal) or a few scalar ones that are solved together. Eq. 6 of Fang et al.
+2024 is a matrix equation, and the rows of one constraint are one block of it.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pdecodec import _core
+from pdecodec.errors import SettingsError
+from pdecodec.mesh.sequence import Float64Array, Int32Array
+
+Method = Literal["xpbd", "pbd"]
+"""Extended position-based dynamics, or the older method whose stiffness depends on step and iterations."""
+
+
+RowShapes = Mapping[str, tuple[int, ...] | None]
+
+Linear = tuple[Float64Array, Float64Array]
+"""A constraint and its gradient, see :meth:`Constraints.evaluate`."""
+
+
+class State(NamedTuple):
+    """What a sweep works on: ``x_j`` [m], which it changes in place, ``x^n`` of the substep's start, and 1/kg."""
+
+    positions: Float64Array
+    previous: Float64Array
+    inverse_masses: Float64Array
+
+
+class Scaling(NamedTuple):
+    """How one substep scales a material.
+
+    Attributes
+    ----------
+    compliance : float
+        ``gamma / dt^2`` of Eq. 5; 0 under PBD.
+    damping : float
+        ``gamma`` of Eq. 26 in Macklin et al. 2016, here the damping time over the substep; 0 under PBD.
+    relaxation : float
+        Share of the correction that is applied: 1 under XPBD, the stiffness under PBD.
+    """
+
+    compliance: float
+    damping: float
+    relaxation: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Constraints(ABC):
+    """A batch of constraints of one type and one material.
+
+    Parameters
+    ----------
+    particles : (constraints, particles of each) int32
+        Which particles each constraint moves.
+    damping : float [s]
+        Stiffness-proportional Rayleigh damping: the damping force is the stiffness times this time times the rate of
+        ``C`` (Macklin et al. 2016, section 5.2, with ``beta = damping / compliance``). XPBD only.
+    stiffness : float
+        The share of a violation that PBD removes each time, 0 to 1. XPBD does not use it, as PBD does not use
+        compliances.
+
+    Raises
+    ------
+    SettingsError
+        If a number is out of range, or an array has another shape than it must have.
+    """
+
+    members: ClassVar[int] = 0
+    """Particles of each constraint; 0 where batches differ in it."""
+
+    arrays: ClassVar[RowShapes] = {}
+    """Shape of a constraint's part in each array of reals, by the array's name; None for a number a row of ``C``."""
+
+    rows_of_each: ClassVar[int] = 1
+    """Rows of ``C`` in each constraint; 0 for one fewer than it has particles."""
+
+    particles: Int32Array
+    damping: float = 0.0
+    stiffness: float = 1.0
+
+    def __post_init__(self) -> None:
+        particles = np.ascontiguousarray(self.particles, dtype=np.int32)
+        if particles.ndim != 2 or self.members not in (0, particles.shape[1]):
+            wanted = self.members or "particles of each"
+            raise SettingsError(f"particles must have shape (constraints, {wanted}), not {particles.shape}")
+        object.__setattr__(self, "particles", particles)
+        for name, shape in self.arrays.items():
+            array = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
+            check_shape(name, array, (self.count, *((self.rows,) if shape is None else shape)))
+            object.__setattr__(self, name, array)
+        check_positive("damping", self.damping)
+        if not 0 <= self.stiffness <= 1:
+            raise SettingsError(f"stiffness must be between 0 and 1, not {self.stiffness}")
+
+    @property
+    def rows(self) -> int:
+        """Rows of ``C`` in each constraint."""
+        return self.rows_of_each or int(self.particles.shape[1]) - 1
+
+    @property
+    def count(self) -> int:
+        """Number of constraints."""
+        return len(self.particles)
+
+    @property
+    @abstractmethod
+    def compliances(self) -> Float64Array:
+        """Inverse stiffness ``gamma`` of Eq. 2 for every row, in a shape that broadcasts to (constraints, rows)."""
+
+    def compliances_of(self, index: int, state: State, substep: float) -> Float64Array:
+        """``gamma`` of one constraint's rows, (rows,), as XPBD uses it in a substep of `substep` seconds."""
+        compliances: Float64Array = np.broadcast_to(self.compliances, (self.count, self.rows))[index]
+        return compliances
+
+    def new_multipliers(self) -> Float64Array:
+        """Lagrange multipliers at 0, (constraints, rows)."""
+        return np.zeros((self.count, self.rows))
+
+    @abstractmethod
+    def solve(self, state: State, multipliers: Float64Array, *, substep: float, method: Method) -> None:
+        """One Gauss-Seidel sweep, Eqs. 6 and 7, in the order of `particles`; changes positions and `multipliers`.
+
+        Parameters
+        ----------
+        state : State
+        multipliers : (constraints, rows) float64
+            ``lambda_j``.
+        substep : float [s]
+        method : {"xpbd", "pbd"}
+        """
+
+    @abstractmethod
+    def evaluate(self, index: int, positions: Float64Array, *, method: Method = "xpbd") -> Linear:
+        """One constraint and its gradient, in plain numpy: what the compiled sweeps are compared with.
+
+        Returns
+        -------
+        value, gradient : (rows,) and (rows, particles of each, 3) float64
+            ``C`` and ``grad C``.
+        """
+
+    @abstractmethod
+    def values(self, positions: Float64Array) -> Float64Array:
+        """``C`` of all constraints, (constraints, rows)."""
+
+    def energy(self, positions: Float64Array) -> float:
+        """Elastic energy [J], Eq. 2; rigid rows store none."""
+        inverse = np.divide(1.0, self.compliances, out=np.zeros_like(self.compliances), where=self.compliances > 0)
+        return float(0.5 * (self.values(positions) ** 2 * inverse).sum())  # Eq. 2
+
+    def solve_plainly(self, state: State, multipliers: Float64Array, *, substep: float, method: Method) -> None:
+        """As :meth:`solve`, in plain numpy as the equations stand: what the compiled sweeps must equal.
+
+        XPBD solves the rows of one constraint together (Eq. 6). PBD (Mueller et al. 2007) has scalar constraints only
+        and takes row after row.
+        """
+        positions, previous, inverse_masses = state
+        for index, members in enumerate(self.particles):
+            weights = inverse_masses[members]
+            for row in range(self.rows if method == "pbd" and weights.any() else 0):
+                value, gradient = self.evaluate(index, positions, method=method)
+                slope = (weights[:, None] * gradient[row] ** 2).sum()
+                if slope > 0:
+                    positions[members] -= weights[:, None] * gradient[row] * self.stiffness * value[row] / slope
+            if method == "xpbd" and weights.any():
+                value, gradient = self.evaluate(index, positions)
+                scaled = self.compliances_of(index, state, substep) / substep**2  # Eq. 5
+                damping = self.damping / substep
+                system = np.einsum("aki,k,bki->ab", gradient, weights, gradient)
+                rate = np.einsum("aki,ki->a", gradient, positions[members] - previous[members])
+                right = -value - scaled * multipliers[index] - damping * rate
+                # Eq. 6, with the damping terms of Macklin et al. 2016, Eq. 26.
+                change = np.linalg.solve((1 + damping) * system + np.diag(scaled), right)
+                multipliers[index] += change
+                positions[members] += weights[:, None] * np.einsum("aki,a->ki", gradient, change)  # Eq. 7
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class UniformConstraints(Constraints):
+    """A batch in which every row has the same compliance.
+
+    Parameters
+    ----------
+    compliance : float
+        Inverse stiffness ``gamma`` of Eq. 2, in units of ``C^2`` over joules ([m/N] for lengths); 0 is rigid.
+
+    """
+
+    compliance: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_positive("compliance", self.compliance)
+        if self.damping > 0 and self.compliance == 0:
+            raise SettingsError("a rigid constraint (compliance 0) cannot be damped; set damping to 0")
+
+    @property
+    def compliances(self) -> Float64Array:
+        return np.full((1, 1), self.compliance)
+
+    def scaling(self, substep: float, method: Method) -> Scaling:
+        """How a substep of so many seconds scales the material."""
+        if method == "pbd":
+            return Scaling(0.0, 0.0, self.stiffness)
+        return Scaling(self.compliance / substep**2, self.damping / substep, 1.0)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SheetConstraints(UniformConstraints):
+    """A batch that is swept together with others of its kind, with several constraints at once.
+
+    Those taken at once share no particle. So the bits are those of taking one after another, as
+    :meth:`solve_plainly` does.
+    """
+
+    @abstractmethod
+    def add_to(self, sheets: _core.Sheets, multipliers: Float64Array, *, substep: float, method: Method) -> None:
+        """Make this the next batch of `sheets`; `multipliers`, (constraints, rows), are where those are stored."""
+
+    def solve(self, state: State, multipliers: Float64Array, *, substep: float, method: Method) -> None:
+        sheets = _core.Sheets(state.inverse_masses, len(state.inverse_masses))
+        self.add_to(sheets, multipliers, substep=substep, method=method)
+        sheets.solve(state.positions, state.previous, is_first=False)
+        sheets.store()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeasuredConstraints(UniformConstraints):
+    """A batch whose ``C`` is what is measured of its particles, less what was measured at rest."""
+
+    rest: ClassVar[str]
+    """Name of the array of what was measured at rest."""
+
+    @classmethod
+    def from_positions(
+        cls,
+        positions: Float64Array,
+        particles: ArrayLike,
+        *,
+        compliance: float = 0.0,
+        damping: float = 0.0,
+        stiffness: float = 1.0,
+    ) -> Self:
+        """At rest as they are at `positions`, (particles, 3); `particles` are those of each constraint."""
+        members: Int32Array = np.asarray(particles, dtype=np.int32)
+        at_rest = {cls.rest: cls.measured(positions, members)}
+        return cls(particles=members, compliance=compliance, damping=damping, stiffness=stiffness, **at_rest)
+
+    @staticmethod
+    @abstractmethod
+    def measured(positions: Float64Array, particles: Int32Array) -> Float64Array:
+        """What is measured, in the shape of the array of :attr:`rest`."""
+
+    def values(self, positions: Float64Array) -> Float64Array:
+        found: Float64Array = self.measured(positions, self.particles) - getattr(self, self.rest)
+        return found.reshape(self.count, self.rows)
+
+
+def check_shape(what: str, array: Float64Array, shape: tuple[int, ...]) -> None:
+    """Raise SettingsError unless `array` has `shape` and is finite."""
+    if array.shape != shape:
+        raise SettingsError(f"{what} must have shape {shape}, not {array.shape}")
+    if not np.isfinite(array).all():
+        raise SettingsError(f"{what} must be finite numbers")
+
+
+def check_positive(what: str, value: float) -> None:
+    """Raise SettingsError unless a number is 0 or more."""
+    if not (math.isfinite(value) and value >= 0):
+        raise SettingsError(f"{what} must be 0 or a positive number, not {value}")

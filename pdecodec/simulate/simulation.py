@@ -1,0 +1,139 @@
+"""A scene, and a simulation of it as a mesh sequence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from pdecodec.errors import SettingsError
+from pdecodec.mesh.sequence import (
+    DEFAULT_FPS,
+    Connectivity,
+    Float32Array,
+    Float64Array,
+    Int32Array,
+    MeshObject,
+    MeshSequence,
+    check_frame_range,
+)
+from pdecodec.simulate.constraints import Method
+from pdecodec.simulate.solver import Solver
+from pdecodec.simulate.system import System
+
+MAX_SUBSTEPS = 100_000
+"""More substeps a frame than this is a slip of the keyboard."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scene:
+    """A system, the part of it that is seen, and how finely it wants to be simulated.
+
+    Parameters
+    ----------
+    name : str
+    system : System
+    visible : (vertices,) int32
+        Particle of each vertex of the mesh.
+    faces : (faces, 3 or 4) int32
+        Over the vertices, not over the particles.
+    substeps : int
+        Substeps a frame at 24 frames a second at which the scene looks right with one iteration.
+    frames : int
+        Frames that show it.
+    """
+
+    name: str
+    system: System
+    visible: Int32Array
+    faces: Int32Array
+    substeps: int = 20
+    frames: int = 100
+
+    def simulate(
+        self,
+        *,
+        frames: int | None = None,
+        fps: float = DEFAULT_FPS,
+        substeps: int | None = None,
+        iterations: int = 1,
+        method: Method = "xpbd",
+    ) -> Simulation:
+        """A mesh sequence that simulates as it is read.
+
+        Parameters
+        ----------
+        frames : int, optional
+            Frame 0 is the initial state. Default: the scene's own.
+        fps : float [1/s]
+        substeps : int, optional
+            Substeps a frame. Default: the scene's own, kept as long in seconds at another frame rate.
+        iterations : int
+            Sweeps over all constraints in each substep.
+        method : {"xpbd", "pbd"}
+        """
+        frames = self.frames if frames is None else frames
+        if frames < 1:
+            raise SettingsError(f"frames must be 1 or more, not {frames}")
+        if not (math.isfinite(fps) and fps > 0):
+            raise SettingsError(f"frames per second must be a positive number, not {fps}")
+        if substeps is None:
+            substeps = math.ceil(self.substeps * DEFAULT_FPS / fps)
+        if not 1 <= substeps <= MAX_SUBSTEPS:
+            raise SettingsError(f"substeps must be 1 to {MAX_SUBSTEPS}, not {substeps}")
+        return Simulation(self, frames=frames, fps=fps, substeps=substeps, iterations=iterations, method=method)
+
+
+class Simulation(MeshSequence):
+    """Frames of a scene, computed when they are read.
+
+    Frames come out of each other: reading forwards costs one simulation, however it is divided into blocks. Reading
+    an earlier frame starts again from the initial state, and gives the same bits. Use :meth:`to_array` to keep the
+    frames where they fit in memory.
+
+    Attributes
+    ----------
+    solver : Solver
+        At the frame that was read last, for measurements.
+    """
+
+    def __init__(
+        self, scene: Scene, *, frames: int, fps: float, substeps: int, iterations: int, method: Method
+    ) -> None:
+        self.scene = scene
+        self.objects = (MeshObject(scene.name, Connectivity.from_padded(scene.visible.size, scene.faces)),)
+        self.times: Float64Array = np.arange(frames) / fps
+        self.fps = float(fps)
+        self.metadata: Mapping[str, str] = {
+            "source": f"pdecodec simulate {scene.name}, {method}, {substeps} substeps, {iterations} iterations",
+            "up_axis": "Y",
+            "unit": "m",
+        }
+        self.notices = ()
+        self._substeps = substeps
+        substep = 1 / (self.fps * substeps)
+        self._new_solver = partial(Solver, scene.system, substep=substep, iterations=iterations, method=method)
+        self._restart()
+
+    def _restart(self) -> None:
+        self.solver = self._new_solver()
+        self._frame = 0
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        """Positions of frames ``start`` to ``stop - 1``; SettingsError where too long substeps made them infinite."""
+        check_frame_range(self, start, stop)
+        points = np.empty((stop - start, self.vertex_count, 3), np.float32)
+        if start < stop and start < self._frame:
+            self._restart()
+        for frame in range(start, stop):
+            # What overflows is found below, and named with its frame.
+            with np.errstate(over="ignore", invalid="ignore"):
+                self.solver.advance((frame - self._frame) * self._substeps)
+                self._frame = frame
+                points[frame - start] = self.solver.positions[self.scene.visible]
+            if not np.isfinite(points[frame - start]).all():
+                raise SettingsError("the simulation ran off to infinity; give it more substeps", frame=frame)
+        return points

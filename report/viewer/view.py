@@ -1,0 +1,148 @@
+"""One page that plays `.pdeanim` files, and works offline: scripts, decoder and files are in it."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pdecodec.codec.decoder import Animation
+from pdecodec.errors import InputError
+from pdecodec.mesh.sequence import MeshSequence
+from pdecodec.player import FOLDER
+
+SCRIPTS = ("pdeanim.js", "core.js", "errors.js", "source.js", "mesh.js", "motion.js", "gpu.js")
+"""Of the player, what the page needs."""
+
+LARGEST_STEP_COUNT = 32767
+"""Steps of the largest difference from an original: what 16 bits hold. Half a step is 1.5e-5 of that difference."""
+
+TIME_TOLERANCE = 1e-6
+"""Seconds by which the times of an original may differ from the file's."""
+
+
+@dataclass(frozen=True)
+class Original:
+    """What a file was made from, as differences from what the file decodes to.
+
+    Attributes
+    ----------
+    name : str
+    step : float
+        Size of a step [scene units].
+    differences : bytes
+        int16 in steps, (frames, vertices, 3), little-endian, compressed by gzip.
+    """
+
+    name: str
+    step: float
+    differences: bytes
+
+
+def difference(animation: Animation, original: MeshSequence, name: str) -> Original:
+    """How far an original is from what a file decodes to, at every frame and vertex.
+
+    Raises
+    ------
+    InputError
+        If the two have different frames or vertices.
+    """
+    for what, own, other in (
+        ("runs of frames", len(animation.runs), len(original.runs)),
+        ("frames", animation.frame_count, original.frame_count),
+        ("vertices", animation.most_vertices, original.most_vertices),
+    ):
+        if own != other:
+            raise InputError(
+                f"has {other} {what}, the .pdeanim file {own}; give the sequence it was made from", path=name
+            )
+    if not np.allclose(animation.times - animation.times[0], original.times - original.times[0], atol=TIME_TOLERANCE):
+        raise InputError("has its frames at other times than the .pdeanim file", path=name)
+    parts = []
+    for start, points in original.blocks():
+        decoded = animation.read_frames(start, start + len(points))
+        parts.append((points.astype(np.float64) - decoded).astype(np.float32))
+    found = np.concatenate(parts)
+    largest = float(np.abs(found).max(initial=0.0))
+    step = largest / LARGEST_STEP_COUNT or 1.0
+    steps = np.rint(found / step).astype("<i2")
+    return Original(name, step, gzip.compress(steps.tobytes(), mtime=0))
+
+
+def view_page(
+    title: str, clips: Sequence[tuple[str, bytes]], *, original: Original | None = None, up_axis: str | None = None
+) -> str:
+    """The page, as HTML.
+
+    Parameters
+    ----------
+    title : str
+    clips : sequence of (name, bytes of a .pdeanim file)
+        One, or two to compare.
+    original : Original, optional
+        What the first clip was made from.
+    up_axis : {"y", "z"}, optional
+        The axis that is up in the picture; y where nothing is said.
+    """
+    files = [{"name": name, "data": base64.b64encode(data).decode("ascii")} for name, data in clips]
+    return _page(title, {"clips": files, **_of_original(original)}, up_axis, wasm=_packed_wasm())
+
+
+def served_page(title: str, name: str, address: str, *, up_axis: str | None = None) -> str:
+    """The same page for one file that is fetched from an address of the server that gives the page."""
+    return _page(title, {"clips": [{"name": name, "address": address}]}, up_axis, wasm=_packed_wasm())
+
+
+def list_page(title: str, files: Sequence[tuple[str, int, str]]) -> str:
+    """A page that lists files: of each its name, its bytes, and its address below ``/file/`` and ``/view/``."""
+    rows = [{"name": name, "size": size, "address": address} for name, size, address in files]
+    return _page(title, {"files": rows}, None, wasm=_packed_wasm(), template="list.html")
+
+
+def _of_original(original: Original | None) -> dict[str, Any]:
+    if original is None:
+        return {}
+    data = base64.b64encode(original.differences).decode("ascii")
+    return {"original": {"name": original.name, "step": original.step, "data": data}}
+
+
+def _packed_wasm() -> str:
+    return base64.b64encode(gzip.compress((FOLDER / "pdeanim.wasm").read_bytes(), 9, mtime=0)).decode("ascii")
+
+
+def _page(title: str, data: Mapping[str, Any], up_axis: str | None, *, wasm: str, template: str = "index.html") -> str:
+    folder = FOLDER / "view"
+    content = {**data, "wasm": wasm, "up": 2 if up_axis == "z" else 1}
+    values = {
+        "TITLE": escape(title),
+        "STYLE": (folder / "style.css").read_text("utf-8"),
+        "IMPORTS": json.dumps({"imports": _imports(folder)}),
+        "DATA": _in_script(json.dumps(content)),
+    }
+    text = (folder / template).read_text("utf-8")
+    return re.sub("TITLE|STYLE|IMPORTS|DATA", lambda found: values[found[0]], text)
+
+
+def _in_script(text: str) -> str:
+    """JSON that ends no script, whatever names are in it."""
+    return text.replace("<", "\\u003c")
+
+
+def _imports(folder: Path) -> dict[str, str]:
+    """Every script of the page by the name that others import it by, as an address that holds it."""
+    files = {f"pdeanim/{name}": FOLDER / name for name in SCRIPTS}
+    files |= {f"pdeanim/view/{path.name}": path for path in sorted(folder.glob("*.js"))}
+    found = {}
+    for name, path in files.items():
+        # An address that holds a script has no folder that others could be beside.
+        text = re.sub(r'from "\./(\w+\.js)"', r'from "pdeanim/\1"', path.read_text("utf-8"))
+        found[name] = "data:text/javascript;base64," + base64.b64encode(text.encode()).decode("ascii")
+    return {"pdeanim": found["pdeanim/pdeanim.js"], **found}

@@ -1,0 +1,163 @@
+"""What a baseline is: an encoder with one length to turn, and a decoder; some round numbers of their own making."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib.metadata
+import importlib.util
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import ClassVar, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.errors import MissingExtraError
+from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array
+
+Int64Array = NDArray[np.int64]
+Quantised = TypeVar("Quantised")
+
+Encoder = Callable[[float], bytes]
+"""From a length [scene units] to bytes: the larger the length, the fewer bytes and the larger the error."""
+
+MOST_BITS = 52
+"""Of a rounded number: more are finer than a float64 tells apart."""
+
+
+class UnreachableError(ValueError):
+    """A baseline cannot be as exact as it should; the message says why. Not a failure of a run: a result."""
+
+
+class Baseline(ABC):
+    """One way to keep positions.
+
+    Attributes
+    ----------
+    name : str
+        In a few words, for tables.
+    source : str
+        Where it is described.
+    package : str or None
+        Python package that it needs, of the extra `baselines`; None: nothing beyond pdecodec's own.
+    published : bool
+        Whether it is its source's scheme, coded as well as we can; False where a stage is added that the source
+        does not have.
+    adjustable : bool
+        Whether the length given to the encoder matters: if not, there is one size and one error.
+    """
+
+    name: str
+    source: str
+    package: ClassVar[str | None] = None
+    published: ClassVar[bool] = True
+    adjustable: ClassVar[bool] = True
+
+    @abstractmethod
+    def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
+        """The encoder of one sequence, with all that does not depend on the length done.
+
+        Parameters
+        ----------
+        points : (frames, vertices, 3) float32 [scene units]
+        connectivity : Connectivity
+            The decoder has it as well, so it is not in the bytes.
+
+        Returns
+        -------
+        callable
+            ``encode(length) -> bytes``; raises :class:`UnreachableError` below the least length it can do.
+        """
+
+    @abstractmethod
+    def decode(self, data: bytes, connectivity: Connectivity) -> Float32Array:
+        """Positions from the bytes of its own encoder, (frames, vertices, 3) float32 [scene units]."""
+
+    def effective_length(self, length: float) -> float:
+        """The one length that stands for all that give the same bytes as `length`; by default all differ."""
+        return length
+
+    def missing(self) -> str | None:
+        """Why it cannot run here, with what to do about it; None where it can."""
+        if self.package is None or importlib.util.find_spec(self.package) is not None:
+            return None
+        return f"{self.name} needs the package {self.package}: pip install 'pdecodec[baselines]'"
+
+    def require(self) -> None:
+        """Raise MissingExtraError where :meth:`missing` has something to say."""
+        reason = self.missing()
+        if reason is not None:
+            raise MissingExtraError(reason)
+
+    def version(self) -> str:
+        """Changes when its results may: a digest of its name, of all baselines' code, and of its package's version."""
+        digest = hashlib.sha256(self.name.encode() + code_digest(Path(__file__).parent))
+        if self.package is not None:
+            digest.update(importlib.metadata.version(self.package).encode())
+        return digest.hexdigest()[:16]
+
+
+@cache
+def code_digest(folder: Path) -> bytes:
+    """Of what the modules of a folder do, and of what the range coder, which is the codec's, makes of some integers."""
+    from pdecodec.research.baselines.coding import encode_bands
+
+    digest = hashlib.sha256(encode_bands(np.arange(-999, 1000).reshape(1, -1)))
+    for path in sorted(folder.glob("*.py")):
+        # Whatever the comments, docstrings and layout.
+        digest.update(ast.dump(_WithoutTexts().visit(ast.parse(path.read_text(encoding="utf-8")))).encode())
+    return digest.digest()
+
+
+class _WithoutTexts(ast.NodeTransformer):
+    """Takes out docstrings and the texts under constants."""
+
+    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
+        return None if isinstance(node.value, ast.Constant) else node
+
+
+class Transform(Baseline, Generic[Quantised]):
+    """Rounds numbers of its own making, so that what it loses is known before anything is coded.
+
+    Analysis, rounding, coding and synthesis are apart: a search for a length need not code at every step.
+    """
+
+    @abstractmethod
+    def analyse(self, points: Float32Array, connectivity: Connectivity) -> Callable[[float], Quantised]:
+        """What rounds one sequence, ``round_to(length) -> quantised``; as :meth:`prepare` otherwise."""
+
+    @abstractmethod
+    def write(self, quantised: Quantised, connectivity: Connectivity) -> bytes:
+        """All that :meth:`read` needs to give the rounded numbers back as they were."""
+
+    @abstractmethod
+    def read(self, data: bytes, connectivity: Connectivity) -> Quantised:
+        """Undo :meth:`write`."""
+
+    @abstractmethod
+    def synthesise(self, quantised: Quantised, connectivity: Connectivity) -> Float32Array:
+        """Positions that the rounded numbers stand for, (frames, vertices, 3) float32 [scene units]."""
+
+    def prepare(self, points: Float32Array, connectivity: Connectivity) -> Encoder:
+        round_to = self.analyse(points, connectivity)
+        return lambda length: self.write(round_to(length), connectivity)
+
+    def decode(self, data: bytes, connectivity: Connectivity) -> Float32Array:
+        return self.synthesise(self.read(data, connectivity), connectivity)
+
+
+def rounded(values: Float64Array, step: float) -> Int64Array:
+    """The nearest multiples of a step, in steps.
+
+    Raises
+    ------
+    UnreachableError
+        If one would have more than :data:`MOST_BITS` bits.
+    """
+    largest = float(np.abs(values).max(initial=0.0))
+    if largest >= 2.0**MOST_BITS * step:
+        raise UnreachableError(f"steps of {step:.3g} for numbers up to {largest:.3g} are more than {MOST_BITS} bits")
+    return np.rint(values / step).astype(np.int64)

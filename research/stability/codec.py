@@ -1,0 +1,262 @@
+"""The section on the codec: both profiles on clips that are hard for a reason."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple, dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from pdecodec.codec.decoder import open_animation
+from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.encode.report import CONSTANT_SECTIONS
+from pdecodec.codec.settings import EncodeSettings
+from pdecodec.mesh.metrics import bits_per_vertex_frame, frame_scale, measure_distortion
+from pdecodec.mesh.sequence import ArraySequence, Float64Array
+from pdecodec.report.charts.drawing import (
+    BLUE,
+    FAILING,
+    FAILURE,
+    GREEN,
+    ORANGE,
+    label_ends,
+    mark_failing,
+    name_rows,
+    write,
+)
+from pdecodec.report.charts.figure import Canvas, Figure, Section, Table, Value
+from pdecodec.report.surface_metrics import SurfaceDistortion, measure_surface
+from pdecodec.research.stability.nasty_clips import FPS, NASTY, far_away, impact, teleport
+
+TOLERANCE = 1e-3
+"""Of profile auto: the usual one."""
+
+PROFILES: dict[str, tuple[EncodeSettings, str]] = {
+    "auto": (EncodeSettings(tolerance=TOLERANCE), BLUE),
+    "paper": (EncodeSettings(profile="paper"), ORANGE),
+}
+"""Settings and colour. Profile paper has no bound of its own: 32 functions a curve, and whatever error that leaves."""
+
+RAW_BITS = 96.0
+"""Of float32 positions, a vertex and frame: above, a file is larger than its input."""
+
+
+@dataclass(frozen=True)
+class Coded:
+    """What a clip takes and leaves: bits a vertex and frame; the largest error over the tolerance, the error of Karni
+    and Gotsman [%], and how far edges and normals are off, of the decoded bytes.
+    """
+
+    bits: float
+    error: float
+    kg_error: float
+    surface: SurfaceDistortion
+
+
+def coded(clip: ArraySequence, settings: EncodeSettings) -> Coded:
+    """Encode, decode and measure a clip."""
+    report = encode(clip, settings=settings)
+    with open_animation(report.data or b"") as animation:
+        decoded = animation.to_array()
+    found = measure_distortion(clip, decoded)
+    counted = report.file_bytes - sum(report.sections.get(name, 0) for name in CONSTANT_SECTIONS)
+    scale = frame_scale(clip.points[0])
+    return Coded(
+        bits_per_vertex_frame(counted, vertices=clip.vertex_count, frames=clip.frame_count),
+        found.max_error / (TOLERANCE * scale),
+        found.kg_error,
+        measure_surface(clip.points, decoded.points, clip.connectivity, scale),
+    )
+
+
+def stress_figure(side: int, frames: int) -> Figure:
+    """Every nasty clip, of a sheet of `side` vertices a side, with both profiles."""
+    clips = {name: make(side, frames) for name, make in NASTY.items()}
+    found = {
+        profile: {name: coded(clip, settings) for name, clip in clips.items()}
+        for profile, (settings, _) in PROFILES.items()
+    }
+    rows: list[tuple[Value, ...]] = []
+    for name in clips:
+        for profile in PROFILES:
+            item = found[profile][name]
+            # Of a clip whose frames are a point each, there is nothing that errors could be over.
+            kg_error = item.kg_error if math.isfinite(item.kg_error) else None
+            rows.append((name, profile, item.bits, item.error, kg_error, *astuple(item.surface)))
+
+    def draw(canvas: Canvas) -> None:
+        left, right = canvas.subplots(1, 2, sharey=True)
+        heights = name_rows(left, list(clips), space=0.1, lines=0.4)
+        right.grid(axis="y", alpha=0.4)
+        left.set(xscale="log", xlim=(0.02, 600), xlabel="bits a vertex and frame")
+        right.set(xscale="log", xlim=(3e-4, 1e9), xlabel="largest error over the tolerance of 1e-3")
+        for (profile, (_, colour)), marker in zip(PROFILES.items(), "oD", strict=True):
+            each = found[profile].values()
+            for panel, values in ((left, [item.bits for item in each]), (right, [item.error for item in each])):
+                panel.plot(np.maximum(values, 4e-4), heights, marker, color=colour, markersize=6.5)
+        # Named where the two are apart: the smaller at its left, the larger at its right.
+        bits = {profile: found[profile]["topology soup"].bits for profile in PROFILES}
+        row = heights[list(clips).index("topology soup")]
+        for profile, offset, place in zip(sorted(bits, key=bits.__getitem__), (-8, 8), ("right", "left"), strict=True):
+            colour = PROFILES[profile][1]
+            write(left, profile, (bits[profile], row), (offset, 0), size=8.5, ha=place, color=colour)
+        mark_failing(left, "larger\nthan raw", right_of=RAW_BITS, at=0.12)
+        mark_failing(right, "fails: beyond the bound", right_of=1.0 + 1e-9, at=0.05)
+
+    worst = {profile: max((item.error, name) for name, item in found[profile].items()) for profile in PROFILES}
+    dearest = max((item.bits, name) for name, item in found["auto"].items())
+    return Figure(
+        name="codec-stress",
+        title="Clips that are hard for a reason",
+        lesson=(
+            f"Profile auto holds its bound on every clip (largest error {worst['auto'][0]:.5f} of it); what is hard "
+            f"costs bits, up to {dearest[0]:.3g} a vertex and frame ({dearest[1]}), where raw float32 takes 96. "
+            f"Profile paper, the model alone, has no bound and leaves up to {worst['paper'][0]:.2g} times the "
+            f"tolerance ({worst['paper'][1]})."
+        ),
+        table=Table(
+            (
+                *("clip", "profile", "bits a vertex and frame", "largest error over the tolerance", "KG error [%]"),
+                *("normals, mean angle [degrees]", "normals, 99 % within [degrees]", "edge difference (STED)"),
+            ),
+            tuple(rows),
+        ),
+        draw=draw,
+        size=(10.5, 4.4),
+        consequence=(
+            "auto takes whatever is cheapest at the bound, and corrects single vertices where no model holds; profile "
+            "paper is for comparison and says in its report what error it leaves."
+        ),
+        shows_table=True,
+    )
+
+
+UNBROKEN = "auto, one spline"
+"""What profile auto was before splines were broken at jumps: the spline through all frames as they are decoded."""
+
+
+def between_figure(side: int, samples: int) -> Figure:
+    """One vertex over time through an impact and through a jump, at so many times."""
+    frames, vertex = 24, side * side // 2
+    clips = {"fast impact": (impact(side, frames), 1), "teleporting": (teleport(side, frames), 0)}
+    colours = {UNBROKEN: GREEN, **{profile: colour for profile, (_, colour) in PROFILES.items()}}
+    times: dict[str, Float64Array] = {}
+    found: dict[tuple[str, str], Float64Array] = {}
+    overshoot: dict[tuple[str, str], float] = {}
+    for name, (clip, axis) in clips.items():
+        path = clip.points[:, vertex, axis].astype(np.float64)
+        jump = int(np.abs(np.diff(np.diff(path))).argmax()) + 1
+        at = times[name] = np.linspace(max(0, jump - 5) / FPS, min(frames - 1, jump + 5) / FPS, samples)
+        left = np.minimum(np.floor(at * FPS + 1e-9).astype(int), frames - 2)
+        low, high = np.minimum(path[left], path[left + 1]), np.maximum(path[left], path[left + 1])
+        for profile, (settings, _) in PROFILES.items():
+            with open_animation(encode(clip, settings=settings).data or b"") as animation:
+                found[name, profile] = animation.sample(at)[:, vertex, axis].astype(np.float64)
+                if profile == "auto":
+                    spline = CubicSpline(clip.times, animation.to_array().points[:, vertex, axis].astype(np.float64))
+                    found[name, UNBROKEN] = spline(at)
+        for line in colours:
+            values = found[name, line]
+            overshoot[name, line] = float(np.maximum(values - high, low - values).max() / np.ptp(path))
+    rows: list[tuple[Value, ...]] = [
+        (name, float(t), *(float(found[name, line][i]) for line in colours))
+        for name in clips
+        for i, t in enumerate(times[name])
+    ]
+
+    def draw(canvas: Canvas) -> None:
+        for panel, (name, (clip, axis)) in zip(canvas.subplots(1, 2), clips.items(), strict=True):
+            x = times[name] * FPS
+            inside = np.arange(np.ceil(x[0]), np.floor(x[-1]) + 1).astype(int)
+            shown = clip.points[inside, vertex, axis]
+            for line, colour in colours.items():
+                panel.plot(x, found[name, line], color=colour, linestyle="--" if line == UNBROKEN else "-")
+            panel.plot(inside, shown, "ko", markersize=4)
+            panel.set(title=name, xlabel="frame", ylabel=f"{'xyz'[axis]} of one vertex, sheet of side 1")
+            panel.set_xlim(x[0], x[-1] + 0.4 * (x[-1] - x[0]))
+            ends = [(x[-1], float(found[name, line][-1]), line, colour) for line, colour in colours.items()]
+            label_ends(panel, [*ends, (x[-1], float(shown[-1]), "frames (dots)", "black")])
+
+    return Figure(
+        name="codec-between",
+        title="Between frames, where the motion has a corner or jumps",
+        lesson=(
+            "One spline through all frames leaves the span of its two frames by "
+            f"{overshoot['teleporting', UNBROKEN]:.1%} of a jump. Profile auto finds the jump and ends the spline "
+            f"there: {overshoot['teleporting', 'auto']:.2%}. A corner is no jump: around an impact auto leaves the "
+            f"span by up to {overshoot['fast impact', 'auto']:.1%} of the fall, as before. At the frames themselves "
+            "the bound holds; profile paper misses the frames too, by up to "
+            f"{overshoot['teleporting', 'paper']:.0%} of the jump."
+        ),
+        table=Table(("clip", "time [s]", *colours), tuple(rows)),
+        draw=draw,
+        size=(10.5, 4.2),
+        consequence=(
+            "a jump, that is a step eight times as long as the two on either side of it, is written into the file, and "
+            "motion goes straight across it; the bound is promised at the input's frames and nowhere else, so encode "
+            "at a higher frame rate where impacts matter."
+        ),
+    )
+
+
+def distance_figure(side: int, frames: int, count: int) -> Figure:
+    """The same clip farther and farther from the origin."""
+    offsets = np.geomspace(1.0, 1e7, count)
+    found = [coded(far_away(side, frames, offset), PROFILES["auto"][0]) for offset in offsets.tolist()]
+    bits, errors = np.array([item.bits for item in found]), np.array([item.error for item in found])
+    spacing = np.spacing(offsets.astype(np.float32)).astype(np.float64) / (TOLERANCE * np.sqrt(2.0))
+
+    def draw(canvas: Canvas) -> None:
+        left, right = canvas.subplots(1, 2)
+        for panel, values in ((left, errors), (right, bits)):
+            panel.set(xscale="log", xlabel="distance from the origin, over the clip's size", xlim=(1, 1e7))
+            panel.plot(offsets, values, "o-", color=BLUE)
+        left.set(ylabel="largest error over the bound", ylim=(0, 1.25), title="the bound")
+        mark_failing(left, "fails", above=1.0)
+        right.set(ylabel="bits a vertex and frame", title="what it costs", ylim=(0, 1.35 * bits.max()))
+        beyond = offsets[spacing > 1].min(initial=offsets[-1])
+        for panel in (left, right):
+            panel.axvspan(beyond, 1e7, color=FAILING, zorder=0, linewidth=0)
+        place = (beyond, right.get_ylim()[1])
+        write(right, "float32 coarser\nthan the bound", place, (4, -4), size=8.5, va="top", color=FAILURE)
+
+    return Figure(
+        name="codec-distance",
+        title="Far from the origin",
+        lesson=(
+            f"The bound holds at every distance (largest error {errors.max():.5f} of it). It costs "
+            f"{bits[0]:.2g} bits a vertex and frame near the origin and up to {bits.max():.2g} "
+            "where the spacing of float32 comes near the bound: the input itself is a staircase there, and its steps "
+            "are what is encoded. Farther out few steps are left to encode."
+        ),
+        table=Table.from_columns(
+            {
+                "distance over size": offsets,
+                "bits a vertex and frame": bits,
+                "largest error over the bound": errors,
+                "float32 spacing over the bound": spacing,
+            }
+        ),
+        draw=draw,
+        size=(10.0, 4.0),
+        consequence=(
+            "the last bits of float32 are budgeted in the bound; move a clip to the origin before encoding where you "
+            "can."
+        ),
+    )
+
+
+def codec_section(*, quick: bool) -> Section:
+    """Every figure of the codec; `quick` takes smaller clips, and fewer of them."""
+    side, frames = (8, 16) if quick else (28, 36)
+    return Section(
+        "The codec",
+        f"Clips of {side * side} vertices and {frames} frames, at a tolerance of 1e-3 of frame 0's diagonal. Rates "
+        "leave connectivity out.",
+        (
+            stress_figure(side, frames),
+            between_figure(side, 101 if quick else 601),
+            distance_figure(side, frames, 3 if quick else 8),
+        ),
+    )

@@ -1,0 +1,339 @@
+"""The section on simulation, its extremes: mass ratios, long chains, stiffness, fine sheets, fast particles; and error
+against time.
+
+Each is run with one budget, spent in three ways: PBD's and XPBD's iterations in one long step, or XPBD's short steps of
+one iteration (Macklin et al. 2019); and where the library has a better way, that one too.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pdecodec.mesh.sequence import Float64Array
+from pdecodec.report.charts.drawing import BLUE, GREEN, GREY, ORANGE, mark_failing, write
+from pdecodec.report.charts.figure import Canvas, Figure, Table, Value
+from pdecodec.simulate import Solver, System, build
+from pdecodec.simulate.constraints import Method
+from pdecodec.simulate.distance import ChainConstraints, DistanceConstraints
+from pdecodec.simulate.surroundings import Ground, Sphere
+from pdecodec.simulate.system import STANDARD_GRAVITY
+
+FRAME = 1.0 / 60
+"""Of the chains, in seconds: what a game has."""
+
+SWEEPS = 20
+"""Sweeps over all constraints in a frame, whichever way they are spent."""
+
+FAILS = 0.1
+"""Stretch, over the length, from which on a thing that should not stretch has failed."""
+
+STIFF_FAILS = 0.5
+"""The same of a stretch that the material asks for, over it: wrong by half."""
+
+LEAST = 2e-7
+"""Where what is less is drawn."""
+
+
+class Way(NamedTuple):
+    """One way to spend the sweeps of a frame: constraints one by one, or each chain as a whole."""
+
+    method: Method
+    substeps: int
+    iterations: int
+    is_whole: bool
+    colour: str
+
+
+PBD, ITERATED, SMALL, WHOLE = (
+    f"PBD, {SWEEPS} iterations",
+    f"XPBD, {SWEEPS} iterations",
+    f"XPBD, {SWEEPS} small steps",
+    f"XPBD, {SWEEPS} small steps, chain as a whole",
+)
+
+WAYS: dict[str, Way] = {
+    PBD: Way("pbd", 1, SWEEPS, False, GREY),
+    ITERATED: Way("xpbd", 1, SWEEPS, False, ORANGE),
+    SMALL: Way("xpbd", SWEEPS, 1, False, GREEN),
+    WHOLE: Way("xpbd", SWEEPS, 1, True, BLUE),
+}
+
+
+def hanging_stretch(
+    way: Way, *, links: int = 12, mass_ratio: float = 1.0, stiffness: float = math.inf, seconds: float = 3.0
+) -> float:
+    """Mean stretch over the length of a chain of 1 m that has hung, with much drag, for some seconds.
+
+    Its links weigh 1 kg together, and a weight of `mass_ratio` times a particle's mass hangs at its end; `stiffness` is
+    that of the whole chain [N/m], infinite where it must not stretch. Infinite where the simulation ran off.
+    """
+    positions = np.zeros((links + 1, 3))
+    positions[:, 1] = -np.linspace(0.0, 1.0, links + 1)
+    inverse = np.full(links + 1, float(links))
+    inverse[-1] /= mass_ratio
+    inverse[0] = 0.0
+    compliance = 1.0 / (stiffness * links)
+    chain: ChainConstraints
+    if way.is_whole:
+        chain = ChainConstraints.from_positions(positions, np.arange(links + 1)[None], compliance=compliance)
+    else:
+        pairs = np.stack([np.arange(links), np.arange(1, links + 1)], axis=1)
+        chain = DistanceConstraints.from_positions(positions, pairs, compliance=compliance)
+    system = System(positions=positions, inverse_masses=inverse, constraints=(chain,), drag=6.0)
+    solver = Solver(system, substep=FRAME / way.substeps, iterations=way.iterations, method=way.method)
+    with np.errstate(all="ignore"):
+        solver.advance(round(seconds / FRAME) * way.substeps)
+    stretch = float((chain.lengths_at(solver.positions) - chain.lengths).sum())
+    return stretch if math.isfinite(stretch) else math.inf
+
+
+def material_stretch(links: int, stiffness: float) -> float:
+    """What the weight of a chain of 1 kg and 1 m makes of it, over its length."""
+    carried = STANDARD_GRAVITY / links * np.arange(links, 0, -1)
+    return float((carried / (stiffness * links)).sum())
+
+
+def sheet_stretch(way: Way, columns: int) -> float:
+    """Largest stretch of an edge along the columns of a cloth that hung for a second by two corners."""
+    scene = build("cloth", columns=columns, rows=columns)
+    points = (
+        scene.simulate(frames=25, substeps=way.substeps, iterations=way.iterations, method=way.method)
+        .to_array()
+        .points.astype(np.float64)
+    )
+    grid = points.reshape(len(points), columns, columns, 3)
+    lengths = np.linalg.norm(np.diff(grid, axis=1), axis=-1)
+    return float((lengths[-1] / lengths[0]).max() - 1.0)
+
+
+def extremes_figure(*, quick: bool) -> Figure:
+    """Mass ratios, links, stiffness and the resolution of a sheet, one at a time."""
+    ratios = np.geomspace(1.0, 1e6, 4 if quick else 7)
+    links = np.array([10, 100] if quick else [10, 30, 100, 300, 1000])
+    stiffness = np.geomspace(1e2, 1e12, 3 if quick else 11)
+    columns = np.array([6, 12] if quick else [8, 16, 32, 48])
+    panels: dict[str, tuple[Float64Array, dict[str, list[float]]]] = {
+        "weight at the end, over a particle's": (
+            ratios,
+            {name: [hanging_stretch(way, mass_ratio=r) for r in ratios.tolist()] for name, way in WAYS.items()},
+        ),
+        "links of the chain": (
+            links.astype(np.float64),
+            {name: [hanging_stretch(way, links=n, seconds=2.0) for n in links.tolist()] for name, way in WAYS.items()},
+        ),
+        "stiffness of the chain [N/m]": (
+            stiffness,
+            {
+                name: [
+                    abs(hanging_stretch(way, stiffness=k) / material_stretch(12, k) - 1.0) for k in stiffness.tolist()
+                ]
+                for name, way in WAYS.items()
+            },
+        ),
+        "columns of a hanging cloth": (
+            columns.astype(np.float64),
+            {name: [sheet_stretch(WAYS[name], n) for n in columns.tolist()] for name in (PBD, ITERATED, SMALL)},
+        ),
+    }
+    mass, chain, stiff, sheet = (lines for _, lines in panels.values())
+
+    def draw(canvas: Canvas) -> None:
+        for panel, (what, (x, lines)) in zip(canvas.subplots(2, 2).ravel(), panels.items(), strict=True):
+            is_stiff = lines is stiff
+            top = 1e12 if is_stiff else 1e3
+            panel.set(xscale="log", yscale="log", xlabel=what, xlim=(x[0], x[-1]), ylim=(1e-7, top))
+            panel.set_ylabel("stretch over the material's, less 1" if is_stiff else "stretch over the length")
+            for name, values in lines.items():
+                panel.plot(x, np.maximum(values, LEAST), "o-", color=WAYS[name].colour)
+            text = "fails: wrong by half" if is_stiff else "fails: stretched by a tenth"
+            mark_failing(panel, text, above=STIFF_FAILS if is_stiff else FAILS)
+            if x.size < 6:
+                panel.set_xticks(x, [f"{value:g}" for value in x])
+                panel.minorticks_off()
+        canvas.legend(
+            handles=[_line(way.colour, name) for name, way in WAYS.items()], loc="outside upper center", ncols=2
+        )
+
+    rows: list[tuple[Value, ...]] = [
+        (what, float(value), name, float(values[i]))
+        for what, (x, lines) in panels.items()
+        for i, value in enumerate(x)
+        for name, values in lines.items()
+    ]
+    return Figure(
+        name="simulation-extremes",
+        title="Heavy weights, long chains, stiff links, fine sheets",
+        lesson=(
+            f"One budget of {SWEEPS} sweeps a frame. A chain that should not stretch stretches by "
+            f"{mass[ITERATED][-1]:.1g} of its length under a weight of a million times its particles' mass with "
+            f"iterations, by {mass[SMALL][-1]:.1g} with small steps, and by {abs(mass[WHOLE][-1]):.1g} solved as a "
+            f"whole. With {links[-1]} links it is {chain[ITERATED][-1]:.1g}, {chain[SMALL][-1]:.1g} and "
+            f"{chain[WHOLE][-1]:.1g}: Gauss-Seidel carries a pull one link a sweep. Of the stretch that a material of "
+            f"{stiffness[-1]:.0e} N/m asks for, {material_stretch(12, float(stiffness[-1])):.0e}, small steps are off "
+            f"by {stiff[SMALL][-1]:.1g} times and the whole chain by {stiff[WHOLE][-1]:.1g}: XPBD with few sweeps is "
+            f"too soft, whatever it is told. A cloth of {columns[-1]} columns stretches by "
+            f"{sheet[ITERATED][-1]:.2g} with iterations and {sheet[SMALL][-1]:.2g} with small steps. Nothing here runs "
+            "off: what fails, fails by stretching. Less than 2e-7 is drawn there."
+        ),
+        table=Table(("swept", "value", "way", "stretch, or error of the material's stretch"), tuple(rows)),
+        draw=draw,
+        size=(10.5, 7.4),
+        consequence="its scenes take small steps, and solve chains as a whole; a scene says how many substeps it "
+        "wants, and finer ones want more.",
+    )
+
+
+def _line(colour: str, name: str) -> Any:
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], color=colour, marker="o", label=name)
+
+
+RADIUS = 0.1
+"""Of the ball that particles are thrown at [m]."""
+
+
+def passes_through(speed: float, substep: float, *, through: str) -> float:
+    """Share of 21 particles thrown straight down at a ball, or at the ground, that end beyond it.
+
+    `speed` [m/s], `substep` [s]; `through` is "ball" or "ground". They start at heights that differ by parts of a step,
+    so that no start is lucky.
+    """
+    count = 21
+    positions = np.zeros((count, 3))
+    positions[:, 1] = RADIUS + 0.5 + speed * substep * np.arange(count) / count
+    collider = Sphere(center=(0.0, 0.0, 0.0), radius=RADIUS) if through == "ball" else Ground(height=0.0)
+    system = System(
+        positions=positions,
+        inverse_masses=np.ones(count),
+        velocities=np.tile([0.0, -speed, 0.0], (count, 1)),
+        colliders=(collider,),
+        gravity=0.0,
+    )
+    solver = Solver(system, substep=substep)
+    solver.advance(math.ceil((positions[:, 1].max() + 4 * RADIUS) / (speed * substep)))
+    return float((solver.positions[:, 1] < -1e-9).mean())
+
+
+def tunnelling_figure(*, quick: bool) -> Figure:
+    """Particles thrown at a ball, over speed and step."""
+    speeds = np.geomspace(1.0, 1000.0, 7 if quick else 25)
+    steps = FRAME / np.array([1, 2, 5, 10, 20, 50])
+    found = np.array([[passes_through(v, h, through="ball") for v in speeds.tolist()] for h in steps.tolist()])
+    ground = max(passes_through(v, h, through="ground") for v in speeds.tolist() for h in steps.tolist())
+
+    def draw(canvas: Canvas) -> None:
+        panel = canvas.subplots()
+        image = panel.pcolormesh(speeds, steps * 1e3, found, cmap="Oranges", vmin=0, vmax=1, shading="nearest")
+        panel.plot(2 * RADIUS / steps, steps * 1e3, color="black", linewidth=1.2)
+        panel.set(xscale="log", yscale="log", xlabel="speed [m/s]", ylabel="substep [ms]", xlim=(1, 1000))
+        panel.set_yticks(steps * 1e3, [f"{value:.2g}" for value in steps * 1e3])
+        panel.minorticks_off()
+        panel.grid(False)
+        write(panel, "line: a step is as\nlong as the ball is thick", (1.3, 0.45), size=8.5)
+        write(panel, "fails: passes unseen", (120.0, 12.0), size=9.5, color="white", weight="bold")
+        bar = canvas.colorbar(image, ax=panel)
+        bar.set_label("share of particles that pass through the ball")
+
+    return Figure(
+        name="simulation-tunnelling",
+        title="Fast particles against a ball",
+        lesson=(
+            "Contacts are looked for where a particle ends a substep. A ball of "
+            f"{2 * RADIUS:g} m is missed by some as soon as a substep is longer than the ball is thick on their way, "
+            f"and by {found[0, -1]:.0%} at {speeds[-1]:g} m/s and 60 substeps a second. Particles that end in its far "
+            "half come out behind it, too, so that it is passed at half that length already. The ground, which is a "
+            f"half space, is passed by {ground:.0%} at any speed and step."
+        ),
+        table=Table(
+            ("substep [s]", "speed [m/s]", "share through the ball"),
+            tuple((float(h), float(v), float(found[i, j])) for i, h in enumerate(steps) for j, v in enumerate(speeds)),
+        ),
+        draw=draw,
+        size=(9.0, 4.2),
+        consequence="its scenes meet the ground and balls at speeds of some metres a second with substeps of "
+        "milliseconds; there is no continuous collision detection.",
+    )
+
+
+def cloth_error(
+    frames: int, side: int, settings: Sequence[tuple[int, int, Method]], reference: int
+) -> list[tuple[float, float]]:
+    """CPU seconds and root mean square error over the diagonal, of a cloth simulated with each number of substeps and
+    iterations, against one with `reference` substeps of one iteration.
+    """
+    scene = build("cloth", columns=side, rows=side)
+    wanted = scene.simulate(frames=frames, substeps=reference).to_array().points.astype(np.float64)
+    diagonal = float(np.linalg.norm(np.ptp(wanted[0], axis=0)))
+    found = []
+    for substeps, iterations, method in settings:
+        started = time.process_time()
+        clip = scene.simulate(frames=frames, substeps=substeps, iterations=iterations, method=method).to_array()
+        seconds = time.process_time() - started
+        left = float(np.sqrt(((clip.points - wanted) ** 2).sum(axis=-1).mean())) / diagonal
+        found.append((seconds, left))
+    return found
+
+
+ITERATIONS = {1: BLUE, 4: GREEN, 20: ORANGE}
+"""Iterations a substep, and the colour of each."""
+
+MOST_SWEEPS = 320
+"""Substeps times iterations that are tried."""
+
+
+def accuracy_figure(*, quick: bool) -> Figure:
+    """Error of XPBD against the CPU time that it takes."""
+    frames, side, reference = (9, 8, 160) if quick else (25, 20, 1280)
+    counts = [1, 5, 20, 80, 320]
+    tried: list[tuple[int, int, Method]] = [
+        (substeps, iterations, "xpbd")
+        for iterations in ITERATIONS
+        for substeps in counts
+        if substeps * iterations <= MOST_SWEEPS
+    ]
+    tried += [(substeps, 1, "pbd") for substeps in counts]
+    measured = dict(zip(tried, cloth_error(frames, side, tried, reference), strict=True))
+    names = {(n, "xpbd"): f"XPBD, {n} iteration{'s' * (n > 1)} a substep" for n in ITERATIONS} | {(1, "pbd"): "PBD"}
+    colours = {**{(n, "xpbd"): colour for n, colour in ITERATIONS.items()}, (1, "pbd"): GREY}
+
+    def draw(canvas: Canvas) -> None:
+        left, right = canvas.subplots(1, 2, sharey=True)
+        for key, name in names.items():
+            points = [(s, *measured[s, i, m]) for s, i, m in tried if (i, m) == key]
+            substeps, seconds, errors = (list(values) for values in zip(*points, strict=True))
+            left.plot([s * key[0] for s in substeps], errors, "o-", color=colours[key])
+            right.plot(seconds, errors, "o-", color=colours[key], label=name)
+        left.set(xscale="log", yscale="log", xlabel="sweeps a frame (substeps x iterations)")
+        left.set_ylabel("rms error over the cloth's diagonal")
+        right.set(xscale="log", xlabel=f"CPU time of {frames} frames [s]")
+        right.legend(loc="lower left")
+
+    spread, piled = measured[20, 1, "xpbd"][1], measured[1, 20, "xpbd"][1]
+    finest = measured[counts[-1], 1, "xpbd"]
+    sweeps = frames * side * side
+    return Figure(
+        name="simulation-accuracy",
+        title="XPBD's error against its time",
+        lesson=(
+            f"A cloth of {side * side} particles, {frames} frames, against {reference} substeps a frame. Twenty "
+            f"sweeps a frame as 20 substeps of one iteration leave {spread:.2g} of the diagonal, as one substep of 20 "
+            f"iterations {piled:.2g}, {piled / spread:.1f} times as much: small steps pay, as Macklin et al. 2019 "
+            f"found. {counts[-1]} substeps leave {finest[1]:.1g} in {finest[0]:.2g} s. PBD goes to another motion "
+            f"altogether ({measured[counts[-1], 1, 'pbd'][1]:.2g}): its stiffness is that of its settings. A sweep "
+            f"takes {1e6 * finest[0] / (counts[-1] * sweeps):.2g} microseconds a particle here; pyPBD, the simulator "
+            "that the paper used, was measured once at 0.11 microseconds a constraint, six constraints a particle."
+        ),
+        table=Table(
+            ("method", "substeps a frame", "iterations", "CPU time [s]", "rms error over the diagonal"),
+            tuple((method, s, n, *measured[s, n, method]) for s, n, method in tried),
+        ),
+        draw=draw,
+        size=(10.5, 4.4),
+        consequence="one iteration and as many substeps as a scene wants are the default.",
+    )

@@ -1,0 +1,198 @@
+"""The player: the decoder as WebAssembly, in Node."""
+
+from __future__ import annotations
+
+import gzip
+import importlib.util
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import pdecodec
+from core.bindings.wasm import build
+from pdecodec import Animation, encode, open_animation
+from spec.decoder import animation as independent
+from tests.support.decoders import assert_close
+from tests.support.remote_server import serving
+
+ROOT = Path(__file__).resolve().parents[2]
+PLAYER = ROOT / "player"
+VECTORS = ROOT / "spec" / "vectors"
+MANIFEST: dict[str, dict[str, dict[str, Any]]] = json.loads((VECTORS / "manifest.json").read_text("utf-8"))
+
+MOST_BYTES = 200_000
+"""Of the module, compressed by gzip."""
+
+
+def decode_in_node(jobs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """What the player makes of files, by ``tests/browser/decode.mjs``."""
+    if shutil.which("node") is None:
+        pytest.skip("node is not here")
+    command = ["node", str(ROOT / "tests" / "browser" / "decode.mjs")]
+    done = subprocess.run(command, input=json.dumps(jobs), capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    found: list[dict[str, Any]] = json.loads(done.stdout)
+    return found
+
+
+def points(numbers: list[float]) -> NDArray[np.float32]:
+    return np.array(numbers, np.float64).astype(np.float32).reshape(-1, 3)
+
+
+def times_of(times: NDArray[np.float64]) -> list[float]:
+    """Frames, times between them, and one after the last."""
+    between = times[:-1] + 0.37 * np.diff(times)
+    return [float(time) for time in (*times[:8], *between[:8], times[-1], times[-1] + 1.0)]
+
+
+@pytest.fixture(scope="module")
+def accepted() -> dict[str, dict[str, Any]]:
+    """What the player makes of the accepted vectors, each with the times that it was asked for."""
+    jobs = []
+    for name in MANIFEST["accept"]:
+        path = VECTORS / "accept" / f"{name}.pdeanim"
+        with open_animation(path) as animation:
+            jobs.append({"path": str(path), "times": times_of(animation.times)})
+    found = decode_in_node(jobs)
+    return {
+        name: {"asked": job["times"]} | result
+        for name, job, result in zip(MANIFEST["accept"], jobs, found, strict=True)
+    }
+
+
+@pytest.mark.parametrize("name", MANIFEST["accept"])
+def test_positions_are_within_the_margin_of_the_specification(accepted: dict[str, Any], name: str) -> None:
+    found = accepted[name]
+    assert "error" not in found, found
+    with open_animation(VECTORS / "accept" / f"{name}.pdeanim") as animation:
+        assert (found["times"], found["frameRate"]) == (animation.times.tolist(), animation.fps)
+        plain = independent.decode_runs((VECTORS / "accept" / f"{name}.pdeanim").read_bytes())
+        for time, here in zip(found["asked"], found["at"], strict=True):
+            other = independent.run_at(plain, time)
+            if min(time, other.times[-1]) in other.times:
+                assert_close(points(here["positions"]), other, min(time, other.times[-1]))
+                continue
+            # Between frames the corrections of both are added, each sum rounded.
+            expected = animation.positions(time)
+            margin = 2 * other.motion.margin(time) + 2 * np.spacing(np.abs(expected))
+            assert (np.abs(points(here["positions"]) - expected) <= margin).all(), time
+
+
+@pytest.mark.parametrize("name", MANIFEST["accept"])
+def test_velocities_and_accelerations_are_those_of_the_library(accepted: dict[str, Any], name: str) -> None:
+    with open_animation(VECTORS / "accept" / f"{name}.pdeanim") as animation:
+        for time, here in zip(accepted[name]["asked"], accepted[name]["at"], strict=True):
+            run = animation.run_at(time)
+            assert isinstance(run, Animation)
+            for quantity in ("velocities", "accelerations"):
+                expected = getattr(run, quantity)(time)
+                scale = np.abs(expected).max() + 1.0
+                assert np.abs(points(here[quantity]) - expected).max() <= 1e-5 * scale, (quantity, time)
+
+
+@pytest.mark.parametrize("name", MANIFEST["accept"])
+def test_meshes_and_attributes_are_those_of_the_library(accepted: dict[str, Any], name: str) -> None:
+    with open_animation(VECTORS / "accept" / f"{name}.pdeanim") as animation:
+        for meshes, run in zip(accepted[name]["runs"], animation.runs, strict=True):
+            assert isinstance(run, Animation)
+            for mesh, item in zip(meshes, run.objects, strict=True):
+                own = item.connectivity
+                assert (mesh["name"], mesh["vertices"]) == (item.name, item.vertex_count)
+                assert (mesh["faceSizes"], mesh["faceIndices"]) == (own.face_counts.tolist(), own.face_indices.tolist())
+                assert (mesh["lineSizes"], mesh["lineIndices"]) == (own.line_counts.tolist(), own.line_indices.tolist())
+                for found, attribute in zip(mesh["attributes"], item.attributes, strict=True):
+                    assert found["name"] == attribute.name
+                    assert tuple(found["labels"]) == attribute.labels
+                    values = np.array(found["values"], np.float64)
+                    assert np.array_equal(values, attribute.values.astype(np.float64).ravel())
+                    indices = None if attribute.indices is None else attribute.indices.tolist()
+                    assert found["indices"] == indices
+
+
+def test_refused_vectors_end_in_the_pinned_error() -> None:
+    expected = MANIFEST["reject"]
+    jobs = [{"path": str(VECTORS / "reject" / f"{name}.pdeanim"), "times": []} for name in expected]
+    for name, found in zip(expected, decode_in_node(jobs), strict=True):
+        if expected[name].get("section") == "META":
+            assert "error" not in found, "the player leaves remarks unread, as a decoder may"
+        else:
+            assert found.get("code") == expected[name]["error"], (name, found.get("error"))
+            assert found["error"]
+
+
+def test_a_file_at_an_address_is_read_group_by_group(tmp_path: Path) -> None:
+    clip = moving_points(frames=400, vertices=600)
+    path = tmp_path / "long.pdeanim"
+    encode(clip, path, tolerance=1e-6, group_frames=20)
+    with open_animation(path) as animation, serving(tmp_path) as server:
+        assert path.stat().st_size > 6 * 65536, "long enough for parts"
+        (found,) = decode_in_node([{"address": f"{server.address}/long.pdeanim", "times": [0.0]}])
+        assert "error" not in found, found
+        assert np.abs(points(found["at"][0]["positions"]) - animation.positions(0.0)).max() <= 1e-6
+        assert server.bytes_given < path.stat().st_size / 2
+        (missing,) = decode_in_node([{"address": f"{server.address}/none.pdeanim", "times": []}])
+    assert "answers 404" in missing["error"]
+    assert missing["code"] == "read-failed"
+
+
+def moving_points(*, frames: int, vertices: int) -> pdecodec.ArraySequence:
+    """Noise that no model foretells: it takes bytes."""
+    random = np.random.default_rng(1)
+    steps = random.normal(size=(frames, vertices, 3)).astype(np.float32)
+    return pdecodec.ArraySequence(steps, times=np.arange(frames) / 24)
+
+
+def test_the_module_is_small_enough_to_be_fetched_in_a_moment() -> None:
+    assert len(gzip.compress((PLAYER / "pdeanim.wasm").read_bytes(), 9)) <= MOST_BYTES
+
+
+def test_the_module_is_built_from_the_sources_that_are_here() -> None:
+    made = build.built_from((PLAYER / "pdeanim.wasm").read_bytes())
+    assert made["sources"] == build.digest(), "the core has changed: make wasm"
+
+
+def test_building_again_gives_the_same_module(tmp_path: Path) -> None:
+    made = build.built_from((PLAYER / "pdeanim.wasm").read_bytes())
+    if importlib.util.find_spec("ziglang") is None or build.version("ziglang") != made["ziglang"]:
+        pytest.skip(f"the package ziglang {made['ziglang']} is not here")
+    if build.binaryen_version() != made["binaryen"]:
+        pytest.skip(f"Binaryen {made['binaryen']} is not here: make wasm")
+    build.build(tmp_path / "again.wasm")
+    assert (tmp_path / "again.wasm").read_bytes() == (PLAYER / "pdeanim.wasm").read_bytes()
+
+
+def test_the_types_name_what_the_scripts_have() -> None:
+    script = """
+        const modules = {};
+        for (const name of ["pdeanim", "mesh", "gpu", "webgpu"]) {
+          modules[name] = await import(`./player/${name}.js`);
+        }
+        const found = {};
+        for (const [name, module] of Object.entries(modules)) {
+          found[name] = Object.keys(module);
+          for (const value of Object.values(module)) {
+            if (!value.prototype || !/^class/.test(value)) continue;
+            found[name].push(...Object.getOwnPropertyNames(value.prototype));
+          }
+        }
+        console.log(JSON.stringify(found));
+    """
+    if shutil.which("node") is None:
+        pytest.skip("node is not here")
+    command = ["node", "--input-type=module", "-e", script]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=120)
+    for name, members in json.loads(done.stdout).items():
+        types = (PLAYER / f"{name}.d.ts").read_text("utf-8")
+        if "extends GroupedMotion" in types:
+            types += (PLAYER / "motion.d.ts").read_text("utf-8")
+        own = {member for member in members if not member.startswith("_")}
+        missing = {member for member in own if not re.search(rf"\b{member}\b", types)}
+        assert not missing, (name, missing)

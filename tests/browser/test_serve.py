@@ -1,0 +1,116 @@
+"""`pdecodec serve`: a local page that lists the files of a folder and plays them."""
+
+from __future__ import annotations
+
+import http.client
+import shutil
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdecodec import open_animation
+from pdecodec.cli.main import run
+from pdecodec.report.viewer.serve import FolderServer
+from tests.support.driven_browser import browsing
+
+VECTORS = Path(__file__).resolve().parents[2] / "spec" / "vectors" / "accept"
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FolderServer]:
+    """Of a folder with two files, one in a folder below, a file beside them and a link out of it."""
+    root: Path = tmp_path_factory.mktemp("served")
+    folder = root / "clips"
+    (folder / "more <i>").mkdir(parents=True)
+    shutil.copy(VECTORS / "groups.pdeanim", folder / "groups.pdeanim")
+    shutil.copy(VECTORS / "several_objects.pdeanim", folder / "more <i>" / "a#b.pdeanim")
+    shutil.copy(VECTORS / "lines.pdeanim", root / "outside.pdeanim")
+    (folder / "link.pdeanim").symlink_to(root / "outside.pdeanim")
+    (folder / "secret.txt").write_text("no animation")
+    with FolderServer(folder) as opened:
+        thread = threading.Thread(target=opened.serve_forever)
+        thread.start()
+        yield opened
+        opened.shutdown()
+        thread.join()
+
+
+def asked(server: FolderServer, path: str, method: str = "GET", **headers: str) -> tuple[int, bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=30)
+    connection.request(method, path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+    answer = connection.getresponse()
+    found = answer.status, answer.read()
+    connection.close()
+    return found
+
+
+def test_files_are_listed_and_given_whole_or_in_parts(server: FolderServer) -> None:
+    assert [name for name, _ in server.files()] == ["groups.pdeanim", "more <i>/a#b.pdeanim"]
+    data = (VECTORS / "groups.pdeanim").read_bytes()
+    assert asked(server, "/file/groups.pdeanim") == (200, data)
+    assert asked(server, "/file/groups.pdeanim", Range="bytes=10-19") == (206, data[10:20])
+    assert asked(server, "/file/groups.pdeanim", Range=f"bytes={len(data) - 3}-") == (206, data[-3:])
+    assert asked(server, "/file/groups.pdeanim", Range=f"bytes={len(data)}-")[0] == 416
+    assert asked(server, "/file/groups.pdeanim", method="HEAD") == (200, b"")
+    assert asked(server, "/file/more%20%3Ci%3E/a%23b.pdeanim")[0] == 200
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/file/../outside.pdeanim",
+        "/file/%2e%2e/outside.pdeanim",
+        "/file/..%2foutside.pdeanim",
+        "/file//etc/passwd",
+        "/file/link.pdeanim",
+        "/file/secret.txt",
+        "/file/none.pdeanim",
+        "/file/a%00.pdeanim",
+        "/view/secret.txt",
+        "/other/groups.pdeanim",
+    ],
+)
+def test_nothing_but_files_of_the_folder_is_given(server: FolderServer, path: str) -> None:
+    assert asked(server, path)[0] == 404
+
+
+def test_a_browser_that_asks_for_an_icon_logs_no_error(server: FolderServer) -> None:
+    assert asked(server, "/favicon.ico") == (204, b"")
+
+
+def test_other_hosts_and_other_methods_are_refused(server: FolderServer) -> None:
+    assert server.server_address[0] == "127.0.0.1"
+    assert asked(server, "/", Host="evil.example")[0] == 403
+    assert asked(server, "/", Host=f"localhost:{server.server_port}")[0] == 200
+    for method in ("POST", "PUT", "DELETE"):
+        assert asked(server, "/file/groups.pdeanim", method=method)[0] == 501
+
+
+def test_the_list_has_pictures_and_its_pages_play(server: FolderServer, tmp_path: Path) -> None:
+    with browsing(tmp_path / "profile") as browser:
+        browser.open(server.address)
+        drawn = (
+            "const list = await pdeanimList; await new Promise((next) => setTimeout(next, 500)); await list.last;"
+            "return [...document.querySelectorAll('canvas')].map((canvas) => new Set(canvas.getContext('2d')"
+            ".getImageData(0, 0, canvas.width, canvas.height).data).size)"
+        )
+        colours = browser.run(drawn)
+        assert len(colours) == 2
+        assert min(colours) > 5, "something is drawn"
+        assert "more <i>/a#b.pdeanim" in browser.run("return document.body.innerText")
+        addresses = browser.run("return [...document.querySelectorAll('a')].map((link) => link.href)")
+        browser.open(addresses[1])
+        browser.run("await pdeanimView.ready")
+        found = browser.run("return pdeanimView.readPositions(0.1).positions")
+        with open_animation(VECTORS / "several_objects.pdeanim") as animation:
+            expected = animation.positions(0.1)
+        assert np.abs(np.reshape(found, (-1, 3)) - expected).max() <= 1e-5 * (1 + np.abs(expected).max())
+        assert browser.errors() == []
+
+
+def test_what_is_no_folder_is_said_in_a_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert run(["serve", str(tmp_path / "none")]) == 3
+    assert "is no folder" in capsys.readouterr().err

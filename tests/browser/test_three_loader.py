@@ -1,0 +1,401 @@
+"""The player's loader for three.js, and its npm package."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdecodec import encode, open_animation
+from spec.accepted import with_attributes
+from tests.browser.test_view import GPU_MARGIN, two_sheets
+from tests.support.browser_tools import node_modules
+from tests.support.driven_browser import Browser, browsing
+from tests.support.remote_server import serving
+
+ROOT = Path(__file__).resolve().parents[2]
+PLAYER = ROOT / "player"
+
+
+def npm(*arguments: str | Path, folder: Path) -> str:
+    if shutil.which("npm") is None:
+        pytest.skip("npm is not here")
+    command = ["npm", *map(str, arguments)]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def three() -> Path:
+    """The folder of three.js."""
+    folder = node_modules() / "three"
+    if not folder.is_dir():
+        pytest.skip("three.js is not here; npm install --prefix tests/browser")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def site(three: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the packed and unpacked player, and three.js, in node_modules."""
+    folder: Path = tmp_path_factory.mktemp("site")
+    modules = folder / "node_modules"
+    modules.mkdir()
+    packed = json.loads(npm("pack", "--json", "--pack-destination", folder, folder=PLAYER))[0]
+    names = {item["path"] for item in packed["files"]}
+    assert {"pdeanim.wasm", "pdeanim.js", "pdeanim.d.ts", "three.js", "README.md", "LICENSE"} <= names
+    assert not {name for name in names if "__init__" in name or name.startswith("view/")}
+    shutil.unpack_archive(folder / packed["filename"], modules, "gztar")
+    (modules / "package").rename(modules / "pdeanim")
+    (modules / "three").symlink_to(three)
+    return folder
+
+
+def loaded(site: Path, path: Path, *times: float) -> dict[str, Any]:
+    script = site / "load.mjs"
+    text = (ROOT / "tests" / "browser" / "three_loader.mjs").read_text("utf-8")
+    script.write_text(text.replace("../../player/three.js", "pdeanim/three"))
+    done = subprocess.run(
+        ["node", script, path, *map(str, times)], capture_output=True, text=True, check=False, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def test_three_has_a_mesh_of_each_object_where_the_library_has_it(site: Path, tmp_path: Path) -> None:
+    path = tmp_path / "sheets.pdeanim"
+    encode(two_sheets(), path, tolerance=1e-4)
+    times = [0.0, 0.43, 9.0]
+    result = loaded(site, path, *times)
+    with open_animation(path) as animation:
+        assert result["duration"] == pytest.approx(animation.times[-1])
+        for time, meshes in zip(times, result["found"], strict=True):
+            assert [mesh["name"] for mesh in meshes] == [item.name for item in animation.objects]
+            expected = np.split(animation.positions(min(time, float(animation.times[-1]))), 2)
+            for mesh, points in zip(meshes, expected, strict=True):
+                assert (mesh["type"], mesh["material"], mesh["uvs"]) == ("Mesh", "MeshStandardMaterial", None)
+                assert np.abs(np.reshape(mesh["points"], (-1, 3)) - points).max() <= 1e-6
+                lengths = np.linalg.norm(np.reshape(mesh["normals"], (-1, 3)), axis=1)
+                assert np.allclose(lengths, 1.0, atol=1e-5)
+                assert len(mesh["index"]) == 2 * 3 * 121
+
+
+def test_three_has_a_vertex_for_each_uv(site: Path, tmp_path: Path) -> None:
+    path = tmp_path / "mapped.pdeanim"
+    encode(with_attributes(), path, tolerance=1e-4)
+    (meshes,) = loaded(site, path, 0.0)["found"]
+    with open_animation(path) as animation:
+        mapped = [item for item in animation.objects if any(own.name.startswith("uv") for own in item.attributes)]
+        assert mapped, "the clip has UVs"
+        for item in mapped:
+            mesh = next(mesh for mesh in meshes if mesh["name"] == item.name)
+            uv = next(own for own in item.attributes if own.name.startswith("uv"))
+            rows = np.unique(np.reshape(mesh["uvs"], (-1, 2)), axis=0)
+            known = {tuple(row) for row in uv.values.astype(float).tolist()} | {(0.0, 0.0)}  # where there is none
+            assert {tuple(row) for row in rows.tolist()} <= known
+            assert len(rows) > 1
+            points = animation.positions(0.0)[np.array(mesh["sources"]) + first_vertex(animation.objects, item)]
+            assert np.abs(np.reshape(mesh["points"], (-1, 3)) - points).max() <= 1e-6
+
+
+@pytest.mark.parametrize(("name", "kind"), [("lines", "LineSegments"), ("points", "Points")])
+def test_lines_and_points_are_drawn_as_such(site: Path, name: str, kind: str) -> None:
+    path = ROOT / "spec" / "vectors" / "accept" / f"{name}.pdeanim"
+    with open_animation(path) as animation:
+        time = float(animation.times[-1])
+        (meshes,) = loaded(site, path, time - float(animation.times[0]))["found"]
+        assert {mesh["type"] for mesh in meshes} == {kind}
+        found = np.concatenate([np.reshape(mesh["points"], (-1, 3)) for mesh in meshes])
+        assert np.abs(found - animation.positions(time)).max() <= 1e-6 * np.abs(found).max()
+        for mesh, item in zip(meshes, animation.objects, strict=True):
+            counts = item.connectivity.line_counts
+            segments = int((counts - 1)[counts > 1].sum())
+            assert mesh["index"] is None if kind == "Points" else len(mesh["index"]) == 2 * segments
+
+
+def first_vertex(objects: Any, wanted: Any) -> int:
+    counts = [item.vertex_count for item in objects]
+    return sum(counts[: [item.name for item in objects].index(wanted.name)])
+
+
+def test_a_typescript_program_is_checked_against_the_types(site: Path, three: Path) -> None:
+    compiler = three.parent / ".bin" / "tsc"
+    if not compiler.exists():
+        pytest.skip("TypeScript is not here; npm install --prefix tests/browser")
+    if not (site / "node_modules" / "@types").exists():
+        (site / "node_modules" / "@types").symlink_to(three.parent / "@types")
+    shutil.copy(ROOT / "tests" / "browser" / "typed.ts", site)
+    options = {"strict": True, "noEmit": True, "target": "es2022", "module": "nodenext", "lib": ["es2022", "dom"]}
+    project = {"compilerOptions": {**options, "types": []}, "files": ["typed.ts"]}
+    (site / "tsconfig.json").write_text(json.dumps(project))
+    done = subprocess.run([compiler, "-p", site], capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stdout
+
+
+PAGE = """<!doctype html>
+{imports}
+<script type="module">
+import * as THREE from "three";
+const renderer = new THREE.WebGLRenderer();
+const scene = new THREE.Scene();
+scene.add(new THREE.AmbientLight());
+const camera = new THREE.PerspectiveCamera(50, 2, 0.1, 100);
+camera.position.set(1, 2, 3);
+camera.lookAt(1, 0, 0);
+{script}
+globalThis.cloth = cloth;
+globalThis.drawn = () => [renderer.info.render.triangles, renderer.info.render.frame];
+</script>
+"""
+
+
+def test_a_fresh_page_follows_the_readme_alone(site: Path, tmp_path: Path) -> None:
+    blocks = (PLAYER / "README.md").read_text("utf-8").split("```")
+    (imports,) = [block.removeprefix("html\n") for block in blocks if block.startswith("html")]
+    (script,) = [block.removeprefix("js\n") for block in blocks if "PDEAnimLoader" in block and block.startswith("js")]
+    script = script.replace('import * as THREE from "three";\n', "")
+    (site / "index.html").write_text(PAGE.replace("{imports}", imports).replace("{script}", script))
+    encode(two_sheets(), site / "cloth.pdeanim", tolerance=1e-4, overwrite=True)
+    served = tmp_path / "served"
+    shutil.copytree(site, served, symlinks=False)
+    with serving(served) as server, browsing(tmp_path / "profile") as browser:
+        browser.open(f"{server.address}/index.html")
+        found = browser.run(
+            "for (let k = 0; k < 600 && !(globalThis.drawn && drawn()[1] > 2); k++)"
+            " await new Promise((next) => setTimeout(next, 50));"
+            " return globalThis.drawn ? drawn() : null"
+        )
+        assert [error for error in browser.errors() if "favicon" not in error] == []
+        assert found[0] == 2 * 2 * 121
+
+
+SCENE = """<!doctype html>
+{imports}
+<script type="module">
+import * as THREE from "{three}";
+import { PDEAnimLoader } from "pdeanim/three";
+{graphics}
+
+renderer.shadowMap.enabled = true;
+const target = new (THREE.WebGLRenderTarget ?? THREE.RenderTarget)(160, 120);
+const camera = new THREE.PerspectiveCamera(50, 4 / 3, 0.1, 100);
+camera.position.set(1, 2.5, 3);
+camera.lookAt(1, 0, 0);
+const light = new THREE.DirectionalLight(0xffffff, 3);
+light.position.set(1, 3, 1);
+light.castShadow = true;
+const floor = new THREE.Mesh(new THREE.PlaneGeometry(8, 8).rotateX(-Math.PI / 2), new THREE.MeshStandardMaterial());
+floor.position.y = -0.6;
+floor.receiveShadow = true;
+// A texture that is flipped when it is uploaded, as pictures are.
+const dots = new THREE.DataTexture(new Uint8Array([90, 160, 220, 255, 220, 160, 90, 255]), 1, 2);
+dots.flipY = true;
+dots.needsUpdate = true;
+floor.material.map = dots;
+
+async function show(clip, seconds) {
+  const scene = new THREE.Scene().add(light, floor, clip);
+  for (const mesh of clip.children) mesh.castShadow = true;
+  renderer.setRenderTarget(target);
+  clip.setTime(seconds);
+  const isKept = renderer.getRenderTarget() === target;
+  renderer.render(scene, camera);
+  return { pixels: [...(await pixelsOf(target, 160, 120))], isKept };
+}
+
+const read = async (attribute) => [...(attribute.array?.length ? attribute.array : await buffered(attribute))];
+
+const meshes = (clip) =>
+  Promise.all(
+    clip.children.map(async ({ name, geometry, userData }) => ({
+      name,
+      points: await read(geometry.attributes.position),
+      normals: await read(geometry.attributes.normal),
+      sources: [...userData.pdeanim.sources],
+    })),
+  );
+
+function box(clip) {
+  const { min, max } = new THREE.Box3().setFromObject(clip);
+  return [min.toArray(), max.toArray()];
+}
+
+function hits(clip, from, to) {
+  const ray = new THREE.Raycaster(new THREE.Vector3(...from), new THREE.Vector3(...to).normalize());
+  clip.updateMatrixWorld();
+  return ray.intersectObject(clip).map(({ point, normal, object }) => [object.name, ...point, ...normal]);
+}
+
+const loadOn = (own, name) => new PDEAnimLoader().setRenderer(own).loadAsync(name);
+Object.assign(globalThis, { renderer, Motion, show, meshes, box, hits, loadOn, error, on: {}, off: {} });
+</script>
+"""
+
+GRAPHICS = {
+    "WebGL": """
+import { GpuMotion as Motion } from "pdeanim/gpu";
+const renderer = new THREE.WebGLRenderer();
+const gl = renderer.getContext();
+globalThis.gl = gl;
+const error = () => gl.getError();
+const pixelsOf = (target, width, height) =>
+  renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height, new Uint8Array(4 * width * height));
+async function buffered({ buffer, count }) {
+  const found = new Float32Array(3 * count);
+  gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+  gl.getBufferSubData(gl.ARRAY_BUFFER, 0, found);
+  gl.bindBuffer(gl.ARRAY_BUFFER, null);
+  return found;
+}
+""",
+    "WebGPU": """
+import { WebGpuMotion as Motion } from "pdeanim/webgpu";
+const renderer = new THREE.WebGPURenderer();
+await renderer.init();
+const { device } = renderer.backend;
+let errors = 0;
+device?.addEventListener("uncapturederror", () => errors++);
+const error = () => errors;
+const pixelsOf = (target, width, height) => renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height);
+async function buffered(attribute) {
+  const size = 12 * attribute.count;
+  const copy = device.createBuffer({ size, usage: GPUBufferUsage.MAP_READ | GPUBufferUsage.COPY_DST });
+  const encoder = device.createCommandEncoder();
+  encoder.copyBufferToBuffer(renderer.backend.get(attribute).buffer, 0, copy, 0, size);
+  device.queue.submit([encoder.finish()]);
+  await copy.mapAsync(GPUMapMode.READ);
+  return new Float32Array(copy.getMappedRange());
+}
+""",
+}
+"""What is one way and another: by the graphics that three.js draws with."""
+
+
+@pytest.fixture(scope="module")
+def clips(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Files by name: sheets in groups of frames, and objects with UVs."""
+    folder: Path = tmp_path_factory.mktemp("clips")
+    encode(two_sheets(), folder / "sheets.pdeanim", tolerance=1e-4, group_frames=9)
+    encode(with_attributes(), folder / "mapped.pdeanim", tolerance=1e-4)
+    return {path.stem: path for path in folder.iterdir()}
+
+
+@pytest.fixture(scope="module", params=GRAPHICS)
+def scene(
+    request: pytest.FixtureRequest, site: Path, clips: dict[str, Path], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Browser]:
+    """A page with a scene of three.js and each clip twice: ``on.NAME`` by the graphics processor, ``off.NAME`` not."""
+    served: Path = tmp_path_factory.mktemp("scene") / "served"
+    shutil.copytree(site, served, symlinks=False)
+    blocks = (PLAYER / "README.md").read_text("utf-8").split("```")
+    (imports,) = [block.removeprefix("html\n") for block in blocks if block.startswith("html")]
+    own = "three/webgpu" if request.param == "WebGPU" else "three"
+    page = SCENE.replace("{imports}", imports).replace("{three}", own).replace("{graphics}", GRAPHICS[request.param])
+    (served / "index.html").write_text(page)
+    for path in clips.values():
+        shutil.copy(path, served)
+    with serving(served) as server, browsing(served.parent / "profile") as browser:
+        browser.open(f"{server.address}/index.html")
+        if request.param == "WebGPU" and not browser.run("return Boolean(await navigator.gpu?.requestAdapter())"):
+            pytest.skip("this browser has no WebGPU")
+        browser.run(
+            "while (!globalThis.loadOn) await new Promise((next) => setTimeout(next, 20));"
+            "for (const name of arguments_) {"
+            " on[name] = await loadOn(renderer, `${name}.pdeanim`);"
+            " off[name] = await loadOn(null, `${name}.pdeanim`); }",
+            *clips,
+        )
+        yield browser
+        assert [error for error in browser.errors() if "favicon" not in error] == []
+
+
+def assert_where_the_library_has_it(meshes: list[dict[str, Any]], animation: Any, time: float) -> None:
+    points = animation.positions(time)
+    for mesh, item in zip(meshes, animation.objects, strict=True):
+        own = points[first_vertex(animation.objects, item) + np.array(mesh["sources"])]
+        margin = GPU_MARGIN * (np.ptp(points, axis=0).max() + np.abs(points).max())
+        assert np.abs(np.reshape(mesh["points"], (-1, 3)) - own).max() <= margin, time
+
+
+@pytest.mark.parametrize("name", ["sheets", "mapped"])
+def test_the_graphics_processor_has_three_s_vertices_where_the_library_has_them(
+    scene: Browser, clips: dict[str, Path], name: str
+) -> None:
+    with open_animation(clips[name]) as animation:
+        start, end = animation.times[[0, -1]]
+        for time in np.linspace(start, end, 10):
+            ask = "const [name, time] = arguments_; for (const all of [on, off]) all[name].setTime(time);"
+            found = scene.run(
+                ask + "return [on[name].isOnGpu, off[name].isOnGpu, await meshes(on[name]), await meshes(off[name])]",
+                name,
+                float(time - start),
+            )
+            assert found[:2] == [True, False]
+            assert_where_the_library_has_it(found[2], animation, float(time))
+            for here, there in zip(found[2], found[3], strict=True):
+                assert np.abs(np.subtract(here["normals"], there["normals"])).max() <= 1e-3
+    assert scene.run("return error()") == 0
+
+
+def test_a_lit_scene_with_shadows_looks_the_same_by_either(scene: Browser, clips: dict[str, Path]) -> None:
+    seen = scene.run("return [await show(on.sheets, 0.7), await show(off.sheets, 0.7), await show(on.sheets, 0)]")
+    assert all(item["isKept"] for item in seen), "the render target stays what it was"
+    here, there, other = (np.array(item["pixels"], float) for item in seen)
+    assert np.ptp(there) > 100, "something is lit"
+    assert np.mean(np.abs(here - there) > 8) < 2e-3, "but for what lies at an edge"
+    assert np.mean(np.abs(here - other) > 8) > 1e-2, "at another time it is another picture"
+    assert scene.run("return error()") == 0
+
+
+def test_rays_and_boxes_find_the_shape_that_is_shown(scene: Browser, clips: dict[str, Path]) -> None:
+    for time in (0.2, 0.9):
+        here, there = scene.run(
+            "return [on.sheets, off.sheets].map((clip) => (clip.setTime(arguments_[0]),"
+            " [box(clip), hits(clip, [0.4, 2, 0.6], [0.05, -1, 0.02]), hits(clip, [5, 2, 5], [0, -1, 0])]))",
+            time,
+        )
+        assert np.allclose(here[0], there[0], atol=1e-6)
+        assert [hit[0] for hit in here[1]] == [hit[0] for hit in there[1]] == ["left"]
+        assert np.allclose(np.array(here[1][0][1:], float), np.array(there[1][0][1:], float), atol=1e-5)
+        assert here[2] == there[2] == []
+
+
+def test_a_clip_that_does_not_fit_is_evaluated_by_the_decoder(scene: Browser, clips: dict[str, Path]) -> None:
+    for what in ("Motion.holds", "Motion.prototype.fits"):
+        found = scene.run(
+            f"const before = {what}; {what} = () => false;"
+            f"try {{ const clip = await loadOn(renderer, 'sheets.pdeanim'); clip.setTime(0.6);"
+            f" const found = [clip.isOnGpu, await meshes(clip)]; clip.dispose(); return found; }}"
+            f" finally {{ {what} = before; }}"
+        )
+        assert found[0] is False
+        with open_animation(clips["sheets"]) as animation:
+            assert_where_the_library_has_it(found[1], animation, 0.6)
+    assert scene.run("return error()") == 0
+
+
+def test_what_a_lost_context_had_is_uploaded_again(scene: Browser, clips: dict[str, Path]) -> None:
+    if scene.run("return !globalThis.gl"):
+        pytest.skip("a device of WebGPU that was lost does not come back")
+    found = scene.run(
+        "await show(on.sheets, 0.3); const lost = gl.getExtension('WEBGL_lose_context');"
+        "const canvas = renderer.domElement;"
+        "const event = (name) => new Promise((next) => canvas.addEventListener(name, next, { once: true }));"
+        "const isLost = event('webglcontextlost'); lost.loseContext(); await isLost;"
+        "await new Promise((next) => setTimeout(next, 20));"
+        "const isBack = event('webglcontextrestored'); lost.restoreContext(); await isBack;"
+        "const own = await meshes(on.sheets); error();"
+        "return [own, await show(on.sheets, 0.3), await show(off.sheets, 0.3), error()]"
+    )
+    with open_animation(clips["sheets"]) as animation:
+        assert_where_the_library_has_it(found[0], animation, 0.3)
+    here, there = (np.array(item["pixels"], float) for item in found[1:3])
+    assert np.mean(np.abs(here - there) > 8) < 2e-3
+    assert found[3] == 0

@@ -1,0 +1,151 @@
+"""The documents do what they say: README blocks run, and the help pages in docs/ are those of the commands."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+INSTALLED_ALREADY = "pip install"
+"""Commands that begin so are for readers, not for tests: the package under test is there."""
+
+
+def blocks(language: str, page: str = README) -> list[str]:
+    """Code blocks of a page in one language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+
+
+def run(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        arguments, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+
+
+def test_the_commands_of_the_readme_run_in_order(tmp_path: Path) -> None:
+    commands = [line[2:] for block in blocks("console") for line in block.splitlines() if line.startswith("$ ")]
+    commands = [command for command in commands if not command.startswith(INSTALLED_ALREADY)]
+    assert len(commands) >= 8
+    for command in commands:
+        program, *arguments = command.split()
+        assert program == "pdecodec", f"the README runs {program}, which is not ours to test"
+        result = run([sys.executable, "-m", "pdecodec", *arguments], tmp_path)
+        assert result.returncode == 0, f"{command}: {result.stderr}"
+
+
+@pytest.mark.parametrize("code", blocks("python"))
+def test_the_python_of_the_readme_runs(code: str, tmp_path: Path) -> None:
+    result = run([sys.executable, "-W", "error", "-c", code], tmp_path)
+    assert result.returncode == 0, result.stderr
+
+
+def test_every_link_of_the_documents_leads_to_a_file() -> None:
+    for document in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"):
+        text = (ROOT / document).read_text(encoding="utf-8")
+        for target in re.findall(r"\]\(([^)#]+)\)", text):
+            assert target.startswith("https://") or (ROOT / target).exists(), f"{document} links to {target}"
+
+
+@pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md"])
+def test_every_place_in_the_code_that_a_document_names_is_there(document: str) -> None:
+    named = re.findall(r"`((?:batch|cli|core|formats|pdecodec|player|report)/[^`\s]*)`", (ROOT / document).read_text())
+    assert len(named) >= 10
+    assert [place for place in named if not (ROOT / place).exists()] == []
+
+
+def test_the_map_of_equations_leads_to_where_they_are_named() -> None:
+    table = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("| Eqs. |")[1].split("\n\n")[0]
+    rows = [line.strip("|").split("|") for line in table.splitlines()[2:]]
+    assert len(rows) >= 5
+    for equations, _, places in rows:
+        files = re.findall(r"`([^`]+)`", places)
+        found = {place: equations_in((ROOT / place).read_text(encoding="utf-8")) for place in files}
+        wanted = set(map(int, equations.split(",")))
+        assert wanted <= set().union(*found.values()), f"Eqs. {equations} are not all named in {files}"
+        assert all(wanted & own for own in found.values()), f"none of Eqs. {equations} is named in one of {files}"
+
+
+def equations_in(text: str) -> set[int]:
+    """Numbers of equations that a file names: 'Eq. 25', 'Eqs. 6 and 7', 'Eqs. 19 to 23'."""
+    numbers: set[int] = set()
+    for named in re.findall(r"\bEqs?\. (\d+(?:(?:, | and | to )\d+)*)", text):
+        numbers |= set(map(int, re.findall(r"\d+", named)))
+        for first, last in re.findall(r"(\d+) to (\d+)", named):
+            numbers |= set(range(int(first), int(last) + 1))
+    return numbers
+
+
+def test_every_figure_that_the_readme_quotes_of_the_paper_is_in_the_run_that_is_kept() -> None:
+    section = README.split("## What we found in the paper")[1].split("\n## ")[0]
+    quoted = set(re.findall(r"\d+\.\d{2,}|\d+(?:\.\d+)? %", section))
+    assert len(quoted) > 4
+    folder = ROOT / "docs" / "paper"
+    kept = "".join((folder / name).read_text(encoding="utf-8") for name in ("verdicts.md", "report.json"))
+    for figure in quoted:
+        assert figure.replace(" %", "%") in kept, (
+            f"the README quotes {figure}, which the run in docs/paper does not have"
+        )
+
+
+def test_the_audit_is_answered_with_figures_of_the_run_that_is_kept() -> None:
+    folder = ROOT / "docs" / "paper"
+    page = (folder / "audit.md").read_text(encoding="utf-8")
+    records = [json.loads((folder / name).read_text(encoding="utf-8")) for name in ("report.json", "stability.json")]
+    tables = [(folder / name).read_text(encoding="utf-8") for name in ("verdicts.md", "one-choice-at-a-time.md")]
+    kept = "".join([*tables, *map(json.dumps, records)])
+    quoted = set(re.findall(r"\d+\.\d+|\d+%|\de-\d\d", page))
+    assert len(quoted) > 40
+    assert [figure for figure in quoted if figure not in kept] == []
+    charts = {name for record in records for name in record["figures"]}
+    named = set(re.findall(r"`([a-z0-9]+(?:-[a-z0-9]+)+)`", page))
+    assert len(named) > 10
+    assert named <= charts
+    numbered = re.findall(r"^\| (\d+) \|", page, re.MULTILINE)
+    assert numbered == [str(number) for number in range(1, 11)]
+
+
+def test_what_the_page_on_pipelines_shows_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from pdecodec.cli.main import run as run_here
+
+    pytest.importorskip("dask")
+    page = (ROOT / "docs" / "pipelines.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    [manifest], [commands], [code] = (blocks(language, page) for language in ("csv", "console", "python"))
+    Path("clips.csv").write_text(manifest, encoding="utf-8")
+    for command in commands.splitlines():
+        program, *arguments = shlex.split(command.removeprefix("$ "))
+        assert program == "pdecodec"
+        assert run_here(arguments) == 0, command
+    assert Path("coded/shots/010/cloth.pdeanim").is_file()
+    exec(compile(code, "docs/pipelines.md", "exec"), {})
+
+
+def test_the_readme_lists_every_registered_extension() -> None:
+    from pdecodec.formats import list_formats
+
+    for entry in list_formats():
+        for extension in entry.extensions:
+            assert f"`{extension}`" in README
+
+
+@pytest.mark.parametrize(
+    ("maker", "page", "function"), [("make_cli", "cli", "help_pages"), ("make_formats", "formats", "formats_page")]
+)
+def test_the_pages_in_docs_are_those_of_the_code(maker: str, page: str, function: str) -> None:
+    spec = importlib.util.spec_from_file_location(maker, ROOT / "docs" / f"{maker}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    written = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    assert written == getattr(module, function)(), "what the page tells of changed: run `make docs`"

@@ -1,0 +1,153 @@
+"""Adaptive coding of quantised coefficients."""
+
+from __future__ import annotations
+
+import contextlib
+
+import numpy as np
+import pytest
+import zstandard
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pdecodec import _core
+from pdecodec.codec.limits import LARGEST
+from pdecodec.codec.sections.coefficients import (
+    encode_coefficients,
+    measure_coefficients,
+)
+from pdecodec.codec.sections.connectivity import core_errors
+from pdecodec.codec.sections.space_basis import SpaceBasis, build_space_basis
+from pdecodec.errors import CorruptFileError
+from tests.codec.test_spacebasis import grid
+
+
+def decode_coefficients(data: bytes, basis: SpaceBasis, channels: int, *, axes: int) -> NDArray[np.int64]:
+    coefficients = np.zeros((basis.functions, channels), np.int64)
+    with core_errors():
+        decoder = _core.CoefficientDecoder(data, coefficients, *basis.subbands, axes)
+        decoder.decode(basis.subband_count)
+        decoder.finish()
+    return coefficients
+
+
+@pytest.fixture(scope="module")
+def basis() -> SpaceBasis:
+    item, rest = grid(20, 16)
+    return build_space_basis("patch", [item], rest, points=64, functions=64)
+
+
+def falling(basis: SpaceBasis, channels: int, size: float) -> NDArray[np.int64]:
+    """Coefficients as real ones are: large for the first functions, none for the last."""
+    rng = np.random.default_rng(3)
+    rows = np.arange(basis.functions) % 64
+    scale = size / ((1.0 + rows[:, None]) * (1.0 + np.arange(channels)))
+    return np.rint(rng.laplace(size=(basis.functions, channels)) * scale).astype(np.int64)
+
+
+@pytest.mark.parametrize("axes", [1, 3])
+@pytest.mark.parametrize("size", [0.0, 3.0, 400.0, 1e7])
+def test_coefficients_come_back(basis: SpaceBasis, axes: int, size: float) -> None:
+    coefficients = falling(basis, 12, size)
+    data = encode_coefficients(coefficients, basis, axes=axes)
+    np.testing.assert_array_equal(decode_coefficients(data, basis, 12, axes=axes), coefficients)
+
+
+def test_coefficients_that_are_all_zero_take_nothing(basis: SpaceBasis) -> None:
+    assert encode_coefficients(np.zeros((basis.functions, 4), np.int64), basis, axes=1) == b""
+
+
+@settings(max_examples=30)
+@given(data=st.data())
+def test_any_coefficients_come_back(basis: SpaceBasis, data: st.DataObject) -> None:
+    channels = data.draw(st.integers(1, 9))
+    coefficients = np.zeros((basis.functions, channels), np.int64)
+    for _ in range(data.draw(st.integers(0, 20))):
+        row, channel = data.draw(st.integers(0, basis.functions - 1)), data.draw(st.integers(0, channels - 1))
+        coefficients[row, channel] = data.draw(st.integers(-LARGEST, LARGEST))
+    coded = encode_coefficients(coefficients, basis, axes=1)
+    np.testing.assert_array_equal(decode_coefficients(coded, basis, channels, axes=1), coefficients)
+
+
+def test_what_is_measured_is_what_is_written(basis: SpaceBasis) -> None:
+    coefficients = falling(basis, 30, 60.0)
+    assert measure_coefficients(coefficients, basis, axes=1) / 8 == pytest.approx(
+        len(encode_coefficients(coefficients, basis, axes=1)), rel=0.005
+    )
+
+
+def test_copies_of_subbands_are_measured_as_more_of_what_the_models_have_learned(basis: SpaceBasis) -> None:
+    coefficients = falling(basis, 30, 60.0)
+
+    def measured(copies: NDArray[np.float64] | None) -> float:
+        return _core.measure_coefficients(coefficients, *basis.subbands, 1, copies)
+
+    once, ones = measured(None), np.ones(basis.subband_count)
+    assert measured(ones) == once
+    nodes = ones + (basis.subbands[1] >= 0)
+    elements = ones + (basis.subbands[1] < 0)
+    both = measured(2.0 * ones)
+    assert 1.5 * once < both < 2.0 * once
+    assert once < min(measured(nodes), measured(elements))
+    assert measured(nodes) + measured(elements) == pytest.approx(both + once, rel=0.01)
+    assert measured(3.0 * ones) > both
+    with pytest.raises(ValueError, match="as many copies as subbands"):
+        measured(np.ones(basis.subband_count + 1))
+
+
+def test_coefficients_take_far_less_than_with_zstandard(basis: SpaceBasis) -> None:
+    coefficients = falling(basis, 30, 30.0)
+    assert len(encode_coefficients(coefficients, basis, axes=1)) < 0.8 * len(
+        zstandard.compress(coefficients.T.astype(np.int16).tobytes(), 19)
+    )
+
+
+def test_coefficients_of_no_function_of_time_have_no_bytes(basis: SpaceBasis) -> None:
+    assert decode_coefficients(b"", basis, 0, axes=1).shape == (basis.functions, 0)
+    for data in (b"\1", bytes(6), bytes(99)):
+        with pytest.raises(CorruptFileError, match="does not end"):
+            decode_coefficients(data, basis, 0, axes=1)
+
+
+@settings(max_examples=60)
+@given(garbage=st.binary(min_size=1, max_size=300))
+def test_garbage_gives_coefficients_in_range_or_one_clear_error(basis: SpaceBasis, garbage: bytes) -> None:
+    with contextlib.suppress(CorruptFileError):
+        assert np.abs(decode_coefficients(garbage, basis, 7, axes=1)).max() <= LARGEST
+
+
+def test_bytes_after_the_coefficients_are_refused(basis: SpaceBasis) -> None:
+    data = encode_coefficients(falling(basis, 5, 20.0), basis, axes=1)
+    with pytest.raises(CorruptFileError, match="does not end"):
+        decode_coefficients(data + bytes(range(1, 30)), basis, 5, axes=1)
+
+
+def test_coefficients_are_there_as_soon_as_a_part_is_said_to_be(basis: SpaceBasis) -> None:
+    wanted = falling(basis, 5, 200.0)
+    starts = basis.coefficient_starts
+    found = np.zeros_like(wanted)
+    data = encode_coefficients(wanted, basis, axes=1)
+    decoder = _core.CoefficientDecoder(data, found, *basis.subbands, 1)
+    for end in range(basis.element_count + 1):
+        decoder.decode(basis.subband_count - basis.element_count + end)
+        np.testing.assert_array_equal(found[: starts[end]], wanted[: starts[end]])
+        assert not found[starts[end] :].any()
+    decoder.finish()
+
+
+def test_arrays_that_do_not_agree_are_refused(basis: SpaceBasis) -> None:
+    starts, kinds, parents = basis.subbands
+    found = np.zeros((basis.functions, 3), np.int64)
+    for rows, subbands in (
+        (found[1:], (starts, kinds, parents)),
+        (found, (starts[::-1].copy(), kinds, parents)),
+        (found, (starts, kinds[1:], parents)),
+        (found, (starts, kinds, parents + kinds.size)),
+    ):
+        with pytest.raises(ValueError, match="subbands that follow each other"):
+            _core.CoefficientDecoder(b"abc", rows, *subbands, 1)
+    with pytest.raises(ValueError, match="of one axis or of three"):
+        _core.CoefficientDecoder(b"abc", found, starts, kinds, parents, 2)
+    with pytest.raises(TypeError):
+        _core.CoefficientDecoder(b"abc", found.T, starts, kinds, parents, 1)

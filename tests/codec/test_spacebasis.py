@@ -1,0 +1,281 @@
+"""Space bases: orthonormal, complete, and sparse where motion is simple."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pdecodec.codec.sections.groups import GroupEntry, GroupFunctions, TimeBasis, group_functions
+from pdecodec.codec.sections.patches import build_patches, early_patches
+from pdecodec.codec.sections.space_basis import SpaceBasis, SpaceKind, build_space_basis, trial_space_basis
+from pdecodec.mesh.sequence import Connectivity, MeshObject
+
+RNG_SEED = 20
+
+
+def grid(columns: int, rows: int, *, scale: int = 97) -> tuple[MeshObject, NDArray[np.int64]]:
+    """A sheet of quads that bends, in whole steps."""
+    u, v = np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij")
+    rest = np.stack([scale * u, scale * v, (scale * np.sin(u / 5.0) * 3).astype(np.int64)], axis=-1).reshape(-1, 3)
+    index = np.arange(columns * rows).reshape(columns, rows)
+    quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(-1)
+    faces = Connectivity(
+        vertex_count=columns * rows,
+        face_counts=np.full(quads.size // 4, 4, np.int32),
+        face_indices=quads.astype(np.int32),
+    )
+    return MeshObject("sheet", faces), rest.astype(np.int64)
+
+
+def points_only(rest: NDArray[np.int64]) -> MeshObject:
+    none = np.zeros(0, np.int32)
+    return MeshObject("points", Connectivity(vertex_count=len(rest), face_counts=none, face_indices=none))
+
+
+STEP = 2.0**-40
+
+
+def entry_of(frames: int, functions: int, basis: TimeBasis, *, single: bool) -> GroupEntry:
+    return GroupEntry(frames=frames, functions=functions, basis=basis, single=single, step=STEP)
+
+
+def evaluate_group(
+    group: GroupFunctions, frames: slice, reference: NDArray[np.float64] | None, out: NDArray[np.floating]
+) -> None:
+    """Positions at some of its frames, before residuals; displacements without a reference frame."""
+    group.motion.evaluate(np.ascontiguousarray(group.time[frames]), reference, out, 2)
+
+
+def displaced(
+    basis: SpaceBasis, coefficients: NDArray[np.float64], time: NDArray[np.float64], *, single: bool = False
+) -> NDArray[np.float64]:
+    """What coefficients (functions of space, channels) and functions of time (frames, 3 or 1, functions) move."""
+    entry = entry_of(len(time), time.shape[2], "trajectories" if time.shape[1] == 3 else "shapes", single=single)
+    functions = group_functions(entry, time, np.rint(coefficients / STEP).astype(np.int64), basis)
+    out = np.empty((len(time), basis.order.size, 3))
+    evaluate_group(functions, slice(None), None, out)
+    return out
+
+
+def expanded(basis: SpaceBasis, coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(vertices, channels) in mesh order: each channel alone at a frame of its own."""
+    channels = coefficients.shape[1]
+    return displaced(basis, coefficients, np.repeat(np.eye(channels)[:, None], 3, axis=1))[:, :, 0].T
+
+
+@pytest.mark.parametrize("kind", ["patch", "curve"])
+@pytest.mark.parametrize("points", [1, 7, 64])
+def test_a_complete_basis_gives_every_function_back_and_keeps_its_energy(kind: SpaceKind, points: int) -> None:
+    item, rest = grid(23, 17)
+    basis = build_space_basis(kind, [item], rest, points=points, functions=128)
+    values = np.random.default_rng(RNG_SEED).normal(size=(len(rest), 5))
+    found = basis.project(values)
+    assert basis.functions == len(rest)
+    np.testing.assert_allclose((found**2).sum(), (values**2).sum(), rtol=1e-12)
+    np.testing.assert_allclose(expanded(basis, found), values, atol=1e-12)
+
+
+@settings(max_examples=25)
+@given(
+    rest=st.lists(st.tuples(*[st.integers(-40, 40)] * 3), min_size=1, max_size=60),
+    points=st.integers(1, 40),
+    functions=st.integers(1, 40),
+)
+def test_any_points_get_an_orthonormal_basis(rest: list[tuple[int, int, int]], points: int, functions: int) -> None:
+    """Coincident and collinear ones included; with fewer functions the rest of a motion is left out, no more."""
+    levels = np.array(rest, np.int64)
+    basis = build_space_basis("patch", [points_only(levels)], levels, points=points, functions=functions)
+    assert sorted(basis.order.tolist()) == list(range(len(levels)))
+    assert np.diff(basis.starts).max() <= points
+    coefficients = np.random.default_rng(RNG_SEED).normal(size=(basis.functions, 3))
+    again = basis.project(expanded(basis, coefficients))
+    np.testing.assert_allclose(again, coefficients, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_positions_of_some_elements_are_those_that_all_have_however_vertices_are_numbered(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    item, rest = grid(40, 30)
+    numbers = rng.permutation(len(rest)).astype(np.int32)
+    faces = Connectivity(
+        len(rest), face_counts=item.connectivity.face_counts, face_indices=numbers[item.connectivity.face_indices]
+    )
+    shuffled = np.empty_like(rest)
+    shuffled[numbers] = rest
+    basis = build_space_basis("patch", [MeshObject("sheet", faces)], shuffled, points=64, functions=24)
+    entry, time = entry_of(9, 5, "trajectories", single=True), rng.normal(size=(9, 3, 5))
+    quantised = np.rint(rng.normal(size=(basis.functions, 5)) / STEP).astype(np.int64)
+    elements = np.arange(0, basis.element_count, 2)
+    subbands = basis.subbands_of(elements, least_depth=0)
+    whole, some = np.empty((9, len(rest), 3)), np.empty((9, int(np.diff(basis.starts)[elements].sum()), 3))
+    evaluate_group(group_functions(entry, time, quantised, basis), slice(None), None, whole)
+    selected = np.ascontiguousarray(quantised[basis.functions_in(subbands)])
+    evaluate_group(group_functions(entry, time, selected, basis, subbands), slice(None), None, some)
+    vertices = np.concatenate([basis.order[slice(*basis.starts[e : e + 2])] for e in elements])
+    np.testing.assert_allclose(some, whole[:, vertices], rtol=0, atol=1e-5 * np.abs(whole).max())
+
+
+def test_motion_without_functions_of_time_has_coefficients_of_no_channel() -> None:
+    item, rest = grid(5, 4)
+    basis = build_space_basis("patch", [item], rest, points=7, functions=9)
+    found = basis.project(np.zeros((20, 0)))
+    assert found.shape == (basis.functions, 0)
+    assert expanded(basis, found).shape == (20, 0)
+
+
+@pytest.mark.parametrize("depth", [0, 3, None])
+@pytest.mark.parametrize("kind", ["patch", "curve"])
+def test_some_subbands_are_projected_to_as_all_are_whether_functions_are_made_or_not(
+    kind: SpaceKind, depth: int | None
+) -> None:
+    item, rest = grid(23, 17)
+    values = np.random.default_rng(RNG_SEED).normal(size=(len(rest), 5))
+    basis = build_space_basis(kind, [item], rest, points=16, functions=12)
+    unmade = trial_space_basis(kind, [item], rest, points=16, functions=12)
+    subbands = basis.subbands_of(np.array([0, 3, basis.element_count - 1]), least_depth=depth)
+    starts = basis.subbands[0]
+    rows = np.concatenate([np.arange(starts[k], starts[k + 1]) for k in subbands])
+    assert np.array_equal(basis.functions_in(subbands), rows)
+    wanted = basis.project(values)[rows]
+    np.testing.assert_array_equal(basis.project_some(values, subbands), wanted)
+    np.testing.assert_array_equal(unmade.project_some(values, subbands), wanted)
+    single = values.astype(np.float32)
+    of_single = basis.project(single)[rows]
+    assert of_single.dtype == np.float32
+    np.testing.assert_array_equal(unmade.project_some(single, subbands), of_single)
+    np.testing.assert_allclose(of_single, wanted, rtol=0, atol=1e-6 * np.abs(wanted).max())
+    assert unmade.project_some(np.zeros((len(rest), 0)), subbands).shape == (len(wanted), 0)
+    for wrong in ([], [3, 4], [0, 4, 3], [0, 0], [0, basis.subband_count], [-1, 0]):
+        with pytest.raises(ValueError, match="subbands ascend"):
+            basis.project_some(values, np.array(wrong, np.int64))
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(4, 8), (3, 20), (5, 7), (2, 30)])
+def test_the_first_functions_are_the_same_bits_however_many_follow_them(columns: int, rows: int) -> None:
+    # Few columns of points: polynomials are dropped, as they are multiples of those before.
+    item, rest = grid(columns, rows)
+    whole = build_space_basis("patch", [item], rest, points=64, functions=64)
+    for count in range(4, 64):
+        some = build_space_basis("patch", [item], rest, points=64, functions=count)
+        for first, functions in zip(some.functions_of_elements(), whole.functions_of_elements(), strict=True):
+            np.testing.assert_array_equal(first, functions[: len(first)])
+
+
+def test_subbands_of_elements_come_with_those_of_all_nodes_above_them() -> None:
+    item, rest = grid(23, 17)
+    basis = build_space_basis("patch", [item], rest, points=16, functions=12)
+    _, kinds, parents = basis.subbands
+    nodes = basis.subband_count - basis.element_count
+    assert basis.subbands_of(np.zeros(0, np.int64), least_depth=0).tolist() == [0]
+    assert basis.subbands_of(np.array([2])).tolist() == [*range(nodes), nodes + 2]
+    for depth in (0, 2):
+        found = basis.subbands_of(np.array([2, 7]), least_depth=depth)
+        assert set(found[found >= nodes]) == {nodes + 2, nodes + 7}
+        assert set(parents[found[found > 0]]) <= set(found)
+        assert set(np.flatnonzero(kinds[:nodes] <= depth)) <= set(found)
+
+
+def test_an_affine_motion_needs_four_functions_however_many_patches_there_are() -> None:
+    item, rest = grid(40, 30)
+    basis = build_space_basis("patch", [item], rest, points=16, functions=16)
+    x, y, z = rest.T.astype(np.float64)
+    moved = np.stack([3.0 + 0.2 * x - 0.1 * z, x + y + z, np.full(len(x), 7.0)], axis=1)
+    found = basis.project(moved)
+    assert basis.element_count > 60
+    assert (np.abs(found) > 1e-9 * np.abs(found).max()).any(axis=1).sum() <= 4
+
+
+def test_columns_are_coded_once_each_in_runs_that_cover_them() -> None:
+    item, rest = grid(21, 13)
+    basis = build_space_basis("patch", [item], rest, points=32, functions=24)
+    starts, kinds, parents = basis.subbands
+    assert starts[0] == 0
+    assert starts[-1] == basis.functions
+    assert (np.diff(starts) >= 0).all()
+    assert (kinds < 0).sum() == basis.element_count
+    assert (parents[1:] < np.arange(1, parents.size)).all()
+
+
+def test_vertices_at_one_place_are_neighbours() -> None:
+    rest = np.array([[0, 0, 0], [5, 0, 0], [0, 0, 0], [9, 9, 9]], np.int64)
+    patches = build_patches([points_only(rest)], rest, 2)
+    assert {0, 2} in [set(patches.order[a:b].tolist()) for a, b in itertools.pairwise(patches.starts)]
+
+
+@pytest.mark.parametrize("scale", [97, 2**36])
+def test_patches_before_the_rest_shape_are_those_after_it_unless_vertices_coincide(scale: int) -> None:
+    item, rest = grid(23, 17, scale=scale)
+    early = early_patches([item], 16)
+    assert early is not None
+    for field in ("order", "starts", "begins", "children", "node_of"):
+        assert np.array_equal(getattr(early, field), getattr(build_patches([item], rest, 16), field))
+    rest[390] = rest[0]  # far apart along the faces
+    welded = build_patches([item], rest, 16, early)
+    assert not np.array_equal(welded.order, early.order)
+    assert np.array_equal(welded.order, build_patches([item], rest, 16).order)
+    assert early_patches([points_only(rest)], 16) is None
+
+
+def bits(points: NDArray[np.floating]) -> NDArray[np.unsignedinteger]:
+    return points.view(np.uint32 if points.dtype == np.float32 else np.uint64)
+
+
+@pytest.mark.parametrize("single", [False, True])
+@pytest.mark.parametrize("axes", [1, 3])
+@pytest.mark.parametrize("functions", [0, 1, 5, 40, 70])
+@pytest.mark.parametrize("kind", ["patch", "curve"])
+def test_positions_are_the_sum_over_functions_of_time_and_space(
+    kind: SpaceKind, functions: int, axes: int, single: bool
+) -> None:
+    """With fewer functions of time than of space and with more, with one frame and with many, to the bit alike."""
+    item, rest = grid(23, 17)
+    basis = build_space_basis(kind, [item], rest, points=64, functions=24)
+    rng = np.random.default_rng(RNG_SEED)
+    time = rng.normal(size=(11, 4 - axes, functions))
+    coefficients = rng.normal(size=(basis.functions, functions * axes)) * (rng.random((basis.functions, 1)) < 0.6)
+    coefficients[basis.functions // 2 :, 1:] = 0.0
+    reference = rng.normal(size=(len(rest), 3)) + 1000.0
+    entry = entry_of(len(time), functions, "trajectories" if axes == 1 else "shapes", single=single)
+    motion = group_functions(entry, time, np.rint(coefficients / STEP).astype(np.int64), basis)
+    found, rounded = np.empty((11, len(rest), 3)), np.empty((11, len(rest), 3), np.float32)
+    evaluate_group(motion, slice(None), reference, found)
+    evaluate_group(motion, slice(None), reference, rounded)
+    fields = expanded(basis, coefficients).reshape(len(rest), functions, axes)
+    shape = len(time), 3, functions
+    on_all_axes = np.broadcast_to(time, shape), np.broadcast_to(fields, (len(rest), functions, 3))
+    expected = reference + np.einsum("fxa,vax->fvx", *on_all_axes)
+    size = np.abs(expected - reference).max(initial=1.0)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=(2e-6 if single else 1e-12) * size + 1e-12 * 1000)
+    assert np.array_equal(rounded, found.astype(np.float32))
+    subbands = basis.subbands_of(np.array([1, basis.element_count - 2]), least_depth=2)
+    rows = basis.functions_in(subbands)
+    vertices = np.concatenate([basis.order[slice(*basis.starts[e : e + 2])] for e in (1, basis.element_count - 2)])
+    some = group_functions(entry, time, np.rint(coefficients[rows] / STEP).astype(np.int64), basis, subbands)
+    of_some = np.empty((11, vertices.size, 3))
+    evaluate_group(some, slice(None), reference, of_some)
+    np.testing.assert_allclose(of_some, found[:, vertices], rtol=0, atol=(1e-6 if single else 1e-12) * size)
+    for frame in (0, 7, 10):
+        alone = np.empty((1, len(rest), 3), np.float32)
+        evaluate_group(motion, slice(frame, frame + 1), reference, alone)
+        assert np.array_equal(bits(alone[0]), bits(rounded[frame]))
+
+
+@pytest.mark.parametrize("kind", ["patch", "curve"])
+@pytest.mark.parametrize("functions", [3, 24, 128])
+def test_functions_made_as_far_as_needed_are_those_of_the_whole_basis(kind: SpaceKind, functions: int) -> None:
+    item, rest = grid(23, 17)
+    needed = build_space_basis(kind, [item], rest, points=64, functions=functions)
+    whole = build_space_basis(kind, [item], rest, points=64, functions=functions)
+    whole.project(np.zeros((len(rest), 1)))  # makes all of its functions
+    coefficients = np.random.default_rng(RNG_SEED).normal(size=(whole.functions, 2))
+    for begin, end in itertools.pairwise(whole.coefficient_starts):  # only the first third of each patch's
+        coefficients[begin + (end - begin) // 3 : end] = 0.0
+    time = np.random.default_rng(RNG_SEED).normal(size=(9, 3, 2))
+    for single in (False, True):
+        made, given = (displaced(basis, coefficients, time, single=single) for basis in (needed, whole))
+        assert np.array_equal(made, given)

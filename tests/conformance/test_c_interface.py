@@ -1,0 +1,251 @@
+"""The C interface: installed as a library, and used by the program in `examples/c`."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdecodec import encode, open_animation
+from pdecodec.mesh.sequence import MeshSequence
+from spec.accepted import several_objects, with_attributes
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where `cmake --install` has put the library."""
+    builds = [path.parent for path in ROOT.glob("build/cp*/build.ninja")]
+    if not builds or shutil.which("cmake") is None:
+        pytest.skip("the core is not built here, or cmake is not in the path")
+    prefix: Path = tmp_path_factory.mktemp("installed")
+    newest = max(builds, key=lambda build: (build / "build.ninja").stat().st_mtime)
+    # The objects are there from the installation of the package.
+    run("cmake", "--build", newest, "--target", "pdeanim")
+    run("cmake", "--install", newest, "--component", "library", "--prefix", prefix)
+    return prefix
+
+
+def run(*command: str | Path, **environment: str | Path) -> str:
+    """What a command writes to standard output; `environment` is added to that of this process."""
+    added = {name: os.fspath(value) for name, value in environment.items()}
+    done = subprocess.run(command, env=os.environ | added, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def library_of(installed: Path) -> Path:
+    (found,) = installed.glob("lib*/libpdeanim.so")
+    return found
+
+
+@pytest.fixture(scope="module")
+def player(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The example, compiled as its users do."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("there is no C compiler in the path")
+    folder = library_of(installed).parent
+    program: Path = tmp_path_factory.mktemp("player") / "play"
+    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-O2", f"-I{installed / 'include'}"]
+    source = ROOT / "examples" / "c" / "play.c"
+    command = [compiler, *flags, os.fspath(source), f"-L{folder}", "-lpdeanim", f"-Wl,-rpath,{folder}"]
+    subprocess.run([*command, "-o", os.fspath(program)], check=True)
+    return program
+
+
+def test_pkg_config_says_how_to_compile_with_the_library(installed: Path, tmp_path: Path) -> None:
+    if shutil.which("pkg-config") is None or shutil.which("cc") is None:
+        pytest.skip("pkg-config or a C compiler is not in the path")
+    folder = library_of(installed).parent
+    flags = run("pkg-config", "--cflags", "--libs", "pdeanim", PKG_CONFIG_PATH=folder / "pkgconfig").split()
+    run("cc", ROOT / "examples" / "c" / "play.c", *flags, "-o", tmp_path / "play")
+    assert "-lstdc++" not in flags
+    assert "-lstdc++" in run("pkg-config", "--static", "--libs", "pdeanim", PKG_CONFIG_PATH=folder / "pkgconfig")
+    assert run("pkg-config", "--modversion", "pdeanim", PKG_CONFIG_PATH=folder / "pkgconfig").strip() == "1.0.0"
+
+
+def test_a_program_that_is_built_with_cmake_finds_the_library(installed: Path, tmp_path: Path) -> None:
+    if shutil.which("cc") is None:
+        pytest.skip("there is no C compiler in the path")
+    (tmp_path / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.20)\nproject(player LANGUAGES C)\n"
+        "find_package(pdeanim 1.0 REQUIRED)\n"
+        f'add_executable(play "{ROOT / "examples" / "c" / "play.c"}")\n'
+        "target_link_libraries(play PRIVATE pdeanim::pdeanim)\n"
+    )
+    run("cmake", "-S", tmp_path, "-B", tmp_path / "build", f"-DCMAKE_PREFIX_PATH={installed}")
+    run("cmake", "--build", tmp_path / "build")
+    source = encoded(several_objects(), tmp_path / "clip.pdeanim")
+    out = tmp_path / "out"
+    out.mkdir()
+    run(tmp_path / "build" / "play", source, out)
+    with open_animation(source) as animation:
+        assert len(list(out.iterdir())) == animation.frame_count
+
+
+def points_of(path: Path) -> np.ndarray:
+    rows = [line.split()[1:] for line in path.read_text().splitlines() if line.startswith("v ")]
+    return np.array(rows, np.float64).astype(np.float32)
+
+
+def encoded(sequence: MeshSequence, path: Path) -> Path:
+    encode(sequence, path, tolerance=1e-3)
+    return path
+
+
+def test_the_example_has_fewer_than_a_hundred_lines() -> None:
+    assert len((ROOT / "examples" / "c" / "play.c").read_text().splitlines()) < 100
+
+
+def test_the_example_plays_a_file_to_obj_at_any_rate(player: Path, tmp_path: Path) -> None:
+    source = encoded(several_objects(), tmp_path / "clip.pdeanim")
+    out = tmp_path / "out"
+    out.mkdir()
+    subprocess.run([player, source, out, "37"], check=True)
+    with open_animation(source) as animation:
+        files = sorted(out.iterdir())
+        assert len(files) > 1
+        for index, file in enumerate(files):
+            expected = animation.positions(float(animation.times[0]) + index / 37)
+            assert np.array_equal(points_of(file), expected)
+        faces = [line for line in files[0].read_text().splitlines() if line.startswith("f ")]
+        assert len(faces) == sum(item.connectivity.face_counts.size for item in animation.objects)
+
+
+def test_the_example_says_in_one_line_what_is_wrong_with_a_file(player: Path, tmp_path: Path) -> None:
+    source = encoded(several_objects(), tmp_path / "clip.pdeanim")
+    (tmp_path / "short.pdeanim").write_bytes(source.read_bytes()[:-1])
+    run = subprocess.run([player, tmp_path / "short.pdeanim", tmp_path], capture_output=True, text=True, check=False)
+    assert run.returncode == 1
+    assert run.stderr.count("\n") == 1
+    assert "is truncated" in run.stderr
+
+
+def test_only_the_interface_is_seen_from_outside(installed: Path) -> None:
+    if shutil.which("nm") is None:
+        pytest.skip("nm is not in the path")
+    command = ["nm", "-D", "--defined-only", os.fspath(library_of(installed))]
+    listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    names = {line.split()[-1].split("@")[0] for line in listed}
+    header = (ROOT / "core" / "include" / "pdeanim.h").read_text()
+    assert {name for name in names if not name.startswith("pdeanim_")} <= {"_init", "_fini"}
+    assert all(f"{name}(" in header for name in names if name.startswith("pdeanim_"))
+
+
+class Error(ctypes.Structure):
+    _fields_ = (
+        ("status", ctypes.c_int),
+        ("offset", ctypes.c_int64),
+        ("frame", ctypes.c_int64),
+        ("text", ctypes.c_char * 256),
+    )
+
+
+class Options(ctypes.Structure):
+    _fields_ = (
+        ("size", ctypes.c_size_t),
+        ("max_memory", ctypes.c_uint64),
+        ("threads", ctypes.c_uint32),
+        ("max_output", ctypes.c_uint64),
+    )
+
+
+@pytest.mark.parametrize("name", ["many_pieces", "runs"])
+def test_a_file_that_declares_more_positions_or_needs_more_memory_than_is_wanted_is_refused(
+    installed: Path, name: str
+) -> None:
+    library = ctypes.CDLL(os.fspath(library_of(installed)))
+    path = ROOT / "spec" / "vectors" / "accept" / f"{name}.pdeanim"
+    data = path.read_bytes()
+    with open_animation(path) as animation:
+        declared = 12 * animation.position_count
+
+    def opened(max_output: int, size: int = ctypes.sizeof(Options), max_memory: int = 0) -> tuple[int, bytes]:
+        handle, error = ctypes.c_void_p(), Error()
+        options = Options(size, max_memory, 1, max_output)
+        status = library.pdeanim_open_memory(data, ctypes.c_size_t(len(data)), ctypes.byref(options),
+                                             ctypes.byref(handle), ctypes.byref(error))  # fmt: skip
+        assert (status == 0) == (handle.value is not None)
+        library.pdeanim_close(handle)
+        return status, error.text
+
+    assert opened(declared) == opened(0) == (0, b"")
+    status, text = opened(declared - 1)
+    assert (status, b"the output limit is" in text) == (2, True)
+    status, text = opened(0, max_memory=1000)
+    assert (status, b"more than the memory limit allows" in text) == (2, True)
+    # Callers that were compiled before the field was there have none.
+    assert opened(1, size=Options.max_output.offset) == (0, b"")
+
+
+def test_a_read_function_is_called_for_bytes_alone(installed: Path) -> None:
+    library = ctypes.CDLL(os.fspath(library_of(installed)))
+    data = (ROOT / "spec" / "vectors" / "accept" / "static.pdeanim").read_bytes()
+    sizes: list[int] = []
+
+    @ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_void_p, ctypes.c_size_t)
+    def read(_: int | None, offset: int, into: int | None, size: int) -> int:
+        sizes.append(size if into else 0)
+        piece = data[offset : offset + size]
+        ctypes.memmove(into, piece, len(piece))
+        return len(piece)
+
+    handle, error = ctypes.c_void_p(), Error()
+    assert library.pdeanim_open_read(read, None, ctypes.c_uint64(len(data)), None, ctypes.byref(handle),
+                                     ctypes.byref(error)) == 0  # fmt: skip
+    assert library.pdeanim_verify(handle, ctypes.byref(error)) == 0
+    library.pdeanim_close(handle)
+    assert sizes
+    assert min(sizes) > 0
+
+
+def test_arguments_and_damage_end_in_codes_and_never_in_a_crash(installed: Path, tmp_path: Path) -> None:
+    library = ctypes.CDLL(os.fspath(library_of(installed)))
+    data = encoded(with_attributes(), tmp_path / "clip.pdeanim").read_bytes()
+    handle, error = ctypes.c_void_p(), Error()
+
+    def open_with(content: bytes) -> int:
+        place = ctypes.c_char_p(content)
+        return int(library.pdeanim_open_memory(place, ctypes.c_size_t(len(content)), None, ctypes.byref(handle),
+                                               ctypes.byref(error)))  # fmt: skip
+
+    for size in range(0, len(data), 7):
+        assert open_with(data[:size]) == 1
+        assert handle.value is None
+        assert error.text
+    assert open_with(data) == 0
+    library.pdeanim_vertex_count.restype = ctypes.c_int64
+    vertices = library.pdeanim_vertex_count(handle)
+    out = np.empty((2, vertices, 3), np.float32)
+    times = np.array([0.0, 0.05])
+
+    def evaluate(quantity: int, which: int) -> int:
+        return int(library.pdeanim_evaluate(handle, quantity, ctypes.c_void_p(times.ctypes.data), ctypes.c_size_t(2),
+                                            ctypes.c_int64(which), ctypes.c_void_p(out.ctypes.data),
+                                            ctypes.byref(error)))  # fmt: skip
+
+    for quantity, name in enumerate(("positions", "velocities", "accelerations")):
+        assert evaluate(quantity, -1) == 0
+        with open_animation(data) as animation:
+            assert np.array_equal(out, getattr(animation, name)(times))
+    library.pdeanim_cancel(handle)
+    assert evaluate(0, -1) == 0, "cancelling is for calls that are under way"
+    assert evaluate(3, -1) == 3
+    assert b"unknown quantity" in error.text
+    assert evaluate(0, 99) == 3
+    assert b"there is no object 99" in error.text
+    for count in (-1, -(2**62)):
+        found = library.pdeanim_evaluate(handle, 0, ctypes.c_void_p(times.ctypes.data), ctypes.c_size_t(count),
+                                         ctypes.c_int64(-1), ctypes.c_void_p(out.ctypes.data),
+                                         ctypes.byref(error))  # fmt: skip
+        assert (found, error.text) == (3, b"there cannot be so many times")
+    times[0] = np.nan
+    assert evaluate(0, -1) == 3
+    library.pdeanim_close(handle)

@@ -1,0 +1,168 @@
+"""The same bytes on every processor: whatever kernels numpy, its BLAS, the C library or the core choose for it."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdecodec import encode
+from pdecodec.codec.decoder import open_animation
+from pdecodec.mesh.sequence import ArraySequence, Float64Array, MeshObject
+from pdecodec.simulate import build
+from tests.support.mesh_cases import grid
+
+PROCESSORS: dict[str, dict[str, str]] = {
+    "this one": {},
+    "AVX-512": {"OPENBLAS_CORETYPE": "SkylakeX", "PDECODEC_INSTRUCTIONS": "avx512f"},
+    "AVX2": {
+        "OPENBLAS_CORETYPE": "Haswell",
+        "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
+        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX512F",
+        "PDECODEC_INSTRUCTIONS": "avx2",
+    },
+    "SSE": {
+        "OPENBLAS_CORETYPE": "Sandybridge",
+        "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
+        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX512F,-AVX2,-FMA",
+        "PDECODEC_INSTRUCTIONS": "usual",
+        "PDECODEC_THREADS": "1",
+    },
+}
+"""What has libraries choose as they do there. A processor that has less goes on with what it has."""
+
+ENCODES: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("waves", {"profile": "paper"}),
+    ("large waves", {"profile": "paper"}),
+    ("poses", {"tolerance": 1e-3}),
+    ("noise", {"tolerance": 1e-3}),
+    ("modes", {"tolerance": 2e-4}),
+    ("modes", {"tolerance": 2e-4, "effort": "fast"}),
+    ("large modes", {"tolerance": 1e-3}),
+    ("large modes", {"tolerance": 2e-4, "effort": "fast"}),
+)
+"""Clips and settings. Other last bits change few coefficients of a clip: these have so many that some would."""
+
+SCENES = ("cloth",)
+"""Of the simulator's scenes those that take no sine of the C library: its last bits are the processor's."""
+
+SCRIPT = """
+from tests.conformance.test_every_processor import print_digests
+print_digests()
+"""
+
+
+def sheet(rows: int, heights: Float64Array) -> ArraySequence:
+    """A sheet, (frames, rows, rows) high."""
+    x, y = np.meshgrid(np.arange(rows), np.arange(rows))
+    points = np.stack([*np.broadcast_arrays(x, y, heights)], axis=-1).reshape(len(heights), -1, 3)
+    return ArraySequence(points.astype(np.float32), objects=[MeshObject("sheet", grid(rows, rows))])
+
+
+def waves(rows: int, frames: int) -> ArraySequence:
+    """Waves that run over a sheet, of few functions of time."""
+    x, y = np.meshgrid(np.arange(rows), np.arange(rows))
+    at = np.arange(frames)[:, None, None]
+    return sheet(rows, 0.002 * x * x * np.sin(0.3 * x + 0.4 * at) + 0.5 * np.cos(0.2 * y - 0.3 * at))
+
+
+def modes(rows: int, frames: int, count: int) -> ArraySequence:
+    """So many shapes, each swinging at its own pace."""
+    random, at = np.random.default_rng(1), np.arange(frames)
+    shapes = random.normal(size=(count, rows, rows))
+    for _ in range(2):
+        shapes = (shapes + np.roll(shapes, 1, 1) + np.roll(shapes, 1, 2)) / 3.0
+    paces, phases = random.uniform(0.02, 1.0, count), random.uniform(0.0, 6.0, count)
+    swings = np.cos(np.outer(at, paces) + phases) / np.arange(1, count + 1)
+    return sheet(rows, np.einsum("tk,kxy->txy", swings, shapes))
+
+
+def noise() -> ArraySequence:
+    """Motion that takes all functions of time that there are."""
+    return sheet(12, np.cumsum(np.random.default_rng(6).normal(size=(90, 12, 12)), axis=0))
+
+
+def poses() -> ArraySequence:
+    """Frames between a few poses, the faces of a character."""
+    random = np.random.default_rng(9)
+    keys = random.normal(size=(7, 16, 16)) * (random.random((7, 16, 16)) < 0.2)
+    shares = np.maximum(0.0, 1.0 - np.abs(np.linspace(0, 6, 60)[:, None] - np.arange(7)))
+    return sheet(16, (shares[:, :, None, None] * keys).sum(axis=1))
+
+
+CLIPS: dict[str, Callable[[], ArraySequence]] = {
+    "waves": lambda: waves(20, 40),
+    "large waves": lambda: waves(48, 50),
+    "poses": poses,
+    "noise": noise,
+    "modes": lambda: modes(40, 100, 80),
+    "large modes": lambda: modes(50, 150, 60),
+}
+
+
+def print_digests() -> None:
+    """Print a line for all bytes of each encode, all positions of each decode, and all of each simulation."""
+
+    def print_digest(*words: object, data: bytes) -> None:
+        print(*words, hashlib.sha256(data).hexdigest())
+
+    for name, options in ENCODES:
+        data = encode(CLIPS[name](), **options).data
+        assert data is not None
+        print_digest("encode", name, options, data=data)
+        with open_animation(data) as animation:
+            print_digest("decode", name, options, data=animation.positions(animation.times).tobytes())
+    for name in SCENES:
+        clip = build(name).simulate(frames=6)
+        print_digest("simulate", name, data=clip.read_frames(0, 6).tobytes())
+
+
+def digests_on(processor: str) -> str:
+    """What `print_digests` prints in a process of its own."""
+    root = Path(__file__).resolve().parents[2]
+    environment = {**os.environ, **PROCESSORS[processor], "PYTHONPATH": str(root)}
+    command = [sys.executable, "-c", SCRIPT]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True, cwd=root).stdout
+
+
+@pytest.fixture(scope="module")
+def digests() -> dict[str, str]:
+    with ThreadPoolExecutor(2) as pool:
+        return dict(zip(PROCESSORS, pool.map(digests_on, PROCESSORS), strict=True))
+
+
+@pytest.mark.parametrize("processor", [name for name in PROCESSORS if name != "this one"])
+def test_every_processor_encodes_decodes_and_simulates_alike(processor: str, digests: dict[str, str]) -> None:
+    assert digests["this one"].count("\n") == 2 * len(ENCODES) + len(SCENES)
+    assert digests[processor] == digests["this one"]
+
+
+OTHER_BITS = {"linalg", "einsum", "tensordot", "matmul", "dot", "vdot", "inner"} | {
+    *("exp", "exp2", "expm1", "log", "log2", "log10", "log1p", "power", "hypot", "cbrt"),
+    *("sin", "cos", "tan", "sinh", "cosh", "tanh", "arcsin", "arccos", "arctan", "arctan2"),
+}
+"""Names of numpy's functions whose last bits differ from one processor to another."""
+
+OF_THE_PAPER = {"basis.py"}
+"""The paper's functions as printed, which no encode takes."""
+
+
+def test_the_encoder_calls_nothing_of_numpy_that_depends_on_the_processor() -> None:
+    package = Path(__file__).resolve().parents[2] / "pdecodec"
+    found = []
+    for path in sorted([*(package / "encoding").glob("*.py"), *(package / "coding").glob("*.py")]):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            is_product = isinstance(node, ast.BinOp | ast.AugAssign) and isinstance(node.op, ast.MatMult)
+            is_numpys = isinstance(node, ast.Attribute) and ast.unparse(node.value) == "np" and node.attr in OTHER_BITS
+            if (is_product or is_numpys) and path.name not in OF_THE_PAPER:
+                found.append(f"{path.name}: {ast.unparse(node)}")
+    assert not found

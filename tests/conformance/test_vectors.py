@@ -1,0 +1,285 @@
+"""The vectors of the specification: accepted ones decode to the pinned bits, refused ones to the pinned error."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pdecodec import Animation, CorruptFileError, LimitError, open_animation
+from spec.decoder import animation as independent
+from spec.decoder.fields import CorruptFileError as IndependentCorruptFileError
+from spec.decoder.groups import CLOSED_FORM, COSINES, PRECISE, SHAPES, TRAJECTORIES
+from spec.decoder.mesh import Attribute
+from spec.decoder.rangecoder import RangeDecoder
+from spec.decoder.residuals import ResidualReader
+from spec.example import section
+from spec.make_vectors import describe, integers
+from spec.sealing import (
+    CHUNKS,
+    Part,
+    Row,
+    ScriptedCoder,
+    content,
+    counted,
+    group_chunks,
+    take_apart,
+    take_rows,
+    take_runs,
+)
+from tests.support.decoders import assert_close, assert_same
+from tests.support.shaken_arithmetic import decoder, shaker, trace
+
+SPEC = Path(__file__).resolve().parents[2] / "spec"
+VECTORS = SPEC / "vectors"
+MANIFEST: dict[str, dict[str, dict[str, Any]]] = json.loads((VECTORS / "manifest.json").read_text("utf-8"))
+
+
+def sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+@pytest.mark.parametrize("folder", ["accept", "reject"])
+def test_the_manifest_lists_every_vector_and_its_bytes_have_not_changed(folder: str) -> None:
+    files = {path.stem: path for path in (VECTORS / folder).iterdir()}
+    assert files.keys() == MANIFEST[folder].keys()
+    assert len(files) >= 20
+    for name, path in files.items():
+        assert path.suffix == ".pdeanim"
+        assert sha256(path.read_bytes()) == MANIFEST[folder][name]["sha256"], name
+
+
+def test_the_vectors_stay_small() -> None:
+    sizes = [path.stat().st_size for path in VECTORS.rglob("*.pdeanim")]
+    assert max(sizes) < 4_000
+    assert sum(sizes) < 100_000
+
+
+@pytest.mark.parametrize("name", MANIFEST["accept"])
+def test_the_library_and_the_independent_decoder_find_what_the_manifest_says(name: str) -> None:
+    expected = MANIFEST["accept"][name]
+    path = VECTORS / "accept" / f"{name}.pdeanim"
+    plain = independent.decode_runs(path.read_bytes())
+    assert describe(path.read_bytes()) == expected
+    with open_animation(path) as animation:
+        animation.verify()
+        sizes = [(run.vertex_count, run.frame_count) for run in animation.runs]
+        expected_sizes = (expected["vertices"], expected["frames"])
+        vertices, frames = ([value] if isinstance(value, int) else value for value in expected_sizes)
+        assert sizes == list(zip(vertices, frames, strict=True))
+        asked = {row[0] for row in expected["positions"]}
+        for other, run in zip(plain, animation.runs, strict=True):
+            assert isinstance(run, Animation)
+            times = {*run.times, *(time for time in asked if animation.run_at(time) is run)}
+            assert_same(other, run, sorted(times))
+        for time in sorted({*animation.times, *asked}):
+            other = independent.run_at(plain, time)
+            assert_close(animation.positions(time), other, min(time, other.times[-1]))
+
+
+@pytest.mark.parametrize("name", MANIFEST["reject"])
+def test_a_refused_vector_ends_in_the_pinned_error(name: str) -> None:
+    expected = MANIFEST["reject"][name]
+    path = VECTORS / "reject" / f"{name}.pdeanim"
+
+    def decode_all() -> None:
+        with open_animation(path) as animation:
+            animation.verify()
+
+    with pytest.raises(CorruptFileError) as caught:
+        decode_all()
+    assert (type(caught.value) is LimitError) == (expected["error"] == "limit")
+    assert caught.value.exit_code == expected["exit_code"]
+    assert str(caught.value).startswith(str(path))
+
+
+@pytest.mark.parametrize("name", [name for name, vector in MANIFEST["reject"].items() if vector["error"] == "corrupt"])
+def test_the_independent_decoder_refuses_what_is_corrupt(name: str) -> None:
+    def decode_all() -> None:
+        for run in independent.decode_runs((VECTORS / "reject" / f"{name}.pdeanim").read_bytes()):
+            for index in range(len(run.motion.groups)):
+                run.motion.group(index)
+
+    with pytest.raises(IndependentCorruptFileError):
+        decode_all()
+
+
+Parsed = tuple[list[tuple[int, int]], dict[str, str], list[tuple[Any, ...]]]
+
+
+@pytest.fixture(scope="module")
+def parsers() -> Iterator[tuple[Callable[[bytes], Parsed], Callable[[bytes], Parsed]]]:
+    """The plain decoder as it is, and with every floating-point result a unit off: what they read of a file."""
+    with decoder(None) as usual, decoder(shaker(1), exempt=set()) as shaken:
+        yield parser(usual), parser(shaken)
+
+
+def parser(modules: dict[str, ModuleType]) -> Callable[[bytes], Parsed]:
+    """Decodes files: every bit and its probability, integers as in the manifest, and attributes."""
+    read = trace(modules)
+
+    def parse(data: bytes) -> Parsed:
+        read.clear()
+        runs = modules["animation"].decode_runs(data)
+        found = integers(runs)
+        attributes = [item for run in runs for mesh in run.meshes for item in mesh.attributes]
+        of_each = [(item.name, item.domain, item.indices, item.labels, item.values.tobytes()) for item in attributes]
+        return list(read), found, of_each
+
+    return parse
+
+
+@pytest.mark.parametrize("name", MANIFEST["accept"])
+def test_no_result_of_floating_point_arithmetic_decides_how_bytes_are_read(
+    name: str, parsers: tuple[Callable[[bytes], Parsed], Callable[[bytes], Parsed]]
+) -> None:
+    data = (VECTORS / "accept" / f"{name}.pdeanim").read_bytes()
+    usual, shaken = (parse(data) for parse in parsers)
+    assert usual[1] == MANIFEST["accept"][name]["integers"]
+    assert usual == shaken
+
+
+def test_the_links_inside_the_specification_lead_somewhere() -> None:
+    text = (SPEC / "pdeanim.md").read_text("utf-8")
+    titles = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    anchors = {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+    links = set(re.findall(r"\]\(#([^)]+)\)", text))
+    assert links
+    assert links <= anchors
+
+
+def test_the_example_is_written_as_its_file_is() -> None:
+    written = section((VECTORS / "accept" / "example.pdeanim").read_bytes())
+    assert written in (SPEC / "pdeanim.md").read_text("utf-8")
+
+
+def test_every_reason_names_a_section_of_the_specification() -> None:
+    text = (SPEC / "pdeanim.md").read_text("utf-8")
+    numbers = {number.rstrip(".") for number in re.findall(r"^(?:#+ |\*\*)(\d[\d.]*)", text, re.MULTILINE)}
+    for name, vector in MANIFEST["reject"].items():
+        (number,) = re.findall(r"\((\d+(?:\.\d+)*)\)$", vector["reason"])
+        assert number in numbers, name
+
+
+class Vector(NamedTuple):
+    """What a vector is made of."""
+
+    parts: list[Part]
+    rows: list[Row]
+    patches: int
+    attributes: list[Attribute]
+
+    def chunk(self, kind: str) -> bytes:
+        """Of the first group."""
+        return group_chunks(self.parts, kind)[0]
+
+    def is_of(self, basis: int, *, double: bool | None = None, groups: int = 1) -> bool:
+        kinds = {row.kind & ~PRECISE if double is None else row.kind for row in self.rows if row.functions}
+        return kinds == {basis + PRECISE * bool(double)} and len(self.rows) == groups
+
+    def byte(self, kind: str, at: int) -> int:
+        return content(self.parts, kind)[at]
+
+    def moves(self) -> bool:
+        return any(row.functions for row in self.rows)
+
+    def is_predicted(self) -> bool:
+        reader = ResidualReader(self.chunk("CORR"), [0, 24])
+        reader.read(self.rows[0].frames)
+        return reader.is_predicted
+
+
+def vector(name: str) -> Vector:
+    data = (VECTORS / "accept" / f"{name}.pdeanim").read_bytes()
+    parts = take_apart(data)
+    animation = independent.decode(data)
+    patches = len(animation.motion.space.patches.elements)
+    return Vector(parts, take_rows(content(parts, "GRUP"))[0], patches, animation.meshes[0].attributes)
+
+
+def test_vectors_of_runs_have_what_they_are_named_for() -> None:
+    found = {}
+    for name in ("runs", "runs_of_one_frame", "runs_in_closed_form", "file_of_one_run"):
+        parts = take_apart((VECTORS / "accept" / f"{name}.pdeanim").read_bytes())
+        assert {"RUNS", "RDAT", "SEQN"} <= {part.kind for part in parts} <= {"META", "RUNS", "RDAT", "SEQN"}
+        found[name] = take_runs(parts)
+    assert {len(runs) for runs in found.values()} == {5, 1}
+    assert len(found["file_of_one_run"]) == 1
+    shared = {kind for run in found["runs"] for kind, section in run.sections.items() if section is None}
+    assert {"NAME", "CONN", "ATTR"} <= shared
+    assert all(run.sections["CORR"] == b"" for run in found["runs_of_one_frame"])
+    groups = [run.sections["GRUP"] for run in found["runs_in_closed_form"]]
+    assert {table[2] & ~PRECISE for table in groups if table} == {CLOSED_FORM}
+
+
+CLAIMS: dict[str, Callable[[Vector], bool]] = {
+    "trajectories_predicted": lambda v: v.chunk("TIME")[0] == 0 and v.is_of(TRAJECTORIES),
+    "trajectories_transformed": lambda v: v.chunk("TIME")[0] == 1 and v.is_of(TRAJECTORIES),
+    "trajectories_in_straight_runs": lambda v: v.chunk("TIME")[0] == 2 and v.is_of(TRAJECTORIES),
+    "shapes_predicted": lambda v: v.chunk("TIME")[0] == 0 and v.is_of(SHAPES),
+    "shapes_transformed": lambda v: v.chunk("TIME")[0] == 1 and v.is_of(SHAPES),
+    "shapes_in_double": lambda v: v.is_of(SHAPES, double=True),
+    "groups_of_shapes": lambda v: v.is_of(SHAPES, groups=3),
+    "cosines": lambda v: v.is_of(COSINES, double=False),
+    "groups": lambda v: v.is_of(TRAJECTORIES, groups=3) and len({row.frames for row in v.rows}) == 2,
+    "groups_of_cosines": lambda v: v.is_of(COSINES, groups=3),
+    "groups_of_one_frame": lambda v: {row.frames for row in v.rows} == {1},
+    "groups_in_double": lambda v: TRAJECTORIES + PRECISE in {row.kind for row in v.rows},
+    "cosines_in_double": lambda v: v.is_of(COSINES, double=True),
+    "closed_form": lambda v: v.byte("MODL", 0) == 1 and {row.kind & ~PRECISE for row in v.rows} == {CLOSED_FORM},
+    "closed_form_on_pieces": lambda v: v.byte("MODL", 1) == 6 and len(v.rows) == 2,
+    "closed_form_and_residuals": lambda v: v.byte("MODL", 1) == 255 and v.chunk("CORR") != b"",
+    "closed_form_of_one_frame": lambda v: v.rows[0].frames == 1,
+    "closed_form_at_irregular_times": lambda v: v.byte("SEQN", 2) % 4 == 2 and len(v.rows) >= 2,
+    "many_patches": lambda v: v.patches >= 8 and v.byte("MODL", 0) == 0,
+    "many_pieces": lambda v: v.patches >= 8 and v.byte("MODL", 0) == 1,
+    "welded": lambda v: v.byte("REST", 32) == 1,
+    "polygons_attributes": lambda v: v.byte("REST", 32) == 0 and v.parts[-1].kind == "ATTR",
+    "mapped": lambda v: len(v.attributes) == 6,
+    "order_kept": lambda v: "ORDR" in {part.kind for part in v.parts},
+    "order_free": lambda v: "ORDR" not in {part.kind for part in v.parts},
+    "one_frame": lambda v: v.rows[0].frames == 1 and not v.moves(),
+    "static": lambda v: not v.moves() and v.chunk("CORR") == b"",
+    "rigid": lambda v: v.rows[0].functions <= 4 and len(v.chunk("CORR")) < 8,
+    "residuals": lambda v: len(v.chunk("CORR")) > 50,
+    "raw_vertices": lambda v: len(v.chunk("CORR")) > 12 * 15,
+    "irregular_times": lambda v: v.byte("SEQN", 2) % 4 == 2,
+    "times_at_another_rate": lambda v: v.byte("SEQN", 2) % 8 in (0, 1),
+    "times_by_period": lambda v: v.byte("SEQN", 2) % 8 == 4 + 3,
+    "long_clip": lambda v: sum(row.frames for row in v.rows) > 2 * 46 and len(v.rows) > 2,
+    "residuals_predicted": lambda v: v.is_predicted(),
+    "residuals_from_end_to_end": lambda v: not v.is_predicted(),
+    "functions_of_length_zero": lambda v: v.chunk("TIME") == b"" and v.rows[0].functions > 0,
+    "sections_in_another_order": lambda v: [part.kind for part in v.parts[:3]] == list(CHUNKS[::-1]),
+    "unknown_ignorable_sections": lambda v: {"XYZW", "\xff\x00ab"} < {part.kind for part in v.parts},
+    "without_remarks": lambda v: "META" not in {part.kind for part in v.parts},
+}
+
+
+@pytest.mark.parametrize("name", CLAIMS)
+def test_a_vector_has_what_it_is_named_for(name: str) -> None:
+    assert CLAIMS[name](vector(name))
+
+
+@given(st.text("01", max_size=200), st.integers(0, 2**32 - 1))
+def test_scripted_bits_come_back_whatever_their_probability(bits: str, seed: int) -> None:
+    random = np.random.default_rng(seed).integers(32, 65505, len(bits)).tolist()
+    writer = ScriptedCoder(bits)
+    for probability in random:
+        writer.bit_with(probability)
+    reader = RangeDecoder(writer.to_bytes())
+    assert "".join(str(reader.bit_with(probability)) for probability in random) == bits
+    assert reader.is_finished()
+
+
+def test_numbers_are_counted_in_digits_first() -> None:
+    assert [counted(number) for number in (1, 2, 3, 6)] == ["0", "100", "101", "11010"]

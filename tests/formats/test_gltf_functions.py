@@ -1,0 +1,43 @@
+"""Functions of time that give a motion: as few as there are, and none where they would be too many."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdecodec.formats.gltf.functions import SKETCH, find_functions
+
+BOUND = 1e-5
+
+
+def motion_of_functions(count: int, samples: int = 600, vertices: int = 300) -> NDArray[np.float64]:
+    """(samples, vertices, 3): a place, and as many cosines of time times shapes."""
+    rng = np.random.default_rng(5)
+    cosines = np.cos(np.outer(np.linspace(0, np.pi, samples), np.arange(1, count + 1)))
+    return rng.normal(size=(vertices, 3)) + np.tensordot(cosines, rng.normal(size=(count, vertices, 3)), 1)
+
+
+@pytest.mark.parametrize("count", [1, SKETCH - 1, 2 * SKETCH + 1, 6 * SKETCH])
+def test_as_many_functions_are_found_as_a_motion_has(count: int) -> None:
+    points = motion_of_functions(count)
+    found = find_functions(points, BOUND, most=400)
+    assert found is not None
+    functions, rest, shapes = found
+    assert functions.shape == (600, count)
+    assert functions.min() >= 0
+    assert functions.max() <= 1
+    assert np.abs(rest + np.tensordot(functions, shapes, 1) - points).max() <= BOUND
+
+
+@pytest.mark.parametrize("count", [5, 300])
+def test_a_motion_of_more_functions_than_allowed_has_none(count: int) -> None:
+    assert find_functions(motion_of_functions(count), BOUND, most=count - 1) is None
+
+
+def test_of_several_bounds_the_first_that_so_many_functions_reach_is_taken() -> None:
+    points = motion_of_functions(3) + 0.01 * motion_of_functions(40)
+    found = find_functions(points, BOUND, 0.5, 5.0, most=8)
+    assert found is not None
+    errors = np.abs(found[1] + np.tensordot(found[0], found[2], 1) - points)
+    assert BOUND < errors.max() <= 0.5

@@ -1,0 +1,539 @@
+"""What a report says was measured on decoded bytes, is kept, compared and drawn; and clips of every kind have one."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdecodec.cli.main import run
+from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.sections.bytestream import FieldReader
+from pdecodec.errors import InputError, MissingExtraError
+from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.mesh.runs import ChangingSequence
+from pdecodec.mesh.sequence import ArraySequence, MeshObject
+from pdecodec.report.charts.drawing import require_drawing
+from pdecodec.report.charts.vegalite import for_page
+from pdecodec.report.clips.between import (
+    INTERPOLATIONS,
+    PDECODEC,
+    cubic_spline,
+    measure_between,
+    nearest_frame,
+    straight_lines,
+)
+from pdecodec.report.clips.comparison import compare_measurements, comparison_text, read_measurements, too_large
+from pdecodec.report.clips.errors import measure_field
+from pdecodec.report.clips.making import find_clips
+from pdecodec.report.clips.measurement import KeptMeasurements, Measurement, best_baseline, clip_digest, measurement_key
+from pdecodec.report.clips.measuring import ReportPlan, measure_clip, measure_profile
+from pdecodec.report.clips.pages import merit_table
+from pdecodec.report.clips.recommendation import recommend
+from pdecodec.research import baselines
+from pdecodec.research.baselines.packages import DracoWithFaces
+from pdecodec.research.baselines.quantised import QuantiseDelta, RawFloat16, RawFloat32
+from tests.support.browser_tools import load_page
+from tests.support.driven_browser import browsing
+from tests.support.mesh_cases import connectivity_of, grid
+
+BASELINES = (RawFloat32(), RawFloat16(), QuantiseDelta())
+
+PLAN = ReportPlan(tolerances=(1e-2, 1e-3), profiles=("auto",), baselines=BASELINES, effort="fast", jobs=1)
+
+POINT = Measurement(
+    clip="a",
+    coder="auto",
+    kind="profile",
+    tolerance=1e-3,
+    frames=10,
+    vertices=20,
+    size=100,
+    constant_size=20,
+    max_error=9e-4,
+    rms_error=3e-4,
+    p99_error=8e-4,
+    within=1.0,
+    kg_error=0.1,
+    encode_seconds=2.0,
+    decode_seconds=0.5,
+    copy_seconds=0.01,
+    random_seconds=1e-3,
+)
+
+
+def wave_sequence(frames: int = 12, seed_height: float = 0.1) -> ArraySequence:
+    u, times = np.linspace(0, 1, 20), np.arange(frames) / 24.0
+    points = np.zeros((frames, 4, 20, 3))
+    points[..., 0] = u
+    points[..., 1] = 0.2 * np.arange(4)[:, None]
+    points[..., 2] = seed_height * np.sin(5 * u - 6 * times[:, None])[:, None]
+    return ArraySequence(points.reshape(frames, -1, 3), objects=[MeshObject("sheet", grid(4, 20))], times=times)
+
+
+def baseline(name: str, size: int | None, **values: Any) -> Measurement:
+    return replace(POINT, coder=name, kind="baseline", size=size, refusal=None if size else "too coarse", **values)
+
+
+def test_what_follows_from_a_measurement_is_as_it_is_defined() -> None:
+    assert POINT.reached
+    assert POINT.raw_size == 2400
+    assert POINT.bpvf == 8 * 100 / 200
+    assert POINT.ratio == 2400 / 120
+    assert POINT.encode_rate == pytest.approx(0.0012)
+    assert POINT.decode_rate == pytest.approx(0.0048)
+    assert POINT.decode_multiple == pytest.approx(50)
+    refused = baseline("p", None, max_error=None, encode_seconds=None, decode_seconds=None)
+    assert not refused.reached
+    assert (refused.bpvf, refused.ratio, refused.encode_rate, refused.decode_multiple) == (None,) * 4
+    assert not replace(POINT, max_error=1.1e-3).reached
+
+
+def test_the_best_baseline_is_the_smallest_that_keeps_the_bound() -> None:
+    points = [
+        POINT,
+        baseline("coarse", None),
+        baseline("plain", 500),
+        baseline("better", 400, published=False),
+        baseline("off", 1, max_error=1),
+    ]
+    found = [best_baseline(points, 1e-3, published=published) for published in (False, True)]
+    assert [point and point.coder for point in found] == ["better", "plain"]
+    assert best_baseline(points[:2], 1e-3) is None
+
+
+def test_a_profile_is_measured_on_what_its_bytes_decode_to() -> None:
+    sequence = wave_sequence()
+    point = measure_profile("wave", sequence, profile="auto", tolerance=2e-3, effort="fast")
+    written = encode(sequence, tolerance=2e-3, effort="fast")
+    constant = written.sections["CONN"] + written.sections.get("ORDR", 0)
+    assert (point.clip, point.frames, point.vertices) == ("wave", 12, 80)
+    assert (point.size, point.constant_size) == (written.file_bytes - constant, constant)
+    assert point.max_error == pytest.approx(written.max_error / written.scale)
+    assert 0 < (point.rms_error or 0) < (point.p99_error or 0) <= (point.max_error or 0) <= 2e-3
+    assert point.within == 1.0
+    assert (point.coefficients or 0) > 0
+    assert sum(point.sections.values()) == written.file_bytes
+
+
+def test_every_coder_has_a_measurement_at_every_tolerance_and_baselines_keep_the_bound(tmp_path: Path) -> None:
+    points = measure_clip("wave", wave_sequence(), PLAN, KeptMeasurements(tmp_path / "measurements.json"))
+    assert [(point.coder, point.tolerance) for point in points] == [
+        (coder, tolerance) for coder in ("auto", *(item.name for item in BASELINES)) for tolerance in (1e-2, 1e-3)
+    ]
+    assert all(point.reached for point in points)
+    assert len({point.constant_size for point in points}) == 1
+
+
+def test_measurements_are_measured_once_and_then_kept(tmp_path: Path) -> None:
+    path, counts, found = tmp_path / "measurements.json", [], []
+    for fresh in (False, False, True):
+        kept = KeptMeasurements(path, fresh=fresh)
+        found.append(measure_clip("wave", wave_sequence(), PLAN, kept))
+        counts.append((kept.measured, kept.kept))
+    assert counts == [(8, 0), (0, 8), (8, 0)]
+    assert found[0] == found[1]
+    assert [point.size for point in found[0]] == [point.size for point in found[2]]
+
+
+def test_baselines_beside_each_other_find_what_they_find_alone(tmp_path: Path) -> None:
+    alone = measure_clip("wave", wave_sequence(), PLAN, KeptMeasurements(tmp_path / "one.json"))
+    beside = measure_clip("wave", wave_sequence(), replace(PLAN, jobs=2), KeptMeasurements(tmp_path / "two.json"))
+    assert [(point.coder, point.size, point.max_error) for point in alone] == [
+        (point.coder, point.size, point.max_error) for point in beside
+    ]
+
+
+def test_measurements_of_runs_at_the_same_time_are_all_kept(tmp_path: Path) -> None:
+    path = tmp_path / "measurements.json"
+    first, second = KeptMeasurements(path), KeptMeasurements(path)
+    first.keep(measurement_key("d", "v", 1e-2), POINT)
+    second.keep(measurement_key("d", "v", 1e-3), POINT)
+    third = KeptMeasurements(path)
+    assert [third.find(measurement_key("d", "v", tolerance), "b") for tolerance in (1e-2, 1e-3)] == [
+        replace(POINT, clip="b")
+    ] * 2
+
+
+def test_the_digest_sees_positions_times_faces_and_names() -> None:
+    clip = wave_sequence()
+    others = [
+        ArraySequence(clip.points, objects=[MeshObject("sheet", grid(20, 4))], times=clip.times),
+        ArraySequence(clip.points, objects=[MeshObject("shirt", grid(4, 20))], times=clip.times),
+        ArraySequence(clip.points, objects=clip.objects, times=clip.times + 1),
+        ArraySequence(np.nextafter(clip.points, np.float32(9)), objects=clip.objects, times=clip.times),
+        wave_sequence(),
+    ]
+    assert len({clip_digest(item) for item in others}) == 5
+    assert clip_digest(others[-1]) == clip_digest(clip)
+
+
+@pytest.mark.parametrize("content", ["", "[1]", '{"a": 1}', '{"a": {"size": 1}}', "\x00", json.dumps({"a": {}})])
+def test_a_file_that_holds_no_measurements_is_refused_by_name(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "measurements.json"
+    path.write_text(content)
+    with pytest.raises(InputError, match=r"measurements\.json.*delete it"):
+        KeptMeasurements(path)
+
+
+KNOTS, TIMES = np.array([0.0, 0.5, 0.8, 1.7, 2.0]), np.array([0.1, 0.7, 1.0, 1.9])
+
+
+def test_the_spline_is_exact_on_cubic_motion_at_uneven_times() -> None:
+    def motion(t: np.ndarray) -> np.ndarray:
+        return np.stack([t**3 - t, 2 * t**2, 1 + t], axis=-1)[:, None, :]
+
+    found = cubic_spline(KNOTS, motion(KNOTS).astype(np.float32), TIMES)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, motion(TIMES), atol=2e-6)
+
+
+def test_straight_lines_are_exact_on_constant_speed_and_the_nearest_frame_is_one_of_the_kept() -> None:
+    def motion(t: np.ndarray) -> np.ndarray:
+        return np.stack([t, 2 * t, 1 + t], axis=-1)[:, None, :].astype(np.float32)
+
+    np.testing.assert_allclose(straight_lines(KNOTS, motion(KNOTS), TIMES), motion(TIMES), atol=1e-6)
+    found = nearest_frame(KNOTS, motion(KNOTS), TIMES)
+    assert np.array_equal(found, motion(np.array([0.0, 0.8, 0.8, 2.0])))
+    assert np.array_equal(nearest_frame(KNOTS, motion(KNOTS), np.array([0.25])), motion(KNOTS[:1]))
+
+
+def test_between_frames_every_way_is_measured_at_the_frames_left_out() -> None:
+    rows = list(measure_between("wave", wave_sequence(13), effort="fast"))
+    assert [(row.stride, row.way) for row in rows] == [
+        (stride, way) for stride in (2, 4) for way in (PDECODEC, *INTERPOLATIONS)
+    ]
+    assert [row.frames for row in rows] == [6] * 4 + [9] * 4
+    assert all(0 < row.rms_error <= row.max_error for row in rows)
+    by_way = {row.way: row.rms_error for row in rows if row.stride == 2}
+    assert by_way[PDECODEC] < by_way["straight lines"] < by_way["nearest frame (Alembic's default)"]
+
+
+def test_the_error_field_names_the_worst_frame_and_vertex() -> None:
+    sequence = wave_sequence()
+    field = measure_field(sequence, tolerance=2e-3, effort="fast")
+    found = field.distortion
+    assert field.maximum_by_frame.argmax() == found.worst_frame
+    assert field.maximum_by_vertex.argmax() == field.at_worst_frame.argmax() == found.worst_vertex
+    assert field.maximum_by_frame.max() == field.maximum_by_vertex.max() == found.max_error / found.scale
+    assert field.average_by_frame.mean() == pytest.approx(found.e_a)
+
+
+def test_what_draws_is_named_with_what_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(MissingExtraError, match=r"charts need the package matplotlib; run: pip install 'pdecodec\[re"):
+        require_drawing()
+
+
+def test_a_chart_cannot_end_the_script_that_holds_it() -> None:
+    assert "</" not in for_page({"title": "</script><script>alert(1)</script>"})
+
+
+def test_advice_takes_the_smallest_file_whose_bound_is_fine_enough() -> None:
+    points = [
+        replace(POINT, tolerance=tolerance, size=size, max_error=0.9 * tolerance, coder=coder)
+        for coder, factor in (("auto", 1), ("paper", 3))
+        for tolerance, size in ((1e-2, 10 * factor), (1e-3, 100 * factor), (3e-4, 300 * factor))
+    ]
+    points += [baseline("rival", 200), baseline("rival", 150, tolerance=3e-4, max_error=1e-4)]
+    background, hero, archive = recommend(points)
+    assert background.point is not None
+    assert (background.point.coder, background.point.tolerance) == ("auto", 1e-3)
+    assert hero.point is not None
+    assert hero.point.tolerance == 3e-4
+    assert "1.5 times the bytes" in background.text
+    assert "but rival takes 0.50 times its bytes" in hero.text
+    assert archive.point is None
+    assert "run it with --tolerance 0.0001" in archive.text
+
+
+def test_changes_are_judged_by_the_whole_file_and_by_the_bound() -> None:
+    old = [POINT, replace(POINT, coder="paper"), baseline("p", 10)]
+    new = [
+        replace(POINT, size=112),
+        replace(POINT, coder="paper", max_error=2e-3),
+        baseline("p", 100),
+        replace(POINT, clip="b"),
+    ]
+    changes = compare_measurements(old, new)
+    assert [(change.verdict, change.growth) for change in changes[:2]] == [
+        ("larger", pytest.approx(0.1)),
+        ("no change", 0),
+    ]
+    assert [change.new.coder for change in too_large(changes, 0.05)] == ["auto", "paper"]
+    assert [change.new.coder for change in too_large(changes, 0.2)] == ["paper"]
+    assert "1 larger, 1 no change. Most grew a under pdecodec auto at 0.001, by 10 %." in comparison_text(changes)
+    assert "no point in common" in comparison_text([])
+
+
+@pytest.mark.parametrize(
+    "content", ["", "[]", "{}", '{"points": 3}', '{"points": [1]}', '{"points": [{}]}', "[" * 9999]
+)
+def test_what_is_no_earlier_report_is_refused_by_name(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "old.json"
+    path.write_text(content)
+    with pytest.raises(InputError, match=r"old\.json"):
+        read_measurements(path)
+    with pytest.raises(InputError, match=r"none\.json: cannot be read"):
+        read_measurements(tmp_path / "none.json")
+
+
+def test_the_table_ends_in_medians_and_geometric_means() -> None:
+    points = [replace(POINT, clip=clip, size=size) for clip, size in (("a", 100), ("b", 400), ("c", 200))]
+    table = merit_table(points, coder="auto", tolerances=[1e-3], means=True)
+    assert table.column("clip") == ["a", "b", "c", "median", "geometric mean"]
+    assert table.column("bpvf") == [4, 16, 8, 8, pytest.approx(8)]
+    beside = merit_table([*points, baseline("p", 200)], coder="auto", tolerances=[1e-3], means=True)
+    assert beside.column("ours / its") == [0.5, None, None, 0.5, 0.5]
+
+
+def test_clips_are_files_patterns_and_folders_of_frames_each_by_a_name_of_its_own(tmp_path: Path) -> None:
+    for name in ("x/a.npz", "y/a.npz", "y/b.h5", "y/frames/f.0001.obj", "y/frames/f.0002.obj", "y/notes.txt", "z/t.md"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    kinds = ([".npz", ".h5", ".obj"], [".obj"])
+    assert find_clips([tmp_path / "x", tmp_path / "y"], *kinds) == {
+        "x-a.npz": tmp_path / "x/a.npz",
+        "y-a.npz": tmp_path / "y/a.npz",
+        "b": tmp_path / "y/b.h5",
+        "frames": tmp_path / "y/frames",
+    }
+    assert find_clips([tmp_path / "y/frames", tmp_path / "q.####.obj"], *kinds) == {
+        "frames": tmp_path / "y/frames",
+        "q.####": tmp_path / "q.####.obj",
+    }
+    with pytest.raises(InputError, match="no mesh sequence in this folder"):
+        find_clips([tmp_path / "z"], *kinds)
+
+
+@pytest.fixture
+def three_baselines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(baselines, "available_baselines", lambda: (BASELINES, ("zfp needs the package zfpy",)))
+
+
+def report(source: Path | Sequence[Path], output: Path, *more: str) -> int:
+    sources = [source] if isinstance(source, Path) else source
+    options = ("--tolerance", "1e-2", "--tolerance", "1e-3", "--effort", "fast", "--jobs", "1")
+    return run(["report", *map(str, sources), "-o", str(output), *options, *more])
+
+
+@pytest.mark.usefixtures("three_baselines")
+def test_a_report_has_its_page_charts_figures_and_summary(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_sequence(wave_sequence(), tmp_path / "wave.npz")
+    assert report(tmp_path / "wave.npz", tmp_path / "out") == 0
+    said = capsys.readouterr()
+    assert said.out == (tmp_path / "out" / "summary.md").read_text()
+    assert "- Hero (no vertex off by more than a pixel" in said.out
+    assert "note: zfp needs the package zfpy" in said.err
+    assert "12 points measured, 0 kept" in said.err  # ten, and two other efforts
+    out = tmp_path / "out"
+    page = (out / "index.html").read_text()
+    record = json.loads((out / "report.json").read_text())
+    charts = re.findall(r'<div class="chart" id="(.*?)-chart">', page)
+    assert len(charts) >= 8
+    for name in charts:
+        assert (out / f"{name}.svg").read_text().startswith("<svg")
+        assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert len((out / f"{name}.csv").read_text().splitlines()) > 1
+    assert (out / "error-over-mesh.png").exists()
+    assert 'href="errors.html"' in page
+    assert '"original"' in (out / "errors.html").read_text()
+    assert [(point["coder"], point["tolerance"]) for point in record["points"]][:3] == [
+        ("auto", 0.01),
+        ("auto", 0.001),
+        ("paper", 0.01),
+    ]
+    with (out / "points.csv").open() as lines:
+        assert len(list(csv.DictReader(lines))) == len(record["points"]) == 10
+    assert not re.search(r'(?:src|href)="(?:https?:)?//', page)
+    with (out / "speed-size.csv").open() as lines:
+        rows = list(csv.DictReader(lines))
+    assert {row["doing"] for row in rows} == {"encoding", "opening and decoding"}
+    assert [row["coder"] for row in rows if row["doing"] == "encoding" and row["coder"].startswith("pdecodec")] == [
+        *("pdecodec auto", "pdecodec paper", "pdecodec auto, default", "pdecodec auto, best")
+    ]
+
+
+@pytest.mark.usefixtures("three_baselines")
+def test_a_second_report_tells_what_changed_and_fails_where_files_grew(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_sequence(wave_sequence(), tmp_path / "wave.npz")
+    assert report(tmp_path / "wave.npz", tmp_path / "out", "--profile", "auto") == 0
+    old = json.loads((tmp_path / "out" / "report.json").read_text())
+    old["points"][0]["size"] -= 60
+    (tmp_path / "old.json").write_text(json.dumps(old))
+    capsys.readouterr()
+    again = ("--profile", "auto", "--compare", str(tmp_path / "old.json"))
+    assert report(tmp_path / "wave.npz", tmp_path / "out", *again, "--json") == 0
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert (found["measured"], found["kept"]) == (0, 10)
+    assert [item["verdict"] for item in found["changes"]][:2] == ["larger", "no change"]
+    assert report(tmp_path / "wave.npz", tmp_path / "out", *again, "--fail-if-larger", "1%") == 1
+    said = capsys.readouterr()
+    assert "failed: wave, pdecodec auto at 0.01: larger by" in said.err
+    assert "1 larger, 1 no change" in said.out
+    assert report(tmp_path / "wave.npz", tmp_path / "out", *again, "--fail-if-larger", "99%") == 0
+
+
+def test_several_clips_have_a_table_of_all_and_a_page_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, height in (("calm", 0.02), ("rough", 0.3)):
+        write_sequence(wave_sequence(seed_height=height), tmp_path / f"{name}.npz")
+    assert report(tmp_path, tmp_path / "out", "--no-baselines", "--profile", "auto") == 0
+    rows = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
+    assert rows == ["clip", "calm", "rough", "median", "geometric mean"]
+    page = (tmp_path / "out" / "index.html").read_text()
+    for name in ("calm", "rough"):
+        assert f'href="{name}/index.html"' in page
+        assert name in (tmp_path / "out" / name / "index.html").read_text()
+
+
+def lines_only() -> ArraySequence:
+    clip = wave_sequence()
+    wire = MeshObject("wire", connectivity_of(80, lines=[range(80)]))
+    return ArraySequence(clip.points, objects=[wire], times=clip.times)
+
+
+ODD_CLIPS = {
+    "five frames of ten vertices": lambda: ArraySequence(
+        np.random.default_rng(0).normal(size=(5, 10, 3)).astype(np.float32), times=np.arange(5) / 24
+    ),
+    "lines only": lines_only,
+    "points only": lambda: ArraySequence(wave_sequence().points, times=np.arange(12) / 24),
+    "static": lambda: ArraySequence(
+        np.repeat(wave_sequence().points[:1], 12, axis=0), objects=wave_sequence().objects, times=np.arange(12) / 24
+    ),
+    "one frame": lambda: wave_sequence(1),
+    "one vertex that stands still": lambda: ArraySequence(np.ones((6, 1, 3), np.float32), times=np.arange(6) / 24),
+}
+
+
+@pytest.mark.usefixtures("three_baselines")
+@pytest.mark.parametrize("kind", ODD_CLIPS)
+def test_odd_clips_have_a_report_whose_every_chart_a_browser_draws(kind: str, tmp_path: Path) -> None:
+    write_sequence(ODD_CLIPS[kind](), tmp_path / "odd.npz")
+    assert report(tmp_path / "odd.npz", tmp_path / "out") == 0
+    record = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert record["points"]
+    for point in record["points"]:
+        assert point["kind"] == "baseline" if point["size"] is None else point["max_error"] <= point["tolerance"]
+    page = load_page(tmp_path / "out" / "index.html", tmp_path / "profile")
+    assert page.errors == []
+    assert page.charts == page.drawn
+    assert page.charts >= 3
+    with browsing(tmp_path / "another profile") as browser:
+        browser.open((tmp_path / "out" / "errors.html").as_uri())
+        browser.run("await pdeanimView.ready")
+        assert browser.errors() == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["none.npz"], 3, "none.npz"),
+        (["wave.npz", "--fail-if-larger", "5%"], 2, "--compare"),
+        (["wave.npz", "--compare", "none.json"], 3, "none.json"),
+        (["wave.npz", "--compare", "wave.npz"], 3, "not the report.json"),
+        (["wave.npz", "--fail-if-larger", "much", "--compare", "x"], 2, "such as 5%"),
+        (["wave.npz", "--tolerance", "-1"], 2, "tolerance"),
+        (["wave.npz", "--jobs", "0"], 2, "jobs"),
+        (["empty"], 3, "no mesh sequence in this folder"),
+    ],
+)
+def test_what_cannot_be_reported_is_said_in_a_line(
+    arguments: list[str],
+    code: int,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_sequence(wave_sequence(2), tmp_path / "wave.npz")
+    (tmp_path / "empty").mkdir()
+    assert run(["report", *arguments, "-o", "out", "--no-baselines", "--effort", "fast"]) == code
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_clip_that_is_not_there_is_all_that_a_report_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("pdecodec.research.baselines.available_baselines", lambda: ((), ("another method is missing",)))
+    write_sequence(wave_sequence(2), tmp_path / "wave.npz")
+    none = tmp_path / "none.npz"
+    assert run(["report", str(tmp_path / "wave.npz"), str(none), "-o", str(tmp_path / "out")]) == 3
+    assert capsys.readouterr().err == f"error: {none}: there is no such file; check the name\n"
+
+
+def sheets(*heights: int) -> list[ArraySequence]:
+    """Frames of one second each, of sheets of so many rows."""
+    points = wave_sequence().points
+    return [
+        ArraySequence(points[k : k + 1, : 20 * rows], objects=[MeshObject("sheet", grid(rows, 20))], times=[k])
+        for k, rows in enumerate(heights)
+    ]
+
+
+@pytest.mark.usefixtures("three_baselines")
+def test_a_clip_whose_connectivity_changes_is_set_beside_draco_frame_by_frame(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("DracoPy")
+    runs = sheets(2, 4, 3)
+    encode(ChangingSequence(runs), tmp_path / "pond.pdeanim", tolerance=1e-6)
+    assert report(tmp_path / "pond.pdeanim", tmp_path / "out") == 0
+    said = capsys.readouterr().out
+    assert "3 frames in 3 runs of constant connectivity, 180 positions, up to 80 vertices" in said
+    with (tmp_path / "out" / "points.csv").open() as lines:
+        rows = list(csv.DictReader(lines))
+    assert [(row["coder"], row["tolerance"]) for row in rows] == [
+        (coder, tolerance)
+        for coder in ("pdecodec auto", "pdecodec auto, order free", "Draco a frame")
+        for tolerance in ("0.01", "0.001")
+    ]
+    assert all(0 < float(row["max / bound"]) <= 1 for row in rows)
+    with open_sequence(tmp_path / "pond.pdeanim") as clip:
+        own = encode(clip, tolerance=0.01, effort="fast")
+    assert int(rows[0]["bytes"]) == own.file_bytes
+    assert float(rows[0]["bytes a frame"]) == pytest.approx(own.file_bytes / 3)
+    assert float(rows[2]["of these faces and order"]) <= float(rows[0]["of these faces and order"])
+    assert (tmp_path / "out" / "bytes-a-frame.svg").read_text().startswith("<svg")
+
+
+@pytest.mark.usefixtures("three_baselines")
+def test_a_changing_clip_has_its_page_beside_those_of_others(tmp_path: Path) -> None:
+    (tmp_path / "clips").mkdir()
+    write_sequence(wave_sequence(), tmp_path / "clips" / "wave.npz")
+    runs = sheets(2, 4)
+    encode(ChangingSequence(runs), tmp_path / "clips" / "pond.pdeanim")
+    assert report(tmp_path / "clips", tmp_path / "out", "--profile", "auto", "--no-baselines") == 0
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "pond/index.html" in page
+    assert "what connectivity that changes costs" in (tmp_path / "out" / "pond" / "index.html").read_text()
+    record = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert {point["clip"] for point in record["points"]} == {"wave"}
+
+
+@pytest.mark.parametrize("merges", [False, True])
+def test_draco_keeps_faces_of_meshes_whose_vertices_it_would_merge(merges: bool) -> None:
+    draco_py = pytest.importorskip("DracoPy")
+    (sheet,) = sheets(3)
+    if merges:
+        sheet.points[:, 7] = sheet.points[:, 8]
+    data = DracoWithFaces().prepare(sheet.points, sheet.connectivity)(1e-3)
+    reader = FieldReader(data, "draco")
+    assert reader.integers("QB") == (1, int(merges))
+    assert len(draco_py.decode(reader.sized()).faces) == 2 * sheet.connectivity.face_count
+    found = DracoWithFaces().decode(data, sheet.connectivity)
+    assert np.abs(found - sheet.points).max() <= 1e-3

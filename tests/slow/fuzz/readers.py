@@ -1,0 +1,190 @@
+"""Fuzz readers: ``python -m tests.slow.fuzz.readers MINUTES [READER...]``, so many minutes on each.
+
+Each reader runs in a process of its own, with a limit of memory and of time for each file. Whatever is raised but our
+own errors, takes too long, takes too much, or ends the process is a finding: its file is kept under
+``build/fuzz-readers``, once for each place in the code. The exit code is 1 where there is one.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import hashlib
+import json
+import multiprocessing
+import multiprocessing.connection
+import random
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from pdecodec.errors import PdecodecError
+from pdecodec.formats import open_sequence
+from tests.slow.fuzz.seeds import Seed, Target, targets
+
+KEPT = Path("build/fuzz-readers")
+MOST_MEMORY = 2**31
+"""Address space beyond what the process has at first: more is a MemoryError, and a finding."""
+
+MOST_SECONDS = 10
+"""Of processor time, for one file of some kilobytes."""
+
+MOST_WAITED = 300
+"""Seconds until a process that says nothing is taken to wait for ever, however busy the machine is."""
+
+MOST_POSITIONS = 10**6
+"""Of which frames are read: a file may declare more than it has."""
+
+
+class TooSlowError(Exception):
+    """A file took more than :data:`MOST_SECONDS`."""
+
+
+def read_all(folder: Path, seed: Seed) -> None:
+    """Open, and read what there is; what is raised but our errors is a finding, as is what does not fit together."""
+    mesh = folder / "mesh.obj" if "mesh.obj" in seed.files else None
+    try:
+        with open_sequence(folder / seed.opened, mesh=mesh, skip_unsupported=True) as sequence:
+            for run in list(sequence.runs)[:4]:
+                objects = run.objects
+                for item in objects:
+                    part = item.connectivity
+                    for indices in (part.face_indices, part.line_indices):
+                        assert indices.size == 0 or 0 <= indices.min() <= indices.max() < item.vertex_count
+                    assert part.face_counts.sum() == part.face_indices.size
+                    assert all(attribute.values is not None for attribute in item.attributes)
+                assert (np.diff(run.times) > 0).all()
+                count = min(run.frame_count, max(1, MOST_POSITIONS // max(1, run.vertex_count)))
+                assert run.read_frames(0, count).shape == (count, run.vertex_count, 3)
+                run.read_frames(run.frame_count - 1, run.frame_count)
+    except PdecodecError:
+        pass
+
+
+def mutant(target: Target, number: int) -> tuple[Seed, bytes]:
+    """The file of a number: the same in every run."""
+    source = random.Random(number)
+    seed = source.choice(target.seeds)
+    return seed, target.mutate(source, seed.files[seed.changed])
+
+
+def write(folder: Path, seed: Seed, changed: bytes) -> None:
+    """The files of a mutant, in a folder."""
+    for name, data in seed.files.items():
+        (folder / name).write_bytes(changed if name == seed.changed else data)
+
+
+def _too_slow(number: int, frame: FrameType | None) -> None:
+    raise TooSlowError(f"took more than {MOST_SECONDS} s")
+
+
+def _work(name: str, first: int, deadline: float, wire: Any) -> None:
+    """Run mutants until the deadline; tell the number of each before it is opened, and what was found."""
+    faulthandler.disable()
+    warnings.simplefilter("ignore")
+    taken = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (taken + MOST_MEMORY, resource.RLIM_INFINITY))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    signal.signal(signal.SIGPROF, _too_slow)
+    target, number = targets()[name], first
+    shared = Path("/dev/shm")
+    folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir=shared if shared.is_dir() else None))
+    try:
+        while time.monotonic() < deadline:
+            wire.send(("next", number))
+            seed, changed = mutant(target, number)
+            write(folder, seed, changed)
+            signal.setitimer(signal.ITIMER_PROF, MOST_SECONDS)
+            try:
+                read_all(folder, seed)
+            except (Exception, TooSlowError) as error:
+                signal.setitimer(signal.ITIMER_PROF, 0)
+                wire.send(("found", number, _place(error), "".join(traceback.format_exception(error))[-4000:]))
+            signal.setitimer(signal.ITIMER_PROF, 0)
+            number += 1
+        wire.send(("done", number))
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _place(error: BaseException) -> str:
+    """Kind of an error and the last line of our code that it went through."""
+    frames = [one for one in traceback.extract_tb(error.__traceback__) if "site-packages" not in one.filename]
+    last = frames[-1] if frames else None
+    return f"{type(error).__name__} at {'?' if last is None else f'{Path(last.filename).name}:{last.name}'}"
+
+
+def _keep(name: str, number: int, place: str, text: str) -> None:
+    seed, changed = mutant(targets()[name], number)
+    folder = KEPT / name / hashlib.sha256(place.encode()).hexdigest()[:12]
+    if folder.exists():
+        return
+    folder.mkdir(parents=True)
+    write(folder, seed, changed)
+    facts = {"reader": name, "number": number, "place": place, "opened": seed.opened, "changed": seed.changed}
+    (folder / "finding.json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+    (folder / "traceback.txt").write_text(text, encoding="utf-8")
+
+
+def fuzz(name: str, seconds: float, first: int) -> tuple[int, dict[str, int]]:
+    """Fuzz one reader; how many files were opened, and how often each finding was made."""
+    deadline, number, found, runs = time.monotonic() + seconds, first, dict[str, int](), 0
+    context = multiprocessing.get_context("fork")
+
+    def note(place: str, text: str) -> None:
+        found[place] = found.get(place, 0) + 1
+        if found[place] == 1:
+            _keep(name, number, place, text)
+
+    while time.monotonic() < deadline:
+        wire, theirs = context.Pipe()
+        child = context.Process(target=_work, args=(name, number, deadline, theirs), daemon=True)
+        child.start()
+        theirs.close()
+        while True:
+            # A library that loops in its own code does not see the signal.
+            if not multiprocessing.connection.wait([wire], timeout=MOST_WAITED):
+                child.kill()
+                note("hangs in a library", f"took more than {MOST_WAITED} s")
+                break
+            try:
+                kind, number, *rest = wire.recv()
+            except EOFError:
+                child.join()
+                note(f"the process ended ({child.exitcode})", f"exit code {child.exitcode}")
+                break
+            if kind == "found":
+                note(*rest)
+            elif kind == "next":
+                runs += 1
+            else:
+                break
+        child.join()
+        number += 1
+    return runs, found
+
+
+def main() -> int:
+    minutes, names = float(sys.argv[1]), sys.argv[2:] or [*targets()]
+    first = random.SystemRandom().randrange(2**40)
+    total = 0
+    for name in names:
+        runs, found = fuzz(name, 60 * minutes, first)
+        print(f"{name}: {runs:,} files opened from number {first} on, {len(found)} findings", flush=True)
+        for place, count in found.items():
+            print(f"  {count} times: {place}", flush=True)
+        total += len(found)
+    return 1 if total else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
