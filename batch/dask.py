@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING, Any
 from weakref import finalize
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pdecodec.codec.decoder import Animation, DecodeLimits, open_animation
 from pdecodec.codec.run_animation import ChangingAnimation
 from pdecodec.errors import MissingExtraError, SettingsError
+from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.system.storage import RemoteFile, is_address
 
 if TYPE_CHECKING:
@@ -140,7 +141,7 @@ def positions(
     )  # fmt: skip
 
 
-def _block(times: NDArray[np.float64], place: str, version: str, limits: DecodeLimits | None) -> NDArray[np.float32]:
+def _block(times: Float64Array, place: str, version: str, limits: DecodeLimits | None) -> Float32Array:
     return _kept_open(place, version, limits).sample(times)
 
 

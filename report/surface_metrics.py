@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array, Int32Array, MeshSequence, Progress
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.sequence import Connectivity, MeshSequence, Progress
 from pdecodec.system.shares import side_by_side
 
 CHUNK_VALUES = 2**22
@@ -56,7 +56,7 @@ class SurfaceDistortion:
 class _Block:
     """What some frames add: how many angles fall into each bin, their sum [degrees]; deviations of edges in space."""
 
-    angles: NDArray[np.int64]
+    angles: Int64Array
     angle_sum: float
     spatial: float
 

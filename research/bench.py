@@ -21,14 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pdecodec.mesh.sequence import (
-    ArraySequence,
-    Connectivity,
-    Float32Array,
-    MeshObject,
-    MeshSequence,
-    check_frame_range,
-)
+from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject, MeshSequence, check_frame_range
 from pdecodec.report.clips.measuring import copy_seconds, median_seconds, random_frame_seconds
 
 OBJ_FRAMES = 8

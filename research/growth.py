@@ -23,7 +23,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from pdecodec.mesh.sequence import Float32Array
+from pdecodec.mesh.arrays import Float32Array
 from pdecodec.research.bench import GeneratedClip
 
 IN_FRAMES = ((100, 32, 50), (1_000, 32, 50), (10_000, 32, 50))

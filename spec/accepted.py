@@ -12,7 +12,6 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import (
     ArraySequence,
@@ -32,10 +31,11 @@ from pdecodec.codec.encode.effort import EFFORTS
 from pdecodec.codec.encode.group_fit import GroupFitter
 from pdecodec.codec.sections.residuals import encode_residuals
 from pdecodec.codec.sections.space_basis import SpaceKind
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import MeshSequence
 from spec.sealing import Part, content, run_of, seal, take_apart, with_first_group
 
-Points = NDArray[np.float64]
+Points = Float64Array
 
 
 def connectivity(vertices: int, faces: Any = (), lines: Any = ()) -> Connectivity:

@@ -30,7 +30,8 @@ from pdecodec.formats.base.attribute_roles import (
 from pdecodec.formats.base.scene_reading import Extras
 from pdecodec.formats.base.scene_writing import Parameter, named_face_sets, unlike, write_parameters
 from pdecodec.formats.base.shape_writing import Drawn
-from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, Float32Array, Int32Array, MeshObject
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject
 
 FPS_PROPERTY, METADATA_PROPERTY = "pdecodec_fps", "pdecodec_metadata"
 """Properties of the top object that our writer leaves: Alembic has no place for either."""
@@ -159,12 +160,12 @@ def color_array(values: ArrayLike) -> Any:
     return array
 
 
-def matrix_rows(matrix: Any) -> NDArray[np.float64]:
+def matrix_rows(matrix: Any) -> Float64Array:
     """imath.M44d as (4, 4) float64."""
     return np.array([list(row) for row in matrix], np.float64)
 
 
-def matrix_of(rows: NDArray[np.float64]) -> Any:
+def matrix_of(rows: Float64Array) -> Any:
     """(4, 4) float64 as imath.M44d."""
     return imath.M44d(*rows.reshape(-1).tolist())
 
@@ -183,7 +184,7 @@ _ARRAYS: dict[str, Callable[[Any], Any]] = {
 
 
 def read_extras(
-    kind: str, schema: Any, node: Any, connectivity: Connectivity, order: NDArray[np.int64], at: Any = None
+    kind: str, schema: Any, node: Any, connectivity: Connectivity, order: Int64Array, at: Any = None
 ) -> Extras:
     """Everything constant that a shape carries; `connectivity` has faces already turned around, from `order`.
 
@@ -285,7 +286,7 @@ def _sample(param: Any, at: Any) -> tuple[AttributeDomain, NDArray[Any], Int32Ar
     return _DOMAINS.get(str(param.getScope()), "object"), values, indices
 
 
-def uv_sample(uv: Attribute, connectivity: Connectivity, order: NDArray[np.int64], *, by_corner: bool = False) -> Any:
+def uv_sample(uv: Attribute, connectivity: Connectivity, order: Int64Array, *, by_corner: bool = False) -> Any:
     """The main UV set as Alembic's sample: by vertex where it is, else by corner, rows shared as they are.
 
     Where it is to be `by_corner`, as a parameter is that has samples of several connectivities, always so and indexed.

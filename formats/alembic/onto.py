@@ -31,7 +31,8 @@ from pdecodec.formats.base.normals import NormalRows, normal_rows
 from pdecodec.formats.base.onto import Fitted, Placed, blocks_onto, corner_order
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.shape_writing import drawn_as
-from pdecodec.mesh.sequence import Float32Array, MeshObject, MeshSequence
+from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.sequence import MeshObject, MeshSequence
 from pdecodec.system.reserved_room import ReservedRoom
 from pdecodec.system.whole_output import failure_of
 

@@ -59,15 +59,8 @@ from pdecodec.formats.base.times import (
     round_rate,
     snapped_times,
 )
-from pdecodec.mesh.sequence import (
-    MAX_INDEX,
-    Connectivity,
-    Float32Array,
-    Float64Array,
-    MeshSequence,
-    Unsupported,
-    check_frame_range,
-)
+from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.sequence import MAX_INDEX, Connectivity, MeshSequence, Unsupported, check_frame_range
 
 HDF5_IDENTIFIER = b"\x89HDF\r\n\x1a\n"
 

@@ -16,7 +16,6 @@ from typing import Any
 import imath
 import numpy as np
 from alembic3d import Abc, AbcCoreAbstract, AbcGeom
-from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.alembic.attributes import (
@@ -44,7 +43,8 @@ from pdecodec.formats.base.scene_space import matrices_at, place, transform_of, 
 from pdecodec.formats.base.scene_writing import tree_paths
 from pdecodec.formats.base.shape_writing import ShapeKey, ShapeWriter, shape_keys, write_shapes
 from pdecodec.formats.base.times import regular_rate
-from pdecodec.mesh.sequence import MAX_INDEX, Attribute, Float32Array, Float64Array, MeshObject, MeshSequence
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.sequence import MAX_INDEX, Attribute, MeshObject, MeshSequence
 from pdecodec.system.reserved_room import ReservedRoom
 from pdecodec.system.whole_output import failure_of
 
@@ -279,7 +279,7 @@ class _ShapeWriter(ShapeWriter):
         elif self.key.kind == "curves":
             self._describe_curves(sample)
 
-    def _describe_uvs(self, sample: Any, order: NDArray[np.int64]) -> None:
+    def _describe_uvs(self, sample: Any, order: Int64Array) -> None:
         for uv in uv_sets(self.item)[:1]:
             if uv.name != UV and not self._has_uvs:
                 self._schema.setUVSourceName(source_name(uv, UV, UV))

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.arrays.object_arrays import LaidOutSequence, arrays_of, check_has_points
 from pdecodec.formats.base.registry import Output
-from pdecodec.mesh.sequence import Float32Array, MeshSequence
+from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.system.storage import RemoteFile
 
 CHUNK_BYTES = 2**20

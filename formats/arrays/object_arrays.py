@@ -29,16 +29,9 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.times import timing_of_arrays
+from pdecodec.mesh.arrays import Float32Array, Int32Array
 from pdecodec.mesh.rounding import to_float32
-from pdecodec.mesh.sequence import (
-    Attribute,
-    AttributeDomain,
-    Connectivity,
-    Float32Array,
-    MeshObject,
-    MeshSequence,
-    check_frame_range,
-)
+from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject, MeshSequence, check_frame_range
 
 PADDING_FACTOR = 4
 """``faces`` is left out where padding would make it this many times as large as the indices: one n-gon of a
@@ -106,7 +99,7 @@ def arrays_of(sequence: MeshSequence, fps: float) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def _padded_faces(whole: Connectivity) -> NDArray[np.int32] | None:
+def _padded_faces(whole: Connectivity) -> Int32Array | None:
     """Faces, then lines of two and points, as rows padded with -1; None where rows cannot say it or grow too large.
 
     A line of three points or more would be read as a face.

@@ -28,7 +28,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.mesh.sequence import Attribute, Connectivity, Float32Array, Int32Array, MeshObject, MeshSequence
+from pdecodec.mesh.arrays import Float32Array, Int32Array, Int64Array
+from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence
 
 UV, COLOR, GROUP, MATERIAL, ID = "uv", "color", "group", "material", "id"
 SUBDIVISION, CURVE_BASIS, CURVE_WRAP = "subdivision", "curve_basis", "curve_wrap"
@@ -147,7 +148,7 @@ def is_by_vertex(uv: Attribute, connectivity: Connectivity) -> bool:
     )
 
 
-def reversed_corners(counts: Int32Array) -> NDArray[np.int64]:
+def reversed_corners(counts: Int32Array) -> Int64Array:
     """Order of corners that turns every face around: ``rows[reversed_corners(counts)]``, twice as it was."""
     ends = np.cumsum(counts, dtype=np.int64)
     starts = ends - counts

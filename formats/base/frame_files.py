@@ -16,17 +16,10 @@ from pdecodec.errors import InputError
 from pdecodec.formats.base.attribute_roles import ID
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.times import Timing, timing_of_numbers
+from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
-from pdecodec.mesh.sequence import (
-    BLOCK_BYTES,
-    Attribute,
-    Connectivity,
-    Float32Array,
-    MeshObject,
-    MeshSequence,
-    check_frame_range,
-)
+from pdecodec.mesh.sequence import BLOCK_BYTES, Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
 from pdecodec.system.whole_output import partial_folder, publish, write_errors
 
 FRAME_FIELD = re.compile(r"#+|@+|%0?\d*d|\$F\d*")

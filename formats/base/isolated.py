@@ -17,8 +17,9 @@ from pdecodec.codec.decoder import DecodeLimits, chosen_limits, usual_limits
 from pdecodec.formats.arrays.object_arrays import LaidOutSequence, arrays_of
 from pdecodec.formats.base.child import Answer, Child, serve
 from pdecodec.formats.base.registry import open_sequence
+from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.rounding import note_rounding, rounding_noticed
-from pdecodec.mesh.sequence import Float32Array, MeshSequence, Unsupported
+from pdecodec.mesh.sequence import MeshSequence, Unsupported
 
 
 class IsolatedSequence(LaidOutSequence):

@@ -14,16 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.formats.base.attribute_roles import expanded
-from pdecodec.mesh.sequence import (
-    Attribute,
-    AttributeDomain,
-    Connectivity,
-    Float32Array,
-    Float64Array,
-    Int32Array,
-    MeshObject,
-    MeshSequence,
-)
+from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject, MeshSequence
 
 NORMAL_GROUP, SMOOTHING = "normal_group", "smoothing"
 
@@ -76,7 +68,7 @@ def read_normal_group(
     domain: AttributeDomain,
     normals: NDArray[np.floating],
     indices: NDArray[np.integer] | None,
-    order: NDArray[np.int64],
+    order: Int64Array,
 ) -> Attribute:
     """The attribute of a source's normals: by index where corners share rows of them, else by value.
 
@@ -146,7 +138,7 @@ class NormalRows:
             with np.errstate(invalid="ignore", over="ignore"):
                 yield from self._of_block(points[start : start + step].astype(np.float64))
 
-    def even_rows(self, points: Float32Array, normals: Float32Array) -> NDArray[np.bool_]:
+    def even_rows(self, points: Float32Array, normals: Float32Array) -> BoolArray:
         """(rows,) bool: those of several faces of which one is flat in light, its corners' normals being its own.
 
         Parameters

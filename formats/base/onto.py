@@ -22,7 +22,8 @@ from pdecodec.formats.base.registry import Output, format_to_read, format_to_wri
 from pdecodec.formats.base.scene_reading import listed
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, bake_transforms, metres_per_unit, up_axis_of
 from pdecodec.formats.base.times import times_kept
-from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array, MeshObject, MeshSequence, Progress
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, Progress
 
 LOST = 1e-5
 """Largest error over the largest coordinate of what a transform that flattens may leave of positions."""
@@ -190,7 +191,7 @@ def _places(sequence: MeshSequence) -> dict[str, list[int]]:
     return places
 
 
-def corner_order(stored: NDArray[np.integer], connectivity: Connectivity) -> NDArray[np.int64]:
+def corner_order(stored: NDArray[np.integer], connectivity: Connectivity) -> Int64Array:
     """(corners,) int64: which corner of an object each corner of its file's faces is, which may be turned around."""
     if np.array_equal(stored, connectivity.face_indices):
         return np.arange(stored.size)

@@ -16,8 +16,9 @@ from typing import Any, Literal
 from pdecodec.errors import InputError, MissingExtraError, SettingsError, naming_file
 from pdecodec.formats.base.scene_space import bake_transforms
 from pdecodec.formats.base.times import times_kept
+from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.runs import changed
-from pdecodec.mesh.sequence import Float32Array, MeshSequence, Progress
+from pdecodec.mesh.sequence import MeshSequence, Progress
 from pdecodec.system.storage import RemoteFile, is_address, remote_output
 from pdecodec.system.whole_output import check_path, finish_interrupted, whole_file
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdecodec.formats.base.scene_space import DerivedSequence, transform_attribute, transform_of
-from pdecodec.mesh.sequence import Float32Array, Float64Array, MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
 
 RIGID = 2.0**-22
 """Largest error over the largest coordinate of what moves rigidly: two units in the last place of float32."""

@@ -19,13 +19,11 @@ from pdecodec.formats.base.frame_files import runs_of_frames
 from pdecodec.formats.base.normals import read_normal_group
 from pdecodec.formats.base.scene_space import apply_matrices, mirrors, transform_attribute, turned_around
 from pdecodec.formats.base.times import SAME_TIME, Timing
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import (
     Attribute,
     AttributeDomain,
     Connectivity,
-    Float32Array,
-    Float64Array,
-    Int32Array,
     MeshObject,
     MeshSequence,
     Unsupported,
@@ -170,7 +168,7 @@ class Shape:
     name: str
     connectivity: Connectivity
     attributes: Sequence[Attribute]
-    gather: NDArray[np.int64] | None = None
+    gather: Int64Array | None = None
     left_out: Sequence[str] = ()
     hidden: bool = False
 
@@ -292,7 +290,7 @@ class Extras:
     """
 
     connectivity: Connectivity
-    order: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    order: Int64Array = field(default_factory=lambda: np.zeros(0, np.int64))
     attributes: list[Attribute] = field(default_factory=list)
     own: dict[str, NDArray[Any]] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
@@ -349,7 +347,7 @@ class Extras:
         lines = self.own.get(counts, none), self.own.get(indices, none)
         return Connectivity(whole.vertex_count, whole.face_counts, whole.face_indices, *lines)
 
-    def curves(self, counts: Int32Array) -> tuple[Connectivity, NDArray[np.int64] | None]:
+    def curves(self, counts: Int32Array) -> tuple[Connectivity, Int64Array | None]:
         """The connectivity of curves of so many points, and which points are vertices where curves share some."""
         points = self.connectivity.vertex_count
         indices = self.own.get("vertex", np.zeros(0, np.int32)).astype(np.int32)

@@ -17,21 +17,14 @@ import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats.base.attribute_roles import reversed_corners
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.rounding import rounding_noticed, to_float32
 from pdecodec.mesh.runs import changed
-from pdecodec.mesh.sequence import (
-    Attribute,
-    Connectivity,
-    Float32Array,
-    Float64Array,
-    MeshObject,
-    MeshSequence,
-    check_frame_range,
-)
+from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
 
 UP_AXIS, UNIT = "up_axis", "unit"
 
@@ -44,7 +37,7 @@ SAME_UNIT = 1e-9
 TRANSFORM, TRANSFORM_COLUMNS = "transform", 17
 """Name of the attribute; a time and a matrix."""
 
-_TO_Y: Mapping[str, NDArray[np.int64]] = {
+_TO_Y: Mapping[str, Int64Array] = {
     "X": np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
     "Y": np.eye(3, dtype=np.int64),
     "Z": np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]),
@@ -255,7 +248,7 @@ def turned_around(item: MeshObject) -> MeshObject:
     return MeshObject(item.name, connectivity, tuple(attributes))
 
 
-def _reordered(attribute: Attribute, order: NDArray[np.int64]) -> Attribute:
+def _reordered(attribute: Attribute, order: Int64Array) -> Attribute:
     if attribute.indices is None:
         return dataclasses.replace(attribute, values=attribute.values[order])
     return dataclasses.replace(attribute, indices=attribute.indices[order])

@@ -26,7 +26,8 @@ from pdecodec.formats.base.attribute_roles import (
 )
 from pdecodec.formats.base.scene_space import TRANSFORM
 from pdecodec.formats.base.shape_writing import Drawn
-from pdecodec.mesh.sequence import Attribute, Float32Array, Int32Array, MeshObject
+from pdecodec.mesh.arrays import Float32Array, Int32Array
+from pdecodec.mesh.sequence import Attribute, MeshObject
 
 DEFAULT_NAME = "mesh"
 """Name of an object, or of a step of its path, that has none."""

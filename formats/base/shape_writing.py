@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.formats.base.attribute_roles import CURVE_BASIS, CURVE_WRAP, ID, SUBDIVISION, label_of
 from pdecodec.formats.base.normals import NORMAL_GROUP, normal_rows
 from pdecodec.formats.base.registry import Output
-from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array, Int32Array, MeshObject, MeshSequence
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence
 
 Kind = Literal["mesh", "curves", "points"]
 
@@ -140,7 +140,7 @@ class ShapeWriter(ABC):
                 f"lines of object {item.name!r} show in pdecodec alone: {self.title}'s curves are apart"
             )
 
-    def numbered_points(self, most: int) -> NDArray[np.int64] | None:
+    def numbered_points(self, most: int) -> Int64Array | None:
         """Where there are several runs, (vertices,) ids of points, which tell those of one run from those of the next.
 
         They are those of the object, unless they are larger than the format can hold; else they count up from 0. None

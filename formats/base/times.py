@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError, SettingsError
-from pdecodec.mesh.sequence import DEFAULT_FPS, Float64Array, check_times
+from pdecodec.mesh.arrays import Float64Array
+from pdecodec.mesh.sequence import DEFAULT_FPS, check_times
 from pdecodec.mesh.times import MOST_TIMES, times_at_rate
 
 SAME_TIME = 1e-6

@@ -13,7 +13,7 @@ from pdecodec.errors import InputError
 from pdecodec.formats.base.times import FLOAT32_ROUNDING
 from pdecodec.formats.gltf.file import GltfFile
 from pdecodec.formats.gltf.types import POINTER, VISIBILITY
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import Float64Array
 
 MOST_LEVELS = 1024
 """Depth of the tree of nodes; deeper ones hold themselves."""

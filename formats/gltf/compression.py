@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import MissingExtraError
+from pdecodec.mesh.arrays import Int64Array
 
 DRACO = "KHR_draco_mesh_compression"
 MESHOPT_NAMES = ("EXT_meshopt_compression", "KHR_meshopt_compression")
@@ -31,7 +32,7 @@ class DracoMesh:
     """Attributes by their number, (vertices, k), and triangles, (corners,) int64."""
 
     attributes: Mapping[int, NDArray[Any]]
-    indices: NDArray[np.int64]
+    indices: Int64Array
 
 
 def decode_draco(data: bytes) -> DracoMesh:

@@ -23,7 +23,7 @@ from pdecodec.errors import InputError, MissingExtraError, naming_file
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.formats.gltf.compression import DRACO, MESHOPT_NAMES, MOST_DECODED, decode_view
 from pdecodec.formats.gltf.types import INSTANCING, POINTER, VISIBILITY, check_types
-from pdecodec.mesh.sequence import Float32Array
+from pdecodec.mesh.arrays import Float32Array, Int32Array
 
 GLB_HEADER = struct.Struct("<4sII")
 CHUNK_HEADER = struct.Struct("<I4s")
@@ -146,7 +146,7 @@ def as_declared(values: NDArray[Any], entry: Mapping[str, Any]) -> NDArray[Any]:
     """Rows of an accessor, integers that its entry calls normalised as float32."""
     if not entry.get("normalized") or values.dtype.kind not in "iu":
         return values
-    shares: NDArray[np.float32] = values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max)
+    shares: Float32Array = values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max)
     return np.maximum(shares, np.float32(-1))
 
 
@@ -444,7 +444,7 @@ def noted_integers(values: ArrayLike) -> str:
     return base64.b64encode(zlib.compress(np.diff(numbers, prepend=numbers[:0].sum(dtype="<u4")).tobytes(), 9)).decode()
 
 
-def read_integers(text: str, most: int) -> NDArray[np.int32]:
+def read_integers(text: str, most: int) -> Int32Array:
     """Undo :func:`noted_integers`: (n,) int32, at most `most` of them; ValueError where it is something else."""
     try:
         data = zlib.decompressobj().decompress(base64.b64decode(text, validate=True), 4 * most + 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.mesh.sequence import Float32Array, Float64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array
 
 SKETCH = 32
 """Dimensions in which the motion of an object is looked for first: decoded ones have about a dozen."""
@@ -17,7 +17,7 @@ def fit(functions: Float64Array, rows: Float64Array) -> tuple[Float64Array, Floa
     return found[0], found[1:]
 
 
-def cubic_keys(samples: Float64Array, times: Float64Array) -> NDArray[np.float64]:
+def cubic_keys(samples: Float64Array, times: Float64Array) -> Float64Array:
     """Keys of the cubic splines through samples at frames and at the thirds between them.
 
     Parameters

@@ -29,7 +29,8 @@ from pdecodec.formats.gltf.file import (
     flipped,
     read_integers,
 )
-from pdecodec.mesh.sequence import Attribute, Connectivity, Float32Array, Float64Array, Int32Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.sequence import Attribute, Connectivity
 
 MOST_UNUSED = 2**22
 """Numbers that may be noted beyond one for each corner that is drawn: single points, rows of UVs that no corner has."""
@@ -41,7 +42,7 @@ class Block:
 
     positions: Float32Array
     targets: tuple[Float32Array, ...]
-    joints: NDArray[np.int64] | None
+    joints: Int64Array | None
     weights: Float64Array | None
 
 
@@ -56,7 +57,7 @@ class GltfMesh:
     connectivity: Connectivity
     attributes: tuple[Attribute, ...]
     blocks: tuple[Block, ...]
-    gather: NDArray[np.int64] | None
+    gather: Int64Array | None
     weights: Float64Array
     left_out: tuple[str, ...]
     starts: tuple[int, ...]
@@ -100,7 +101,7 @@ class PrimitiveRows:
             raise ValueError(f"{len(values)} vertices were compressed, {entry['count']} are declared")
         return as_declared(values, entry)
 
-    def indices(self, rows: int) -> NDArray[np.int64]:
+    def indices(self, rows: int) -> Int64Array:
         """(corners,) int64, below `rows`."""
         if self._packed is not None:
             indices = self._packed.indices
@@ -124,9 +125,9 @@ class _Reader:
 
     def read(self) -> GltfMesh:
         faces: list[Int32Array] = []
-        materials: list[NDArray[np.int64]] = []
+        materials: list[Int64Array] = []
         lines: list[Int32Array] = []
-        drawn: list[tuple[int, NDArray[np.int64]]] = []
+        drawn: list[tuple[int, Int64Array]] = []
         starts: list[int] = []
         groups: list[list[str]] = []
         for primitive in self._entry["primitives"]:
@@ -228,7 +229,7 @@ class _Reader:
                 found.append(Attribute(name, "vertex", values, None if has.all() else rows))
         return found
 
-    def _materials(self, of_primitives: list[NDArray[np.int64]]) -> list[Attribute]:
+    def _materials(self, of_primitives: list[Int64Array]) -> list[Attribute]:
         of_faces = np.concatenate([np.zeros(0, np.int64), *of_primitives])
         used = np.unique(of_faces[of_faces >= 0])
         if used.size == 0:
@@ -295,7 +296,7 @@ def _groups_of(primitive: Mapping[str, Any]) -> list[str]:
     return [str(one) for one in found] if isinstance(found, list) else []
 
 
-def _groups(names: Sequence[list[str]], materials: Sequence[NDArray[np.int64]]) -> list[Attribute]:
+def _groups(names: Sequence[list[str]], materials: Sequence[Int64Array]) -> list[Attribute]:
     """Sets of faces that primitives are: by the names that they have, or numbered where materials do not part them."""
     if not any(names):
         used = [int(one[0]) for one in materials if one.size]
@@ -303,7 +304,7 @@ def _groups(names: Sequence[list[str]], materials: Sequence[NDArray[np.int64]]) 
             return []
         names = [[f"primitive_{number}"] for number in range(len(names))]
     ends = np.cumsum([one.size for one in materials])
-    members: dict[str, list[NDArray[np.int64]]] = {}
+    members: dict[str, list[Int64Array]] = {}
     for labels, end, one in zip(names, ends.tolist(), materials, strict=True):
         for label in labels:
             members.setdefault(label, []).append(np.arange(end - one.size, end))
@@ -322,7 +323,7 @@ def _as_noted(name: str, by_corner: Float32Array, uv: Mapping[str, Any]) -> Attr
     return Attribute(name, "corner", values, indices)
 
 
-def _influences(source: PrimitiveRows, rows: int) -> tuple[NDArray[np.int64] | None, Float64Array | None]:
+def _influences(source: PrimitiveRows, rows: int) -> tuple[Int64Array | None, Float64Array | None]:
     """Joints of each vertex and their shares, (vertices, k), which sum to one."""
     joints, weights = [], []
     number = 0
@@ -342,7 +343,7 @@ def _influences(source: PrimitiveRows, rows: int) -> tuple[NDArray[np.int64] | N
     return every_joint, shares
 
 
-def _triangles(mode: int, indices: NDArray[np.int64]) -> Int32Array:
+def _triangles(mode: int, indices: Int64Array) -> Int32Array:
     if mode == TRIANGLES:
         return indices[: indices.size // 3 * 3].reshape(-1, 3).astype(np.int32)
     count = max(0, indices.size - 2)
@@ -355,7 +356,7 @@ def _triangles(mode: int, indices: NDArray[np.int64]) -> Int32Array:
     return indices[corners].astype(np.int32)
 
 
-def _lines(mode: int, indices: NDArray[np.int64]) -> list[Int32Array]:
+def _lines(mode: int, indices: Int64Array) -> list[Int32Array]:
     if mode == LINES:
         return list(indices[: indices.size // 2 * 2].reshape(-1, 2).astype(np.int32))
     if mode == LINE_LOOP:

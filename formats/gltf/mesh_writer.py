@@ -25,7 +25,8 @@ from pdecodec.formats.gltf.file import (
 )
 from pdecodec.formats.gltf.motion import Motion
 from pdecodec.formats.gltf.quantization import Lattice
-from pdecodec.mesh.sequence import Attribute, Connectivity, Float32Array, MeshObject
+from pdecodec.mesh.arrays import BoolArray, Float32Array, Int64Array
+from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
 
 GROUPS = "groups"
 """What the extras of a primitive call the sets that its faces are in; and of a mesh, which faces each set has."""
@@ -218,7 +219,7 @@ class _MeshWriter:
         return self._builder.fractions(vectors, dtype, target=VERTEX_DATA)
 
 
-def _cut(connectivity: Connectivity, columns: list[NDArray[Any]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _cut(connectivity: Connectivity, columns: list[NDArray[Any]]) -> tuple[Int64Array, Int64Array]:
     """Vertices cut where their corners differ in a column, (corners,) or (corners, k).
 
     Returns
@@ -248,9 +249,7 @@ def _cut(connectivity: Connectivity, columns: list[NDArray[Any]]) -> tuple[NDArr
     return np.concatenate([vertices, of_row[is_extra]]), rows[keys]
 
 
-def _write_uv(
-    builder: GltfBuilder, uv: Attribute, corner_rows: NDArray[np.int64], rows: int, notes: dict[str, Any]
-) -> int:
+def _write_uv(builder: GltfBuilder, uv: Attribute, corner_rows: Int64Array, rows: int, notes: dict[str, Any]) -> int:
     values, indices, _ = indexed_rows(uv)
     by_corner = values[:, :2] if indices is None else values[indices, :2]
     by_row = np.zeros((rows, 2), np.float32)
@@ -262,7 +261,7 @@ def _write_uv(
     return builder.floats(flipped(by_row), target=VERTEX_DATA)
 
 
-def _note_connectivity(connectivity: Connectivity, corner_rows: NDArray[np.int64], notes: dict[str, Any]) -> None:
+def _note_connectivity(connectivity: Connectivity, corner_rows: Int64Array, notes: dict[str, Any]) -> None:
     if connectivity.face_count:
         notes["faceCounts"] = noted_integers(connectivity.face_counts)
         notes["faceIndices"] = noted_integers(connectivity.face_indices)
@@ -273,7 +272,7 @@ def _note_connectivity(connectivity: Connectivity, corner_rows: NDArray[np.int64
         notes["lineIndices"] = noted_integers(connectivity.line_indices)
 
 
-def _fans(connectivity: Connectivity, corner_rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _fans(connectivity: Connectivity, corner_rows: Int64Array) -> tuple[Int64Array, Int64Array]:
     """Triangles of faces, each a fan from its first corner: (triangles, 3) rows, and the face of each."""
     counts = connectivity.face_counts.astype(np.int64)
     starts = np.cumsum(counts) - counts
@@ -284,7 +283,7 @@ def _fans(connectivity: Connectivity, corner_rows: NDArray[np.int64]) -> tuple[N
     return corner_rows[corners].reshape(-1, 3), faces
 
 
-def _materials_of(item: MeshObject) -> tuple[tuple[str, ...], NDArray[np.int64]]:
+def _materials_of(item: MeshObject) -> tuple[tuple[str, ...], Int64Array]:
     """Names of materials, and the one of each face, -1 for none."""
     for one in item.attributes:
         if one.name == MATERIAL and one.domain == "face" and one.labels:
@@ -293,9 +292,7 @@ def _materials_of(item: MeshObject) -> tuple[tuple[str, ...], NDArray[np.int64]]
     return (), np.full(item.connectivity.face_count, -1, np.int64)
 
 
-def _parts(
-    materials: NDArray[np.int64], groups: Sequence[Attribute], most: int
-) -> Iterator[tuple[NDArray[np.bool_], int, list[str]]]:
+def _parts(materials: Int64Array, groups: Sequence[Attribute], most: int) -> Iterator[tuple[BoolArray, int, list[str]]]:
     """Parts of a mesh that have one material and are in the same sets: which faces, the material, names of the sets.
 
     Where that are more than `most` parts, sets do not part them.
@@ -314,7 +311,7 @@ def _parts(
         yield members.reshape(-1) == number, material, names
 
 
-def _segments(connectivity: Connectivity) -> NDArray[np.int64]:
+def _segments(connectivity: Connectivity) -> Int64Array:
     """Lines as pairs of vertices, one after the other."""
     indices = connectivity.line_indices.astype(np.int64)
     if indices.size < 2:

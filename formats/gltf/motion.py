@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pdecodec.formats.base.normals import NormalRows
 from pdecodec.formats.gltf.functions import find_functions, fit
-from pdecodec.mesh.sequence import Float32Array, Float64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array
 
 EXACT = 2.0**-21
 """Largest error over the largest coordinate that counts as exact: four units in the last place of float32."""

@@ -16,7 +16,6 @@ from typing import Any
 from urllib.parse import quote, unquote
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.formats.base.normals import NormalRows
 from pdecodec.formats.base.onto import Fitted, Placed
@@ -32,7 +31,8 @@ from pdecodec.formats.gltf.motion import Motion, motion_of
 from pdecodec.formats.gltf.reader import GltfSequence
 from pdecodec.formats.gltf.types import INSTANCING, POINTER, VISIBILITY
 from pdecodec.formats.gltf.writer import GltfScene, check_size
-from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array, MeshSequence
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.sequence import Connectivity, MeshSequence
 
 _MIRROR = np.array([-1, 1, 1], np.float32)
 """Scale of a node at the root whose mesh stood under a transform that mirrors: its faces stay as they are stored."""
@@ -223,9 +223,7 @@ class _Onto(GltfScene):
             return number, motion
         return self._builder.add("meshes", entry), motion
 
-    def _put(
-        self, motion: Motion, sources: NDArray[np.int64], own: slice
-    ) -> tuple[dict[str, int], list[dict[str, int]]]:
+    def _put(self, motion: Motion, sources: Int64Array, own: slice) -> tuple[dict[str, int], list[dict[str, int]]]:
         """Accessors of positions and normals of some rows at rest, and of what targets add."""
         add, rows = self._builder.floats, sources[own]
         attributes = {"POSITION": add(motion.rest[rows], target=VERTEX_DATA, bounds=True)}
@@ -251,7 +249,7 @@ class _Onto(GltfScene):
 class _Welded(NormalRows):
     """Normals of the rows of a mesh, which was cut at seams: rows at one place with one normal keep one normal."""
 
-    def __init__(self, mesh: GltfMesh, sources: NDArray[np.int64], keys: NDArray[np.float32]) -> None:
+    def __init__(self, mesh: GltfMesh, sources: Int64Array, keys: Float32Array) -> None:
         _, first, welded = np.unique(keys, axis=0, return_index=True, return_inverse=True)
         self._row_of, self._vertices = welded.reshape(-1), sources[first]
         corners = self._row_of[mesh.corner_rows].astype(np.int32)
@@ -263,7 +261,7 @@ class _Welded(NormalRows):
         return super().of(points[:, self._vertices])[:, self._row_of]
 
 
-def _rows_of(mesh: GltfMesh, stored: Sequence[PrimitiveRows], sources: NDArray[np.int64]) -> _Welded | None:
+def _rows_of(mesh: GltfMesh, stored: Sequence[PrimitiveRows], sources: Int64Array) -> _Welded | None:
     """The normals that a mesh has; None where it has none."""
     if not mesh.connectivity.face_count or not any("NORMAL" in one.accessors for one in stored):
         return None

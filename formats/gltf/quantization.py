@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.formats.gltf.motion import Motion, largest_angle
-from pdecodec.mesh.sequence import Float32Array, Float64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array
 
 
 @dataclass(frozen=True)

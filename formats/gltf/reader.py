@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.registry import Transforms
@@ -34,8 +33,8 @@ from pdecodec.formats.gltf.animation import Clip, Nodes, Pose, placed_at, read_c
 from pdecodec.formats.gltf.file import GltfFile, read_gltf
 from pdecodec.formats.gltf.mesh_reader import Block, GltfMesh, read_mesh
 from pdecodec.formats.gltf.types import INSTANCING, VISIBILITY
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.rounding import to_float32
-from pdecodec.mesh.sequence import Float32Array, Float64Array
 
 TINY = 1e-30
 """Lengths below are none: they are not divided by."""
@@ -140,9 +139,7 @@ def _moved(block: Block, weights: Float64Array, skin: _Skin | None, pose: Pose) 
     return _skinned(points, block.joints, block.weights, skin, pose)
 
 
-def _skinned(
-    points: NDArray[np.float64], joints: NDArray[np.int64], weights: Float64Array, skin: _Skin, pose: Pose
-) -> Float32Array:
+def _skinned(points: Float64Array, joints: Int64Array, weights: Float64Array, skin: _Skin, pose: Pose) -> Float32Array:
     """Points moved by joints, in the scene's space: the node of a skinned mesh does not move it."""
     if joints.size and int(joints.max()) >= len(skin.joints):
         raise InputError("a mesh names a joint that its skin does not have; export the file again")
@@ -265,7 +262,7 @@ def _read_skin(file: GltfFile, index: int, nodes: Nodes) -> _Skin:
     joints: Sequence[int] = skins[index].get("joints", [])
     if any(not 0 <= joint < len(nodes.entries) for joint in joints):
         raise InputError(f"skin {index} names a node that is not there; export the file again")
-    inverse: NDArray[np.float64] = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
+    inverse: Float64Array = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
     if "inverseBindMatrices" in skins[index]:
         stored = file.accessor(skins[index]["inverseBindMatrices"]).astype(np.float64)
         if stored.shape != (len(joints), 16):

@@ -30,7 +30,8 @@ from pdecodec.formats.gltf.functions import cubic_keys
 from pdecodec.formats.gltf.mesh_writer import held_by_mesh, write_mesh
 from pdecodec.formats.gltf.motion import Motion, motion_of
 from pdecodec.formats.gltf.quantization import lattice_of, with_rounded_normals
-from pdecodec.mesh.sequence import Float32Array, MeshSequence
+from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.sequence import MeshSequence
 
 MOST_TARGETS = 256
 """What Filament, which plays glTF on Android, keeps of a mesh; others keep a layer of a texture for each, 2048."""

@@ -12,7 +12,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.frame_files import find_frames, write_frames
@@ -21,7 +20,8 @@ from pdecodec.formats.base.onto import Fitted
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.obj.text import ObjText, read_text
 from pdecodec.formats.obj.writer import check_finite, frame_output, normals_text, rows_text, time_comment
-from pdecodec.mesh.sequence import Float32Array, MeshObject, MeshSequence
+from pdecodec.mesh.arrays import BoolArray, Float32Array
+from pdecodec.mesh.sequence import MeshObject, MeshSequence
 
 _LINE = re.compile(
     rb"^[ \t]*(?:(?P<v>v)[ \t]+\S+[ \t]+\S+[ \t]+\S+(?P<rest>[^\r\n]*)|(?P<vn>vn)[ \t][^\r\n]*|(?P<f>f)[ \t][^\r\n]*"
@@ -65,7 +65,7 @@ class _Template:
         self._pieces: list[bytes | tuple[int, list[bytes]] | None] = []
         self._fill(text.data, moved, corner_rows)
 
-    def _fill(self, data: bytes, moved: NDArray[np.bool_], corner_rows: Iterator[int] | None) -> None:
+    def _fill(self, data: bytes, moved: BoolArray, corner_rows: Iterator[int] | None) -> None:
         """Take the text apart; a place is the first vertex and what follows each one's numbers, None is for normals."""
         vertex = done = 0
         has_normals = False

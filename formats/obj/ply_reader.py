@@ -16,6 +16,7 @@ from pdecodec.formats.base.attribute_roles import COLOR, UV
 from pdecodec.formats.base.frame_files import MeshFile, open_frames
 from pdecodec.formats.base.normals import normal_group
 from pdecodec.formats.base.registry import read_errors
+from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshSequence
 
 _INDICES = ("vertex_indices", "vertex_index")
@@ -115,7 +116,7 @@ def _faces(face: Any) -> tuple[NDArray[Any], NDArray[Any]]:
     return counts, np.concatenate(rows).astype(np.int64)
 
 
-def _strips(numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+def _strips(numbers: Int64Array) -> Int64Array:
     """Corners of the triangles of strips, one after the other, -1 between them."""
     found = []
     for strip in np.split(numbers, np.flatnonzero(numbers < 0)):

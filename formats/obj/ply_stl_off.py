@@ -20,7 +20,8 @@ from pdecodec.formats.base.frame_files import FrameBytes, MeshFile, Positions, o
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output, read_errors
 from pdecodec.formats.obj.text import is_far, meant_by_text
-from pdecodec.mesh.sequence import Connectivity, Float32Array, MeshSequence
+from pdecodec.mesh.arrays import Float32Array, Int32Array
+from pdecodec.mesh.sequence import Connectivity, MeshSequence
 
 STL_HEADER_BYTES, STL_FACET = 84, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 """A binary STL file: 80 bytes of anything and a count, then facets."""
@@ -75,7 +76,7 @@ def _run_bytes(sequence: MeshSequence) -> tuple[FrameBytes, tuple[str, ...]]:
     return frame_bytes, notices
 
 
-def _polygons(counts: NDArray[np.int32], indices: NDArray[np.int32]) -> bytes:
+def _polygons(counts: Int32Array, indices: Int32Array) -> bytes:
     """Faces as PLY's lists: a size of one byte, or of four where one is 256 or more, then indices."""
     if not counts.size:
         return b""

@@ -24,7 +24,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec._core import ObjScan, ObjStructure
 from pdecodec.errors import InputError
@@ -34,17 +33,9 @@ from pdecodec.formats.base.registry import read_errors
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME
 from pdecodec.formats.base.times import Timing, timing_of_numbers
 from pdecodec.formats.obj.text import NoVerticesError, ObjText, is_far, read_text, rounding_of_text, scan
+from pdecodec.mesh.arrays import Float32Array, Int32Array
 from pdecodec.mesh.rounding import is_rounding_noticed, note_rounding
-from pdecodec.mesh.sequence import (
-    Attribute,
-    Connectivity,
-    Float32Array,
-    Int32Array,
-    MeshObject,
-    MeshSequence,
-    check_frame_range,
-    check_times,
-)
+from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range, check_times
 
 MOST_THREADS = 8
 """Threads that read frames; beyond it the disk and the memory bus are the limit."""
@@ -448,7 +439,7 @@ class _Model:
         order = np.arange(indices.size)
         return read_normal_group(connectivity, "corner", normals[first : last + 1], indices - first, order)
 
-    def _names(self, name: str, of_faces: NDArray[np.int32]) -> Attribute | None:
+    def _names(self, name: str, of_faces: Int32Array) -> Attribute | None:
         used = np.unique(of_faces[of_faces >= 0])
         if used.size == 0:
             return None

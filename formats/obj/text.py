@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec._core import ObjFault, ObjScan
 from pdecodec.errors import InputError
 from pdecodec.formats.base.registry import read_errors
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.metrics import frame_scale
 from pdecodec.mesh.rounding import NOTEWORTHY, largest_rounding
-from pdecodec.mesh.sequence import Float32Array
 
 _CONTINUATION = re.compile(rb"\\[ \t]*\r?\n")
 _TOKEN = re.compile(rb"[^ \t\r\n\v\f]*")
@@ -96,7 +95,7 @@ class ObjText:
         match = _TOKEN.match(self.data, offset)
         return match[0] if match else b""
 
-    def read_rest(self, unread: NDArray[np.int64], *arrays: Float32Array) -> None:
+    def read_rest(self, unread: Int64Array, *arrays: Float32Array) -> None:
         """Read the numbers that the core has not: (n, 3) of which array, which of its numbers, and the token's byte.
 
         Raises
@@ -135,7 +134,7 @@ def rounding_of_text(text: ObjText, points: Float32Array) -> float:
     return largest_rounding(meant_by_text(numbers, points), points)
 
 
-def meant_by_text(numbers: NDArray[np.float64], rounded: Float32Array) -> NDArray[np.float64]:
+def meant_by_text(numbers: Float64Array, rounded: Float32Array) -> Float64Array:
     """Numbers of a text: where it is the shortest of a float32 number, that number."""
     printed = rounded.astype(np.str_).astype(np.float64)
     return np.where(numbers == printed, rounded, numbers)

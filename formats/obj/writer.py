@@ -14,7 +14,6 @@ from collections.abc import Iterator, Mapping
 from itertools import repeat
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.errors import InputError
@@ -29,7 +28,8 @@ from pdecodec.formats.base.frame_files import (
 from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME
-from pdecodec.mesh.sequence import Attribute, Float32Array, MeshObject, MeshSequence
+from pdecodec.mesh.arrays import Float32Array, Int64Array
+from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
 
 NORMAL_DECIMALS = 4
 """Decimals of normals, as other programs write them."""
@@ -211,7 +211,7 @@ def _color_rows(color: Attribute | None) -> Float32Array | None:
     return np.where(has, rows, np.float32(np.nan))
 
 
-def _texture(uv: Attribute | None, corners: int) -> tuple[bytes, NDArray[np.int64] | None, int]:
+def _texture(uv: Attribute | None, corners: int) -> tuple[bytes, Int64Array | None, int]:
     """``vt`` lines, the index of each corner into them from 0 (-1 for none), and how many there are."""
     if uv is None:
         return b"", None, 0

@@ -22,6 +22,7 @@ from pdecodec.formats.base.attribute_roles import (
 from pdecodec.formats.base.scene_reading import Extras
 from pdecodec.formats.base.scene_writing import Parameter, named_face_sets, unlike, write_parameters
 from pdecodec.formats.base.shape_writing import Drawn
+from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import AttributeDomain, Connectivity, MeshObject
 
 OWN = "pdecodec"
@@ -109,7 +110,7 @@ def int_array(values: NDArray[np.integer]) -> Any:
 
 
 def read_extras(
-    prim: Any, connectivity: Connectivity, order: NDArray[np.int64], *, moves: bool = False, at: float | None = None
+    prim: Any, connectivity: Connectivity, order: Int64Array, *, moves: bool = False, at: float | None = None
 ) -> Extras:
     """Everything constant that the prim carries; `order` as of :class:`Extras`, `moves` whether its points do.
 

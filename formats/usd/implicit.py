@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from pxr import Usd
 
 from pdecodec.formats.base.normals import normal_group
-from pdecodec.mesh.sequence import Attribute, Connectivity, Float32Array, Float64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.sequence import Attribute, Connectivity
 
 SIDES = 32
 """Sides of what is round: half a percent of the radius off."""

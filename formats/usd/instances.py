@@ -6,12 +6,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.scene_reading import MOST_INSTANCED
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import BoolArray, Float64Array, Int64Array
 
 MOST_KEPT = 2**28
 """Bytes of transforms that are kept until they are needed again."""
@@ -38,9 +37,9 @@ class Instancer:
     prim: Any
     arrays: Any
     roots: tuple[Any, ...]
-    prototypes: NDArray[np.int64]
-    shown: NDArray[np.bool_]
-    hidden: NDArray[np.bool_]
+    prototypes: Int64Array
+    shown: BoolArray
+    hidden: BoolArray
     _kept: dict[float, Float64Array] = field(default_factory=dict)
 
     @property

@@ -25,7 +25,8 @@ from pdecodec.formats.usd.attributes import NORMALS, SAMPLED, int_array, valid_n
 from pdecodec.formats.usd.implicit import Implicit
 from pdecodec.formats.usd.reader import UsdSequence
 from pdecodec.formats.usd.writer import vectors
-from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array, MeshSequence
+from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.sequence import Connectivity, MeshSequence
 from pdecodec.system.whole_output import check_writable, failure_of, move_into, partial_folder, write_errors
 
 

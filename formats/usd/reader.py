@@ -31,8 +31,9 @@ from pdecodec.formats.base.times import (
 )
 from pdecodec.formats.usd.attributes import METADATA, SAMPLED
 from pdecodec.formats.usd.shapes import ShapeScan, UsdShape
+from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.rounding import to_float32
-from pdecodec.mesh.sequence import Float32Array, Float64Array, MeshSequence, Unsupported
+from pdecodec.mesh.sequence import MeshSequence, Unsupported
 
 PARSE_ERROR = re.compile(r":(?P<line>\d+):\d+: parse error matching \S+ (?P<place>at .*)")
 """What USD says of text that does not parse; behind "matching" stands a name of its sources."""

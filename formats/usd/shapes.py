@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from pdecodec.formats.base.attribute_roles import (
@@ -29,7 +28,8 @@ from pdecodec.formats.usd.attributes import OWN, object_name, read_extras, value
 from pdecodec.formats.usd.implicit import Implicit, read_implicit
 from pdecodec.formats.usd.instances import Instancer, open_instancer
 from pdecodec.formats.usd.skinning import Skinning, find_skinning
-from pdecodec.mesh.sequence import MAX_INDEX, Connectivity, Float64Array
+from pdecodec.mesh.arrays import Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.sequence import MAX_INDEX, Connectivity
 
 SUBDIVISION_SCHEMES = {"catmullClark": "catmull-clark", "loop": "loop", "bilinear": "bilinear"}
 """USD's names of subdivision schemes, and ours."""
@@ -252,7 +252,7 @@ def _is_hidden(prim: Any) -> bool:
     return False
 
 
-def _integers(attribute: Any, at: float | None) -> NDArray[np.int32]:
+def _integers(attribute: Any, at: float | None) -> Int32Array:
     """An integer array attribute's value at a code, else its first one; empty where it has none."""
     found = value_at(attribute, at)
     return np.zeros(0, np.int32) if found is None else np.array(found, np.int32).reshape(-1)
@@ -339,7 +339,7 @@ def _shape(
     extras: Extras,
     scan: ShapeScan,
     *,
-    gather: NDArray[np.int64] | None = None,
+    gather: Int64Array | None = None,
     skinning: Skinning | None = None,
 ) -> UsdShape:
     if schema.GetNormalsAttr().HasAuthoredValue() and not connectivity.face_count:

@@ -8,7 +8,7 @@ import numpy as np
 from pxr import Usd, UsdSkel, Vt
 
 from pdecodec.errors import InputError
-from pdecodec.mesh.sequence import Float32Array
+from pdecodec.mesh.arrays import Float32Array
 
 
 class Skinning:

@@ -29,7 +29,8 @@ from pdecodec.formats.usd.attributes import (
     valid_name,
 )
 from pdecodec.formats.usd.shapes import SUBDIVISION_SCHEMES
-from pdecodec.mesh.sequence import Attribute, Float32Array, Float64Array, MeshObject, MeshSequence
+from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
 from pdecodec.system.whole_output import check_writable, failure_of, move_into, partial_folder, write_errors
 
 ROOT = "scene"

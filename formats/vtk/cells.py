@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.frame_files import join_cells
+from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
 
 NODE = "node"
@@ -83,9 +84,9 @@ class Cells:
 
     def __init__(self, *, vtk: bool = False) -> None:
         self._vtk = vtk
-        self._faces: list[NDArray[np.int64]] = []
-        self._lines: list[NDArray[np.int64]] = []
-        self._solids: list[tuple[str, NDArray[np.int64]]] = []
+        self._faces: list[Int64Array] = []
+        self._lines: list[Int64Array] = []
+        self._solids: list[tuple[str, Int64Array]] = []
 
     def add(self, kind: str, rows: NDArray[np.integer]) -> None:
         """Add cells (cells, nodes) of a kind.
@@ -109,7 +110,7 @@ class Cells:
         else:
             raise InputError(f"holds cells of kind {kind} with {nodes.shape[1]} nodes, which are not read")
 
-    def connectivity(self, points: NDArray[np.floating]) -> tuple[Connectivity, NDArray[np.int64] | None]:
+    def connectivity(self, points: NDArray[np.floating]) -> tuple[Connectivity, Int64Array | None]:
         """Faces and lines of cells at points (nodes, 3), and which nodes are vertices: None where all are."""
         nodes = len(points)
         surface = self._surface(points)
@@ -126,11 +127,11 @@ class Cells:
         faces, lines = numbers[whole.face_indices], numbers[whole.line_indices]
         return Connectivity(int(used.sum()), whole.face_counts, faces, whole.line_counts, lines), np.flatnonzero(used)
 
-    def _surface(self, points: NDArray[np.floating]) -> list[NDArray[np.int64]]:
+    def _surface(self, points: NDArray[np.floating]) -> list[Int64Array]:
         """Borders of faces that one solid alone has, blocks of one size, (faces, nodes)."""
         nodes = len(points)
-        borders: dict[int, list[NDArray[np.int64]]] = {}
-        corners: dict[int, list[NDArray[np.int64]]] = {}
+        borders: dict[int, list[Int64Array]] = {}
+        corners: dict[int, list[Int64Array]] = {}
         for _, rows in self._solids:
             if rows.size and (rows.min() < 0 or rows.max() >= nodes):
                 raise InputError(f"a cell has node {int(rows.max())}, there are {nodes}; export the file again")
@@ -146,7 +147,7 @@ class Cells:
                 borders.setdefault(key, []).append(
                     np.pad(rows[:, border], ((0, 0), (0, 8 - len(border))), constant_values=-1)
                 )
-        found: list[NDArray[np.int64]] = []
+        found: list[Int64Array] = []
         for key in sorted(borders):
             whole = np.concatenate(borders[key])
             _, first, counts = np.unique(np.concatenate(corners[key]), axis=0, return_index=True, return_counts=True)
@@ -178,7 +179,7 @@ class Cells:
         return found
 
 
-def _volume(points: NDArray[np.floating], rows: NDArray[np.int64], faces: tuple[tuple[int, ...], ...]) -> float:
+def _volume(points: NDArray[np.floating], rows: Int64Array, faces: tuple[tuple[int, ...], ...]) -> float:
     """Sum of the volumes of solids, six times; of each by tetrahedra from its first corner."""
     with np.errstate(all="ignore"):
         corners = points.astype(np.float64)[rows[:, : max(map(max, faces)) + 1]]
@@ -196,7 +197,7 @@ def node_attribute(numbers: NDArray[np.integer]) -> Attribute:
     return Attribute(NODE, "vertex", numbers.astype(np.int32))
 
 
-def left_out_notice(gather: NDArray[np.int64] | None, nodes: int) -> tuple[str, ...]:
+def left_out_notice(gather: Int64Array | None, nodes: int) -> tuple[str, ...]:
     """A line that counts the nodes that are left out."""
     if gather is None:
         return ()

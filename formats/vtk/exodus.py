@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
 from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.rounding import to_float32
-from pdecodec.mesh.sequence import Float32Array, MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
 
 KINDS = {
     "triangle": ("TRI", "TRIANGLE", "TRISHELL"),
@@ -83,7 +84,7 @@ class ExodusSequence(MeshSequence):
         self.notices = (*self.notices, *left_out_notice(self._gather, len(self._rest)))
         self.metadata = {}
 
-    def _numbers(self, name: str) -> NDArray[np.float64]:
+    def _numbers(self, name: str) -> Float64Array:
         return np.asarray(self._variables[name][:], np.float64)
 
     def _displacements(self) -> dict[int, Any]:
@@ -98,7 +99,7 @@ class ExodusSequence(MeshSequence):
                     found[axis] = self._variables[f"vals_nod_var{number}"]
         return found
 
-    def _numbers_of_nodes(self) -> NDArray[np.int64]:
+    def _numbers_of_nodes(self) -> Int64Array:
         """(nodes,): what the file calls its nodes; from 1 where it does not say."""
         if "node_num_map" in self._variables:
             return np.asarray(self._variables["node_num_map"][:], np.int64)

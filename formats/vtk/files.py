@@ -40,7 +40,8 @@ from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.times import timing_of_stored
 from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
 from pdecodec.formats.vtk.library import else_vtk
-from pdecodec.mesh.sequence import Connectivity, Float32Array, MeshSequence
+from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.sequence import Connectivity, MeshSequence
 from pdecodec.system.whole_output import check_writable
 
 VERTEX, POLY_LINE, TRIANGLE, POLYGON, QUAD = 1, 4, 5, 7, 9

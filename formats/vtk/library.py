@@ -20,6 +20,7 @@ from pdecodec.errors import InputError
 from pdecodec.formats.base.child import Answer, Child, serve
 from pdecodec.formats.base.frame_files import MeshFile
 from pdecodec.formats.vtk.cells import left_out_notice, node_attribute
+from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
 
 ORIGINAL = "vtkOriginalPointIds"
@@ -192,11 +193,11 @@ def _check_cells(data: Any, path: Path) -> None:
         raise InputError("its cells have points that are not there; export it again", path=path)
 
 
-def _rows(counts: NDArray[np.int64], indices: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+def _rows(counts: Int64Array, indices: Int64Array) -> list[Int64Array]:
     return np.split(indices, np.cumsum(counts)[:-1]) if counts.size else []
 
 
-def _triangles(strip: NDArray[np.int64]) -> NDArray[np.int64]:
+def _triangles(strip: Int64Array) -> Int64Array:
     """(triangles, 3): every second one turned round."""
     steps = np.arange(max(0, strip.size - 2))
     odd = steps % 2

@@ -24,8 +24,9 @@ from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
 from pdecodec.formats.vtk.cells import Cells, left_out_notice, node_attribute
+from pdecodec.mesh.arrays import Float32Array, Int32Array, Int64Array
 from pdecodec.mesh.rounding import to_float32
-from pdecodec.mesh.sequence import Connectivity, Float32Array, MeshObject, MeshSequence, check_frame_range, check_times
+from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, check_frame_range, check_times
 from pdecodec.system.whole_output import check_writable, partial_folder, publish, write_errors
 
 _KINDS = {
@@ -186,7 +187,7 @@ class XdmfSequence(MeshSequence):
             self._files[name] = h5py.File(self._path.parent / name, "r")
         return np.asarray(self._files[name][place])
 
-    def _cells(self, grid: ElementTree.Element, points: Float32Array) -> tuple[Connectivity, NDArray[np.int64] | None]:
+    def _cells(self, grid: ElementTree.Element, points: Float32Array) -> tuple[Connectivity, Int64Array | None]:
         """Faces and lines of a grid with points (nodes, 3), and which of these are vertices: None where all are."""
         topology, cells = grid.find("Topology"), Cells()
         if topology is None:
@@ -241,10 +242,10 @@ def _grids(root: ElementTree.Element) -> list[ElementTree.Element]:
     return [grid for grid in root.iter("Grid") if grid.get("GridType", "Uniform") == "Uniform"][:1]
 
 
-def _add_mixed(cells: Cells, numbers: NDArray[np.int64], path: Path) -> None:
+def _add_mixed(cells: Cells, numbers: Int64Array, path: Path) -> None:
     """Add the cells of a mixed topology: each a number for its kind, for some their number of nodes, and nodes."""
     at = 0
-    solids: dict[str, list[NDArray[np.int64]]] = {}
+    solids: dict[str, list[Int64Array]] = {}
     while at < numbers.size:
         number = int(numbers[at])
         if number in _MIXED_KINDS:
@@ -306,7 +307,7 @@ def _write_topology(file: Any, whole: Connectivity, data_name: str) -> str:
         numbers, count = whole.face_indices.reshape(whole.face_count, -1), whole.face_count
     else:
         kind, count = "Mixed", whole.face_count + whole.line_count
-        cells: list[NDArray[np.int32]] = []
+        cells: list[Int32Array] = []
         for counts, indices, line in (
             (whole.face_counts, whole.face_indices, False),
             (whole.line_counts, whole.line_indices, True),

@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from pdecodec.codec.decoder import ACCELERATIONS, POSITIONS, VELOCITIES, Animation
 from pdecodec.codec.run_animation import ChangingAnimation
 from pdecodec.errors import SettingsError
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.times import Outside
 
-Float64Array = NDArray[np.float64]
 Value = TypeVar("Value")
 Quantity = Literal["positions", "velocities", "accelerations"]
 
@@ -48,9 +48,9 @@ class Corrections(NamedTuple):
     offsets : (n, 3) float32 [scene units]
     """
 
-    frames: NDArray[np.int64]
-    vertices: NDArray[np.int32]
-    offsets: NDArray[np.float32]
+    frames: Int64Array
+    vertices: Int32Array
+    offsets: Float32Array
 
 
 class ArrayEvaluator:
@@ -194,7 +194,7 @@ class ArrayEvaluator:
         if not 0 <= group < count:
             raise SettingsError(f"there is no group {group}; the file has {count}, from 0 on")
 
-    def _fields(self, group: int) -> NDArray[np.float32]:
+    def _fields(self, group: int) -> Float32Array:
         self._check(group)
         with self._animation._naming_the_file():
             return self._animation._core.fields(group)

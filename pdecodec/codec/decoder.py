@@ -27,13 +27,12 @@ from pdecodec.codec.sections.groups import TIME_BASES, GroupEntry
 from pdecodec.codec.sections.reference import ReferenceFrame
 from pdecodec.codec.sections.space_basis import SPACE_KINDS, SpaceBasis, SpaceForm, decode_space_basis
 from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
+from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
 from pdecodec.mesh.times import OUTSIDES, Outside, times_inside
 from pdecodec.system.shares import thread_count
 from pdecodec.system.storage import is_address, open_range_reader
 
-Float32Array = NDArray[np.float32]
-Float64Array = NDArray[np.float64]
 Array = TypeVar("Array")
 
 POSITIONS, VELOCITIES, ACCELERATIONS = 0, 1, 2

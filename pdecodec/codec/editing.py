@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.codec.container import Section, Spool, stored_sections, write_container
 from pdecodec.codec.decoder import Animation, open_animation
@@ -28,11 +27,10 @@ from pdecodec.codec.sections.description import decode_remarks, encode_remarks, 
 from pdecodec.codec.sections.groups import CHUNK_SECTIONS, GroupEntry, read_group_table, write_group_table
 from pdecodec.codec.settings import EffortName
 from pdecodec.errors import CorruptFileError, InputError, SettingsError
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import SHORTEST_TIME_STEP, MeshSequence, Progress
 from pdecodec.system.whole_output import check_writable
-
-Float64Array = NDArray[np.float64]
 
 SHARED_SECTIONS = {
     "CONN": "faces",

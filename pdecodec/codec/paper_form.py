@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.codec.sections.basis import SPACE_FUNCTIONS, TIME_FUNCTIONS, series_functions, series_to_paper
 from pdecodec.codec.sections.closed_form import ClosedForm
 from pdecodec.codec.sections.reference import ReferenceFrame
 from pdecodec.codec.sections.space_basis import SpaceBasis, arc_length_parameter
 from pdecodec.errors import SettingsError
-
-Float64Array = NDArray[np.float64]
-Int64Array = NDArray[np.int64]
+from pdecodec.mesh.arrays import Float64Array, Int64Array
 
 SMALLEST_RATE = 1e-30
 """Least alpha and r: the conversion divides by their powers up to alpha^3 and r^7, which float64 must hold."""

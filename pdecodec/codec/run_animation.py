@@ -7,8 +7,9 @@ from typing import Any
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.paper_form import PaperForm
 from pdecodec.errors import SettingsError
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns, one_run_of
-from pdecodec.mesh.sequence import Float64Array, MeshObject
+from pdecodec.mesh.sequence import MeshObject
 from pdecodec.mesh.times import Outside
 
 

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.codec.decoder import Animation, DecodeLimits, chosen_limits, open_animation
 from pdecodec.codec.mending import mended
 from pdecodec.errors import CorruptFileError, InputError, LimitError
+from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
-from pdecodec.mesh.sequence import Float32Array, MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
 
 Frames = tuple[int, int]
 """The first frame, and the one after the last."""
@@ -71,7 +71,7 @@ class SoundFrames(MeshSequence):
     def __init__(
         self,
         run: Animation,
-        frames: NDArray[np.int64],
+        frames: Int64Array,
         objects: tuple[MeshObject, ...],
         metadata: Mapping[str, str],
     ) -> None:
@@ -137,7 +137,7 @@ class _Saved:
 
     def __init__(self, animation: Animation) -> None:
         self.animation = animation
-        self.frames: dict[int, NDArray[np.int64]] = {}
+        self.frames: dict[int, Int64Array] = {}
         self._missing: list[Frames] = []
         self._lost: dict[str, None] = {}
         try:

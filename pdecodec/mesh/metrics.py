@@ -11,10 +11,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pdecodec.errors import InputError
-from pdecodec.mesh.sequence import Float32Array, MeshSequence, Progress
+from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.sequence import MeshSequence, Progress
 
 CHUNK_POINTS = 2**19
 """Vertices times frames taken at once: the float64 temporaries then stay near 40 MB."""
@@ -150,7 +151,7 @@ class DistortionMeter:
                 reference[start : start + step].astype(np.float64), other[start : start + step].astype(np.float64)
             )
 
-    def _add_chunk(self, reference: NDArray[np.float64], other: NDArray[np.float64]) -> None:
+    def _add_chunk(self, reference: Float64Array, other: Float64Array) -> None:
         first = len(self.average_by_frame)
         if self._scale is None:
             self._scale = frame_scale(reference[0])

@@ -6,12 +6,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pdecodec.mesh.arrays import Int32Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
-
-Int32Array = NDArray[np.int32]
-Int64Array = NDArray[np.int64]
 
 
 class Polygons(NamedTuple):

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pdecodec.errors import SettingsError
+from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns, equal_runs
-from pdecodec.mesh.sequence import Float32Array, Float64Array, MeshSequence, check_frame_range, check_times
+from pdecodec.mesh.sequence import MeshSequence, check_frame_range, check_times
 from pdecodec.mesh.times import Outside, times_inside
 
 if TYPE_CHECKING:

@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.mesh.arrays import Float32Array
+
 NOTEWORTHY = 1e-6
 """Rounding that is told where nobody asked for a bound, over the diagonal: float32 numbers as far from the origin as
 the scene is large are rounded by a tenth of that at most."""
@@ -69,7 +71,7 @@ def rounding_words(distance: float) -> str:
     return f"positions are rounded to float32, which moves them by up to {distance:.3g} scene units"
 
 
-def to_float32(points: NDArray[Any]) -> NDArray[np.float32]:
+def to_float32(points: NDArray[Any]) -> Float32Array:
     """Positions (..., 3) of any kind of number as float32 in C order; how far they are moved is noted.
 
     Those beyond float32 become infinite, for whoever reads them to refuse.
@@ -81,7 +83,7 @@ def to_float32(points: NDArray[Any]) -> NDArray[np.float32]:
     return rounded
 
 
-def largest_rounding(points: NDArray[Any], rounded: NDArray[np.float32]) -> float:
+def largest_rounding(points: NDArray[Any], rounded: Float32Array) -> float:
     """Largest finite distance of positions (..., 3) from what they were rounded to [scene units]."""
     if np.can_cast(points.dtype, np.float32):
         return 0.0

@@ -12,10 +12,11 @@ from itertools import pairwise
 from typing import overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pdecodec.errors import InputError, SettingsError
-from pdecodec.mesh.sequence import Float32Array, MeshObject, MeshSequence, check_frame_range, check_times
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range, check_times
 
 OPEN_RUNS = 2
 """Runs that stay open after they were asked for: the one at a time, and the next."""
@@ -102,9 +103,9 @@ class ChangingSequence(MeshSequence):
 
     def _take_runs(self, runs: Sequence[MeshSequence], frames: Sequence[int], vertices: Sequence[int]) -> None:
         self._runs = runs
-        self.run_frames: NDArray[np.int64] = np.array(frames, np.int64)
-        self.run_vertices: NDArray[np.int64] = np.array(vertices, np.int64)
-        self._starts: NDArray[np.int64] = np.cumsum(self.run_frames) - self.run_frames
+        self.run_frames: Int64Array = np.array(frames, np.int64)
+        self.run_vertices: Int64Array = np.array(vertices, np.int64)
+        self._starts: Int64Array = np.cumsum(self.run_frames) - self.run_frames
 
     @property
     def runs(self) -> Sequence[MeshSequence]:
@@ -122,7 +123,7 @@ class ChangingSequence(MeshSequence):
         return int(np.searchsorted(self._starts, frame, side="right")) - 1
 
     @property
-    def run_starts(self) -> NDArray[np.int64]:
+    def run_starts(self) -> Int64Array:
         return self._starts
 
     @property
@@ -212,7 +213,7 @@ def equal_runs(keys: Sequence[object]) -> list[int]:
     return [end - begin for begin, end in pairwise(edges)]
 
 
-def one_run_of(sequence: ChangingSequence, times: NDArray[np.float64]) -> int:
+def one_run_of(sequence: ChangingSequence, times: Float64Array) -> int:
     """The number of the run that holds at all of several times.
 
     Raises

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.codec.sections.attributes import reorder_attributes
 from pdecodec.codec.sections.connectivity import CodedOrder, coded_orders
 from pdecodec.errors import InputError
+from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
 from pdecodec.mesh.sequence import (
     AttributeDomain,
     Connectivity,
-    Float32Array,
     MeshObject,
     MeshSequence,
     check_frame_range,
@@ -104,7 +103,7 @@ def select(sequence: MeshSequence, frames: Sequence[int] | range) -> MeshSequenc
     return selected if len(selected.runs) > 1 else selected.runs[0]
 
 
-def _rate(chosen: NDArray[np.int64], fps: float) -> float | None:
+def _rate(chosen: Int64Array, fps: float) -> float | None:
     """Frames a second of evenly chosen frames: the source's over the step, not what rounded times say; else None."""
     steps = np.diff(chosen)
     if (steps != steps[:1]).any():
@@ -195,7 +194,7 @@ def _reordered(item: MeshObject, order: CodedOrder) -> MeshObject:
         line_counts=part.line_counts,
         line_indices=number[part.line_indices],
     )
-    rows: dict[AttributeDomain, NDArray[np.int64]] = {
+    rows: dict[AttributeDomain, Int64Array] = {
         "vertex": order.vertices.astype(np.int64),
         "face": order.faces.astype(np.int64),
         "corner": order.corners.astype(np.int64),

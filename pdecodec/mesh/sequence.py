@@ -18,11 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.rounding import note_rounding, rounding_noticed, to_float32
-
-Float32Array = NDArray[np.float32]
-Float64Array = NDArray[np.float64]
-Int32Array = NDArray[np.int32]
 
 Progress = Callable[[int, int, str], None]
 """Called as ``progress(frames done, frames in all, what is being done)``."""
@@ -319,7 +316,7 @@ class MeshSequence(ABC):
         return self.vertex_count
 
     @property
-    def run_starts(self) -> NDArray[np.int64]:
+    def run_starts(self) -> Int64Array:
         """The first frame of each run."""
         return np.zeros(1, np.int64)
 

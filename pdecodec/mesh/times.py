@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from pdecodec.errors import SettingsError
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import Float64Array
 
 TIME_SLACK = 1e-9
 """Share of a frame by which the last time may overshoot: 100 frames at 1/24 s each do not add up exactly."""

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from pdecodec import _core
 from pdecodec.errors import SettingsError
-from pdecodec.mesh.sequence import Float64Array, Int32Array
+from pdecodec.mesh.arrays import Float64Array, Int32Array
 from pdecodec.simulate.constraints import Linear, Method, RowShapes, SheetConstraints
 
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from pdecodec import _core
 from pdecodec.errors import SettingsError
-from pdecodec.mesh.sequence import Float64Array, Int32Array
+from pdecodec.mesh.arrays import Float64Array, Int32Array
 
 Method = Literal["xpbd", "pbd"]
 """Extended position-based dynamics, or the older method whose stiffness depends on step and iterations."""

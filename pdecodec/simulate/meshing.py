@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdecodec.mesh.sequence import Int32Array
+from pdecodec.mesh.arrays import Int32Array
 
 
 def grid_quads(columns: int, rows: int) -> Int32Array:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from pdecodec.mesh.sequence import Float64Array, Int32Array
+from pdecodec.mesh.arrays import Float64Array, Int32Array
 from pdecodec.simulate.constraints import Constraints
 from pdecodec.simulate.distance import DistanceConstraints
 from pdecodec.simulate.meshing import lattice_surface, lattice_tetrahedra, tetrahedron_edges, triangulate

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.simulate.bending import IsometricBendingConstraints
 from pdecodec.simulate.constraints import Constraints
 from pdecodec.simulate.distance import ChainConstraints, DistanceConstraints

@@ -20,7 +20,7 @@ import numpy as np
 
 from pdecodec import _core
 from pdecodec.errors import SettingsError
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.simulate.constraints import Constraints, Method, SheetConstraints, State
 from pdecodec.simulate.system import System
 from pdecodec.system.shares import thread_count

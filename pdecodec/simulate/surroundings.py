@@ -21,7 +21,7 @@ import numpy as np
 
 from pdecodec import _core
 from pdecodec.errors import SettingsError
-from pdecodec.mesh.sequence import Float64Array, Int32Array
+from pdecodec.mesh.arrays import Float64Array, Int32Array
 from pdecodec.simulate.constraints import State, check_positive
 
 Path = Callable[[float], Float64Array]

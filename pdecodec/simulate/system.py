@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdecodec.errors import SettingsError
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.simulate.constraints import Constraints, check_positive, check_shape
 from pdecodec.simulate.surroundings import Collider, Pins, Wind
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import MissingExtraError
-from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array
+from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.sequence import Connectivity
 from pdecodec.report.charts.figure import Canvas
 
 BLUE, ORANGE, GREEN, PURPLE, SKY, GREY = "#0072B2", "#D55E00", "#009E73", "#AA4499", "#56B4E9", "#767676"
@@ -154,7 +155,7 @@ def mark_failing(
         write(panel, text, (first, 0.96 if at is None else at), (4, 0), size=8.5, va="top", **look)
 
 
-def name_rows(panel: Any, names: Sequence[str], *, space: float = 0.3, lines: float = 0.0) -> NDArray[np.int64]:
+def name_rows(panel: Any, names: Sequence[str], *, space: float = 0.3, lines: float = 0.0) -> Int64Array:
     """Heights of rows named at the left, the first at the top: (names,); grid lines along them fade to `lines`."""
     heights = np.arange(len(names))[::-1]
     panel.set_ylim(-0.6, len(names) - space)
@@ -172,12 +173,12 @@ def hide_axes(panel: Any, low: Float64Array | None = None, high: Float64Array | 
     panel.grid(visible=False)
 
 
-def quads_of(connectivity: Connectivity) -> NDArray[np.int32]:
+def quads_of(connectivity: Connectivity) -> Int32Array:
     """The faces of a mesh of quads alone, as rows."""
     return connectivity.face_indices.reshape(-1, 4)
 
 
-def polygons_of(connectivity: Connectivity) -> list[NDArray[np.int32]]:
+def polygons_of(connectivity: Connectivity) -> list[Int32Array]:
     """Faces as rows of corners, one array for each number of corners."""
     starts = np.concatenate([[0], np.cumsum(connectivity.face_counts)])[:-1]
     return [
@@ -239,13 +240,13 @@ def draw_mesh(
 def draw_near(
     panel: Any,
     seen: Float64Array,
-    quads: NDArray[np.int32],
+    quads: Int32Array,
     colours: Float64Array,
     low: Float64Array,
     high: Float64Array,
 ) -> None:
     """The quads with a vertex between two corners of the picture's plane, close up."""
-    is_near: NDArray[np.bool_] = np.all((seen[:, :2] > low) & (seen[:, :2] < high), axis=1)
+    is_near: BoolArray = np.all((seen[:, :2] > low) & (seen[:, :2] < high), axis=1)
     inside = is_near[quads].any(axis=1)
     draw_mesh(panel, seen, [quads[inside]], [colours[inside]], lines=True)
     hide_axes(panel, low, high)

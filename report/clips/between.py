@@ -13,9 +13,10 @@ import numpy as np
 from pdecodec.codec.decoder import open_animation
 from pdecodec.codec.encode.encoder import encode
 from pdecodec.codec.settings import EffortName
+from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.metrics import DistortionMeter, frame_scale
 from pdecodec.mesh.selection import FrameSelection
-from pdecodec.mesh.sequence import ArraySequence, Float32Array, Float64Array
+from pdecodec.mesh.sequence import ArraySequence
 from pdecodec.report.charts.figure import Figure, Table
 from pdecodec.report.charts.vegalite import channel, log_axis, tooltip
 

@@ -10,8 +10,9 @@ import numpy as np
 from pdecodec.codec.decoder import open_animation
 from pdecodec.codec.encode.encoder import encode
 from pdecodec.codec.settings import EffortName
+from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.metrics import Distortion, DistortionMeter, frame_scale
-from pdecodec.mesh.sequence import ArraySequence, Connectivity, Float32Array, Float64Array
+from pdecodec.mesh.sequence import ArraySequence, Connectivity
 from pdecodec.report.charts.drawing import as_seen, draw_mesh, heat_map, hide_axes, polygons_of
 from pdecodec.report.charts.figure import Canvas, Figure, Table
 from pdecodec.report.charts.vegalite import WIDTH, channel, rule, tooltip

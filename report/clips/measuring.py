@@ -24,9 +24,10 @@ from pdecodec.codec.encode.encoder import encode
 from pdecodec.codec.encode.report import CONSTANT_SECTIONS
 from pdecodec.codec.settings import EffortName, Profile
 from pdecodec.errors import InputError
+from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.metrics import Distortion, frame_scale, measure_distortion
 from pdecodec.mesh.selection import FrameSelection
-from pdecodec.mesh.sequence import ArraySequence, Float32Array, Progress
+from pdecodec.mesh.sequence import ArraySequence, Progress
 from pdecodec.report.clips.measurement import KeptMeasurements, Measurement, clip_digest, codec_version, measurement_key
 from pdecodec.report.surface_metrics import measure_surface
 from pdecodec.research.baselines.baseline import Baseline, UnreachableError

@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.errors import MissingExtraError
-from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.sequence import Connectivity
 
-Int64Array = NDArray[np.int64]
 Quantised = TypeVar("Quantised")
 
 Encoder = Callable[[float], bytes]

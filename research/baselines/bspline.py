@@ -9,17 +9,16 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
-from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.sequence import Connectivity
 from pdecodec.research.baselines.baseline import Transform, UnreachableError, rounded
 from pdecodec.research.baselines.coding import decode_bands, encode_bands
 
 if TYPE_CHECKING:
     from pdecodec.codec.sections.curves import Curves
 
-Int64Array = NDArray[np.int64]
 
 DEGREE = 3
 

@@ -8,13 +8,11 @@ size. No neighbours are looked at: that is what the published schemes do.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
+from pdecodec.mesh.arrays import Int64Array
 from pdecodec.research.baselines.traversal import Traversal
-
-Int64Array = NDArray[np.int64]
 
 HIGHEST_DIFFERENCE = 2
 """Order of the differences in time that are tried: what moves at constant speed leaves nothing of the second."""

@@ -8,13 +8,11 @@ that the first stand for the shape of the mesh and its main motion. Nothing is s
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
+from pdecodec.mesh.arrays import BoolArray, Int64Array
 from pdecodec.research.baselines.coding import decode_bands, encode_bands
 from pdecodec.research.baselines.traversal import Traversal
-
-Int64Array = NDArray[np.int64]
 
 MOST_NEIGHBOURS = 9
 """Corners of the parallelograms that are looked at: three, five or seven are usual."""
@@ -65,8 +63,8 @@ class FittedPredictor:
         self._gram = np.tile(PRIOR_WEIGHT * np.eye(MOST_NEIGHBOURS), (places, 1, 1))
         self._product = np.zeros((places, MOST_NEIGHBOURS))
 
-    def _neighbours_used(self, traversal: Traversal) -> NDArray[np.bool_]:
-        used: NDArray[np.bool_] = self._neighbours > 0
+    def _neighbours_used(self, traversal: Traversal) -> BoolArray:
+        used: BoolArray = self._neighbours > 0
         used[:, 0] = np.diff(traversal.starts) > 0  # the least neighbour may be place 0
         return used
 

@@ -13,9 +13,10 @@ import zstandard
 from numpy.typing import NDArray
 
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
-from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.sequence import Connectivity
 from pdecodec.research.baselines.baseline import Baseline, Encoder, UnreachableError
-from pdecodec.research.baselines.quantised import Grid, GridDifferences, Int64Array, level_for
+from pdecodec.research.baselines.quantised import Grid, GridDifferences, level_for
 from pdecodec.research.baselines.traversal import fans
 
 VERTEX_BYTES = 8
@@ -185,7 +186,7 @@ def _triangles(connectivity: Connectivity) -> NDArray[np.uint32]:
     return fans(connectivity).astype(np.uint32)
 
 
-def _order_of(connectivity: Connectivity) -> NDArray[np.int64] | None:
+def _order_of(connectivity: Connectivity) -> Int64Array | None:
     """Vertex that Draco returns at each place; None where it does not return every vertex once."""
     if connectivity.face_count == 0:
         return None
@@ -196,7 +197,7 @@ def _order_of(connectivity: Connectivity) -> NDArray[np.int64] | None:
     if frames is None:
         return None
     found = np.rint(_decode(frames[0])).astype(np.int64)
-    order: NDArray[np.int64] = (found << np.array([0, NUMBER_BITS, 2 * NUMBER_BITS])).sum(axis=1)
+    order: Int64Array = (found << np.array([0, NUMBER_BITS, 2 * NUMBER_BITS])).sum(axis=1)
     return order if np.array_equal(np.sort(order), numbers) else None
 
 

@@ -12,12 +12,11 @@ import zstandard
 from numpy.typing import DTypeLike, NDArray
 
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
-from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.sequence import Connectivity
 from pdecodec.research.baselines.baseline import Baseline, Encoder, UnreachableError
 from pdecodec.research.baselines.coding import decode_over_mesh, encode_over_mesh
 from pdecodec.research.baselines.traversal import traverse
-
-Int64Array = NDArray[np.int64]
 
 CUBE_DIAGONAL = 2.0 / math.sqrt(3.0)
 """Side of the cube whose corners lie at distance 1 from its centre: the step that keeps a Euclidean bound."""

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.metrics import Distortion, DistortionMeter
-from pdecodec.mesh.sequence import Connectivity, Float32Array
+from pdecodec.mesh.sequence import Connectivity
 from pdecodec.research.baselines.baseline import Baseline, Encoder, Transform, UnreachableError
 
 Preview = Callable[[float], Float32Array]

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
-from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.sequence import Connectivity
 from pdecodec.research.baselines.baseline import Baseline, Encoder, Transform, rounded
 from pdecodec.research.baselines.coding import (
     decode_over_mesh,
@@ -21,8 +21,6 @@ from pdecodec.research.baselines.coding import (
 from pdecodec.research.baselines.skinning import Skinning, fit_skinning, normal_equations
 from pdecodec.research.baselines.transforms import Corrected
 from pdecodec.research.baselines.traversal import traverse
-
-Int64Array = NDArray[np.int64]
 
 BONES = (8, 16, 32)
 """Numbers of bones that are tried, in this order until the bytes grow."""

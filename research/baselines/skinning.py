@@ -10,11 +10,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdecodec.mesh.sequence import Float32Array, Float64Array
-
-Int64Array = NDArray[np.int64]
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 
 MOST_WEIGHTS = 4
 """Bones a vertex follows at most, as in games and in both papers."""

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
-from pdecodec.mesh.sequence import Connectivity, Float32Array, Float64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.sequence import Connectivity
 from pdecodec.research.baselines.baseline import Baseline, Encoder, Transform, rounded
 from pdecodec.research.baselines.coding import (
     decode_bands,
@@ -24,8 +24,6 @@ from pdecodec.research.baselines.coding import (
 from pdecodec.research.baselines.neighbours import decode_fitted, encode_fitted
 from pdecodec.research.baselines.quantised import grid_step
 from pdecodec.research.baselines.traversal import Traversal, traverse
-
-Int64Array = NDArray[np.int64]
 
 NEGLIGIBLE = 1e-14
 """Variance over the largest one below which a component is rounding of the Gram matrix."""

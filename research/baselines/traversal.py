@@ -10,12 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import _core
+from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Connectivity
-
-Int64Array = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import BoolArray, Float64Array
 from pdecodec.report.charts.drawing import BLUE, GREEN, GREY, ORANGE, draw_lines, name_rows, write
 from pdecodec.report.charts.figure import Canvas, Figure, Table
 from pdecodec.research.reproduction import bspline, printed
@@ -86,7 +85,7 @@ def table_1_figure(findings: Findings) -> Figure:
 def rate_map_figure(findings: Findings) -> Figure:
     """Where alpha and r give Table 1's errors."""
     (mean, largest), honest = findings.printed_map, findings.honest_map
-    inside: NDArray[np.bool_] = np.maximum(mean / printed.PDE_MEAN, largest / printed.PDE_LARGEST) <= WITHIN
+    inside: BoolArray = np.maximum(mean / printed.PDE_MEAN, largest / printed.PDE_LARGEST) <= WITHIN
     chosen = findings.printed_chosen
 
     def draw(canvas: Canvas) -> None:

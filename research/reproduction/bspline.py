@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, make_lsq_spline
 
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.research.reproduction.method import arc_length, between_keyframes, coordinate_parameter
 from pdecodec.research.reproduction.rope import KEYFRAMES
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.report.charts.drawing import BLUE, GREEN, GREY, ORANGE, name_rows, write
 from pdecodec.report.charts.figure import Canvas, Figure, Table
 from pdecodec.research.reproduction import bspline, printed

@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from pdecodec.mesh.sequence import Float64Array, Progress
+from pdecodec.mesh.arrays import Float64Array
+from pdecodec.mesh.sequence import Progress
 from pdecodec.research.reproduction import bspline, cost
 from pdecodec.research.reproduction.blasthreads import one_blas_thread
 from pdecodec.research.reproduction.functions import Residuals, residuals

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import BoolArray, Float64Array
 from pdecodec.report.charts.drawing import BLUE, ORANGE, write
 from pdecodec.report.charts.figure import Canvas, Figure, Table
 
@@ -30,7 +30,7 @@ TIME_FUNCTIONS, SPACE_FUNCTIONS = 4, 8
 MOST_TERMS = 40
 """Of the power series, which end where the next term is below rounding: at |rate x| of 60 after about so many."""
 
-SOLVES_EQ_10: NDArray[np.bool_] = np.zeros((TIME_FUNCTIONS, SPACE_FUNCTIONS), dtype=bool)
+SOLVES_EQ_10: BoolArray = np.zeros((TIME_FUNCTIONS, SPACE_FUNCTIONS), dtype=bool)
 """(4, 8) bool: which products of Eq. 18 solve Eq. 10 as the paper prints it; the others solve it with -K."""
 SOLVES_EQ_10[:2, :4] = True  # e^{+-at} with e^{+-ru}, sin ru, cos ru: m a^2 = K r^4
 SOLVES_EQ_10[2:, 4:] = True  # sin, cos(at) with the damped four: -m a^2 = K (r e^{i pi/4})^4 = -K r^4

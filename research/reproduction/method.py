@@ -17,7 +17,7 @@ from typing import Literal
 
 import numpy as np
 
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.research.reproduction.functions import (
     ALPHA,
     SOLVES_EQ_10,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.report.charts.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, draw_lines
 from pdecodec.report.charts.figure import Canvas, Figure, Table, Value
 from pdecodec.research.reproduction import bspline

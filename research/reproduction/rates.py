@@ -23,8 +23,8 @@ from scipy.linalg import block_diag
 from pdecodec.codec.decoder import open_animation
 from pdecodec.codec.encode.encoder import encode
 from pdecodec.codec.settings import EncodeSettings
+from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.metrics import DistortionMeter
-from pdecodec.mesh.sequence import Float32Array, Float64Array
 from pdecodec.report.charts.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, label_ends, name_rows, write
 from pdecodec.report.charts.figure import Canvas, Figure, Table, Value
 from pdecodec.report.surface_metrics import SurfaceDistortion, measure_surface

@@ -14,7 +14,8 @@ from functools import cached_property
 import numpy as np
 
 from pdecodec.errors import SettingsError
-from pdecodec.mesh.sequence import ArraySequence, Float32Array, Float64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.sequence import ArraySequence
 from pdecodec.simulate import build
 
 FRAMES = 11

@@ -7,9 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import Float64Array, Int32Array
 from pdecodec.report.charts.drawing import (
     BLUE,
     GREEN,
@@ -198,7 +197,7 @@ def figure_5(findings: Findings) -> Figure:
     )
 
 
-def _thinned_quads(findings: Findings) -> NDArray[np.int32]:
+def _thinned_quads(findings: Findings) -> Int32Array:
     """Faces of the rope, (quads, 4) int32, over every so many rings."""
     settings = findings.rope.settings
     places = np.arange(settings.sides * settings.rings, dtype=np.int32)

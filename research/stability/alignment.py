@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.report.charts.drawing import BLUE, FAILING, FAILURE, GREEN, GREY, ORANGE, draw_lines, mark_failing, write
 from pdecodec.report.charts.figure import Canvas, Figure, Section, Table
 from pdecodec.research.reproduction.method import affine_between, rotation_between

@@ -12,8 +12,9 @@ from pdecodec.codec.decoder import open_animation
 from pdecodec.codec.encode.encoder import encode
 from pdecodec.codec.encode.report import CONSTANT_SECTIONS
 from pdecodec.codec.settings import EncodeSettings
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.metrics import bits_per_vertex_frame, frame_scale, measure_distortion
-from pdecodec.mesh.sequence import ArraySequence, Float64Array
+from pdecodec.mesh.sequence import ArraySequence
 from pdecodec.report.charts.drawing import (
     BLUE,
     FAILING,

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.report.charts.drawing import BLUE, GREEN, GREY, ORANGE, mark_failing, write
 from pdecodec.report.charts.figure import Canvas, Figure, Table, Value
 from pdecodec.simulate import Solver, System, build

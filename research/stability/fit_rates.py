@@ -10,7 +10,7 @@ import numpy as np
 from mpmath import mpf
 from numpy.typing import NDArray
 
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import BoolArray, Float64Array
 from pdecodec.report.charts.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, label_ends, mark_failing, write
 from pdecodec.report.charts.figure import Canvas, Figure, Table
 from pdecodec.research.reproduction.functions import (
@@ -87,7 +87,7 @@ class TensorFit:
     bool.
     """
 
-    def __init__(self, u: Float64Array, times: Float64Array, keyframes: NDArray[np.bool_]) -> None:
+    def __init__(self, u: Float64Array, times: Float64Array, keyframes: BoolArray) -> None:
         self.u, self.times, self.keyframes = u, times, keyframes
 
     def solve(self, name: str, wanted: Float64Array, alpha: float, r: float, dtype: type[Any]) -> Float64Array:
@@ -125,7 +125,7 @@ class TensorFit:
         return np.asarray(psi @ coefficients @ orthonormal.T, dtype=np.float64)
 
 
-def keyframe_times(frames: int = 11) -> tuple[Float64Array, NDArray[np.bool_]]:
+def keyframe_times(frames: int = 11) -> tuple[Float64Array, BoolArray]:
     """Times in [0, 1], and which of them are keyframes: every second one."""
     return np.linspace(0.0, 1.0, frames), np.arange(frames) % 2 == 0
 
@@ -305,7 +305,7 @@ def _printed_space(u: mpf, r: mpf) -> list[mpf]:
 
 
 def _exact_columns(
-    functions: Callable[[mpf, mpf], list[mpf]], x: Float64Array, known: NDArray[np.bool_], rate: float
+    functions: Callable[[mpf, mpf], list[mpf]], x: Float64Array, known: BoolArray, rate: float
 ) -> Float64Array:
     """Functions at all x, (x, functions), orthonormal over those that are known: Gram and Schmidt's way."""
     with mpmath.workdps(EXACT_DIGITS):

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.simulate.distance import DistanceConstraints
 from pdecodec.simulate.solver import Solver
 from pdecodec.simulate.system import STANDARD_GRAVITY, System

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdecodec.mesh.sequence import ArraySequence, Connectivity, Float32Array, MeshObject
-
-Float64Array = NDArray[np.float64]
+from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject
 
 FPS = 24.0
 

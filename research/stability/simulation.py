@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from pdecodec.mesh.sequence import Float64Array
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.report.charts.drawing import (
     BLUE,
     FAILING,

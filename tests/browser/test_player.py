@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import pdecodec
 from core.bindings.wasm import build
 from pdecodec import Animation, encode, open_animation
+from pdecodec.mesh.arrays import Float32Array, Float64Array
 from spec.decoder import animation as independent
 from tests.support.decoders import assert_close
 from tests.support.remote_server import serving
@@ -43,11 +43,11 @@ def decode_in_node(jobs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return found
 
 
-def points(numbers: list[float]) -> NDArray[np.float32]:
+def points(numbers: list[float]) -> Float32Array:
     return np.array(numbers, np.float64).astype(np.float32).reshape(-1, 3)
 
 
-def times_of(times: NDArray[np.float64]) -> list[float]:
+def times_of(times: Float64Array) -> list[float]:
     """Frames, times between them, and one after the last."""
     between = times[:-1] + 0.37 * np.diff(times)
     return [float(time) for time in (*times[:8], *between[:8], times[-1], times[-1] + 1.0)]

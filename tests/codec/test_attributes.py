@@ -19,6 +19,7 @@ from pdecodec.codec.sections.attributes import DOMAINS, VALUE_TYPES, encode_attr
 from pdecodec.codec.sections.connectivity import core_errors, core_parts
 from pdecodec.codec.sections.entropy import compress
 from pdecodec.errors import CorruptFileError, InputError, LimitError
+from pdecodec.mesh.arrays import BoolArray, Float32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
 from spec.decoder import contexts
 from spec.decoder.attributes import read_attributes
@@ -28,8 +29,6 @@ from spec.sealing import EndOfScriptError, ScriptedCoder, numbers, text
 from tests.support.damage import assert_cuts_are_refused, assert_only_corrupt_file_errors
 from tests.support.mesh_cases import connectivities, connectivity_of, grid, grid_faces, meshes_of
 from tests.support.sequence_cases import assert_same_attributes, rich_sequence
-
-Int64Array = NDArray[np.int64]
 
 PLENTY = 2**30
 """Memory [bytes] that no test here comes near."""
@@ -98,7 +97,7 @@ def sheet(rows: int, columns: int) -> tuple[Connectivity, Int64Array]:
     return grid(rows, columns), np.stack([100 * row, 100 * column, height], axis=1).astype(np.int64)
 
 
-def smooth_uv(levels: Int64Array) -> NDArray[np.float32]:
+def smooth_uv(levels: Int64Array) -> Float32Array:
     """(vertices, 2): a map without a structure but that it is smooth."""
     x, y = levels[:, 0] / 3100.7, levels[:, 1] / 4201.3
     return np.stack([x + 0.1 * np.sin(x + 2 * y), y + 0.05 * x * x * y], axis=1).astype(np.float32)
@@ -267,7 +266,7 @@ def test_constant_colours_cost_bytes(domain: Any) -> None:
     assert cost(part, levels, Attribute("color", domain, np.full((rows, 4), 0.3, np.float32))) < 40
 
 
-def hard_edges(part: Connectivity, is_hard: NDArray[np.bool_]) -> Attribute:
+def hard_edges(part: Connectivity, is_hard: BoolArray) -> Attribute:
     """Normal groups of a sheet of 30 columns whose quads do not share normals where either is hard."""
     keys = np.where(is_hard, np.arange(part.face_count), -1).repeat(4)
     seen: dict[int, list[int]] = {}

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec._core import Residuals
@@ -35,8 +34,6 @@ from pdecodec.mesh.sequence import ArraySequence, MeshObject
 from pdecodec.simulate.scenes import build
 from spec.sealing import take_apart
 from tests.support.mesh_cases import connectivity_of, grid
-
-Float32Array = NDArray[np.float32]
 
 
 def blend_shapes(frames: int = 60, rows: int = 12) -> ArraySequence:

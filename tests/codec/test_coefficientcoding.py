@@ -9,7 +9,6 @@ import pytest
 import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.limits import LARGEST
@@ -20,10 +19,11 @@ from pdecodec.codec.sections.coefficients import (
 from pdecodec.codec.sections.connectivity import core_errors
 from pdecodec.codec.sections.space_basis import SpaceBasis, build_space_basis
 from pdecodec.errors import CorruptFileError
+from pdecodec.mesh.arrays import Float64Array, Int64Array
 from tests.codec.test_spacebasis import grid
 
 
-def decode_coefficients(data: bytes, basis: SpaceBasis, channels: int, *, axes: int) -> NDArray[np.int64]:
+def decode_coefficients(data: bytes, basis: SpaceBasis, channels: int, *, axes: int) -> Int64Array:
     coefficients = np.zeros((basis.functions, channels), np.int64)
     with core_errors():
         decoder = _core.CoefficientDecoder(data, coefficients, *basis.subbands, axes)
@@ -38,7 +38,7 @@ def basis() -> SpaceBasis:
     return build_space_basis("patch", [item], rest, points=64, functions=64)
 
 
-def falling(basis: SpaceBasis, channels: int, size: float) -> NDArray[np.int64]:
+def falling(basis: SpaceBasis, channels: int, size: float) -> Int64Array:
     """Coefficients as real ones are: large for the first functions, none for the last."""
     rng = np.random.default_rng(3)
     rows = np.arange(basis.functions) % 64
@@ -80,7 +80,7 @@ def test_what_is_measured_is_what_is_written(basis: SpaceBasis) -> None:
 def test_copies_of_subbands_are_measured_as_more_of_what_the_models_have_learned(basis: SpaceBasis) -> None:
     coefficients = falling(basis, 30, 60.0)
 
-    def measured(copies: NDArray[np.float64] | None) -> float:
+    def measured(copies: Float64Array | None) -> float:
         return _core.measure_coefficients(coefficients, *basis.subbands, 1, copies)
 
     once, ones = measured(None), np.ones(basis.subband_count)

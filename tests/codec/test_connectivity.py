@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.sections.bytestream import FieldReader
 from pdecodec.codec.sections.connectivity import core_errors, encode_connectivity
 from pdecodec.errors import CorruptFileError, LimitError
+from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import MAX_INDEX, Connectivity
 from spec.decoder import fields
 from spec.decoder.connectivity import read_faces_and_lines
@@ -127,7 +127,7 @@ def test_an_irregular_surface_costs_less_than_any_surface_need() -> None:
     assert 0.5 < 8 * len(conn) / 400 < 3.67
 
 
-def turn_an_edge(faces: NDArray[np.int64], random: np.random.Generator) -> None:
+def turn_an_edge(faces: Int64Array, random: np.random.Generator) -> None:
     """Replace two triangles beside each other by the other two of the same quad, unless those are there already."""
     one = int(random.integers(len(faces)))
     a, b, c = np.roll(faces[one], random.integers(3))

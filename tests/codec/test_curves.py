@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pdecodec.codec.sections.curves import extract_curves
+from pdecodec.mesh.arrays import BoolArray, Int32Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject
 from spec.decoder import curves as independent
 from tests.support.mesh_cases import connectivities, connectivity_of, grid_faces, mesh_objects, meshes_of
@@ -22,7 +23,7 @@ ROPE = (24, 832)
 """Rows and columns of the rope of the paper's size, its rows running lengthwise."""
 
 
-def curves_of(connectivity: Connectivity, points: NDArray[np.int64] | None = None) -> Faces:
+def curves_of(connectivity: Connectivity, points: Int64Array | None = None) -> Faces:
     """Curves of one object; without points all vertices are at one place."""
     points = np.zeros((connectivity.vertex_count, 3), np.int64) if points is None else points
     found = extract_curves([MeshObject("mesh", connectivity)], points)
@@ -34,7 +35,7 @@ def curves_of(connectivity: Connectivity, points: NDArray[np.int64] | None = Non
     return [curve.tolist() for curve in np.split(found.order, found.starts[1:-1])] if found.count else []
 
 
-def parts(values: NDArray[np.int32], counts: NDArray[np.integer]) -> Faces:
+def parts(values: Int32Array, counts: NDArray[np.integer]) -> Faces:
     ends = np.cumsum(counts)
     return [values[end - count : end].tolist() for count, end in zip(counts, ends, strict=True)]
 
@@ -52,7 +53,7 @@ def neighbours(connectivity: Connectivity) -> list[set[int]]:
     return found
 
 
-def places(rows: int, columns: int, *, closed: bool) -> NDArray[np.int64]:
+def places(rows: int, columns: int, *, closed: bool) -> Int64Array:
     """(vertices, 3): a sheet of rectangles of two by three units, or a round tube."""
     row, column = np.divmod(np.arange(rows * columns), columns)
     angle = row * (2 * np.pi / rows) if closed else 0.0 * row
@@ -60,7 +61,7 @@ def places(rows: int, columns: int, *, closed: bool) -> NDArray[np.int64]:
     return np.stack([2000 * column, across, np.rint(1e3 * rows * np.cos(angle)).astype(np.int64)], axis=1)
 
 
-def triangulated(quads: NDArray[np.int64], turned: NDArray[np.bool_]) -> Faces:
+def triangulated(quads: Int64Array, turned: BoolArray) -> Faces:
     """Two triangles of each quad, along its one diagonal or, where it is turned, along the other."""
     first = np.where(turned[:, None], quads[:, [0, 1, 3]], quads[:, :3])
     second = np.where(turned[:, None], quads[:, 1:], quads[:, [0, 2, 3]])
@@ -71,7 +72,7 @@ def triangulated(quads: NDArray[np.int64], turned: NDArray[np.bool_]) -> Faces:
 DIAGONALS = ["one way", "the other way", "along rows", "along columns", "checkered", "a few turned", "random"]
 
 
-def turned_diagonals(kind: str, rows: int, columns: int) -> NDArray[np.bool_]:
+def turned_diagonals(kind: str, rows: int, columns: int) -> BoolArray:
     """Which of so many rows and columns of quads have their diagonal turned."""
     row, column = np.divmod(np.arange(rows * columns), columns)
     random = np.random.default_rng(rows).random(row.size)
@@ -87,7 +88,7 @@ def turned_diagonals(kind: str, rows: int, columns: int) -> NDArray[np.bool_]:
     return turned[kind]
 
 
-def renumbered(faces: Faces, points: NDArray[np.int64], seed: int) -> tuple[Faces, NDArray[np.int64]]:
+def renumbered(faces: Faces, points: Int64Array, seed: int) -> tuple[Faces, Int64Array]:
     """The same mesh with vertices, faces, and corners of faces in other orders."""
     random = np.random.default_rng(seed)
     number = random.permutation(len(points))
@@ -95,7 +96,7 @@ def renumbered(faces: Faces, points: NDArray[np.int64], seed: int) -> tuple[Face
     return [turned[k] for k in random.permutation(len(faces))], points[np.argsort(number)]
 
 
-def lie_on_rows(curves: Faces, points: NDArray[np.int64], rows: int, columns: int) -> bool:
+def lie_on_rows(curves: Faces, points: Int64Array, rows: int, columns: int) -> bool:
     """Whether each curve is a row of :func:`places` from end to end."""
     along = [points[curve] for curve in curves]
     return [len(curve) for curve in curves] == [columns] * rows and all(

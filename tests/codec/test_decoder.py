@@ -18,7 +18,6 @@ import pytest
 import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from pdecodec import (
     Animation,
@@ -38,6 +37,7 @@ from pdecodec import (
 )
 from pdecodec.codec.sections.description import encode_sequence_description
 from pdecodec.codec.sections.groups import GroupEntry, TimeBasis, write_group_table
+from pdecodec.mesh.arrays import Float32Array
 from spec.sealing import Part, count, seal, table_end, take_apart
 from tests.codec.test_round_trip import CLIPS, PROFILES, noise, sheet, wave
 
@@ -249,7 +249,7 @@ def test_a_quantity_at_one_time_is_written_into_the_callers_array(animation: Ani
 class Exported:
     """Another library's array, which numpy has never seen: it can be exported through DLPack, and no more."""
 
-    def __init__(self, array: NDArray[np.float32]) -> None:
+    def __init__(self, array: Float32Array) -> None:
         self._array = array
 
     def __dlpack__(self, **keywords: object) -> object:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from pdecodec import Animation, _core, encode, open_animation
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
@@ -27,6 +26,7 @@ from pdecodec.codec.sections.description import (
 )
 from pdecodec.codec.sections.entropy import compress
 from pdecodec.errors import CorruptFileError, InputError
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import (
     LARGEST_TIME,
     SHORTEST_TIME_STEP,
@@ -39,7 +39,7 @@ from spec.sealing import content, seal, take_apart
 from tests.support.damage import assert_cuts_are_refused, assert_only_corrupt_file_errors
 
 
-def clip(times: NDArray[np.float64], fps: float | None = None) -> ArraySequence:
+def clip(times: Float64Array, fps: float | None = None) -> ArraySequence:
     return ArraySequence(np.zeros((len(times), 1, 3), np.float32), times=times, fps=fps)
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from pdecodec import (
@@ -22,14 +21,12 @@ from pdecodec import (
 from pdecodec.codec.encode.auto_profile import AutoEncoder
 from pdecodec.codec.encode.group_fit import GroupChoice, GroupFitter
 from pdecodec.codec.encode.model_choice import FinishedGroup
+from pdecodec.mesh.arrays import Float64Array
 from spec.decoder import animation as independent
 from spec.sealing import seal, take_apart, with_section
 from tests.codec.test_decoder import bits
 from tests.codec.test_round_trip import sheet, wave
 from tests.support.mesh_cases import mesh_objects
-
-Float32Array = NDArray[np.float32]
-Float64Array = NDArray[np.float64]
 
 
 def round_trip(sequence: MeshSequence, **options: object) -> tuple[EncodeReport, Animation]:

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 import pdecodec
 from pdecodec import ArraySequence, ChangingSequence
 from pdecodec.codec.editing import cut_animation, join_animations
 from pdecodec.codec.encode.jumps import JumpFinder, jumps_of_steps
+from pdecodec.mesh.arrays import Float64Array
 
-Points = NDArray[np.float64]
+Points = Float64Array
 BOUND = 1e-3
 
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.encode.principal import pseudo_inverse
-
-Float64Array = NDArray[np.float64]
+from pdecodec.mesh.arrays import Float64Array
 
 SIZES = [(1, 1, 1), (5, 3, 0), (0, 4, 2), (3, 0, 4), (13, 300, 7), (200, 17, 1), (40, 600, 61), (250, 90, 300)]
 

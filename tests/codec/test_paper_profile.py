@@ -13,7 +13,7 @@ from pdecodec.cli.main import run
 from pdecodec.codec.paper_form import PaperForm
 from pdecodec.codec.sections.basis import paper_space_functions, paper_time_functions
 from pdecodec.errors import SettingsError
-from pdecodec.mesh.sequence import Float32Array, Float64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array
 from spec.accepted import LINES, clip, connectivity, grid, several_objects, sheet, triangles, tube, wave
 
 

@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from numpy.typing import NDArray
 
 from pdecodec.codec.limits import LARGEST_STEP
 from pdecodec.codec.sections.bytestream import FieldWriter
@@ -29,13 +28,12 @@ from pdecodec.codec.sections.reference import (
     quantise_reference,
 )
 from pdecodec.errors import CorruptFileError
+from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject
 from spec.decoder import reference as independent
 from spec.decoder.fields import CorruptFileError as IndependentError
 from tests.support.damage import assert_only_corrupt_file_errors
 from tests.support.mesh_cases import connectivity_of, grid, grid_faces, mesh_objects, meshes_of
-
-Int64Array = NDArray[np.int64]
 
 FINITE = st.floats(width=32, allow_nan=False, allow_infinity=False)
 
@@ -97,7 +95,7 @@ def predictor_of(data: bytes) -> int:
 
 @settings(max_examples=60)
 @given(arrays.arrays(np.float32, (6, 3), elements=FINITE), st.integers(-45, 38))
-def test_points_are_within_half_a_step_of_the_input_at_any_scale(points: NDArray[np.float32], decade: int) -> None:
+def test_points_are_within_half_a_step_of_the_input_at_any_scale(points: Float32Array, decade: int) -> None:
     shape = quantise_reference(points, 10.0**decade)
     assert shape.grid.min() >= 0
     assert shape.grid.max() < 2**LARGEST_BITS

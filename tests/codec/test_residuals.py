@@ -10,7 +10,6 @@ import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec._core import BYTES_PER_RAW_VERTEX, BYTES_PER_RESIDUAL, Residuals
@@ -22,13 +21,9 @@ from pdecodec.codec.sections.residuals import (
     residual_step,
 )
 from pdecodec.errors import CorruptFileError, LimitError
+from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from tests.support.damage import assert_only_corrupt_file_errors
 from tests.support.residual_cases import FINITE, example, groups, none_of, of_field, of_frames, starts_of, walk
-
-Float32Array = NDArray[np.float32]
-Float64Array = NDArray[np.float64]
-Int32Array = NDArray[np.int32]
-Int64Array = NDArray[np.int64]
 
 RNG_SEED = 9
 
@@ -213,7 +208,7 @@ def test_what_is_decoded_fits_in_the_memory_that_was_counted() -> None:
 
 def plain_residuals(
     points: Float32Array, base: Float64Array, order: Int32Array, bound: float, margins: Float64Array, step: float
-) -> tuple[Int64Array, Int64Array, Int64Array, NDArray[np.bool_]]:
+) -> tuple[Int64Array, Int64Array, Int64Array, BoolArray]:
     """In plain numpy: vertices that miss the bound before each frame, their places and steps, whether these keep it."""
     wanted, before = points[:, order].astype(np.float64), base[:, order]
 

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from pdecodec import (
     Animation,
@@ -32,9 +31,8 @@ from pdecodec import (
 )
 from pdecodec.codec.encode.group_encoder import FARTHEST
 from pdecodec.codec.settings import Profile
+from pdecodec.mesh.arrays import Float32Array
 from tests.support.mesh_cases import connectivities, connectivity_of, grid
-
-Float32Array = NDArray[np.float32]
 
 PROFILES = pytest.mark.parametrize("profile", ["auto", "paper"])
 

@@ -10,8 +10,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.system import shares
 
 
@@ -75,7 +75,7 @@ def test_what_work_holds_is_let_go_while_helpers_are_busy(monkeypatch: pytest.Mo
         array = np.zeros(8)
         held = weakref.ref(array)
 
-        def work(first: int, end: int, array: NDArray[np.float64] = array) -> None:
+        def work(first: int, end: int, array: Float64Array = array) -> None:
             array[first:end] = 1.0
 
         shares.in_shares(work, 8)

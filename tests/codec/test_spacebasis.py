@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from pdecodec.codec.sections.groups import GroupEntry, GroupFunctions, TimeBasis, group_functions
 from pdecodec.codec.sections.patches import build_patches, early_patches
 from pdecodec.codec.sections.space_basis import SpaceBasis, SpaceKind, build_space_basis, trial_space_basis
+from pdecodec.mesh.arrays import Float64Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject
 
 RNG_SEED = 20
 
 
-def grid(columns: int, rows: int, *, scale: int = 97) -> tuple[MeshObject, NDArray[np.int64]]:
+def grid(columns: int, rows: int, *, scale: int = 97) -> tuple[MeshObject, Int64Array]:
     """A sheet of quads that bends, in whole steps."""
     u, v = np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij")
     rest = np.stack([scale * u, scale * v, (scale * np.sin(u / 5.0) * 3).astype(np.int64)], axis=-1).reshape(-1, 3)
@@ -32,7 +33,7 @@ def grid(columns: int, rows: int, *, scale: int = 97) -> tuple[MeshObject, NDArr
     return MeshObject("sheet", faces), rest.astype(np.int64)
 
 
-def points_only(rest: NDArray[np.int64]) -> MeshObject:
+def points_only(rest: Int64Array) -> MeshObject:
     none = np.zeros(0, np.int32)
     return MeshObject("points", Connectivity(vertex_count=len(rest), face_counts=none, face_indices=none))
 
@@ -45,15 +46,15 @@ def entry_of(frames: int, functions: int, basis: TimeBasis, *, single: bool) -> 
 
 
 def evaluate_group(
-    group: GroupFunctions, frames: slice, reference: NDArray[np.float64] | None, out: NDArray[np.floating]
+    group: GroupFunctions, frames: slice, reference: Float64Array | None, out: NDArray[np.floating]
 ) -> None:
     """Positions at some of its frames, before residuals; displacements without a reference frame."""
     group.motion.evaluate(np.ascontiguousarray(group.time[frames]), reference, out, 2)
 
 
 def displaced(
-    basis: SpaceBasis, coefficients: NDArray[np.float64], time: NDArray[np.float64], *, single: bool = False
-) -> NDArray[np.float64]:
+    basis: SpaceBasis, coefficients: Float64Array, time: Float64Array, *, single: bool = False
+) -> Float64Array:
     """What coefficients (functions of space, channels) and functions of time (frames, 3 or 1, functions) move."""
     entry = entry_of(len(time), time.shape[2], "trajectories" if time.shape[1] == 3 else "shapes", single=single)
     functions = group_functions(entry, time, np.rint(coefficients / STEP).astype(np.int64), basis)
@@ -62,7 +63,7 @@ def displaced(
     return out
 
 
-def expanded(basis: SpaceBasis, coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
+def expanded(basis: SpaceBasis, coefficients: Float64Array) -> Float64Array:
     """(vertices, channels) in mesh order: each channel alone at a frame of its own."""
     channels = coefficients.shape[1]
     return displaced(basis, coefficients, np.repeat(np.eye(channels)[:, None], 3, axis=1))[:, :, 0].T

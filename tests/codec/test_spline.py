@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from pdecodec._core import FrameSpline
 from pdecodec.codec.sections.basis import paper_time_functions
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import SHORTEST_TIME_STEP
 
-Float64Array = NDArray[np.float64]
 Derivative = Literal[0, 1, 2]
 
 ORDERS: tuple[Derivative, ...] = (0, 1, 2)

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from numpy.typing import NDArray
 from scipy.fft import idct
 
 from pdecodec import _core
@@ -26,9 +25,8 @@ from pdecodec.codec.sections.time_functions import (
     quantised_by_each_method,
 )
 from pdecodec.errors import CorruptFileError, SettingsError
+from pdecodec.mesh.arrays import Float64Array
 from tests.support.damage import assert_only_corrupt_file_errors
-
-Float64Array = NDArray[np.float64]
 
 Make = Callable[[int, int], Float64Array]
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pdecodec import Animation, open_animation
 from pdecodec.errors import PdecodecError
+from pdecodec.mesh.arrays import Float64Array
 from spec.sealing import take_apart
 from tests.conformance.test_c_interface import Error, installed, library_of
 
@@ -78,14 +79,14 @@ class OpenFile:
         self.call("groups_at", quantity, ctypes.c_double(time), ctypes.byref(first), ctypes.byref(count))
         return range(first.value, first.value + count.value)
 
-    def weights(self, quantity: int, time: float, index: int) -> NDArray[np.float64]:
+    def weights(self, quantity: int, time: float, index: int) -> Float64Array:
         """Weights of a group's functions, (functions, axes)."""
         group = self.groups[index]
         shape = (1 if group.axis_count == 3 else 3, group.function_count)
         found = self.array(shape, np.float64, "weights", quantity, ctypes.c_double(time), ctypes.c_int64(index))
         return found.astype(np.float64).T
 
-    def fields(self, index: int) -> NDArray[np.float64]:
+    def fields(self, index: int) -> Float64Array:
         """Fields of a group, (functions, vertices, axes)."""
         group = self.groups[index]
         shape = (group.function_count, self.vertices, group.axis_count)
@@ -116,7 +117,7 @@ def opened(installed: Path, data: bytes, run: int | None = None) -> Iterator[Ope
     library.pdeanim_close(handle)
 
 
-def correction_at(file: OpenFile, frame: int) -> NDArray[np.float64]:
+def correction_at(file: OpenFile, frame: int) -> Float64Array:
     """What all vertices lack at a frame, (vertices, 3)."""
     index = next(i for i, own in enumerate(file.groups) if own.first_frame + own.frame_count > frame)
     added = np.zeros((file.vertices, 3))
@@ -127,9 +128,7 @@ def correction_at(file: OpenFile, frame: int) -> NDArray[np.float64]:
     return added
 
 
-def product(
-    file: OpenFile, times: NDArray[np.float64], quantity: int, time: float
-) -> tuple[NDArray[np.float64], float]:
+def product(file: OpenFile, times: Float64Array, quantity: int, time: float) -> tuple[Float64Array, float]:
     """What the header says that a quantity at a time is, (vertices, 3), and the largest of what is added up."""
     found, largest = np.zeros((file.vertices, 3)), 0.0
     for index in file.groups_at(quantity, time):

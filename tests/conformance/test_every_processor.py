@@ -17,7 +17,8 @@ import pytest
 
 from pdecodec import encode
 from pdecodec.codec.decoder import open_animation
-from pdecodec.mesh.sequence import ArraySequence, Float64Array, MeshObject
+from pdecodec.mesh.arrays import Float64Array
+from pdecodec.mesh.sequence import ArraySequence, MeshObject
 from pdecodec.simulate import build
 from tests.support.mesh_cases import grid
 

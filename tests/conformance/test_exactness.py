@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from pdecodec import (
     ArraySequence,
@@ -26,12 +25,10 @@ from pdecodec.codec.encode.group_fit import GroupFitter
 from pdecodec.codec.sections import space_basis as spacebasis
 from pdecodec.codec.sections.groups import DOUBLE_MARGIN, SINGLE_MARGIN
 from pdecodec.codec.sections.space_basis import build_space_basis, decode_space_basis
+from pdecodec.mesh.arrays import Int64Array
 from spec.decoder import space as plain
 from tests.support.mesh_cases import grid
 from tests.support.shaken_arithmetic import decoder, shaker, trace
-
-Float32Array = NDArray[np.float32]
-Int64Array = NDArray[np.int64]
 
 
 def sheet(frames: int, rows: int, columns: int, *, tilt: float = 0.0) -> ArraySequence:

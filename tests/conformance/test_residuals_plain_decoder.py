@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from numpy.typing import NDArray
 
 from pdecodec._core import Residuals
 from pdecodec.codec.sections.residuals import encode_residuals
+from pdecodec.mesh.arrays import Int64Array
 from spec.decoder.fields import CorruptFileError
 from spec.decoder.residuals import read_residuals
 from tests.support.residual_cases import example, groups, of_field, starts_of, walk
-
-Int64Array = NDArray[np.int64]
 
 
 def assert_read_alike(group: Residuals, starts: Int64Array) -> None:

@@ -8,14 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdecodec._core import time_function_values
-from pdecodec.codec.sections.time_functions import (
-    PREDICTED,
-    STRAIGHT,
-    TRANSFORMED,
-    Float64Array,
-    quantised_by_each_method,
-)
+from pdecodec.codec.sections.time_functions import PREDICTED, STRAIGHT, TRANSFORMED, quantised_by_each_method
 from pdecodec.errors import CorruptFileError
+from pdecodec.mesh.arrays import Float64Array
 from spec.decoder import timefunctions as independent
 from spec.decoder.fields import CorruptFileError as IndependentCorruptFileError
 from tests.codec.test_timefunctions import (

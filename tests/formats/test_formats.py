@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.gltf.motion import EXACT
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence
 from tests.support.mesh_cases import connectivity_of
 from tests.support.scene_cases import (
@@ -90,7 +90,7 @@ def test_positions_and_times_come_back_in_any_block(path: str) -> None:
 
 @for_each(*(name for name in EVERY if name not in COUNTED))
 @pytest.mark.parametrize("times", [IRREGULAR, np.array([2.5])], ids=["irregular", "one"])
-def test_times_come_back_that_no_rate_counts(path: str, times: NDArray[np.float64]) -> None:
+def test_times_come_back_that_no_rate_counts(path: str, times: Float64Array) -> None:
     clip = scene(times=times, frames=times.size, **SPACE)
     write_sequence(clip, path, fps=24)
     with open_sequence(path) as read:

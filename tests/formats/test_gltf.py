@@ -25,6 +25,7 @@ from pdecodec.formats.base.normals import NORMAL_GROUP, normal_group, smooth_row
 from pdecodec.formats.base.scene_space import bake_transforms
 from pdecodec.formats.gltf.file import GltfBuilder, read_gltf
 from pdecodec.formats.gltf.motion import EXACT, largest_angle
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from tests.support.browser_tools import assert_valid
 from tests.support.mesh_cases import connectivity_of, grid, grid_faces
@@ -53,7 +54,7 @@ def few_functions() -> ArraySequence:
     return ArraySequence(points, objects=[MeshObject("sheet", grid(6, 6))], times=time, fps=24)
 
 
-def played(path: Path, times: NDArray[np.float64]) -> list[PlayedMesh]:
+def played(path: Path, times: Float64Array) -> list[PlayedMesh]:
     """What three.js draws of a file at times [s]."""
     (found,) = play([(path, times.tolist())], path.parent / "profile", draw=True, patience=120)
     assert not isinstance(found, str), found

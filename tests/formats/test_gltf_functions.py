@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pdecodec.formats.gltf.functions import SKETCH, find_functions
+from pdecodec.mesh.arrays import Float64Array
 
 BOUND = 1e-5
 
 
-def motion_of_functions(count: int, samples: int = 600, vertices: int = 300) -> NDArray[np.float64]:
+def motion_of_functions(count: int, samples: int = 600, vertices: int = 300) -> Float64Array:
     """(samples, vertices, 3): a place, and as many cosines of time times shapes."""
     rng = np.random.default_rng(5)
     cosines = np.cos(np.outer(np.linspace(0, np.pi, samples), np.arange(1, count + 1)))

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence
 from pdecodec.formats.base.frame_files import KeptPositions
 from pdecodec.formats.obj.reader import PARALLEL_BYTES, open_obj
+from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -42,7 +42,7 @@ def corners(sequence: MeshSequence) -> list[object]:
     return listed(sequence.connectivity.face_indices)
 
 
-def read_plainly(path: Path) -> tuple[NDArray[np.float32], list[list[int]], list[list[int]]]:
+def read_plainly(path: Path) -> tuple[Float32Array, list[list[int]], list[list[int]]]:
     """Positions, and the vertices of faces and of lines, by a loop: what the fast reader is compared with."""
     points: list[list[float]] = []
     elements: dict[str, list[list[int]]] = {"f": [], "l": []}

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from pdecodec import _core
 from pdecodec.errors import MissingExtraError
+from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.metrics import frame_scale
-from pdecodec.mesh.sequence import Connectivity, Float32Array
+from pdecodec.mesh.sequence import Connectivity
 from pdecodec.research.baselines import all_baselines, available_baselines
 from pdecodec.research.baselines.baseline import Baseline, Encoder, Transform, UnreachableError, code_digest
 from pdecodec.research.baselines.bspline import BSpline

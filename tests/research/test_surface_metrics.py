@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject
 from pdecodec.report.surface_metrics import (
@@ -18,7 +18,7 @@ from pdecodec.report.surface_metrics import (
 )
 from tests.support.mesh_cases import grid
 
-Points = NDArray[np.float32]
+Points = Float32Array
 SIDE = 12
 
 

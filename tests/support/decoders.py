@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import Animation
+from pdecodec.mesh.arrays import Float32Array
 from spec.decoder import animation as independent
 
 
@@ -30,7 +30,7 @@ def assert_same(other: independent.Animation, mine: Animation, times: list[float
         assert_close(points, other, time)
 
 
-def assert_close(points: NDArray[np.float32], other: independent.Animation, time: float) -> None:
+def assert_close(points: Float32Array, other: independent.Animation, time: float) -> None:
     """Positions at a time are within the margin of those of the independent decoder."""
     expected, of_model = other.positions(time), other.motion.positions(time, has_residuals=False)
     # Positions may be rounded before residuals are added, and afterwards.

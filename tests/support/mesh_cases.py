@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from pdecodec.mesh.arrays import Int32Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject
 from spec.accepted import connectivity as connectivity_of
 from spec.decoder.mesh import Mesh
 
 
-def grid_faces(rows: int, columns: int, *, closed: bool = False) -> NDArray[np.int64]:
+def grid_faces(rows: int, columns: int, *, closed: bool = False) -> Int64Array:
     """(quads, 4): a grid of quads, vertex ``row * columns + column``; closed joins the last row to the first."""
     row, column = np.meshgrid(np.arange(rows if closed else rows - 1), np.arange(columns - 1), indexing="ij")
     here, beside = row * columns, (row + 1) % rows * columns
@@ -46,7 +46,7 @@ def mesh_objects(draw: st.DrawFn) -> list[MeshObject]:
 def meshes_of(objects: Sequence[MeshObject]) -> list[Mesh]:
     """The same objects as the decoder of the specification has them."""
 
-    def split(indices: NDArray[np.int32], counts: NDArray[np.int32]) -> list[list[int]]:
+    def split(indices: Int32Array, counts: Int32Array) -> list[list[int]]:
         return [piece.tolist() for piece in np.split(indices, np.cumsum(counts)[:-1])] if counts.size else []
 
     meshes = []

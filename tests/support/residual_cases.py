@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from numpy.typing import NDArray
 
 from pdecodec._core import Residuals
 from pdecodec.codec.limits import LARGEST
-
-Int64Array = NDArray[np.int64]
+from pdecodec.mesh.arrays import Int64Array
 
 FINITE = st.floats(width=32, allow_nan=False, allow_infinity=False)
 

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject, MeshSequence
 from tests.support.browser_tools import assert_valid
 from tests.support.mesh_cases import connectivity_of, grid
@@ -48,7 +49,7 @@ def body(name: str = "root/arm/hand", attributes: Sequence[Attribute] | None = N
 
 def scene(
     objects: Sequence[MeshObject] | None = None,
-    times: NDArray[np.float64] | None = None,
+    times: Float64Array | None = None,
     *,
     frames: int = 5,
     **metadata: str,

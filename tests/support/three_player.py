@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pdecodec.mesh.arrays import Float32Array
 from tests.support.browser_tools import BROWSER, chromium, node_modules
 
 PATIENCE = 3600
@@ -47,7 +47,7 @@ class PlayedMesh:
 
     name: str
     kind: str
-    points: NDArray[np.float32]
+    points: Float32Array
 
 
 class _Server(http.server.ThreadingHTTPServer):

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.encode.appending import bound_of
@@ -31,7 +30,8 @@ from pdecodec.codec.sections.reference import ReferenceFrame, encode_reference, 
 from pdecodec.codec.sections.space_basis import SpaceBasis, SpaceKind, build_space_basis
 from pdecodec.codec.settings import EncodeSettings, Profile
 from pdecodec.errors import InputError
-from pdecodec.mesh.sequence import ArraySequence, Float32Array, MeshObject, MeshSequence
+from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.sequence import ArraySequence, MeshObject, MeshSequence
 
 SPACES: tuple[tuple[SpaceKind, int], ...] = (
     ("patch", 8),
@@ -92,7 +92,7 @@ class GroupAlternatives:
         self,
         points: Float32Array,
         groups: Sequence[tuple[int, GroupChoice]],
-        times: NDArray[np.float64],
+        times: Float64Array,
         objects: Sequence[MeshObject],
         *,
         reference: ReferenceFrame,

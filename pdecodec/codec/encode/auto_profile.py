@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.codec.encode.effort import EFFORTS
 from pdecodec.codec.encode.group_choice import GroupSearch, candidates, divided
@@ -28,10 +27,9 @@ from pdecodec.codec.sections.patches import EarlyPatches
 from pdecodec.codec.sections.space_basis import SpaceBasis
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import SettingsError
+from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import MeshSequence, Progress
 from pdecodec.system.shares import side_by_side
-
-Float32Array = NDArray[np.float32]
 
 SEARCHED_GROUPS = 3
 """Groups at the beginning of a clip, then one in twice as many, that are searched for how to divide and encode them.

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.encode.principal import (
@@ -27,10 +26,8 @@ from pdecodec.codec.encode.principal import (
 from pdecodec.codec.sections.groups import TimeBasis, cosines
 from pdecodec.codec.sections.space_basis import Rows
 from pdecodec.codec.sections.time_functions import TimeFunctionCost
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.system.shares import thread_count
-
-Float32Array = NDArray[np.float32]
-Float64Array = NDArray[np.float64]
 
 Origin = Literal["reference", "first"]
 ORIGINS: tuple[Origin, ...] = ("reference", "first")
@@ -458,7 +455,7 @@ def principal(kind: TimeFunctions) -> TimeFunctions:
     return "trajectories" if kind == "trajectories" else "shapes"
 
 
-def spanning(products: Float64Array, least: float, most: int) -> NDArray[np.int64] | None:
+def spanning(products: Float64Array, least: float, most: int) -> Int64Array | None:
     """Of vectors whose inner products are given, (n, n), those that span all others up to squares of `least`.
 
     Each is the farthest from what those before it span: a Cholesky decomposition with pivots. None where it takes more

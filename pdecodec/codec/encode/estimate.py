@@ -11,7 +11,6 @@ from functools import partial
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.encode.displacements import Displacements, Sight, TimeFunctions, time_basis_of
@@ -20,12 +19,8 @@ from pdecodec.codec.encode.quantisation import axes_of, cosines_needed, grid_ste
 from pdecodec.codec.sections.groups import GroupEntry, functions_of_time, group_functions, margins
 from pdecodec.codec.sections.residuals import residual_ways
 from pdecodec.codec.sections.space_basis import Rows, SpaceBasis
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.system.shares import in_shares, side_by_side, thread_count
-
-Float32Array = NDArray[np.float32]
-Float64Array = NDArray[np.float64]
-Int32Array = NDArray[np.int32]
-Int64Array = NDArray[np.int64]
 
 SAMPLED_SHARE, FEWEST_VERTICES, LEAST_SHARE = 1 / 8, 1024, 1 / 32
 """Of a larger mesh, elements are looked at that have this share of the vertices, but so many at least, and no more than

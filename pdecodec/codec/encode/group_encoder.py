@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.codec.container import Section, Spool, container_pieces, section_sizes, write_container
 from pdecodec.codec.encode.group_fit import EncodedGroup
@@ -31,11 +30,10 @@ from pdecodec.codec.sections.residuals import LAST_BINADE, residual_step
 from pdecodec.codec.sections.space_basis import SpaceBasis
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import InputError
+from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.metrics import frame_scale
 from pdecodec.mesh.sequence import MeshSequence, Progress
 from pdecodec.system.shares import threads_for
-
-Float32Array = NDArray[np.float32]
 
 FINEST_STEP = 2.0**-24
 """Least quantisation step where there is no bound, over the scale: the digits of float32."""

@@ -43,12 +43,8 @@ from pdecodec.codec.sections.groups import (
 from pdecodec.codec.sections.residuals import ResidualPlan, encode_residuals, plan_residuals
 from pdecodec.codec.sections.space_basis import Rows, SpaceBasis
 from pdecodec.codec.sections.time_functions import QuantisedTimeFunctions, quantise_time_functions
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.system.shares import both, thread_count
-
-Float32Array = NDArray[np.float32]
-Float64Array = NDArray[np.float64]
-Int32Array = NDArray[np.int32]
-Int64Array = NDArray[np.int64]
 
 FINEST, COARSEST = 0.7, 64.0
 """Quantisation steps of coefficients to choose from, in units."""

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pdecodec.mesh.sequence import Float32Array, Float64Array, MeshSequence
+from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.system.shares import in_shares
 
 ALONE = 8.0

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.codec.encode.displacements import TimeFunctions
 from pdecodec.codec.encode.effort import EFFORTS, SMALL_CLIP, Effort, SpaceBases
@@ -28,10 +27,9 @@ from pdecodec.codec.sections.patches import EarlyPatches
 from pdecodec.codec.sections.reference import ReferenceFrame, encode_reference, quantise_reference
 from pdecodec.codec.sections.space_basis import SpaceBasis, SpaceKind, clear_space_basis, trial_space_basis
 from pdecodec.codec.settings import EffortName
+from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import MeshObject
 from pdecodec.system.shares import side_by_side
-
-Float32Array = NDArray[np.float32]
 
 COARSEST, FINEST = 1.0, 1.0 / 32.0
 """Steps of the reference frame that are tried, in units: a coarser one would break the bound by itself."""
@@ -254,7 +252,7 @@ class ModelSearch:
     """
 
     points: Float32Array
-    times: NDArray[np.float64]
+    times: Float64Array
     objects: Sequence[MeshObject]
     bound: float
     unit: float

@@ -15,7 +15,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.encode.displacements import FARTHEST_STEPS
@@ -30,11 +29,8 @@ from pdecodec.codec.sections.groups import GroupEntry
 from pdecodec.codec.sections.reference import quantise_reference
 from pdecodec.codec.sections.space_basis import MOST_POINTS, SpaceBasis, build_space_basis
 from pdecodec.codec.settings import EncodeSettings
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import MeshSequence, Progress
-
-Float32Array = NDArray[np.float32]
-Float64Array = NDArray[np.float64]
-Int64Array = NDArray[np.int64]
 
 ALPHAS = (1.5, 2.5, 3.5, 5.0, 7.0, 10.0)
 """Rates of Eq. 12 to choose from, over half a segment: at 3.14 sin and cos swing once over the segment."""

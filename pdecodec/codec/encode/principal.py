@@ -13,14 +13,12 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.sections.groups import cosines
 from pdecodec.codec.sections.space_basis import Rows
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.system.shares import in_shares, thread_count
-
-Float64Array = NDArray[np.float64]
 
 FIRST_BLOCK = 32
 """Trajectories that are looked for at first; twice as many until what is left is little enough."""

@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec.codec.encode.displacements import TimeFunctions
 from pdecodec.codec.sections.space_basis import Rows, SpaceBasis
+from pdecodec.mesh.arrays import Float64Array, Int64Array
 from pdecodec.system.shares import in_shares, thread_count
-
-Float64Array = NDArray[np.float64]
-Int64Array = NDArray[np.int64]
 
 ROUND_UP_AT = 0.6
 """A coefficient this far (in steps) beyond a whole number goes to the next: zeros and small numbers are cheaper."""

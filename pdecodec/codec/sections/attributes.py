@@ -12,16 +12,13 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.sections.connectivity import core_parts
 from pdecodec.codec.sections.description import checked_texts
 from pdecodec.errors import InputError
+from pdecodec.mesh.arrays import Int32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, MeshObject
-
-Int32Array = NDArray[np.int32]
-Int64Array = NDArray[np.int64]
 
 DOMAINS: tuple[AttributeDomain, ...] = ("vertex", "face", "corner", "object")
 

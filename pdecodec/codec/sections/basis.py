@@ -18,11 +18,10 @@ Euler-Bernoulli beam. All 32 solve ``w_tttt = (K/m)^2 w_uuuuuuuu``.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pdecodec import _core
-
-Float64Array = NDArray[np.float64]
+from pdecodec.mesh.arrays import BoolArray, Float64Array
 
 TIME_FUNCTIONS = 4
 """Functions of t (Eq. 12)."""
@@ -33,7 +32,7 @@ SPACE_FUNCTIONS = 8
 MAX_RATE = 12.0
 """Largest alpha or r over a half-range of 1: exp(12) still leaves the oscillating functions 10 digits."""
 
-SOLVES_BEAM_EQUATION: NDArray[np.bool_] = np.zeros((TIME_FUNCTIONS, SPACE_FUNCTIONS), dtype=bool)
+SOLVES_BEAM_EQUATION: BoolArray = np.zeros((TIME_FUNCTIONS, SPACE_FUNCTIONS), dtype=bool)
 """(4, 8) bool: which products of Eq. 18 solve Eq. 10 as the paper prints it; the others solve it with -K."""
 SOLVES_BEAM_EQUATION[:2, :4] = True  # e^{+-at} with e^{+-ru}, sin ru, cos ru: m a^2 = K r^4
 SOLVES_BEAM_EQUATION[2:, 4:] = True  # sin, cos(at) with the damped four: -m a^2 = K (r e^{i pi/4})^4 = -K r^4

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.sections.basis import TIME_FUNCTIONS, series_derivatives, series_functions
-
-Float64Array = NDArray[np.float64]
+from pdecodec.mesh.arrays import Float64Array
 
 
 @dataclass(frozen=True, eq=False)

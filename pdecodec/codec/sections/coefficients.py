@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pdecodec import _core
 from pdecodec.codec.sections.space_basis import SpaceBasis
-
-Int64Array = NDArray[np.int64]
+from pdecodec.mesh.arrays import Int64Array
 
 
 def encode_coefficients(coefficients: Int64Array, basis: SpaceBasis, *, axes: int) -> bytes:

@@ -11,12 +11,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pdecodec import _core
 from pdecodec.codec.sections.bytestream import FieldWriter
 from pdecodec.errors import CorruptFileError, InputError, LimitError
+from pdecodec.mesh.arrays import Int32Array
 from pdecodec.mesh.sequence import Connectivity
 
 MOST_CORNERS = 2**31 - 1
@@ -34,9 +32,9 @@ class CodedOrder:
     corners : (corners,) int32
     """
 
-    vertices: NDArray[np.int32]
-    faces: NDArray[np.int32]
-    corners: NDArray[np.int32]
+    vertices: Int32Array
+    faces: Int32Array
+    corners: Int32Array
 
 
 def encode_connectivity(parts: Sequence[Connectivity], *, keep_order: bool = True) -> tuple[bytes, bytes]:

@@ -9,14 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.sections.connectivity import core_parts
+from pdecodec.mesh.arrays import Int32Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
-
-Int32Array = NDArray[np.int32]
-Int64Array = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

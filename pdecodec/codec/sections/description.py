@@ -9,16 +9,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.sections.bytestream import FieldWriter
 from pdecodec.codec.sections.entropy import compress, decompress
 from pdecodec.errors import CorruptFileError, InputError
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import MeshSequence
-
-Float64Array = NDArray[np.float64]
 
 TIMES_STEPPED, TIMES_COUNTED, TIMES_LISTED, TIMES_BY_PERIOD = range(4)
 """How times are stored: ``start + i / rate``, ``(start + i) / rate``, one by one, or ``start + i (1 / rate)``, which

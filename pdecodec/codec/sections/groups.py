@@ -20,19 +20,16 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec._core import cosine_wave
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
 from pdecodec.codec.sections.closed_form import ClosedForm
 from pdecodec.codec.sections.space_basis import SpaceBasis
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.system.shares import thread_count
 
-Float32Array = NDArray[np.float32]
-Float64Array = NDArray[np.float64]
-FloatArray = NDArray[np.float32] | NDArray[np.float64]
-Int64Array = NDArray[np.int64]
+FloatArray = Float32Array | Float64Array
 
 TimeBasis = Literal["trajectories", "shapes", "cosines", "closed form"]
 TIME_BASES: tuple[TimeBasis, ...] = get_args(TimeBasis)

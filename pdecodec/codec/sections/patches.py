@@ -7,11 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pdecodec import _core
 from pdecodec.codec.sections.connectivity import core_parts
+from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import MeshObject
 
 Patches = _core.Patches
@@ -36,7 +34,7 @@ class EarlyPatches:
 
 
 def build_patches(
-    objects: Sequence[MeshObject], reference: NDArray[np.int64], points: int, early: Patches | None = None
+    objects: Sequence[MeshObject], reference: Int64Array, points: int, early: Patches | None = None
 ) -> Patches:
     """Patches of a mesh.
 

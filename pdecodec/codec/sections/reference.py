@@ -12,17 +12,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec.codec.limits import LARGEST_STEP
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
 from pdecodec.codec.sections.connectivity import core_errors
 from pdecodec.errors import CorruptFileError
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.polygons import polygons_of
 from pdecodec.mesh.sequence import MeshObject
-
-Int64Array = NDArray[np.int64]
 
 WELDED, MATCHED = 1, 2
 """Predictors, across the faces: vertices that lie on the same point are welded, residuals matched with earlier ones."""
@@ -51,16 +49,16 @@ class ReferenceFrame:
     """
 
     grid: Int64Array
-    origin: NDArray[np.float64]
+    origin: Float64Array
     step: float
 
     @property
-    def points(self) -> NDArray[np.float64]:
+    def points(self) -> Float64Array:
         """(vertices, 3) float64 [scene units]: what displacements are added to."""
         return self.origin + self.grid * self.step
 
 
-def quantise_reference(points: NDArray[np.float32], step: float) -> ReferenceFrame:
+def quantise_reference(points: Float32Array, step: float) -> ReferenceFrame:
     """Round a frame to a grid of `step`, coarsened where coordinates would pass :data:`LARGEST_BITS`.
 
     Parameters

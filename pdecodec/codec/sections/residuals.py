@@ -16,16 +16,11 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec import _core
 from pdecodec._core import Residuals
+from pdecodec.mesh.arrays import Int64Array
 from pdecodec.system.shares import side_by_side
-
-Float32Array = NDArray[np.float32]
-Float64Array = NDArray[np.float64]
-Int32Array = NDArray[np.int32]
-Int64Array = NDArray[np.int64]
 
 SAFETY = 0.98
 """Share of the bound that the rounding of a residual may use; the last digits of float32 take the rest."""

@@ -30,13 +30,12 @@ from pdecodec import _core
 from pdecodec.codec.sections.connectivity import core_errors
 from pdecodec.codec.sections.curves import extract_curves
 from pdecodec.codec.sections.patches import EarlyPatches, Patches, build_patches
+from pdecodec.mesh.arrays import Float64Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
 from pdecodec.system.shares import thread_count
 
-Float64Array = NDArray[np.float64]
 Rows = NDArray[Any]
 """Of float32 or float64."""
-Int64Array = NDArray[np.int64]
 
 SpaceKind = Literal["patch", "curve"]
 

@@ -21,10 +21,8 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec.codec.sections.groups import cosines
 from pdecodec.errors import SettingsError
+from pdecodec.mesh.arrays import Float64Array, Int64Array
 from pdecodec.system.shares import side_by_side, thread_count
-
-Float64Array = NDArray[np.float64]
-Int64Array = NDArray[np.int64]
 
 PREDICTED, TRANSFORMED, STRAIGHT = 0, 1, 2
 """The first byte: which method."""
