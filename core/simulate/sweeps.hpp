@@ -3,7 +3,7 @@
 // A sweep takes the constraints of one batch one after another, in the given order, and changes positions and
 // multipliers in place (Eqs. 6 and 7), on one thread, in the order of operations that is written here, so that the same
 // scene gives the same bits; sheets.hpp takes several constraints at once, on one thread or two, and gives the same on
-// both. What the constraints are is said in pdecodec/xpbd. Callers have checked all indices.
+// both. What the constraints are is said in pdecodec/simulate. Callers have checked all indices.
 #pragma once
 
 #include <array>

@@ -134,7 +134,7 @@ def test_only_the_interface_is_seen_from_outside(installed: Path) -> None:
     command = ["nm", "-D", "--defined-only", os.fspath(library_of(installed))]
     listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
     names = {line.split()[-1].split("@")[0] for line in listed}
-    header = (ROOT / "core" / "include" / "pdeanim.h").read_text()
+    header = (ROOT / "core" / "bindings" / "c" / "include" / "pdeanim.h").read_text()
     assert {name for name in names if not name.startswith("pdeanim_")} <= {"_init", "_fini"}
     assert all(f"{name}(" in header for name in names if name.startswith("pdeanim_"))
 

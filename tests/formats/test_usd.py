@@ -13,6 +13,7 @@ from pdecodec.codec.encode.encoder import encode
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.scene_space import place
+from pdecodec.formats.usd import shapes
 from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from tests.support.scene_cases import (
     OUTWARD,
@@ -449,7 +450,7 @@ def test_instances_become_objects_and_prototypes_stand_nowhere_themselves(tmp_pa
 def test_instances_that_cannot_be_placed_are_refused_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: Any, message: str
 ) -> None:
-    monkeypatch.setattr("pdecodec.formats.usd.shapes.MOST_INSTANCED", 17)
+    monkeypatch.setattr(shapes, "MOST_INSTANCED", 17)
     stage, made = instancer(tmp_path / "x.usda")
     made.CreateIdsAttr()
     change(made)

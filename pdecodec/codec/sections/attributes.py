@@ -2,7 +2,7 @@
 
 Values of corners, vertices or faces are coded in two steps: which of them are equal around each point, and what they
 are: numbers that measure are predicted over the surface, numbers that count follow each other in steps. Rows that are
-numbered as they are first used cost nothing to number. The coder is native: `core/attributes/`.
+numbered as they are first used cost nothing to number. The coder is native: `core/sections/attributes/`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Quantised coefficients of a group of frames (section COEF), by the native coder: `core/coefficients/`."""
+"""Quantised coefficients of a group of frames (section COEF), by the native coder: `core/sections/coefficients/`."""
 
 from __future__ import annotations
 

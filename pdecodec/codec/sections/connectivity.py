@@ -2,7 +2,7 @@
 
 The faces of an object are coded in one of two ways, whichever costs less: as a *surface*, grown across its sides, with
 the order of its faces and vertices apart; or as *polygons* in their order, better where a program numbered them
-row by row. Lines are polygons. The coder is native: `core/connectivity/`.
+row by row. Lines are polygons. The coder is native: `core/sections/connectivity/`.
 """
 
 from __future__ import annotations

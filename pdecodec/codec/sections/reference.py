@@ -2,7 +2,7 @@
 
 Vertices that lie on the same point may be welded for the purpose: seams and soups of polygons then have a surface to
 predict across. Residuals may be matched with earlier ones: regular shapes repeat themselves. The encoder takes what is
-smallest. The coder is native: `core/reference/`.
+smallest. The coder is native: `core/sections/reference/`.
 """
 
 from __future__ import annotations

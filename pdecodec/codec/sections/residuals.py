@@ -6,7 +6,7 @@ vertex is kept raw, as the three float32 numbers of the input. At its frame a re
 frames before and after it fades linearly to nothing (a hat function).
 
 Vertices are named by their *place* in the order of the patches: misses gather in space as they do in time, and the
-coder counts on both. The coder is native: `core/residuals/`.
+coder counts on both. The coder is native: `core/sections/residuals/`.
 """
 
 from __future__ import annotations

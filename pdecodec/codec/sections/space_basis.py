@@ -13,7 +13,7 @@ for the sparse representation of integral operators": multiwavelets, here on the
 
 How many functions there are, and of what kind, follows from integers and from what the file says. The values of the
 functions are floating-point numbers, and may be computed in any way: see `SpaceForm.threshold`. All of this is native:
-`core/basis/`.
+`core/sections/spatial/`.
 """
 
 from __future__ import annotations

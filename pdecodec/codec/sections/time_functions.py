@@ -5,7 +5,7 @@ in time: each number from the four frames before it, by weights that encoder and
 swings or repeats itself is transformed by cosines. Motion between keyframes is a row of straight lines: changes of
 speed, nearly all of them zero. Each way whole numbers are left, small for the most part, and coded by the sizes of
 their neighbours: in time (or frequency), among axes, among functions. All but the choice is native:
-`core/time_functions/`.
+`core/sections/temporal/`.
 """
 
 from __future__ import annotations
