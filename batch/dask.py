@@ -20,8 +20,9 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pdecodec.codec.decoder import Animation, DecodeLimits, open_animation
-from pdecodec.codec.run_animation import ChangingAnimation
+from pdecodec.codec.decoder import Animation
+from pdecodec.codec.opening import ChangingAnimation, open_animation
+from pdecodec.codec.source import DecodeLimits
 from pdecodec.errors import MissingExtraError, SettingsError
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.system.storage import RemoteFile, is_address
@@ -149,8 +150,7 @@ def _block(times: Float64Array, place: str, version: str, limits: DecodeLimits |
 def _kept_open(place: str, version: str, limits: DecodeLimits | None) -> Animation:
     """An open file: closed when others took its place, and no thread uses it any more."""
     animation = open_animation(place, limits=limits)
-    assert not isinstance(animation._file, bytes)
-    finalize(animation, animation._file.close)
+    finalize(animation, animation._source.close)
     return animation
 
 

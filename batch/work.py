@@ -373,7 +373,7 @@ def _verified(path: Place, sequence: MeshSequence, options: ClipOptions, figures
     CorruptFileError
         If it does not decode, is of another mesh or other times, or breaks its bound.
     """
-    from pdecodec.codec.decoder import open_animation
+    from pdecodec.codec.opening import open_animation
 
     reference = changed(sequence, CodedOrderSequence) if options.settings.order == "free" else sequence
     with open_animation(os.fspath(path)) as decoded:

@@ -31,7 +31,7 @@ def coefficients(*, source: str, output: str, overwrite: bool) -> None:
     axes, 4 of time, 8 of space), condition, order, starts, reference, u, r, times, and for each group alpha, centre,
     half_length, first_frame. A .csv file has a row for each group, piece and axis: alpha, r, condition, c_w1 to c_w32.
     """
-    from pdecodec.codec.decoder import open_animation
+    from pdecodec.codec.opening import open_animation
 
     path = Path(output)
     if path.suffix.lower() not in (".npz", ".csv"):

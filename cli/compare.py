@@ -85,7 +85,7 @@ def _rate_for(path: str, fps: float | None) -> float | None:
 
 def _at_times_of(first: MeshSequence, second: MeshSequence) -> MeshSequence:
     from pdecodec.codec.decoder import Animation
-    from pdecodec.mesh.resample import sampled
+    from pdecodec.codec.resampling import sampled
 
     if not isinstance(second, Animation):
         raise SettingsError("--at-frames evaluates B between its frames, so B must be a .pdeanim file")

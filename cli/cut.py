@@ -72,8 +72,8 @@ def cut(
     same positions. Between frames positions follow a spline through all frames of the file: near a cut it is another
     one.
     """
-    from pdecodec.codec.decoder import open_animation
     from pdecodec.codec.editing import cut_animation
+    from pdecodec.codec.opening import open_animation
 
     if (frames is None) == (times is None):
         raise SettingsError("give either --frames or --times")

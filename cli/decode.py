@@ -32,8 +32,9 @@ from pdecodec.cli.options import (
 from pdecodec.errors import InputError, PdecodecError, SettingsError
 
 if TYPE_CHECKING:
-    from pdecodec.codec.decoder import Animation, DecodeLimits
+    from pdecodec.codec.decoder import Animation
     from pdecodec.codec.salvaging import Salvage
+    from pdecodec.codec.source import DecodeLimits
     from pdecodec.mesh.sequence import MeshSequence
     from pdecodec.mesh.times import Outside
 
@@ -205,8 +206,8 @@ class _Times(_Part):
 
     def of(self, animation: Animation) -> MeshSequence:
         """The animation at these times or frames."""
+        from pdecodec.codec.resampling import sampled
         from pdecodec.formats.base.choosing import select_frames
-        from pdecodec.mesh.resample import sampled
         from pdecodec.mesh.times import times_at_rate
 
         if self.fps is not None:
@@ -280,7 +281,7 @@ def _decoded(
 ) -> tuple[MeshSequence, MeshSequence | None]:
     """What is written: positions, and velocities where they are wanted. What was salvaged has the frames it has."""
     from pdecodec.codec.decoder import Animation
-    from pdecodec.mesh.resample import sampled
+    from pdecodec.codec.resampling import sampled
 
     chosen = times.of(animation) if isinstance(animation, Animation) else animation
     positions = place.of(chosen, name)
@@ -314,7 +315,7 @@ def _opened(source: str, limits: DecodeLimits, *, is_damaged: bool) -> Iterator[
         with salvage(source, limits=limits) as saved:
             yield saved.sequence, saved
         return
-    from pdecodec.codec.decoder import open_animation
+    from pdecodec.codec.opening import open_animation
 
     with open_animation(source, limits=limits) as animation:
         yield animation, None

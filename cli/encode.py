@@ -160,7 +160,7 @@ def encode(
         raise SettingsError("-o - and --json both want standard output; leave out one")
     if extension is not None and extension.lstrip(".").lower() != "pdeanim":
         raise SettingsError(f"--to {extension}: encode writes .pdeanim files; for other formats use pdecodec convert")
-    from pdecodec.codec.decoder import usual_limits
+    from pdecodec.codec.source import usual_limits
 
     limits = decode_limits(options["max_memory"], options.pop("max_output"))
     dry_run = options["dry_run"]

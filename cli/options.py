@@ -16,7 +16,7 @@ from pdecodec.errors import InputError, SettingsError
 from pdecodec.system.storage import RemoteFile, is_address
 
 if TYPE_CHECKING:
-    from pdecodec.codec.decoder import DecodeLimits
+    from pdecodec.codec.source import DecodeLimits
     from pdecodec.mesh.sequence import MeshSequence
 
 
@@ -151,7 +151,7 @@ _WRITE_OPTIONS = (
 def rigid_bound(source: MeshSequence, scale: float) -> float:
     """What `--rigid` means: the bound of the file that is decoded, scaled as its positions are [scene units]."""
     from pdecodec.codec.decoder import Animation
-    from pdecodec.codec.encode.appending import bound_of
+    from pdecodec.codec.encode.stored_choices import bound_of
 
     if not isinstance(source, Animation) or len(source.runs) > 1:
         raise SettingsError("--rigid is for a .pdeanim file of one connectivity, which knows its bound; leave it out")
@@ -187,7 +187,7 @@ def within_limits(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def limited(*arguments: Any, max_memory: int | None, max_output: int | None, **options: Any) -> None:
-        from pdecodec.codec.decoder import usual_limits
+        from pdecodec.codec.source import usual_limits
 
         with usual_limits(decode_limits(max_memory, max_output)):
             command(*arguments, **options)
@@ -197,7 +197,7 @@ def within_limits(command: Callable[..., None]) -> Callable[..., None]:
 
 def decode_limits(max_memory: int | None, max_output: int | None) -> DecodeLimits:
     """The limits that options give; those that are not given are the usual ones."""
-    from pdecodec.codec.decoder import DecodeLimits
+    from pdecodec.codec.source import DecodeLimits
 
     usual = DecodeLimits()
     return DecodeLimits(max_memory=usual.max_memory if max_memory is None else max_memory, max_output=max_output)

@@ -38,7 +38,7 @@ def view(
     All that the page needs is in it: it works offline, and from a disk. It plays at any speed, between frames too; with
     a second file, or the original, it shows both, and how far apart they are, at every vertex and over time.
     """
-    from pdecodec.codec.decoder import open_animation
+    from pdecodec.codec.opening import open_animation
     from pdecodec.report.viewer.view import view_page
     from pdecodec.system.whole_output import check_writable, whole_file
 
@@ -62,7 +62,7 @@ def view(
 
 def _prepared(path: Path, original: str | None, fps: float | None) -> tuple[str | None, Original | None]:
     """The up axis, and what the original differs by."""
-    from pdecodec.codec.decoder import open_animation
+    from pdecodec.codec.opening import open_animation
     from pdecodec.formats import open_sequence
     from pdecodec.report.viewer.view import difference
 

@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from pdecodec.codec.checking import FileCheck as FileCheck
     from pdecodec.codec.checking import check_file as check_file
     from pdecodec.codec.decoder import Animation as Animation
-    from pdecodec.codec.decoder import DecodeLimits as DecodeLimits
-    from pdecodec.codec.decoder import open_animation as open  # noqa: F401 - __all__ is computed, ruff cannot see it there
-    from pdecodec.codec.decoder import open_animation as open_animation
     from pdecodec.codec.editing import cut_animation as cut_animation
     from pdecodec.codec.editing import join_animations as join_animations
     from pdecodec.codec.encode.encoder import encode as encode
@@ -26,11 +23,14 @@ if TYPE_CHECKING:
     from pdecodec.codec.encode.rate_control import encode_to_size as encode_to_size
     from pdecodec.codec.encode.report import EncodeReport as EncodeReport
     from pdecodec.codec.mending import Finding as Finding
+    from pdecodec.codec.opening import open_animation as open  # noqa: F401 - __all__ is computed, ruff cannot see it there
+    from pdecodec.codec.opening import open_animation as open_animation
     from pdecodec.codec.paper_form import PaperForm as PaperForm
     from pdecodec.codec.salvaging import Salvage as Salvage
     from pdecodec.codec.salvaging import salvage as salvage
     from pdecodec.codec.settings import EncodeSettings as EncodeSettings
     from pdecodec.codec.settings import PaperSettings as PaperSettings
+    from pdecodec.codec.source import DecodeLimits as DecodeLimits
     from pdecodec.errors import CorruptFileError as CorruptFileError
     from pdecodec.errors import InputError as InputError
     from pdecodec.errors import LimitError as LimitError
@@ -58,7 +58,7 @@ _HOME = {
     "ChangingSequence": "mesh.runs",
     "Connectivity": "mesh.sequence",
     "CorruptFileError": "errors",
-    "DecodeLimits": "codec.decoder",
+    "DecodeLimits": "codec.source",
     "EncodeReport": "codec.encode.report",
     "EncodeSettings": "codec.settings",
     "FileCheck": "codec.checking",
@@ -81,8 +81,8 @@ _HOME = {
     "encode_to_rms": "codec.encode.rate_control",
     "encode_to_size": "codec.encode.rate_control",
     "join_animations": "codec.editing",
-    "open": "codec.decoder",
-    "open_animation": "codec.decoder",
+    "open": "codec.opening",
+    "open_animation": "codec.opening",
     "open_sequence": "formats",
     "salvage": "codec.salvaging",
     "write_sequence": "formats",

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from pdecodec.codec.decoder import open_animation
 from pdecodec.codec.encode.encoder import encode
 from pdecodec.codec.encode.report import SECTION_TITLES, EncodeReport
+from pdecodec.codec.opening import open_animation
+from pdecodec.codec.resampling import LinearInterpolation, SampledAnimation
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.metrics import Distortion, bits_per_vertex_frame, frame_scale, measure_distortion
-from pdecodec.mesh.resample import LinearInterpolation, SampledAnimation
 from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import ArraySequence, Progress
 from pdecodec.report.charts.drawing import (

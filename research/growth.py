@@ -116,7 +116,7 @@ def measure(frames: int, side: int, group_frames: int) -> Size:
 
 def decode(path: Path) -> Seconds:
     """Decode every frame of a file."""
-    from pdecodec.codec.decoder import open_animation
+    from pdecodec.codec.opening import open_animation
 
     began = time.process_time()
     with open_animation(path) as animation:

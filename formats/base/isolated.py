@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.codec.decoder import DecodeLimits, chosen_limits, usual_limits
+from pdecodec.codec.source import DecodeLimits, chosen_limits, usual_limits
 from pdecodec.formats.arrays.object_arrays import LaidOutSequence, arrays_of
 from pdecodec.formats.base.child import Answer, Child, serve
 from pdecodec.formats.base.registry import open_sequence

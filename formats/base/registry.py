@@ -548,6 +548,6 @@ def open_pdeanim(path: Path | RemoteFile, *, fps: float | None) -> MeshSequence:
             path=path,
         )
     # pdecodec.codec.decoder is imported when a file is opened: the command line starts without it.
-    from pdecodec.codec.decoder import open_animation
+    from pdecodec.codec.opening import open_animation
 
     return open_animation(path.address if isinstance(path, RemoteFile) else path)

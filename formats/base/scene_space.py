@@ -291,7 +291,7 @@ class BakedTransforms(DerivedSequence):
 def velocities_of(sequence: MeshSequence) -> MeshSequence:
     """Velocities at a sequence's frames [scene units / s]: an animation's own, else differences of its positions."""
     from pdecodec.codec.decoder import Animation
-    from pdecodec.mesh.resample import sampled
+    from pdecodec.codec.resampling import sampled
 
     if isinstance(sequence, Animation):
         return sampled(sequence, sequence.times, quantity="velocities")

@@ -113,7 +113,7 @@ class GltfScene:
         sequence = self._sequence
         if not isinstance(sequence, Animation) or sequence.frame_count < 2:
             return None
-        from pdecodec.mesh.resample import SampledAnimation
+        from pdecodec.codec.resampling import SampledAnimation
 
         steps = np.diff(sequence.times)
         times = (sequence.times[:-1, None] + steps[:, None] * np.array(THIRDS)).reshape(-1)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.codec.decoder import ACCELERATIONS, POSITIONS, VELOCITIES, Animation
-from pdecodec.codec.run_animation import ChangingAnimation
+from pdecodec.codec.opening import ChangingAnimation
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.times import Outside

@@ -10,8 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from pdecodec.codec.decoder import Animation, DecodeLimits, chosen_limits, open_animation
+from pdecodec.codec.decoder import Animation
 from pdecodec.codec.mending import Finding, UnreadableError, damaged_sections, mended
+from pdecodec.codec.opening import open_animation
+from pdecodec.codec.source import DecodeLimits, chosen_limits
 from pdecodec.errors import CorruptFileError, InputError, LimitError
 
 CODES = {

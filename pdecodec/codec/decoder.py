@@ -5,189 +5,31 @@ All of it is native (`core/decode/animation.hpp`); here are times, settings and 
 
 from __future__ import annotations
 
-import io
-import os
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
-from contextvars import ContextVar
-from dataclasses import dataclass
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import cached_property
-from pathlib import Path
-from typing import Any, BinaryIO, TypeVar, cast, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec import _core
-from pdecodec.codec.container import before_groups
 from pdecodec.codec.paper_form import PaperForm, paper_form
 from pdecodec.codec.sections.attributes import DOMAINS
-from pdecodec.codec.sections.connectivity import core_errors
+from pdecodec.codec.sections.description import decode_remarks
 from pdecodec.codec.sections.groups import TIME_BASES, GroupEntry
 from pdecodec.codec.sections.reference import ReferenceFrame
 from pdecodec.codec.sections.space_basis import SPACE_KINDS, SpaceBasis, SpaceForm, decode_space_basis
-from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError
+from pdecodec.codec.source import DecodeLimits, Source, naming_file_of, open_core, open_source
+from pdecodec.errors import InputError, LimitError, SettingsError
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence, check_frame_range
 from pdecodec.mesh.times import OUTSIDES, Outside, times_inside
-from pdecodec.system.shares import thread_count
-from pdecodec.system.storage import is_address, open_range_reader
 
 Array = TypeVar("Array")
 
 POSITIONS, VELOCITIES, ACCELERATIONS = 0, 1, 2
 """Quantities by the core's numbers."""
-
-DEFAULT_MAX_MEMORY = 4 * 2**30
-"""Bytes a file may ask for while it is opened and decoded: some five million vertices."""
-
-DEFAULT_MAX_KEPT = 512 * 2**20
-"""Bytes of decoded groups of frames: all of most clips, some 400 frames of 100,000 vertices."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class DecodeLimits:
-    """What a file may cost.
-
-    Parameters
-    ----------
-    max_memory : int [bytes]
-        A file that declares more than fits is refused before memory is taken (LimitError).
-    max_output : int [bytes], optional
-        Positions of all frames together, 12 bytes for each vertex and frame: what it takes to decode all of a file, in
-        time as in space, of which two kilobytes can declare terabytes. A file that declares more is refused when it is
-        opened (LimitError). Default: none is.
-    max_kept : int [bytes]
-        Decoded groups of frames that stay in memory, so that they need not be decoded again: an eighth of it at first,
-        and more where times go back to groups that were given up. `max_memory` holds for them as well.
-    """
-
-    max_memory: int = DEFAULT_MAX_MEMORY
-    max_output: int | None = None
-    max_kept: int = DEFAULT_MAX_KEPT
-
-
-_usual_limits: ContextVar[DecodeLimits | None] = ContextVar("limits of files that are opened without", default=None)
-
-
-@contextmanager
-def usual_limits(limits: DecodeLimits) -> Iterator[None]:
-    """Within, files that are opened without limits have these, whatever opens them: readers, cuts, reports."""
-    token = _usual_limits.set(limits)
-    try:
-        yield
-    finally:
-        _usual_limits.reset(token)
-
-
-def chosen_limits(limits: DecodeLimits | None) -> DecodeLimits:
-    """Limits that are given, else those of :func:`usual_limits`, else the defaults."""
-    return limits or _usual_limits.get() or DecodeLimits()
-
-
-def open_animation(
-    source: str | os.PathLike[str] | bytes | BinaryIO, *, limits: DecodeLimits | None = None
-) -> Animation:
-    """Open a `.pdeanim` file; ``pdecodec.open`` is the same.
-
-    Parameters
-    ----------
-    source : path-like, bytes or binary file
-        The file's path, its address (``https://``, ``s3://``; extra ``remote``), of which what is needed is read and no
-        more, the whole file in memory, or a file that can seek. The latter stays the caller's: nobody else
-        may move it while the animation is open, unless it is a plain file of the system.
-    limits : DecodeLimits, optional
-        Default: those of :func:`usual_limits`, else its own defaults.
-
-    Returns
-    -------
-    Animation
-        Close it, or use it in a ``with`` statement: each part is read from the file when it is needed.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be opened or read.
-    CorruptFileError
-        If it is damaged, truncated, of another kind or a later major version.
-    LimitError
-        If it asks for more memory than `limits` allow.
-    """
-    limits = chosen_limits(limits)
-    if isinstance(source, bytes):
-        return _opened(source, "bytes in memory", limits)
-    if not isinstance(source, str | os.PathLike):
-        return _opened(source, str(getattr(source, "name", "a file in memory")), limits)
-    if is_address(source):
-        remote = open_range_reader(str(source))
-        remote.read_ahead(before_groups(remote.head))
-        return _opened(cast("BinaryIO", remote), str(source), limits, origin=str(source))
-    try:
-        file = Path(source).open("rb", buffering=0)  # noqa: SIM115 - the animation keeps it open until it is closed
-    except (OSError, ValueError) as error:  # ValueError: a character that no path can have
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise InputError(f"cannot be opened ({reason})", path=source) from error
-    try:
-        return _opened(file, os.fspath(source), limits, os.path.abspath(source))
-    except BaseException:
-        file.close()
-        raise
-
-
-def _opened(file: BinaryIO | bytes, path: str, limits: DecodeLimits, origin: str | None = None) -> Animation:
-    core = open_core(file, path, limits)
-    if len(core.runs) == 1:
-        return Animation(file, path, limits, origin=origin, core=core)
-    from pdecodec.codec.run_animation import ChangingAnimation
-
-    animation: Animation = ChangingAnimation(file, path, limits, origin=origin, core=core)
-    return animation
-
-
-def open_core(file: BinaryIO | bytes, path: str, limits: DecodeLimits) -> _core.Animation:
-    """The core's view of a file; errors as of :func:`open_animation`."""
-    with naming_file_of(path, file):
-        return _core.Animation(_core_source(file), limits.max_memory, thread_count(), limits.max_kept)
-
-
-@contextmanager
-def naming_file_of(path: str, file: BinaryIO | bytes, first_frame: int = 0) -> Iterator[None]:
-    """Name the file in errors of the core, which knows section and frame of a run, and the run's first frame."""
-    try:
-        with core_errors():
-            yield
-    except CorruptFileError as error:
-        frame = None if error.frame is None else first_frame + error.frame
-        raise type(error)(error.message, path=path, frame=frame, offset=error.offset) from error
-    except _core.ReadError as error:
-        raise InputError(str(error), path=path) from error
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error})", path=path) from error
-    except ValueError as error:
-        if not getattr(file, "closed", False):
-            raise
-        raise InputError("its file was closed; open both again", path=path) from error
-    except MemoryError as error:
-        raise LimitError("needs more memory than there is; lower the memory limit", path=path) from error
-
-
-def _reopened(source: str | bytes, limits: DecodeLimits, run: int | None = None) -> MeshSequence:
-    animation = open_animation(source, limits=limits)
-    if run is None:
-        return animation
-    alone = animation.runs[run]
-    assert isinstance(alone, Animation)
-    alone._owns_file = not isinstance(source, bytes)
-    return alone
-
-
-def _core_source(file: BinaryIO | bytes) -> BinaryIO | bytes | int:
-    """A plain file by its descriptor, where reads need not move it: threads and forked processes share its place."""
-    if os.name == "posix" and type(file) in (io.FileIO, io.BufferedReader):
-        raw = getattr(file, "raw", file)
-        if type(raw) is io.FileIO:
-            return raw.fileno()
-    return file
 
 
 def _numbers(times: ArrayLike) -> Float64Array:
@@ -213,7 +55,7 @@ def _writable(out: Any) -> NDArray[Any]:
 class Animation(MeshSequence):
     """A `.pdeanim` file: a mesh sequence, and a mesh at any time between its first and its last frame.
 
-    Made by :func:`open_animation`. Opening reads headers alone, and the vertex counts that the mesh begins with; the
+    Made by :func:`pdecodec.open`. Opening reads headers alone, and the vertex counts that the mesh begins with; the
     mesh, attributes and groups of frames are decoded when they are first needed. At the time of a frame every method
     gives the same bits. To the frames in :attr:`jumps` motion is not continuous from the frames before: it is straight
     from one to the other.
@@ -224,19 +66,12 @@ class Animation(MeshSequence):
     """
 
     def __init__(
-        self,
-        file: BinaryIO | bytes,
-        path: str,
-        limits: DecodeLimits,
-        *,
-        origin: str | None = None,
-        core: _core.Animation | None = None,
-        run: int | None = None,
+        self, source: Source, limits: DecodeLimits, *, core: _core.Animation | None = None, run: int | None = None
     ) -> None:
-        self.path, self.notices = path, ()
-        self._file, self._origin, self._limits, self._run = file, origin, limits, run
-        self._owns_file = origin is not None and run is None
-        self._core = core or open_core(file, path, limits)
+        self.path, self.notices = source.name, ()
+        self._source, self._limits, self._run = source, limits, run
+        self._owns_source = run is None
+        self._core = core or open_core(source, limits)
         self._first_frame = 0 if run is None else self._core.runs[run][0]
         self.times, self.fps = self._core.times, self._core.fps
         self.jumps = tuple(self._core.jumps)
@@ -246,7 +81,7 @@ class Animation(MeshSequence):
             raise LimitError(
                 f"declares {self.frame_count} frames of {self.position_count / self.frame_count:.10g} vertices, {size} "
                 f"bytes of positions; the output limit is {limits.max_output}; raise it if you trust the file",
-                path=path,
+                path=self.path,
             )
 
     def _describe(self) -> None:
@@ -254,7 +89,7 @@ class Animation(MeshSequence):
         self._vertex_counts = self._core.vertex_counts
 
     def _naming_the_file(self) -> AbstractContextManager[None]:
-        return naming_file_of(self.path, self._file, self._first_frame)
+        return naming_file_of(self._source, self._first_frame)
 
     @property
     def vertex_count(self) -> int:
@@ -290,11 +125,7 @@ class Animation(MeshSequence):
     def _remarks(self) -> dict[str, Any]:
         with self._naming_the_file():
             data = self._core.remarks()
-            if not data:
-                return {}
-            from pdecodec.codec.sections.description import decode_remarks
-
-            return decode_remarks(data, self._limits.max_memory)
+            return decode_remarks(data, self._limits.max_memory) if data else {}
 
     @property
     def metadata(self) -> dict[str, str]:  # type: ignore[override]  # read when it is first needed
@@ -303,17 +134,16 @@ class Animation(MeshSequence):
 
     def close(self) -> None:
         self._core.close()
-        if self._owns_file:
-            assert not isinstance(self._file, bytes)
-            self._file.close()
+        if self._owns_source:
+            self._source.close()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        source = self._origin or self._file
+        source = self._source.origin or self._source.file
         if not isinstance(source, str | bytes):
             raise InputError(
                 "was opened as a file object, which cannot be pickled; open it by its path", path=self.path
             )
-        return _reopened, (source, self._limits, self._run)
+        return _reopened, (type(self), source, self._limits, self._run)
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
         check_frame_range(self, start, stop)
@@ -572,3 +402,12 @@ class Animation(MeshSequence):
         with self._naming_the_file():
             self._core.verify()
         _ = self.objects, self._remarks
+
+
+def _reopened(kind: type[Animation], path: str | bytes, limits: DecodeLimits, run: int | None) -> Animation:
+    """Return an animation that was pickled; one of a run owns its file."""
+    source = open_source(path)
+    core = open_core(source, limits)
+    animation = kind(source, limits, core=core if run is None else core.open_run(run), run=run)
+    animation._owns_source = True
+    return animation

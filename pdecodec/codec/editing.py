@@ -19,10 +19,12 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from pdecodec.codec.container import Section, Spool, stored_sections, write_container
-from pdecodec.codec.decoder import Animation, open_animation
-from pdecodec.codec.encode.appending import AppendingEncoder, bound_of
+from pdecodec.codec.decoder import Animation
+from pdecodec.codec.encode.appending import AppendingEncoder
 from pdecodec.codec.encode.jumps import jumps_across, shifted
 from pdecodec.codec.encode.report import generator
+from pdecodec.codec.encode.stored_choices import bound_of
+from pdecodec.codec.opening import open_animation
 from pdecodec.codec.sections.description import decode_remarks, encode_remarks, encode_sequence_description
 from pdecodec.codec.sections.groups import CHUNK_SECTIONS, GroupEntry, read_group_table, write_group_table
 from pdecodec.codec.settings import EffortName

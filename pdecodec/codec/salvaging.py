@@ -15,8 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pdecodec.codec.decoder import Animation, DecodeLimits, chosen_limits, open_animation
+from pdecodec.codec.decoder import Animation
 from pdecodec.codec.mending import mended
+from pdecodec.codec.opening import open_animation
+from pdecodec.codec.source import DecodeLimits, chosen_limits
 from pdecodec.errors import CorruptFileError, InputError, LimitError
 from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns

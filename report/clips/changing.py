@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdecodec.codec.decoder import open_animation
 from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.opening import open_animation
 from pdecodec.codec.settings import Order
 from pdecodec.errors import PdecodecError
 from pdecodec.mesh.metrics import frame_scale, measure_distortion

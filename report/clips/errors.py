@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from pdecodec.codec.decoder import open_animation
 from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.opening import open_animation
 from pdecodec.codec.settings import EffortName
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.metrics import Distortion, DistortionMeter, frame_scale

@@ -12,8 +12,7 @@ import pdecodec
 from pdecodec import ArraySequence
 from pdecodec.codec.container import Section, write_container
 from pdecodec.codec.editing import CodedFile, cut_animation, join_animations
-from pdecodec.codec.encode.alternatives import alternatives_of
-from pdecodec.codec.encode.appending import bound_of
+from pdecodec.codec.encode.stored_choices import alternatives_of, bound_of
 from pdecodec.codec.settings import SMALLEST_BOUND
 from pdecodec.mesh.metrics import frame_scale
 from pdecodec.mesh.sequence import MeshObject

@@ -11,7 +11,8 @@ import pytest
 from pdecodec import ArrayEvaluator, SettingsError, encode
 from pdecodec import open as open_clip
 from pdecodec.codec.array_evaluator import QUANTITIES
-from pdecodec.codec.decoder import Animation, open_animation
+from pdecodec.codec.decoder import Animation
+from pdecodec.codec.opening import open_animation
 from tests.codec.test_storage import RATE, long_clip
 
 VECTORS = Path(__file__).resolve().parents[2] / "spec" / "vectors" / "accept"

@@ -14,7 +14,6 @@ import pytest
 
 from pdecodec import _core
 from pdecodec._core import Residuals
-from pdecodec.codec.decoder import open_animation
 from pdecodec.codec.encode.displacements import ORIGINS, TIME_FUNCTIONS, Displacements, Origin, Sight, TimeFunctions
 from pdecodec.codec.encode.effort import EFFORTS
 from pdecodec.codec.encode.encoder import encode
@@ -25,6 +24,7 @@ from pdecodec.codec.encode.principal import principal_axes, principal_energies
 from pdecodec.codec.encode.quantisation import columns_of, quantise_on, quantise_sparsely
 from pdecodec.codec.encode.refinement import Refinement
 from pdecodec.codec.encode.report import EncodeReport
+from pdecodec.codec.opening import open_animation
 from pdecodec.codec.sections.groups import GroupEntry, cosines, functions_of_time, group_functions
 from pdecodec.codec.sections.reference import quantise_reference
 from pdecodec.codec.sections.residuals import residual_step

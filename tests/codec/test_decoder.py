@@ -192,7 +192,7 @@ def test_groups_that_are_decoded_beside_each_other_are_read_one_after_the_other(
         expected = animation.sample(animation.times)
         assert animation.info()["groups"] == 10
     for _ in range(20):
-        animation = Animation(_SlowFile(data), "slow", DecodeLimits())
+        animation = open_animation(_SlowFile(data))
         assert np.array_equal(animation.sample(animation.times), expected)
 
 

@@ -8,11 +8,12 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from pdecodec.codec.decoder import Animation, open_animation
+from pdecodec.codec.decoder import Animation
 from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.opening import open_animation
+from pdecodec.codec.resampling import LinearInterpolation, SampledAnimation
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import SettingsError
-from pdecodec.mesh.resample import LinearInterpolation, SampledAnimation
 from pdecodec.mesh.sequence import ArraySequence
 from pdecodec.mesh.times import MOST_TIMES, times_at_rate, times_inside
 

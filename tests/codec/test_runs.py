@@ -32,8 +32,8 @@ from pdecodec import (
     write_sequence,
 )
 from pdecodec.cli.main import run
+from pdecodec.codec.resampling import sampled
 from pdecodec.mesh.metrics import frame_scale, measure_distortion
-from pdecodec.mesh.resample import sampled
 from pdecodec.mesh.runs import changed
 from pdecodec.mesh.selection import ObjectSelection, select
 from spec.accepted import connectivity, grid, noise, runs, runs_of_one_frame, wave

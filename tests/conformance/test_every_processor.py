@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from pdecodec import encode
-from pdecodec.codec.decoder import open_animation
+from pdecodec.codec.opening import open_animation
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import ArraySequence, MeshObject
 from pdecodec.simulate import build

@@ -11,9 +11,9 @@ import pytest
 
 import pdecodec
 from pdecodec.cli.main import run
-from pdecodec.codec.decoder import usual_limits
 from pdecodec.codec.encode.memory import encoding_bytes, memory_plan
 from pdecodec.codec.settings import EncodeSettings
+from pdecodec.codec.source import usual_limits
 
 ROOT = Path(__file__).resolve().parents[2]
 Capture = pytest.CaptureFixture[str]

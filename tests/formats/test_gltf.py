@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pdecodec.codec.decoder import open_animation
 from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.opening import open_animation
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.attribute_roles import face_sets

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given
 from numpy.typing import NDArray
 
-from pdecodec.codec.decoder import open_animation
 from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.opening import open_animation
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.attribute_roles import reversed_corners
 from pdecodec.formats.base.normals import NORMAL_GROUP, NormalRows, normal_group, normal_rows, read_normal_group

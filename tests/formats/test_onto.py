@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from pdecodec.cli.main import run
-from pdecodec.codec.decoder import open_animation
 from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.opening import open_animation
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_onto, write_sequence
 from pdecodec.formats.base.scene_space import velocities_of

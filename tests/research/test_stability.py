@@ -11,8 +11,8 @@ from click.testing import CliRunner
 
 from pdecodec.cli.main import pdecodec
 from pdecodec.cli.stability import SECTIONS as NAMED_SECTIONS
-from pdecodec.codec.decoder import open_animation
 from pdecodec.codec.encode.encoder import encode
+from pdecodec.codec.opening import open_animation
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.metrics import measure_distortion

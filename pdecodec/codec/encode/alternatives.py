@@ -15,23 +15,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from pdecodec.codec.decoder import Animation
-from pdecodec.codec.encode.appending import bound_of
 from pdecodec.codec.encode.displacements import ORIGINS, TIME_FUNCTIONS
-from pdecodec.codec.encode.encoder import encode
 from pdecodec.codec.encode.group_choice import BITS_OF_A_GROUP, SHORTEST_PART, GroupSearch, candidates
 from pdecodec.codec.encode.group_fit import GroupChoice, GroupFitter
-from pdecodec.codec.encode.memory import memory_plan
 from pdecodec.codec.encode.model_choice import reference_steps
-from pdecodec.codec.encode.quantisation import grid_index
-from pdecodec.codec.encode.report import CONSTANT_SECTIONS, Alternative, EncodeReport, Question
+from pdecodec.codec.encode.report import Alternative, Question
 from pdecodec.codec.sections.groups import GroupEntry
 from pdecodec.codec.sections.reference import ReferenceFrame, encode_reference, quantise_reference
 from pdecodec.codec.sections.space_basis import SpaceBasis, SpaceKind, build_space_basis
-from pdecodec.codec.settings import EncodeSettings, Profile
-from pdecodec.errors import InputError
 from pdecodec.mesh.arrays import Float32Array, Float64Array
-from pdecodec.mesh.sequence import ArraySequence, MeshObject, MeshSequence
+from pdecodec.mesh.sequence import MeshObject
 
 SPACES: tuple[tuple[SpaceKind, int], ...] = (
     ("patch", 8),
@@ -47,10 +40,6 @@ SPACES: tuple[tuple[SpaceKind, int], ...] = (
 
 STEPS = (-4, -2, 0, 2, 4)
 """Steps of coefficients, as indices from the chosen one: halves to doubles."""
-
-COMPARED_FRAMES = 96
-"""Frames at most that are encoded under the other profile too, to compare the models; of a file of which it is not kept
-what else was tried, but for its first group, that are looked at at all."""
 
 
 FEW = 4
@@ -216,25 +205,6 @@ def _parts(whole: GroupFitter, lengths: Sequence[int]) -> list[GroupFitter]:
     return [whole.part(slice(begin, end)) for begin, end in itertools.pairwise(edges)]
 
 
-def model_question(sequence: MeshSequence, bound: float | None, profile: Profile) -> Question:
-    """What both profiles make of the first frames, as files of their own, at the same bound [scene units].
-
-    Without a bound it is the paper's model alone, and the other one keeps the error that this leaves.
-    """
-    frames = min(sequence.frame_count, COMPARED_FRAMES)
-    objects = [MeshObject(item.name, item.connectivity) for item in sequence.objects]
-    some = ArraySequence(
-        sequence.read_frames(0, frames), objects=objects, times=sequence.times[:frames], fps=sequence.fps
-    )
-    paper = encode(some, profile="paper", max_error=bound)
-    auto = encode(some, max_error=paper.max_error if bound is None else bound)
-    ways = (
-        Alternative("auto", _motion_bytes(auto), profile == "auto"),
-        Alternative("paper, in closed form", _motion_bytes(paper), profile == "paper"),
-    )
-    return Question("profile", frames, ways)
-
-
 def _in_words(lengths: Sequence[int]) -> str:
     """``48``, ``2 x 24``, ``12 and 36``."""
     if len(set(lengths)) == 1:
@@ -242,46 +212,3 @@ def _in_words(lengths: Sequence[int]) -> str:
     return (
         " and ".join(map(str, lengths)) if len(lengths) < FEW else f"{len(lengths)} x {min(lengths)} to {max(lengths)}"
     )
-
-
-def _motion_bytes(report: EncodeReport) -> int:
-    """Of all sections but what is constant, and remarks."""
-    beside = {*CONSTANT_SECTIONS, "META"}
-    return sum(size for name, size in report.sections.items() if name not in beside)
-
-
-def alternatives_of(animation: Animation) -> list[Question]:
-    """Other ways to encode the first groups of a file, found out from what it decodes to: so about.
-
-    Raises
-    ------
-    InputError
-        If it has several runs of frames.
-    """
-    if len(animation.runs) > 1:
-        raise InputError("has several runs of frames, which are encoded each by itself", path=animation.path)
-    bound = bound_of(animation)
-    groups: list[tuple[int, GroupChoice]] = []
-    frames = 0
-    for entry in animation.groups:
-        if entry.basis == "closed form" or (groups and frames + entry.frames > COMPARED_FRAMES):
-            break
-        groups.append((entry.frames, GroupChoice(entry.basis, "reference", grid_index(entry.step))))
-        frames += entry.frames
-    if not groups or bound is None:
-        return [model_question(animation, bound, "paper")]
-    reference, basis = animation.reference_and_space()
-    points = animation.read_frames(0, frames)
-    group = GroupAlternatives(
-        points,
-        groups,
-        animation.times,
-        animation.meshes,
-        reference=reference,
-        basis=basis,
-        functions=memory_plan(animation.vertex_count, animation.frame_count, EncodeSettings()).functions,
-        bound=bound,
-        unit=max(bound, float(np.spacing(np.abs(points[0]).max()))),
-        residual_step=animation.residual_step,
-    )
-    return [*group.questions(), model_question(animation, bound, "auto")]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -11,48 +10,13 @@ from pdecodec.codec.decoder import Animation
 from pdecodec.codec.encode.auto_profile import AutoEncoder, EncodedPart
 from pdecodec.codec.encode.group_fit import EncodedGroup, GroupChoice
 from pdecodec.codec.encode.quantisation import grid_index
-from pdecodec.codec.encode.report import GENERATOR
+from pdecodec.codec.encode.stored_choices import bound_of
 from pdecodec.codec.sections.groups import GroupEntry
-from pdecodec.codec.sections.residuals import LAST_BINADE, SAFETY
+from pdecodec.codec.sections.residuals import LAST_BINADE
 from pdecodec.codec.sections.space_basis import SpaceBasis
-from pdecodec.codec.settings import SMALLEST_BOUND, EffortName, EncodeSettings
+from pdecodec.codec.settings import EffortName, EncodeSettings
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.sequence import MeshSequence, Progress
-
-
-def bound_of(animation: Animation) -> float | None:
-    """The bound [scene units] that a file was encoded with, or a little less; None where it says that there was none.
-
-    What its step of residuals keeps, where a single bound has that step. Where float32 is so coarse that all bounds
-    below some have the same, what the file's remarks say; without them it may have been the least one there is.
-    """
-    reference, _ = animation.reference_and_space()
-    # The frame that the encoder saw is up to half a step away on each axis.
-    points, half = reference.points, reference.step / 2.0
-    largest = float(np.abs(points).max())
-    near, far = (float(np.spacing(np.float32(min(max(0.0, largest + more), LAST_BINADE)))) for more in (-half, half))
-    # Undoes pdecodec.codec.sections.residuals.residual_step.
-    of_step = math.sqrt(3.0) / 2.0 * (animation.residual_step / SAFETY + near)
-    settings, is_alone = _recorded(animation), animation.residual_step > far / 4.0
-    if settings is None:
-        return of_step if is_alone else SMALLEST_BOUND
-    diagonal = math.hypot(*np.ptp(points, axis=0).tolist())
-    said = settings.bound(max(0.0, diagonal - 2.0 * math.sqrt(3.0) * half))
-    if said is None:
-        return None
-    # A tolerance is of a diagonal that is only about known here.
-    return of_step if is_alone and settings.max_error is None else min(said, of_step)
-
-
-def _recorded(animation: Animation) -> EncodeSettings | None:
-    """The settings that a file's remarks say it was made with, if they do."""
-    information = animation.info()
-    if not information["generator"].startswith(GENERATOR):
-        return None  # Of settings, those that are as usual are not recorded: others' remarks would say the usual ones.
-    try:
-        return EncodeSettings.from_json(information["settings"])
-    except (SettingsError, TypeError):
-        return None
 
 
 class AppendingEncoder(AutoEncoder):

@@ -15,9 +15,10 @@ from functools import partial
 
 import numpy as np
 
+from pdecodec.codec.encode.alternatives import GroupAlternatives
 from pdecodec.codec.encode.effort import EFFORTS
 from pdecodec.codec.encode.group_choice import GroupSearch, candidates, divided
-from pdecodec.codec.encode.group_encoder import Encoder
+from pdecodec.codec.encode.group_encoder import CompareProfiles, Encoder
 from pdecodec.codec.encode.group_fit import EncodedGroup, GroupChoice, GroupFitter
 from pdecodec.codec.encode.jumps import JumpFinder
 from pdecodec.codec.encode.memory import LONGEST_GROUP, memory_plan
@@ -70,8 +71,14 @@ class EncodedPart:
 class AutoEncoder(Encoder):
     """One encode under profile "auto": in the bases and steps that cost least."""
 
-    def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
-        super().__init__(sequence, settings, progress)
+    def __init__(
+        self,
+        sequence: MeshSequence,
+        settings: EncodeSettings,
+        progress: Progress | None,
+        compare_profiles: CompareProfiles | None = None,
+    ) -> None:
+        super().__init__(sequence, settings, progress, compare_profiles)
         if self._bound is None:
             raise SettingsError("without a bound there is nothing to choose the model by; give a tolerance")
         self._effort = EFFORTS[settings.effort]
@@ -154,8 +161,9 @@ class AutoEncoder(Encoder):
             self._model = search.run(look)
         self._reference, self._reference_bytes = self._model.reference, self._model.reference_data
         groups = self._model.groups
-        if self._settings.why:
-            self._questions = self._alternatives(points, steps)
+        if self._compare_profiles:
+            profiles = self._compare_profiles(self._sequence, self._bound, "auto")
+            self._questions = [*self._group_questions(points, steps), profiles]
         del search, look, points
         # None is kept: the next group takes as much memory again.
         waiting = dict(enumerate(groups))
@@ -172,9 +180,7 @@ class AutoEncoder(Encoder):
             explained = group.fitter.displacements(choice.origin).explained(functions, choice.time)
         return EncodedPart(choice, group.fitter.encode(group.fitted, self._space), explained)
 
-    def _alternatives(self, points: Float32Array, steps: Mapping[str, float]) -> list[Question]:
-        from pdecodec.codec.encode.alternatives import GroupAlternatives, model_question
-
+    def _group_questions(self, points: Float32Array, steps: Mapping[str, float]) -> list[Question]:
         group = GroupAlternatives(
             points,
             [(group.fitter.frames, group.choice) for group in self._model.groups],
@@ -185,7 +191,7 @@ class AutoEncoder(Encoder):
             functions=self._plan.functions,
             **steps,
         )
-        return [*group.questions(), model_question(self._sequence, self._bound, "auto")]
+        return group.questions()
 
     def _fitter(self, begin: int, end: int, steps: Mapping[str, float]) -> GroupFitter:
         """Frames after the first ones."""

@@ -16,6 +16,7 @@ from typing import Any
 
 from pdecodec.codec.encode.profiles import make_encoder
 from pdecodec.codec.encode.report import EncodeReport
+from pdecodec.codec.encode.run_encoder import encode_runs
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.rounding import rounding_noticed
@@ -75,8 +76,6 @@ def encode(
         check_writable(target, overwrite=overwrite)
     with rounding_noticed() as rounding:
         if isinstance(sequence, ChangingSequence):
-            from pdecodec.codec.encode.run_encoder import encode_runs
-
             report = encode_runs(sequence, chosen, target, overwrite=overwrite, progress=progress)
         else:
             report = make_encoder(sequence, chosen, progress).run(target, overwrite=overwrite)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,7 +28,7 @@ from pdecodec.codec.sections.groups import CHUNK_SECTIONS, GroupEntry, write_gro
 from pdecodec.codec.sections.reference import ReferenceFrame, decode_reference, encode_reference, quantise_reference
 from pdecodec.codec.sections.residuals import LAST_BINADE, residual_step
 from pdecodec.codec.sections.space_basis import SpaceBasis
-from pdecodec.codec.settings import EncodeSettings
+from pdecodec.codec.settings import EncodeSettings, Profile
 from pdecodec.errors import InputError
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.metrics import frame_scale
@@ -42,6 +42,10 @@ FARTHEST = 1e37
 """Largest coordinate: float32 ends at 3.4e38, and motion between frames may swing beyond them."""
 
 
+CompareProfiles = Callable[[MeshSequence, float | None, Profile], Question]
+"""Compares the profiles on a sequence at a bound [scene units]; the last argument says which one was chosen."""
+
+
 class Encoder(ABC):
     """One encode: what is the same whatever the model is.
 
@@ -50,9 +54,18 @@ class Encoder(ABC):
     sequence : MeshSequence
     settings : EncodeSettings
     progress : callable, optional
+    compare_profiles : CompareProfiles, optional
+        If given, the encoder reports which alternatives it had, this comparison among them.
     """
 
-    def __init__(self, sequence: MeshSequence, settings: EncodeSettings, progress: Progress | None) -> None:
+    def __init__(
+        self,
+        sequence: MeshSequence,
+        settings: EncodeSettings,
+        progress: Progress | None,
+        compare_profiles: CompareProfiles | None = None,
+    ) -> None:
+        self._compare_profiles = compare_profiles
         self._sequence, self._settings, self._progress = sequence, settings, progress
         self._started = time.perf_counter()
         self._first = checked_frames(sequence, 0, 1)[0]

@@ -1,16 +1,57 @@
-"""A `.pdeanim` file of several runs of frames: each is an animation of its own, opened when it is needed."""
+"""Opening a `.pdeanim` file: an animation, or where its faces change, a timeline of animations."""
 
 from __future__ import annotations
 
-from typing import Any
+import os
+from typing import Any, BinaryIO
 
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.paper_form import PaperForm
+from pdecodec.codec.source import DecodeLimits, chosen_limits, open_core, open_source
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns, one_run_of
 from pdecodec.mesh.sequence import MeshObject
 from pdecodec.mesh.times import Outside
+
+
+def open_animation(
+    source: str | os.PathLike[str] | bytes | BinaryIO, *, limits: DecodeLimits | None = None
+) -> Animation:
+    """Open a `.pdeanim` file; ``pdecodec.open`` is the same.
+
+    Parameters
+    ----------
+    source : path-like, bytes or binary file
+        The file's path, its address (``https://``, ``s3://``; extra ``remote``), of which what is needed is read and no
+        more, the whole file in memory, or a file that can seek. The latter stays the caller's: nobody else
+        may move it while the animation is open, unless it is a plain file of the system.
+    limits : DecodeLimits, optional
+        Default: those of :func:`pdecodec.codec.source.usual_limits`, else its own defaults.
+
+    Returns
+    -------
+    Animation
+        Close it, or use it in a ``with`` statement: each part is read from the file when it is needed.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be opened or read.
+    CorruptFileError
+        If it is damaged, truncated, of another kind or a later major version.
+    LimitError
+        If it asks for more memory than `limits` allow.
+    """
+    limits = chosen_limits(limits)
+    opened = open_source(source)
+    try:
+        core = open_core(opened, limits)
+        kind = Animation if len(core.runs) == 1 else ChangingAnimation
+        return kind(opened, limits, core=core)
+    except BaseException:
+        opened.close()
+        raise
 
 
 class ChangingAnimation(ChangingSequence, Animation):
@@ -34,7 +75,7 @@ class ChangingAnimation(ChangingSequence, Animation):
     def _open_run(self, number: int) -> Animation:
         with self._naming_the_file():
             core = self._core.open_run(number)
-        return Animation(self._file, self.path, self._limits, origin=self._origin, core=core, run=number)
+        return Animation(self._source, self._limits, core=core, run=number)
 
     def _run_of(self, times: Float64Array) -> Animation:
         run = self.runs[one_run_of(self, times)]
@@ -54,7 +95,7 @@ class ChangingAnimation(ChangingSequence, Animation):
         self, quantity: int, asked: Float64Array, inside: Float64Array, out: Any, outside: Outside, *, is_one: bool
     ) -> Any:
         run = self._run_of(inside)
-        # Looped, a time is in another run than it looks; of that one, it may be behind the last frame.
+        # The wrapped time may fall in another run, after the last frame of that run.
         own = inside if outside == "loop" else asked
         return run._of_core(quantity, own, run._inside(own, "clamp"), out, "clamp", is_one=is_one)
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pdecodec.codec.decoder import Animation
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns, equal_runs
 from pdecodec.mesh.sequence import MeshSequence, check_frame_range, check_times
 from pdecodec.mesh.times import Outside, times_inside
-
-if TYPE_CHECKING:
-    from pdecodec.codec.decoder import Animation
 
 
 class SampledAnimation(MeshSequence):

@@ -1,0 +1,141 @@
+"""What a file may cost to decode, and access to its bytes: a path, an address, a file object, bytes in memory."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, NamedTuple, cast
+
+from pdecodec import _core
+from pdecodec.codec.container import before_groups
+from pdecodec.codec.sections.connectivity import core_errors
+from pdecodec.errors import CorruptFileError, InputError, LimitError
+from pdecodec.system.shares import thread_count
+from pdecodec.system.storage import is_address, open_range_reader
+
+DEFAULT_MAX_MEMORY = 4 * 2**30
+"""Bytes a file may ask for while it is opened and decoded: some five million vertices."""
+
+DEFAULT_MAX_KEPT = 512 * 2**20
+"""Bytes of decoded groups of frames: all of most clips, some 400 frames of 100,000 vertices."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DecodeLimits:
+    """What a file may cost.
+
+    Parameters
+    ----------
+    max_memory : int [bytes]
+        A file that declares more than fits is refused before memory is taken (LimitError).
+    max_output : int [bytes], optional
+        Positions of all frames together, 12 bytes for each vertex and frame: what it takes to decode all of a file, in
+        time as in space, of which two kilobytes can declare terabytes. A file that declares more is refused when it is
+        opened (LimitError). Default: none is.
+    max_kept : int [bytes]
+        Decoded groups of frames that stay in memory, so that they need not be decoded again: an eighth of it at first,
+        and more where times go back to groups that were given up. `max_memory` holds for them as well.
+    """
+
+    max_memory: int = DEFAULT_MAX_MEMORY
+    max_output: int | None = None
+    max_kept: int = DEFAULT_MAX_KEPT
+
+
+_usual_limits: ContextVar[DecodeLimits | None] = ContextVar("limits of files that are opened without", default=None)
+
+
+@contextmanager
+def usual_limits(limits: DecodeLimits) -> Iterator[None]:
+    """Within, files that are opened without limits have these, whatever opens them: readers, cuts, reports."""
+    token = _usual_limits.set(limits)
+    try:
+        yield
+    finally:
+        _usual_limits.reset(token)
+
+
+def chosen_limits(limits: DecodeLimits | None) -> DecodeLimits:
+    """Limits that are given, else those of :func:`usual_limits`, else the defaults."""
+    return limits or _usual_limits.get() or DecodeLimits()
+
+
+class Source(NamedTuple):
+    """An open `.pdeanim` file, or its bytes.
+
+    Attributes
+    ----------
+    file : binary file or bytes
+    name : str
+        For messages.
+    origin : str or None
+        Path or address to open it again by; None for a file of the caller's, which stays open.
+    """
+
+    file: BinaryIO | bytes
+    name: str
+    origin: str | None = None
+
+    def close(self) -> None:
+        """Close the file, unless it is the caller's."""
+        if self.origin is not None and not isinstance(self.file, bytes):
+            self.file.close()
+
+
+def open_source(source: str | os.PathLike[str] | bytes | BinaryIO) -> Source:
+    """Open what :func:`pdecodec.open` takes; InputError where that fails."""
+    if isinstance(source, bytes):
+        return Source(source, "bytes in memory")
+    if not isinstance(source, str | os.PathLike):
+        return Source(source, str(getattr(source, "name", "a file in memory")))
+    if is_address(source):
+        remote = open_range_reader(str(source))
+        remote.read_ahead(before_groups(remote.head))
+        return Source(cast("BinaryIO", remote), str(source), str(source))
+    try:
+        file = Path(source).open("rb", buffering=0)  # noqa: SIM115 - the animation keeps it open until it is closed
+    except (OSError, ValueError) as error:  # ValueError: a character that no path can have
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"cannot be opened ({reason})", path=source) from error
+    return Source(file, os.fspath(source), os.path.abspath(source))
+
+
+def open_core(source: Source, limits: DecodeLimits) -> _core.Animation:
+    """The core's view of a file; errors as of :func:`pdecodec.open`."""
+    with naming_file_of(source):
+        return _core.Animation(_core_source(source.file), limits.max_memory, thread_count(), limits.max_kept)
+
+
+@contextmanager
+def naming_file_of(source: Source, first_frame: int = 0) -> Iterator[None]:
+    """Name the file in errors of the core, which knows section and frame of a run, and the run's first frame."""
+    try:
+        with core_errors():
+            yield
+    except CorruptFileError as error:
+        frame = None if error.frame is None else first_frame + error.frame
+        raise type(error)(error.message, path=source.name, frame=frame, offset=error.offset) from error
+    except _core.ReadError as error:
+        raise InputError(str(error), path=source.name) from error
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror or error})", path=source.name) from error
+    except ValueError as error:
+        if not getattr(source.file, "closed", False):
+            raise
+        raise InputError("its file was closed; open both again", path=source.name) from error
+    except MemoryError as error:
+        raise LimitError("needs more memory than there is; lower the memory limit", path=source.name) from error
+
+
+def _core_source(file: BinaryIO | bytes) -> BinaryIO | bytes | int:
+    """A plain file by its descriptor, where reads need not move it: threads and forked processes share its place."""
+    if os.name == "posix" and type(file) in (io.FileIO, io.BufferedReader):
+        raw = getattr(file, "raw", file)
+        if type(raw) is io.FileIO:
+            return raw.fileno()
+    return file
