@@ -96,7 +96,7 @@ def _compare(first: MeshSequence, second: MeshSequence) -> dict[str, Any]:
     import numpy as np
 
     from pdecodec.mesh.metrics import Distortion, measure_distortion
-    from pdecodec.report.surface_metrics import SurfaceDistortion, measure_surfaces
+    from pdecodec.mesh.surface_metrics import SurfaceDistortion, measure_surfaces
 
     result: dict[str, Any] = {
         "frames": [first.frame_count, second.frame_count],

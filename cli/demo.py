@@ -15,8 +15,8 @@ from pdecodec.cli.options import json_option
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from pdecodec.mesh.surface_metrics import SurfaceDistortion
     from pdecodec.report.demo import Demonstration, Encoding
-    from pdecodec.report.surface_metrics import SurfaceDistortion
 
 
 @click.command()

@@ -111,7 +111,7 @@ def report(
     from pdecodec.report.clips.comparison import read_measurements, too_large
     from pdecodec.report.clips.making import find_clips, make_report
     from pdecodec.report.clips.measuring import PROFILES, TOLERANCES, ReportPlan
-    from pdecodec.research.baselines import available_baselines
+    from pdecodec.research.baselines import available_baselines, face_baselines
 
     if fail_if_larger is not None and compare is None:
         raise SettingsError("--fail-if-larger needs --compare, to know what files were before")
@@ -131,6 +131,7 @@ def report(
         tolerances=tuple(sorted(set(tolerances or TOLERANCES), reverse=True)),
         profiles=tuple(profile for profile in PROFILES if profile in (profiles or PROFILES)),
         baselines=able,
+        face_baselines=face_baselines() if baselines else (),
         effort=effort,
         jobs=jobs,
     )

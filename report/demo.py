@@ -21,6 +21,7 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.metrics import Distortion, bits_per_vertex_frame, frame_scale, measure_distortion
 from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import ArraySequence, Progress
+from pdecodec.mesh.surface_metrics import SurfaceDistortion, measure_surfaces
 from pdecodec.report.charts.drawing import (
     as_seen,
     draw_mesh,
@@ -32,7 +33,6 @@ from pdecodec.report.charts.drawing import (
     write,
 )
 from pdecodec.report.charts.figure import Canvas
-from pdecodec.report.surface_metrics import SurfaceDistortion, measure_surfaces
 from pdecodec.simulate import build
 
 FRAMES = 61

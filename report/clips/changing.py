@@ -1,4 +1,4 @@
-"""A clip whose connectivity changes: what it costs, faces included, beside Draco, which codes every frame by itself."""
+"""A clip whose connectivity changes: what it costs, faces included, beside coders that code faces, too."""
 
 from __future__ import annotations
 
@@ -12,17 +12,15 @@ import numpy as np
 from pdecodec.codec.encode.encoder import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.settings import Order
-from pdecodec.errors import PdecodecError
 from pdecodec.mesh.metrics import frame_scale, measure_distortion
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import Progress
 from pdecodec.report.charts.figure import Figure, Report, Section, Table, Value
 from pdecodec.report.charts.vegalite import WIDTH, channel, log_axis, tooltip
+from pdecodec.report.clips.baseline import Baseline, UnreachableError
 from pdecodec.report.clips.coder_figures import LINE
 from pdecodec.report.clips.measuring import ReportPlan
-from pdecodec.research.baselines.baseline import Baseline, UnreachableError
-from pdecodec.research.baselines.packages import DracoWithFaces
-from pdecodec.research.baselines.search import RateCurve
+from pdecodec.report.clips.ratesearch import RateCurve
 
 CONNECTIVITY_SECTIONS = ("CONN", "ORDR")
 """Faces, and the order that they and the vertices had."""
@@ -81,37 +79,28 @@ class ChangingPoint:
 def measure_changing(
     clip: str, sequence: ChangingSequence, plan: ReportPlan, progress: Progress | None = None
 ) -> list[ChangingPoint]:
-    """Every coder at every tolerance of the plan; Draco where the plan has baselines and it is installed.
+    """Measure pdecodec and the plan's :attr:`ReportPlan.face_baselines` at every tolerance.
 
     Raises
     ------
     InputError
         If a frame cannot be encoded.
     """
-    draco = DracoWithFaces() if plan.baselines and _is_there(DracoWithFaces()) else None
-    total = len(plan.tolerances) * (len(ORDERS) + (draco is not None))
+    total = len(plan.tolerances) * (len(ORDERS) + len(plan.face_baselines))
     points: list[ChangingPoint] = []
-    for point in _points(sequence, plan, draco):
+    for point in _points(sequence, plan):
         points.append(point)
         if progress is not None:
             progress(len(points), total, f"{clip}: {point.coder}")
     return points
 
 
-def _is_there(baseline: Baseline) -> bool:
-    try:
-        baseline.require()
-    except PdecodecError:
-        return False
-    return True
-
-
-def _points(sequence: ChangingSequence, plan: ReportPlan, draco: Baseline | None) -> Iterator[ChangingPoint]:
+def _points(sequence: ChangingSequence, plan: ReportPlan) -> Iterator[ChangingPoint]:
     for name in ORDERS:
         for tolerance in plan.tolerances:
             yield _measure_own(sequence, name, tolerance, plan)
-    if draco is not None:
-        yield from _measure_draco(sequence, draco, plan.tolerances)
+    for baseline in plan.face_baselines:
+        yield from _measure_baseline(sequence, baseline, plan.tolerances)
 
 
 def _measure_own(sequence: ChangingSequence, name: str, tolerance: float, plan: ReportPlan) -> ChangingPoint:
@@ -140,15 +129,17 @@ def _measure_own(sequence: ChangingSequence, name: str, tolerance: float, plan: 
     )
 
 
-def _measure_draco(sequence: ChangingSequence, draco: Baseline, tolerances: Sequence[float]) -> Iterator[ChangingPoint]:
+def _measure_baseline(
+    sequence: ChangingSequence, baseline: Baseline, tolerances: Sequence[float]
+) -> Iterator[ChangingPoint]:
     scale = frame_scale(sequence.runs[0].read_frames(0, 1)[0])
     sums = {tolerance: _Sums() for tolerance in tolerances}
     for run in sequence.runs:
-        curve = RateCurve(draco, np.asarray(run.read_frames(0, run.frame_count)), run.connectivity)
+        curve = RateCurve(baseline, np.asarray(run.read_frames(0, run.frame_count)), run.connectivity)
         for tolerance, found in sums.items():
             found.add(curve, tolerance * scale, run.frame_count * run.vertex_count)
     for tolerance, found in sums.items():
-        point = ChangingPoint(coder=draco.name, tolerance=tolerance, frames=sequence.frame_count)
+        point = ChangingPoint(coder=baseline.name, tolerance=tolerance, frames=sequence.frame_count)
         yield point if found.refused else found.point(point, scale)
 
 
@@ -233,13 +224,15 @@ def changing_report(clip: str, sequence: ChangingSequence, points: Sequence[Chan
 
 def _lesson(points: Sequence[ChangingPoint]) -> str:
     sizes = {(point.coder, point.tolerance): point.frame_size for point in points}
-    draco = DracoWithFaces.name
-    shares = [
-        f"{own / theirs:.2f} at {tolerance:g}"
-        for (coder, tolerance), own in sizes.items()
-        if coder == "pdecodec auto, order free" and own and (theirs := sizes.get((draco, tolerance)))
-    ]
-    return f"Without the order of vertices, over Draco's bytes: {', '.join(shares)}." if shares else ""
+    said = []
+    for other in dict.fromkeys(point.coder for point in points if point.coder not in ORDERS):
+        shares = [
+            f"{own / theirs:.2f} at {tolerance:g}"
+            for (coder, tolerance), own in sizes.items()
+            if coder == "pdecodec auto, order free" and own and (theirs := sizes.get((other, tolerance)))
+        ]
+        said += [f"Without the order of vertices, over the bytes of {other}: {', '.join(shares)}."] if shares else []
+    return " ".join(said)
 
 
 def _every_point(points: Sequence[ChangingPoint]) -> Figure:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pdecodec
+from pdecodec import _core
 from pdecodec.errors import InputError
 from pdecodec.mesh.metrics import bits_per_vertex_frame
 from pdecodec.mesh.sequence import ArraySequence
@@ -52,7 +53,7 @@ class Measurement:
     normal_error, normal_p99 : float or None [degrees]
         Mean and 99th percentile of the angle between normals; None without faces.
     sted : float or None
-        Spatio-temporal edge difference (:mod:`pdecodec.report.surface_metrics`); None without edges.
+        Spatio-temporal edge difference (:mod:`pdecodec.mesh.surface_metrics`); None without edges.
     encode_seconds, decode_seconds, copy_seconds, random_seconds : float or None
         Of encoding; of opening and decoding all; of `np.copyto` of the same positions; of one frame at a random time
         of an open file (None for baselines, which have no times).
@@ -256,9 +257,9 @@ def clip_digest(sequence: ArraySequence) -> str:
 
 @cache
 def codec_version() -> str:
-    """Changes when what pdecodec writes, or how fast, may: a digest of its code."""
-    digest = hashlib.sha256()
+    """Return a digest of the codec's code and its native core: it changes when files or speed may."""
+    digest = hashlib.sha256(Path(str(_core.__file__)).read_bytes())
     folder = Path(pdecodec.__file__).parent
-    for path in sorted([*folder.glob("*.py"), *folder.glob("kernels/*.py")]):
+    for path in sorted([*folder.glob("codec/**/*.py"), *folder.glob("mesh/*.py")]):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

@@ -29,10 +29,10 @@ from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.metrics import Distortion, frame_scale, measure_distortion
 from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import ArraySequence, Progress
+from pdecodec.mesh.surface_metrics import measure_surface
+from pdecodec.report.clips.baseline import Baseline, UnreachableError
 from pdecodec.report.clips.measurement import KeptMeasurements, Measurement, clip_digest, codec_version, measurement_key
-from pdecodec.report.surface_metrics import measure_surface
-from pdecodec.research.baselines.baseline import Baseline, UnreachableError
-from pdecodec.research.baselines.search import RateCurve
+from pdecodec.report.clips.ratesearch import RateCurve
 from pdecodec.system.interrupts import end_when_interrupted, interrupts_held
 
 TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
@@ -58,13 +58,15 @@ RANDOM_FRAMES = 100
 
 @dataclass(frozen=True, kw_only=True)
 class ReportPlan:
-    """What is measured: tolerances from coarse to fine, profiles, baselines that can run here, the effort of profile
-    auto, and how many baselines are measured at a time.
+    """What is measured: tolerances from coarse to fine, profiles, baselines that can run here, baselines that code
+    faces as well (for clips whose connectivity changes), the effort of profile auto, and how many baselines are
+    measured at a time.
     """
 
     tolerances: tuple[float, ...] = TOLERANCES
     profiles: tuple[Profile, ...] = PROFILES
     baselines: tuple[Baseline, ...] = ()
+    face_baselines: tuple[Baseline, ...] = ()
     effort: EffortName = "default"
     jobs: int = JOBS
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pdecodec.research.baselines.baseline import Baseline
+    from pdecodec.report.clips.baseline import Baseline
 
 
 def all_baselines() -> tuple[Baseline, ...]:
@@ -36,6 +36,13 @@ def all_baselines() -> tuple[Baseline, ...]:
         *(FittedCoddyac(), Corrected(FittedCoddyac())),
         *(SkinningDecomposition(), SkinningCosines(), Corrected(SkinningCosines())),
     )
+
+
+def face_baselines() -> tuple[Baseline, ...]:
+    """Return the baselines that code faces as well, for clips whose connectivity changes, where they can run here."""
+    from pdecodec.research.baselines.packages import DracoWithFaces
+
+    return tuple(baseline for baseline in (DracoWithFaces(),) if baseline.missing() is None)
 
 
 def available_baselines() -> tuple[tuple[Baseline, ...], tuple[str, ...]]:

@@ -13,7 +13,7 @@ import numpy as np
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity
-from pdecodec.research.baselines.baseline import Transform, UnreachableError, rounded
+from pdecodec.report.clips.baseline import Transform, UnreachableError, rounded
 from pdecodec.research.baselines.coding import decode_bands, encode_bands
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity
-from pdecodec.research.baselines.baseline import Baseline, Encoder, UnreachableError
+from pdecodec.report.clips.baseline import Baseline, Encoder, UnreachableError
 from pdecodec.research.baselines.quantised import Grid, GridDifferences, level_for
 from pdecodec.research.baselines.traversal import fans
 

@@ -14,7 +14,7 @@ from numpy.typing import DTypeLike, NDArray
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity
-from pdecodec.research.baselines.baseline import Baseline, Encoder, UnreachableError
+from pdecodec.report.clips.baseline import Baseline, Encoder, UnreachableError
 from pdecodec.research.baselines.coding import decode_over_mesh, encode_over_mesh
 from pdecodec.research.baselines.traversal import traverse
 

@@ -11,7 +11,7 @@ import numpy as np
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity
-from pdecodec.research.baselines.baseline import Baseline, Encoder, Transform, rounded
+from pdecodec.report.clips.baseline import Baseline, Encoder, Transform, rounded
 from pdecodec.research.baselines.coding import (
     decode_over_mesh,
     decode_over_time,

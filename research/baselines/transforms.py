@@ -12,7 +12,7 @@ import numpy as np
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity
-from pdecodec.research.baselines.baseline import Baseline, Encoder, Transform, rounded
+from pdecodec.report.clips.baseline import Baseline, Encoder, Transform, rounded
 from pdecodec.research.baselines.coding import (
     decode_bands,
     decode_over_mesh,

@@ -12,14 +12,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from pdecodec.mesh.arrays import Float64Array
-from pdecodec.report.charts.drawing import BLUE, GREEN, GREY, ORANGE, name_rows, write
-from pdecodec.report.charts.figure import Canvas, Figure, Table
-from pdecodec.research.reproduction import bspline, printed
+from pdecodec.research.reproduction import bspline
 from pdecodec.research.reproduction.functions import space_functions, time_functions
 from pdecodec.research.reproduction.method import (
     HONEST,
@@ -30,11 +28,7 @@ from pdecodec.research.reproduction.method import (
     frame_errors,
     product_fit,
 )
-from pdecodec.research.reproduction.rates import PDE, SPLINES
 from pdecodec.research.reproduction.rope import FRAMES, KEYFRAMES, Rope, as_curves, own_substeps, simulate
-
-if TYPE_CHECKING:
-    from pdecodec.research.reproduction.findings import Findings
 
 T = TypeVar("T")
 
@@ -199,147 +193,3 @@ def _timed(work: Callable[[], T]) -> tuple[T, float]:
         result = work()
         seconds.append(time.process_time() - started)
     return result, min(seconds)
-
-
-def bytes_figure(findings: Findings) -> Figure:
-    """Design variables and bytes of every representation, against their errors."""
-    kept = findings.stores
-    parts = tuple(dict.fromkeys(part for store in kept for part in store.parts))
-    raw, literal, honest, splines = kept
-    sizes = {name: [point for point in findings.models if point.model == name] for name in (PDE, SPLINES)}
-
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        panel.set(
-            xscale="log", yscale="log", xlim=(4, 4e4), ylim=(1e-3, 0.2), ylabel="largest error over D, all curves"
-        )
-        panel.set_xlabel("kB that a decoder needs as float32, connectivity not counted")
-        for name, colour in ((PDE, BLUE), (SPLINES, GREEN)):
-            found = [((point.plain_bytes or 0) / 1e3, point.unrounded.largest) for point in sizes[name]]
-            panel.plot(*zip(*found, strict=True), "o-", color=colour, markersize=3.5)
-            label = f"{name.split(',')[0]}, u by index,\nfitted to all frames, more and more constants"
-            # The two lines run beside each other: one is named above, one below.
-            at, offset, anchor = (found[2], (6, 6), "left") if name == PDE else (found[3], (-6, -14), "right")
-            write(panel, label, at, offset, color=colour, size=8.5, ha=anchor)
-        for store, colour, side in ((honest, BLUE, 1), (literal, ORANGE, -1), (splines, GREEN, 1)):
-            place = (store.total / 1e3, store.largest_error or 0.0)
-            panel.plot(*place, "D", color=colour, markersize=8)
-            largest = max(store.parts, key=lambda part: store.parts[part])
-            label = f"{store.name}: {store.variables:,} variables,\n{store.total / 1e3:,.1f} kB, mostly {largest}"
-            write(panel, label, place, (8 * side, 14), color=colour, ha="left" if side > 0 else "right")
-        panel.axvline(raw.total / 1e3, color="black", linewidth=0.9, linestyle=":")
-        write(panel, "raw positions, exact", (raw.total / 1e3, 1.2e-3), (5, 0), size=8.5)
-
-    return Figure(
-        name="bytes",
-        title="768 design variables, and what the decoder needs beside them",
-        lesson=(
-            f"The 768 constants are {honest.total:,} bytes as float32, {honest.total / raw.total:.2%} of the raw "
-            "positions, as the paper counts: with u by index that is all a decoder needs, at errors up to "
-            f"{honest.largest_error:.3f} D over all curves. As printed u of Eq. 24 comes on top, "
-            f"{literal.parts['u of Eq. 24'] / 1e6:.2f} MB and exactly as much as the raw positions. B-splines by index "
-            f"need {splines.total / 1e3:.1f} kB for errors up to {splines.largest_error:.3f}. Diamonds are fitted to "
-            "the keyframes, as in the paper; lines to all frames, which is what bytes can buy at most."
-        ),
-        table=Table.from_columns(
-            {
-                "representation": [store.name for store in kept],
-                "design variables": [store.variables for store in kept],
-                **{f"{part} [bytes]": [store.parts.get(part, 0) for store in kept] for part in parts},
-                "total [bytes]": [store.total for store in kept],
-                "largest error over D": [store.largest_error for store in kept],
-            }
-        ),
-        draw=draw,
-        size=(10.0, 4.6),
-        shows_table=True,
-    )
-
-
-def speed_figure(findings: Findings) -> Figure:
-    """What fit and evaluation take."""
-    found, fine = findings.speeds, findings.routes[0].seconds
-
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        names = [*(item.name for item in found), "paper: PDE", "paper: B-splines"]
-        seconds = [*(item.seconds for item in found), printed.SECONDS_PDE, printed.SECONDS_SPLINE]
-        colours = [BLUE] * (len(found) - 1) + [GREEN, GREY, GREY]
-        for height, value, colour in zip(name_rows(panel, names), seconds, colours, strict=True):
-            panel.barh(height, value, color=colour, height=0.6)
-            write(panel, f"{value:.3f} s", (value, height), (5, 0))
-        panel.set(xlabel="CPU time of one thread, 24 curves, fit and evaluation at 11 frames [s]")
-        panel.set_xlim(0, 1.15 * max(seconds))
-
-    normal, values, product, splines = found
-    return Figure(
-        name="quickness",
-        title="How quick the reconstruction is",
-        lesson=(
-            f"As printed, with a matrix of its own for each curve and axis, normal equations take {normal.seconds:.2f} "
-            f"s in numpy and one thread, singular values {values.seconds:.2f} s; the paper has {printed.SECONDS_PDE} s "
-            f"in C++. Where u is by index all curves share one factorisation: {product.seconds:.3f} s, less than "
-            f"B-splines ({splines.seconds:.3f} s; paper {printed.SECONDS_SPLINE} s). Eleven frames of our XPBD take "
-            f"{fine:.2f} s. The normal equations leave a mean of {normal.mean:.5f} where singular values leave "
-            f"{values.mean:.5f}."
-        ),
-        table=Table.from_columns(
-            {
-                "way": [item.name for item in found],
-                "CPU time [s]": [item.seconds for item in found],
-                "share of XPBD": [item.seconds / fine for item in found],
-                "mean E_A": [item.mean for item in found],
-            }
-        ),
-        draw=draw,
-        size=(9.5, 3.4),
-    )
-
-
-def time_figure(findings: Findings) -> Figure:
-    """CPU times of every way to eleven frames, and their errors."""
-    ways = findings.routes
-    fine, sampled, doubled, _, coarse = ways
-
-    def draw(canvas: Canvas) -> None:
-        left, right = canvas.subplots(1, 2, sharey=True, width_ratios=(1.25, 1))
-        heights = name_rows(left, [route.name.replace(", ", ",\n", 1) for route in ways])
-        for height, route in zip(heights, ways, strict=True):
-            left.barh(height, route.simulation_seconds, color=BLUE, height=0.6)
-            left.barh(height, route.fit_seconds, left=route.simulation_seconds, color=ORANGE, height=0.6)
-            share = f"{route.seconds:.2f} s, {route.seconds / fine.seconds:.0%}"
-            write(left, share, (route.seconds, height), (5, 0))
-            errors = f"{route.errors.mean:.4f} to {route.errors.largest:.3f}"
-            right.plot([route.errors.mean, route.errors.largest], [height] * 2, color=GREY, linewidth=3)
-            text = "what is compared with" if route is fine else errors
-            write(right, text, (route.errors.largest, height), (6, 0))
-        left.set(xlabel="CPU time for 11 frames [s]", xlim=(0, 1.35 * max(route.seconds for route in ways)))
-        left.set_title("XPBD (blue) and fit (orange)")
-        right.set(xlabel="error over D, mean to largest", xlim=(0, 0.12), title="error against XPBD's own step")
-        right.grid(axis="y", alpha=0)
-
-    own = (printed.SECONDS_KEYFRAMES + printed.SECONDS_PDE) / printed.SECONDS_ALL_FRAMES
-    return Figure(
-        name="time",
-        title="Half the time of XPBD?",
-        lesson=(
-            f"Keyframes sampled from the simulation save nothing ({sampled.seconds / fine.seconds:.0%}): the solver "
-            "passes through every frame. Keyframes simulated with a doubled step take "
-            f"{doubled.seconds / fine.seconds:.0%} with the fit, at a mean error of {doubled.errors.mean:.4f}. But the "
-            f"doubled step alone gives all eleven frames in {coarse.seconds / fine.seconds:.0%} of the time, at "
-            f"{coarse.errors.mean:.4f}: the saving is the step's, not the method's. The paper's own seconds give "
-            f"{own:.2%}, not the {printed.TIME_SHARE:.2%} of its text."
-        ),
-        table=Table.from_columns(
-            {
-                "way": [route.name for route in ways],
-                "XPBD [s]": [route.simulation_seconds for route in ways],
-                "fit and evaluation [s]": [route.fit_seconds for route in ways],
-                "share of XPBD": [route.seconds / fine.seconds for route in ways],
-                "mean E_A": [route.errors.mean for route in ways],
-                "largest E_M": [route.errors.largest for route in ways],
-            }
-        ),
-        draw=draw,
-        size=(10.5, 3.9),
-    )

@@ -9,17 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.mesh.arrays import BoolArray, Float64Array
-from pdecodec.report.charts.drawing import BLUE, ORANGE, write
-from pdecodec.report.charts.figure import Canvas, Figure, Table
-
-if TYPE_CHECKING:
-    from pdecodec.research.reproduction.findings import Findings
 
 ALPHA, R = 2.0, 2.0
 """Rates over t and u in [0, 1] that stand where the paper gives none."""
@@ -166,51 +160,3 @@ def growth_exponent(waves: float, alpha: float, r: float) -> float:
     sign s is imaginary.
     """
     return (2 * math.pi * waves) ** 2 * alpha / r**2
-
-
-def equation_figure(findings: Findings) -> Figure:
-    """Which products of Eq. 18 solve Eq. 10."""
-    found = findings.equation
-    solves = found.printed < ROUNDING
-    short = growth_exponent(SHORT_WAVES, ALPHA, R) / math.log(10)
-
-    def draw(canvas: Canvas) -> None:
-        from matplotlib.patches import Rectangle
-
-        panel = canvas.subplots()
-        for (i, j), is_solved in np.ndenumerate(solves):
-            colour, text = (BLUE, "+K") if is_solved else (ORANGE, "-K")
-            panel.add_patch(Rectangle((j, i), 0.94, 0.9, color=colour))
-            write(panel, text, (j + 0.47, i + 0.45), size=9.5, ha="center", color="white", weight="bold")
-        panel.set(xlim=(0, 8), ylim=(4, 0))
-        panel.set_xticks(np.arange(8) + 0.47, NAMES_OF_SPACE, fontsize=8)
-        panel.set_yticks(np.arange(4) + 0.45, NAMES_OF_TIME)
-        panel.set_title("solves m w_tt = +K w_uuuu, Eq. 10 (blue), or m w_tt = -K w_uuuu (orange)")
-        panel.grid(False)
-        panel.tick_params(length=0)
-        panel.spines[:].set_visible(False)
-
-    return Figure(
-        name="equation",
-        title="Half of the 32 functions solve the equation",
-        lesson=(
-            f"{int(solves.sum())} products of Eq. 18 solve Eq. 10; the other {int((found.beam < ROUNDING).sum())} "
-            f"solve it with the sign of the Euler-Bernoulli beam; all {int((found.squared < ROUNDING).sum())} solve "
-            "w_tttt = (K/m)^2 w_uuuuuuuu. Residuals, over the size of the terms, are below 1e-15 or of order 1: there "
-            "is nothing in between. The sign matters where the equation is to be integrated: Eq. 10 as printed lets a "
-            f"wave grow as e^(k^2 sqrt(K/m) t), one of {SHORT_WAVES} periods along the curve {short:.0f} powers of ten "
-            "within the clip at the rates used here, and shorter ones faster without limit. Fitting its solutions to "
-            "given frames, as the paper does, is not affected: nothing is integrated."
-        ),
-        table=Table.from_columns(
-            {
-                "function": [f"{time} {space}" for time in NAMES_OF_TIME for space in NAMES_OF_SPACE],
-                "residual of Eq. 10": found.printed.ravel(),
-                "residual with -K": found.beam.ravel(),
-                "residual of w_tttt = (K/m)^2 w_uuuuuuuu": found.squared.ravel(),
-            }
-        ),
-        draw=draw,
-        size=(9.0, 3.2),
-        consequence="profile paper spans all 32.",
-    )

@@ -3,100 +3,84 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 
 from pdecodec.report.charts.figure import Figure, Report, Section, Table
-from pdecodec.research.reproduction import printed
-from pdecodec.research.reproduction.accuracy import (
-    rate_map_figure,
-    splines_figure,
-    table_1_figure,
-    variants_figure,
-)
-from pdecodec.research.reproduction.cost import bytes_figure, speed_figure, time_figure
+from pdecodec.research.reproduction import accuracy, cost_figures, given_figures, physics_figures, printed, shapes
 from pdecodec.research.reproduction.findings import Findings
-from pdecodec.research.reproduction.functions import equation_figure
-from pdecodec.research.reproduction.leak import choices_figure, elimination_figure, knot_figure, leak_figure
 from pdecodec.research.reproduction.method import PRINTED
-from pdecodec.research.reproduction.physics import beam_figure, tied_figure
-from pdecodec.research.reproduction.rates import (
-    constants_figure,
-    fit_time_figure,
-    gap_figure,
-    rate_figure,
-    surface_figure,
-)
-from pdecodec.research.reproduction.shapes import (
-    figure_2,
-    figure_3,
-    figure_4,
-    figure_5,
-    figure_6,
-    figure_6_known,
-    meshes_figure,
-)
-from pdecodec.research.reproduction.sweep import WITHIN, sweep_figure
+from pdecodec.research.reproduction.sweep import WITHIN
 from pdecodec.research.reproduction.verdicts import Verdict, judge
+
+SECTIONS: tuple[tuple[str, str, tuple[Callable[[Findings], Figure], ...]], ...] = (
+    (
+        "What the decoder is given",
+        "Two things in the method are generous to it: a parameter that holds the answer, and errors measured after a "
+        "matrix that has taken much of the motion away. What each is worth is measured apart.",
+        (
+            given_figures.choices_figure,
+            given_figures.sweep_figure,
+            given_figures.leak_figure,
+            given_figures.knot_figure,
+            given_figures.elimination_figure,
+        ),
+    ),
+    (
+        "Accuracy",
+        "Errors are E_A and E_M of Eqs. 26 and 27, over D, the distance of the two furthest points of the first curve "
+        "at frame 0: {diameter:.4g} m.",
+        (
+            accuracy.table_1_figure,
+            shapes.figure_2,
+            shapes.figure_3,
+            shapes.figure_4,
+            shapes.figure_5,
+            shapes.figure_6,
+            shapes.figure_6_known,
+            shapes.meshes_figure,
+            accuracy.splines_figure,
+            accuracy.variants_figure,
+            accuracy.rate_map_figure,
+        ),
+    ),
+    (
+        "The equation and its physics",
+        "Eq. 17 is called the solution of Eq. 10. The derivatives of its functions are known exactly.",
+        (physics_figures.equation_figure, physics_figures.beam_figure, physics_figures.tied_figure),
+    ),
+    (
+        "Cost",
+        "Numbers are counted as float32, as positions are, unless a chart says that they are coded. Times are CPU "
+        "times of one thread; the least of two.",
+        (
+            cost_figures.bytes_figure,
+            cost_figures.rate_figure,
+            cost_figures.surface_figure,
+            cost_figures.constants_figure,
+            cost_figures.gap_figure,
+            cost_figures.speed_figure,
+            cost_figures.fit_time_figure,
+            cost_figures.time_figure,
+        ),
+    ),
+)
+"""Title, introduction and figures, in the order of the page; the verdicts stand before them."""
 
 
 def make_report(findings: Findings) -> Report:
-    """The page: verdicts first, then what they stand on."""
+    """Return the page: verdicts first, then the figures that they rest on."""
     settings = findings.rope.settings
     verdicts = judge(findings)
+    sections = (
+        Section(title, introduction.format(diameter=findings.rope.diameter), tuple(make(findings) for make in figures))
+        for title, introduction, figures in SECTIONS
+    )
     return Report(
         title="The paper, reproduced and judged",
         summary=_summary(findings, verdicts),
         sections=(
             Section("Verdicts", "Each claim of the paper beside what this run measured.", (_verdict_table(verdicts),)),
-            Section(
-                "What the decoder is given",
-                "Two things in the method are generous to it: a parameter that holds the answer, and errors measured "
-                "after a matrix that has taken much of the motion away. What each is worth is measured apart.",
-                (
-                    choices_figure(findings),
-                    sweep_figure(findings),
-                    leak_figure(findings),
-                    knot_figure(findings),
-                    elimination_figure(findings),
-                ),
-            ),
-            Section(
-                "Accuracy",
-                "Errors are E_A and E_M of Eqs. 26 and 27, over D, the distance of the two furthest points of the "
-                f"first curve at frame 0: {findings.rope.diameter:.4g} m.",
-                (
-                    table_1_figure(findings),
-                    figure_2(findings),
-                    figure_3(findings),
-                    figure_4(findings),
-                    figure_5(findings),
-                    figure_6(findings),
-                    figure_6_known(findings),
-                    meshes_figure(findings),
-                    splines_figure(findings),
-                    variants_figure(findings),
-                    rate_map_figure(findings),
-                ),
-            ),
-            Section(
-                "The equation and its physics",
-                "Eq. 17 is called the solution of Eq. 10. The derivatives of its functions are known exactly.",
-                (equation_figure(findings), beam_figure(findings), tied_figure(findings)),
-            ),
-            Section(
-                "Cost",
-                "Numbers are counted as float32, as positions are, unless a chart says that they are coded. Times are "
-                "CPU times of one thread; the least of two.",
-                (
-                    bytes_figure(findings),
-                    rate_figure(findings),
-                    surface_figure(findings),
-                    constants_figure(findings),
-                    gap_figure(findings),
-                    speed_figure(findings),
-                    fit_time_figure(findings),
-                    time_figure(findings),
-                ),
-            ),
+            *sections,
         ),
         settings={
             "vertices": settings.rings * settings.sides,

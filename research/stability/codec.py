@@ -15,6 +15,7 @@ from pdecodec.codec.settings import EncodeSettings
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.metrics import bits_per_vertex_frame, frame_scale, measure_distortion
 from pdecodec.mesh.sequence import ArraySequence
+from pdecodec.mesh.surface_metrics import SurfaceDistortion, measure_surface
 from pdecodec.report.charts.drawing import (
     BLUE,
     FAILING,
@@ -27,7 +28,6 @@ from pdecodec.report.charts.drawing import (
     write,
 )
 from pdecodec.report.charts.figure import Canvas, Figure, Section, Table, Value
-from pdecodec.report.surface_metrics import SurfaceDistortion, measure_surface
 from pdecodec.research.stability.nasty_clips import FPS, NASTY, far_away, impact, teleport
 
 TOLERANCE = 1e-3

@@ -17,8 +17,9 @@ from pdecodec.errors import MissingExtraError
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.metrics import frame_scale
 from pdecodec.mesh.sequence import Connectivity
+from pdecodec.report.clips.baseline import Baseline, Encoder, Transform, UnreachableError, code_digest
+from pdecodec.report.clips.ratesearch import MOST_TRIES, RateCurve, SearchResult, largest_distance
 from pdecodec.research.baselines import all_baselines, available_baselines
-from pdecodec.research.baselines.baseline import Baseline, Encoder, Transform, UnreachableError, code_digest
 from pdecodec.research.baselines.bspline import BSpline
 from pdecodec.research.baselines.coding import (
     decode_bands,
@@ -31,7 +32,6 @@ from pdecodec.research.baselines.coding import (
 from pdecodec.research.baselines.neighbours import FittedPredictor, decode_fitted, encode_fitted
 from pdecodec.research.baselines.packages import Draco, Zfp
 from pdecodec.research.baselines.quantised import RawFloat16, RawFloat32
-from pdecodec.research.baselines.search import MOST_TRIES, RateCurve, SearchResult, largest_distance
 from pdecodec.research.baselines.skinned import RigidSkinning, SkinningCosines
 from pdecodec.research.baselines.skinning import MOST_WEIGHTS, fit_skinning, simplex_solution
 from pdecodec.research.baselines.transforms import (

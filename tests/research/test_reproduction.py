@@ -29,7 +29,8 @@ from pdecodec.research.reproduction.functions import (
     space_derivatives,
     time_derivatives,
 )
-from pdecodec.research.reproduction.leak import choices_figure, draw_another_shape
+from pdecodec.research.reproduction.given_figures import choices_figure
+from pdecodec.research.reproduction.leak import draw_another_shape
 from pdecodec.research.reproduction.method import (
     HONEST,
     PRINTED,

@@ -1,4 +1,8 @@
-"""What a baseline is: an encoder with one length to turn, and a decoder; some round numbers of their own making."""
+"""What a coder fulfils that is compared with pdecodec: an encoder with one length to turn, and a decoder.
+
+`pdecodec.research.baselines` implements it; whoever calls :func:`pdecodec.report.clips.making.make_report` may pass
+others.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ import ast
 import hashlib
 import importlib.metadata
 import importlib.util
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cache
@@ -14,6 +19,7 @@ from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 
+from pdecodec import _core
 from pdecodec.errors import MissingExtraError
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity
@@ -92,8 +98,9 @@ class Baseline(ABC):
             raise MissingExtraError(reason)
 
     def version(self) -> str:
-        """Changes when its results may: a digest of its name, of all baselines' code, and of its package's version."""
-        digest = hashlib.sha256(self.name.encode() + code_digest(Path(__file__).parent))
+        """Return a digest that changes when results may: of the name, the code, and the package's version."""
+        folder = Path(str(sys.modules[type(self).__module__].__file__)).parent
+        digest = hashlib.sha256(self.name.encode() + code_digest(folder))
         if self.package is not None:
             digest.update(importlib.metadata.version(self.package).encode())
         return digest.hexdigest()[:16]
@@ -101,12 +108,12 @@ class Baseline(ABC):
 
 @cache
 def code_digest(folder: Path) -> bytes:
-    """Of what the modules of a folder do, and of what the range coder, which is the codec's, makes of some integers."""
-    from pdecodec.research.baselines.coding import encode_bands
+    """Return a digest of what a folder's modules and the rate search do, and of the range coder's bytes of some values.
 
-    digest = hashlib.sha256(encode_bands(np.arange(-999, 1000).reshape(1, -1)))
-    for path in sorted(folder.glob("*.py")):
-        # Whatever the comments, docstrings and layout.
+    Comments, docstrings and layout do not count.
+    """
+    digest = hashlib.sha256(_core.encode_bands(np.arange(-999, 1000).reshape(1, -1)))
+    for path in [*sorted(folder.glob("*.py")), Path(__file__).with_name("ratesearch.py"), Path(__file__)]:
         digest.update(ast.dump(_WithoutTexts().visit(ast.parse(path.read_text(encoding="utf-8")))).encode())
     return digest.digest()
 

@@ -12,7 +12,7 @@ import numpy as np
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.metrics import Distortion, DistortionMeter
 from pdecodec.mesh.sequence import Connectivity
-from pdecodec.research.baselines.baseline import Baseline, Encoder, Transform, UnreachableError
+from pdecodec.report.clips.baseline import Baseline, Encoder, Transform, UnreachableError
 
 Preview = Callable[[float], Float32Array]
 """From a length to what its bytes would decode to."""

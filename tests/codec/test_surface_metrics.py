@@ -8,7 +8,7 @@ import pytest
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject
-from pdecodec.report.surface_metrics import (
+from pdecodec.mesh.surface_metrics import (
     TIME_STEP,
     TIME_WEIGHT,
     WINDOW,
