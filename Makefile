@@ -41,7 +41,8 @@ ifeq ($(COMPILER),)
 sanitize: .venv/tools
 	$(SANITIZE) -S core -B build/sanitize -DPDEANIM_SANITIZE=ON -DPDEANIM_LIBRARY=OFF -DCMAKE_BUILD_TYPE=Debug
 	$(SANITIZE) --build build/sanitize --parallel 2 --target mutants
-	build/sanitize/mutants $(MUTANTS) spec/vectors/*/*.pdeanim
+	$(BIN)/python -m spec.vector_files build/refused
+	build/sanitize/mutants $(MUTANTS) spec/vectors/accept/*.pdeanim build/refused/*.pdeanim
 else
 sanitize:
 	@echo 'no sanitizers: there is no C++ compiler but that of a package'
@@ -54,9 +55,10 @@ CLANG ?= $(shell command -v clang++ || ls /usr/bin/clang++-* | sort -V | tail -1
 fuzz: .venv/tools
 	$(SANITIZE) -S core -B build/fuzz -DPDEANIM_FUZZ=ON -DPDEANIM_LIBRARY=OFF -DCMAKE_CXX_COMPILER=$(CLANG)
 	$(SANITIZE) --build build/fuzz --parallel 2 --target $(TARGETS)
+	$(BIN)/python -m spec.vector_files build/refused
 	for target in $(TARGETS); do mkdir -p build/corpus/$$target && build/fuzz/$$target -max_total_time=$$(($(MINUTES) * 60)) \
 		-timeout=20 -rss_limit_mb=2048 -print_final_stats=1 -artifact_prefix=build/$$target- build/corpus/$$target \
-		spec/vectors/accept spec/vectors/reject || exit 1; done
+		spec/vectors/accept build/refused || exit 1; done
 
 # Readers of other formats for so many MINUTES each, or those that READERS names. What it finds is left in build/.
 READERS ?=
@@ -65,7 +67,7 @@ fuzz-readers: $(READY)
 
 # What compilers, their settings and processors make of the vectors: the same. Those that are not here are skipped.
 exactness: $(INSTALLED)
-	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python core/tests/exactness.py $(BUILDS)
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m core.tests.exactness $(BUILDS)
 
 # Khronos' glTF validator and three.js, for tests that skip without them: where there is no npm, or no network.
 browser:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from itertools import groupby
-from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
@@ -17,8 +16,9 @@ from spec.decoder.contexts import Contexts
 from spec.decoder.fields import Fields
 from spec.decoder.rangecoder import Rehearsal
 from spec.sealing import HEADER, table_end, take_apart
+from spec.vector_files import ACCEPT
 
-VECTOR = Path(__file__).resolve().parent / "vectors" / "accept" / "example.pdeanim"
+VECTOR = ACCEPT / "example.pdeanim"
 MANY = 12
 WIDEST = 8
 """Bytes of a row that several fields share."""

@@ -9,11 +9,11 @@ then. Once the version of the format is released, its vectors are never replaced
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
 import sys
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,7 @@ from spec.accepted import accepted
 from spec.decoder.animation import Animation, decode_runs, run_at
 from spec.refused import refused
 from spec.sealing import take_apart
-
-FOLDER = Path(__file__).resolve().parent / "vectors"
+from spec.vector_files import ACCEPT, MANIFEST, Manifest, accepted_vectors, refused_vectors
 
 MOMENTS = (0.0, 0.3, 0.77, 1.0)
 """Times that positions are given at, over the clip."""
@@ -81,42 +80,40 @@ def digest(numbers: Iterable[int]) -> str:
 
 
 def main(arguments: list[str]) -> None:
-    listed = FOLDER / "manifest.json"
-    manifest: dict[str, dict[str, dict[str, Any]]] = {"accept": {}, "reject": {}}
-    files: dict[Path, bytes] = {}
+    manifest: Manifest = {"accept": {}, "reject": {}}
     different: list[str] = []
 
-    def take(path: Path, data: bytes) -> bytes:
+    def chosen(name: str, made: bytes, known: dict[str, bytes]) -> bytes:
         """The bytes that a vector is to have."""
-        if path.exists() and path.read_bytes() != data:
-            different.append(path.stem)
-            data = data if "--replace" in arguments else path.read_bytes()
-        files[path] = data
-        return data
+        if known.get(name, made) == made:
+            return made
+        different.append(name)
+        return made if "--replace" in arguments else known[name]
 
-    for name, made in accepted():
-        manifest["accept"][name] = describe(take(FOLDER / "accept" / f"{name}.pdeanim", made))
+    known = accepted_vectors()
+    files = {name: chosen(name, made, known) for name, made in accepted()}
+    manifest["accept"] = {name: describe(data) for name, data in files.items()}
+    known = refused_vectors() if MANIFEST.exists() else {}
     for item in refused():
-        data = take(FOLDER / "reject" / f"{item.name}.pdeanim", item.data)
+        data = chosen(item.name, item.data, known)
         sha256 = hashlib.sha256(data).hexdigest()
-        manifest["reject"][item.name] = {"sha256": sha256, "error": item.error, "exit_code": 4, "reason": item.reason}
-        if item.section is not None:
-            manifest["reject"][item.name]["section"] = item.section
-    for folder in ("accept", "reject"):
-        (FOLDER / folder).mkdir(parents=True, exist_ok=True)
-        for path in set((FOLDER / folder).iterdir()) - files.keys():
-            path.unlink()
-    for path, data in files.items():
-        path.write_bytes(data)
+        entry = {"sha256": sha256, "error": item.error, "exit_code": 4, "reason": item.reason}
+        section = {} if item.section is None else {"section": item.section}
+        manifest["reject"][item.name] = {**entry, **section, "data": base64.b64encode(data).decode()}
+    ACCEPT.mkdir(parents=True, exist_ok=True)
+    for path in ACCEPT.iterdir():
+        path.unlink()
+    for name, data in files.items():
+        (ACCEPT / f"{name}.pdeanim").write_bytes(data)
     lines = (
         f' "{folder}": {{\n'
         + ",\n".join(f'  "{name}": {json.dumps(entry, ensure_ascii=False)}' for name, entry in entries.items())
         + "\n }"
         for folder, entries in manifest.items()
     )
-    listed.write_text("{\n" + ",\n".join(lines) + "\n}\n", "utf-8")
+    MANIFEST.write_text("{\n" + ",\n".join(lines) + "\n}\n", "utf-8")
     done = "replaced" if "--replace" in arguments else "of other bytes than the encoder's today kept"
-    print(f"{len(files)} vectors, {sum(map(len, files.values()))} bytes, {len(different)} {done}")
+    print(f"{len(files)} accepted and {len(manifest['reject'])} refused vectors, {len(different)} {done}")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Compares what builds of the core by different compilers decode: `make exactness`.
 
-    python core/tests/exactness.py [BUILD ...]
+    python -m core.tests.exactness [BUILD ...]
 
 Each build decodes every vector of the specification. What is exact (bits and their probabilities, connectivity, whole
 numbers, attributes, times, errors) is the same in all of them and in the manifest; positions are within the margin.
@@ -9,7 +9,6 @@ numbers, attributes, times, errors) is the same in all of them and in the manife
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import shutil
 import subprocess
@@ -21,8 +20,9 @@ from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent.parent
-VECTORS = ROOT / "spec" / "vectors"
+from spec.vector_files import ACCEPT, read_manifest, write_refused
+
+ROOT = Path(__file__).resolve().parents[2]
 
 REMARKS = ("(3.2)", "(18)")
 """Sections of the specification on remarks, which the core hands over as they are."""
@@ -82,7 +82,8 @@ def decoded(build: Build) -> Path:
     out = folder / "out"
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir()
-    run(*build.runner, folder / "exactness", out, *sorted(VECTORS.glob("*/*.pdeanim")))
+    files = [*sorted(ACCEPT.glob("*.pdeanim")), *write_refused(folder / "refused")]
+    run(*build.runner, folder / "exactness", out, *files)
     return out
 
 
@@ -94,7 +95,7 @@ def run(*command: str | Path) -> None:
 
 def faults(out: Path) -> Iterator[str]:
     """Where what a build decodes is not what the manifest of the vectors says."""
-    manifest = json.loads((VECTORS / "manifest.json").read_text("utf-8"))
+    manifest = read_manifest()
     for name, vector in manifest["accept"].items():
         if not (out / f"{name}.points").exists():
             yield f"{name} is refused"

@@ -14,9 +14,8 @@ import pytest
 from pdecodec import open_animation
 from pdecodec.cli.main import run
 from pdecodec.report.viewer.serve import FolderServer
+from spec.vector_files import ACCEPT
 from tests.support.driven_browser import browsing
-
-VECTORS = Path(__file__).resolve().parents[2] / "spec" / "vectors" / "accept"
 
 
 @pytest.fixture(scope="module")
@@ -25,9 +24,9 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FolderServer]:
     root: Path = tmp_path_factory.mktemp("served")
     folder = root / "clips"
     (folder / "more <i>").mkdir(parents=True)
-    shutil.copy(VECTORS / "groups.pdeanim", folder / "groups.pdeanim")
-    shutil.copy(VECTORS / "several_objects.pdeanim", folder / "more <i>" / "a#b.pdeanim")
-    shutil.copy(VECTORS / "lines.pdeanim", root / "outside.pdeanim")
+    shutil.copy(ACCEPT / "groups.pdeanim", folder / "groups.pdeanim")
+    shutil.copy(ACCEPT / "several_objects.pdeanim", folder / "more <i>" / "a#b.pdeanim")
+    shutil.copy(ACCEPT / "lines.pdeanim", root / "outside.pdeanim")
     (folder / "link.pdeanim").symlink_to(root / "outside.pdeanim")
     (folder / "secret.txt").write_text("no animation")
     with FolderServer(folder) as opened:
@@ -49,7 +48,7 @@ def asked(server: FolderServer, path: str, method: str = "GET", **headers: str) 
 
 def test_files_are_listed_and_given_whole_or_in_parts(server: FolderServer) -> None:
     assert [name for name, _ in server.files()] == ["groups.pdeanim", "more <i>/a#b.pdeanim"]
-    data = (VECTORS / "groups.pdeanim").read_bytes()
+    data = (ACCEPT / "groups.pdeanim").read_bytes()
     assert asked(server, "/file/groups.pdeanim") == (200, data)
     assert asked(server, "/file/groups.pdeanim", Range="bytes=10-19") == (206, data[10:20])
     assert asked(server, "/file/groups.pdeanim", Range=f"bytes={len(data) - 3}-") == (206, data[-3:])
@@ -105,7 +104,7 @@ def test_the_list_has_pictures_and_its_pages_play(server: FolderServer, tmp_path
         browser.open(addresses[1])
         browser.run("await pdeanimView.ready")
         found = browser.run("return pdeanimView.readPositions(0.1).positions")
-        with open_animation(VECTORS / "several_objects.pdeanim") as animation:
+        with open_animation(ACCEPT / "several_objects.pdeanim") as animation:
             expected = animation.positions(0.1)
         assert np.abs(np.reshape(found, (-1, 3)) - expected).max() <= 1e-5 * (1 + np.abs(expected).max())
         assert browser.errors() == []

@@ -13,9 +13,9 @@ from pdecodec import open as open_clip
 from pdecodec.codec.array_evaluator import QUANTITIES
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.opening import open_animation
+from spec.vector_files import ACCEPT
 from tests.codec.test_storage import RATE, long_clip
 
-VECTORS = Path(__file__).resolve().parents[2] / "spec" / "vectors" / "accept"
 LIBRARIES = ("numpy", "array_api_strict", "torch", "jax.numpy", "cupy")
 NAMES = (
     "closed_form_and_residuals", "groups_of_cosines", "groups_of_shapes", "groups_of_one_frame", "groups_in_double",
@@ -62,7 +62,7 @@ def margin(animation: Animation, quantity: str, times: np.ndarray) -> float:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_library_gives_what_the_animation_does(library: Any, name: str) -> None:
-    with open_animation(VECTORS / f"{name}.pdeanim") as whole:
+    with open_animation(ACCEPT / f"{name}.pdeanim") as whole:
         for animation in whole.runs:
             assert isinstance(animation, Animation)
             device = "cpu" if library.__name__ == "torch" else None
@@ -111,11 +111,11 @@ def test_fields_stay_where_they_are_while_their_group_plays(tmp_path: Path, monk
 
 def test_what_cannot_be_is_refused() -> None:
     with (
-        open_animation(VECTORS / "runs.pdeanim") as several,
+        open_animation(ACCEPT / "runs.pdeanim") as several,
         pytest.raises(SettingsError, match="one of its runs"),
     ):
         ArrayEvaluator(several, np)
-    with open_animation(VECTORS / "groups.pdeanim") as animation:
+    with open_animation(ACCEPT / "groups.pdeanim") as animation:
         evaluator, count = ArrayEvaluator(animation, np), len(animation.group_edges) - 1
         for call in (evaluator.fields, evaluator.corrections, lambda group: evaluator.weights(0.0, group)):
             for group in (-1, count):

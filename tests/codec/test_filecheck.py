@@ -13,11 +13,11 @@ from pdecodec import DecodeLimits, InputError, check_file, open_animation
 from pdecodec.cli.main import run
 from pdecodec.codec.checking import CODES
 from spec.sealing import seal, take_apart, take_rows, with_section
+from spec.vector_files import ACCEPT, refused_vectors, write_refused
 
 ROOT = Path(__file__).resolve().parents[2]
-ACCEPT, REJECT = (sorted((ROOT / "spec" / "vectors" / kind).glob("*.pdeanim")) for kind in ("accept", "reject"))
-SMALL = ROOT / "spec" / "vectors" / "accept" / "groups_of_shapes.pdeanim"
-RUNS = ROOT / "spec" / "vectors" / "accept" / "runs.pdeanim"
+SMALL = ACCEPT / "groups_of_shapes.pdeanim"
+RUNS = ACCEPT / "runs.pdeanim"
 
 
 def codes(path: Path, *, deep: bool = False) -> list[str]:
@@ -32,7 +32,7 @@ def changed(source: Path, at: int, folder: Path) -> Path:
     return folder / "changed.pdeanim"
 
 
-@pytest.mark.parametrize("path", ACCEPT, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(ACCEPT.iterdir()), ids=lambda path: path.stem)
 def test_sound_files_have_nothing_but_notes(path: Path) -> None:
     found = check_file(path, deep=True)
     with open_animation(path) as animation:
@@ -40,15 +40,20 @@ def test_sound_files_have_nothing_but_notes(path: Path) -> None:
     assert {finding.code for finding in found.findings} <= {"section-unknown"}
 
 
-@pytest.mark.parametrize("path", REJECT, ids=lambda path: path.stem)
-def test_files_that_a_decoder_must_refuse_have_faults_of_known_codes(path: Path) -> None:
-    found = check_file(path, deep=True)
+@pytest.fixture(scope="module")
+def refused(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    return {path.stem: path for path in write_refused(tmp_path_factory.mktemp("refused"))}
+
+
+@pytest.mark.parametrize("name", refused_vectors())
+def test_files_that_a_decoder_must_refuse_have_faults_of_known_codes(name: str, refused: dict[str, Path]) -> None:
+    found = check_file(refused[name], deep=True)
     assert not found.is_sound
     assert {finding.code for finding in found.findings} <= set(CODES)
 
 
-def test_every_kind_of_fault_of_the_vectors_is_named() -> None:
-    named = {code for path in (*ACCEPT, *REJECT) for code in codes(path, deep=True)}
+def test_every_kind_of_fault_of_the_vectors_is_named(refused: dict[str, Path]) -> None:
+    named = {code for path in (*ACCEPT.iterdir(), *refused.values()) for code in codes(path, deep=True)}
     assert named == set(CODES) - {"output-limit"}
 
 

@@ -14,6 +14,7 @@ import pytest
 from pdecodec import encode, open_animation
 from pdecodec.mesh.sequence import MeshSequence
 from spec.accepted import several_objects, with_attributes
+from spec.vector_files import ACCEPT
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -162,7 +163,7 @@ def test_a_file_that_declares_more_positions_or_needs_more_memory_than_is_wanted
     installed: Path, name: str
 ) -> None:
     library = ctypes.CDLL(os.fspath(library_of(installed)))
-    path = ROOT / "spec" / "vectors" / "accept" / f"{name}.pdeanim"
+    path = ACCEPT / f"{name}.pdeanim"
     data = path.read_bytes()
     with open_animation(path) as animation:
         declared = 12 * animation.position_count
@@ -187,7 +188,7 @@ def test_a_file_that_declares_more_positions_or_needs_more_memory_than_is_wanted
 
 def test_a_read_function_is_called_for_bytes_alone(installed: Path) -> None:
     library = ctypes.CDLL(os.fspath(library_of(installed)))
-    data = (ROOT / "spec" / "vectors" / "accept" / "static.pdeanim").read_bytes()
+    data = (ACCEPT / "static.pdeanim").read_bytes()
     sizes: list[int] = []
 
     @ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_void_p, ctypes.c_size_t)

@@ -55,14 +55,12 @@ from spec.sealing import (
     with_section,
     zeros,
 )
+from spec.vector_files import accepted_vectors
 
 RUNS = ("runs", "runs_in_closed_form")
 """Vectors whose runs are damaged."""
 
-VECTORS = {
-    path.stem: path.read_bytes()
-    for path in sorted(Path(__file__).resolve().parents[2].glob("spec/vectors/accept/*.pdeanim"))
-}
+VECTORS = accepted_vectors()
 DAMAGED = ("groups_of_shapes", "raw_vertices", "welded", "polygons_attributes", "several_objects", "many_pieces")
 """Vectors that are damaged behind their checksums: together they have every section, and corrections of both kinds."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -36,30 +35,29 @@ from spec.sealing import (
     take_rows,
     take_runs,
 )
+from spec.vector_files import ACCEPT, accepted_vectors, read_manifest, refused_vectors
 from tests.support.decoders import assert_close, assert_same
 from tests.support.shaken_arithmetic import decoder, shaker, trace
 
 SPEC = Path(__file__).resolve().parents[2] / "spec"
-VECTORS = SPEC / "vectors"
-MANIFEST: dict[str, dict[str, dict[str, Any]]] = json.loads((VECTORS / "manifest.json").read_text("utf-8"))
+MANIFEST = read_manifest()
+REFUSED = refused_vectors()
 
 
 def sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-@pytest.mark.parametrize("folder", ["accept", "reject"])
-def test_the_manifest_lists_every_vector_and_its_bytes_have_not_changed(folder: str) -> None:
-    files = {path.stem: path for path in (VECTORS / folder).iterdir()}
-    assert files.keys() == MANIFEST[folder].keys()
+@pytest.mark.parametrize(("kind", "files"), [("accept", accepted_vectors()), ("reject", REFUSED)])
+def test_the_manifest_lists_every_vector_and_its_bytes_have_not_changed(kind: str, files: dict[str, bytes]) -> None:
+    assert files.keys() == MANIFEST[kind].keys()
     assert len(files) >= 20
-    for name, path in files.items():
-        assert path.suffix == ".pdeanim"
-        assert sha256(path.read_bytes()) == MANIFEST[folder][name]["sha256"], name
+    for name, data in files.items():
+        assert sha256(data) == MANIFEST[kind][name]["sha256"], name
 
 
 def test_the_vectors_stay_small() -> None:
-    sizes = [path.stat().st_size for path in VECTORS.rglob("*.pdeanim")]
+    sizes = [len(data) for data in (*accepted_vectors().values(), *REFUSED.values())]
     assert max(sizes) < 4_000
     assert sum(sizes) < 100_000
 
@@ -67,7 +65,7 @@ def test_the_vectors_stay_small() -> None:
 @pytest.mark.parametrize("name", MANIFEST["accept"])
 def test_the_library_and_the_independent_decoder_find_what_the_manifest_says(name: str) -> None:
     expected = MANIFEST["accept"][name]
-    path = VECTORS / "accept" / f"{name}.pdeanim"
+    path = ACCEPT / f"{name}.pdeanim"
     plain = independent.decode_runs(path.read_bytes())
     assert describe(path.read_bytes()) == expected
     with open_animation(path) as animation:
@@ -87,9 +85,10 @@ def test_the_library_and_the_independent_decoder_find_what_the_manifest_says(nam
 
 
 @pytest.mark.parametrize("name", MANIFEST["reject"])
-def test_a_refused_vector_ends_in_the_pinned_error(name: str) -> None:
+def test_a_refused_vector_ends_in_the_pinned_error(name: str, tmp_path: Path) -> None:
     expected = MANIFEST["reject"][name]
-    path = VECTORS / "reject" / f"{name}.pdeanim"
+    path = tmp_path / f"{name}.pdeanim"
+    path.write_bytes(REFUSED[name])
 
     def decode_all() -> None:
         with open_animation(path) as animation:
@@ -105,7 +104,7 @@ def test_a_refused_vector_ends_in_the_pinned_error(name: str) -> None:
 @pytest.mark.parametrize("name", [name for name, vector in MANIFEST["reject"].items() if vector["error"] == "corrupt"])
 def test_the_independent_decoder_refuses_what_is_corrupt(name: str) -> None:
     def decode_all() -> None:
-        for run in independent.decode_runs((VECTORS / "reject" / f"{name}.pdeanim").read_bytes()):
+        for run in independent.decode_runs(REFUSED[name]):
             for index in range(len(run.motion.groups)):
                 run.motion.group(index)
 
@@ -142,7 +141,7 @@ def parser(modules: dict[str, ModuleType]) -> Callable[[bytes], Parsed]:
 def test_no_result_of_floating_point_arithmetic_decides_how_bytes_are_read(
     name: str, parsers: tuple[Callable[[bytes], Parsed], Callable[[bytes], Parsed]]
 ) -> None:
-    data = (VECTORS / "accept" / f"{name}.pdeanim").read_bytes()
+    data = (ACCEPT / f"{name}.pdeanim").read_bytes()
     usual, shaken = (parse(data) for parse in parsers)
     assert usual[1] == MANIFEST["accept"][name]["integers"]
     assert usual == shaken
@@ -158,7 +157,7 @@ def test_the_links_inside_the_specification_lead_somewhere() -> None:
 
 
 def test_the_example_is_written_as_its_file_is() -> None:
-    written = section((VECTORS / "accept" / "example.pdeanim").read_bytes())
+    written = section((ACCEPT / "example.pdeanim").read_bytes())
     assert written in (SPEC / "pdeanim.md").read_text("utf-8")
 
 
@@ -199,7 +198,7 @@ class Vector(NamedTuple):
 
 
 def vector(name: str) -> Vector:
-    data = (VECTORS / "accept" / f"{name}.pdeanim").read_bytes()
+    data = (ACCEPT / f"{name}.pdeanim").read_bytes()
     parts = take_apart(data)
     animation = independent.decode(data)
     patches = len(animation.motion.space.patches.elements)
@@ -209,7 +208,7 @@ def vector(name: str) -> Vector:
 def test_vectors_of_runs_have_what_they_are_named_for() -> None:
     found = {}
     for name in ("runs", "runs_of_one_frame", "runs_in_closed_form", "file_of_one_run"):
-        parts = take_apart((VECTORS / "accept" / f"{name}.pdeanim").read_bytes())
+        parts = take_apart((ACCEPT / f"{name}.pdeanim").read_bytes())
         assert {"RUNS", "RDAT", "SEQN"} <= {part.kind for part in parts} <= {"META", "RUNS", "RDAT", "SEQN"}
         found[name] = take_runs(parts)
     assert {len(runs) for runs in found.values()} == {5, 1}
