@@ -1,8 +1,10 @@
-"""Readers and writers of mesh sequences, chosen by extension, magic bytes or frame pattern.
+"""Read and write mesh sequences of other formats, chosen by extension, first bytes or frame pattern.
 
-A new format is one module and one registration in :mod:`pdecodec.formats.catalogue`. Importing this package
-loads none of them: a format's module, and what it depends on, loads when a file of that format is met, as
-``write_onto`` does when it is first used.
+Begin with ``catalogue.py``, the list of formats, each with the functions that read and write it as dotted names. A new
+format is one module and one entry there. ``base/`` has what families of formats share (registry, opening, frame files,
+scenes, times, losses); ``obj/ gltf/ usd/ alembic/ vtk/ arrays/ caches/`` have a family each, and import from ``base/``
+alone. Importing this package loads no family: its modules, and what they depend on, load when a file of that family is
+met, as ``write_onto`` does when it is first used.
 """
 
 from __future__ import annotations
@@ -12,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 if __name__ != "pdecodec.formats":
     raise ImportError(f"import this package as pdecodec.formats, not as {__name__}")
 
-from pdecodec.formats.base.registry import Format, list_formats, open_sequence, register_format, write_sequence
+from pdecodec.formats.base.opening import open_sequence, write_sequence
+from pdecodec.formats.base.registry import Format, list_formats, register_format
 from pdecodec.formats.catalogue import BUILT_IN
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """HDF5: ``points`` in chunks of frames and, where known, faces, times and everything else.
 
-The datasets are those of :mod:`pdecodec.formats.arrays.object_arrays`, text as UTF-8 of fixed length. A file of
+The datasets are those of :mod:`pdecodec.formats.base.object_arrays`, text as UTF-8 of fixed length. A file of
 ``points`` alone is read too. Frames stream both ways: neither side holds more than a block of them.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.arrays.object_arrays import LaidOutSequence, arrays_of, check_has_points
+from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of, check_has_points
 from pdecodec.formats.base.registry import Output
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import MeshSequence

@@ -1,6 +1,6 @@
 """NPZ: a NumPy archive of ``points`` and, where known, faces, times and everything else.
 
-The arrays are those of :mod:`pdecodec.formats.arrays.object_arrays`. Points stored without compression, as our writer
+The arrays are those of :mod:`pdecodec.formats.base.object_arrays`. Points stored without compression, as our writer
 and ``numpy.savez`` store them, are read by blocks; compressed ones are loaded whole. Headers are checked before a byte
 of an array is believed.
 """
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.arrays.object_arrays import LaidOutSequence, arrays_of, check_has_points
+from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of, check_has_points
 from pdecodec.formats.base.registry import Output, read_errors
 from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.system.storage import RemoteFile

@@ -7,6 +7,7 @@ without pickles on its standard output. A child that ends is an error of ours in
 from __future__ import annotations
 
 import contextlib
+import importlib
 import io
 import json
 import os
@@ -32,16 +33,16 @@ _ERRORS = {one.__name__: one for one in (MissingExtraError, CorruptFileError, Li
 
 
 class Child:
-    """A process that runs a module's :func:`serve`, started when it is first asked; also after a fork, and a crash.
+    """A process that answers requests, started when it is first asked; also after a fork, and a crash.
 
     Parameters
     ----------
-    module : str
-        Name of the module to run.
+    serving : str
+        ``"module:function"``: what the process calls, which calls :func:`serve`.
     """
 
-    def __init__(self, module: str) -> None:
-        self._module = module
+    def __init__(self, serving: str) -> None:
+        self._serving = serving
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._owner = 0
@@ -57,7 +58,7 @@ class Child:
         with self._lock:
             if self._process is None or self._owner != os.getpid():
                 self._process = subprocess.Popen(
-                    [sys.executable, "-m", self._module],
+                    [sys.executable, "-m", __name__, self._serving],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=subprocess.DEVNULL,
@@ -126,3 +127,8 @@ def serve(answer: Callable[..., Answer]) -> None:
         out.write(len(data.getbuffer()).to_bytes(_LENGTH_BYTES, "little"))
         out.write(data.getbuffer())
         out.flush()
+
+
+if __name__ == "__main__":
+    module, function = sys.argv[1].split(":")
+    getattr(importlib.import_module(module), function)()

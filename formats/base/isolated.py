@@ -6,27 +6,33 @@ It costs the start of a process, and the way of every frame from it.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdecodec.codec.source import DecodeLimits, chosen_limits, usual_limits
-from pdecodec.formats.arrays.object_arrays import LaidOutSequence, arrays_of
 from pdecodec.formats.base.child import Answer, Child, serve
-from pdecodec.formats.base.registry import open_sequence
+from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.rounding import note_rounding, rounding_noticed
 from pdecodec.mesh.sequence import MeshSequence, Unsupported
 
 
 class IsolatedSequence(LaidOutSequence):
-    """A sequence of any format, opened in a child; options and errors as of :func:`open_sequence`."""
+    """A sequence of any format, opened in a child; options and errors as of :func:`open_sequence`.
 
-    def __init__(self, path: Path, options: Mapping[str, Any]) -> None:
-        self._child = Child(__name__)
+    Parameters
+    ----------
+    serving : str
+        ``"module:function"``, what runs in the child: calls :func:`serve_sequences`.
+    path : pathlib.Path
+    options : mapping
+    """
+
+    def __init__(self, serving: str, path: Path, options: Mapping[str, Any]) -> None:
+        self._child = Child(serving)
         try:
             limits = dataclasses.asdict(chosen_limits(None))
             found = self._child.ask(path, options={**options}, limits=limits)
@@ -61,8 +67,8 @@ class _Points:
         return found["points"]
 
 
-def _answering() -> Any:
-    """What a child answers: first everything but positions, then blocks of these."""
+def serve_sequences(opener: Callable[..., MeshSequence]) -> None:
+    """Answer requests in a child: for everything but positions first, which opens a file, then for blocks of these."""
     sequence: MeshSequence | None = None
 
     def answer(
@@ -71,21 +77,17 @@ def _answering() -> Any:
         limits: Mapping[str, Any] | None = None,
         start: int = 0,
         stop: int = 0,
-    ) -> Answer | dict[str, NDArray[Any]]:
+    ) -> Answer:
         nonlocal sequence
         if options is None:
             assert sequence is not None
             with rounding_noticed() as rounding:
                 return {"points": sequence.read_frames(start, stop), "rounding": np.array(rounding.largest)}
         with usual_limits(DecodeLimits(**(limits or {}))):
-            sequence = open_sequence(path, **options)
+            sequence = opener(path, **options)
         lost = [(one.name, one.feature, "" if one.frame is None else str(one.frame)) for one in sequence.unsupported]
         facts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
         texts = {"notices": np.array(sequence.notices, np.str_), "unsupported": np.array(lost, np.str_)}
         return {**arrays_of(sequence, sequence.fps), **facts, **texts}
 
-    return answer
-
-
-if __name__ == "__main__":
-    serve(_answering())
+    serve(answer)

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError, SettingsError, naming_file
 from pdecodec.formats.base.attribute_roles import reversed_corners
 from pdecodec.formats.base.companions import input_files, output_files
-from pdecodec.formats.base.registry import Output, format_to_read, format_to_write, list_formats, load, open_sequence
+from pdecodec.formats.base.opening import open_sequence
+from pdecodec.formats.base.registry import Output, format_to_read, format_to_write, list_formats, load
 from pdecodec.formats.base.scene_reading import listed
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, bake_transforms, metres_per_unit, up_axis_of
 from pdecodec.formats.base.times import times_kept
@@ -92,7 +93,7 @@ def write_onto(
         If the format needs a package that is not installed.
     """
     source, where = Path(original), Path(path)
-    entry, wanted = format_to_read(source), format_to_write(where, is_folder=os.fspath(path).endswith(("/", os.sep)))
+    entry, wanted = format_to_read(source), format_to_write(path)
     if entry is not wanted or entry.onto is None:
         kinds = ", ".join(one.title.partition(",")[0] for one in list_formats() if one.onto)
         message = f"{entry.title} does not go onto {wanted.title}; --onto takes one format for both: {kinds}"

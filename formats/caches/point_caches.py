@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from pdecodec.errors import InputError
-from pdecodec.formats.base.registry import Output, open_sequence, read_errors
+from pdecodec.formats.base.opening import open_sequence
+from pdecodec.formats.base.registry import Output, read_errors
 from pdecodec.formats.base.times import (
     FLOAT32_ROUNDING,
     Timing,

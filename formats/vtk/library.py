@@ -59,7 +59,7 @@ def else_vtk(read: Callable[[Path], MeshFile]) -> Callable[[Path], MeshFile]:
     return read_either
 
 
-_child = Child(__name__)
+_child = Child(f"{__name__}:serve_library")
 atexit.register(_child.close)
 
 
@@ -78,6 +78,11 @@ def _answer(path: Path) -> Answer:
     arrays = {f"part{number}": part for number, part in enumerate(parts)}
     arrays |= {one.name: one.values for one in mesh.attributes}
     return {**arrays, "points": mesh.points, "notices": np.array(mesh.notices, np.str_)}
+
+
+def serve_library() -> None:
+    """Answer requests for meshes of files, in a child process."""
+    serve(_answer)
 
 
 def _limit_memory(path: Path) -> None:
@@ -202,7 +207,3 @@ def _triangles(strip: Int64Array) -> Int64Array:
     steps = np.arange(max(0, strip.size - 2))
     odd = steps % 2
     return strip[np.stack([steps, steps + 1 + odd, steps + 2 - odd], axis=1)]
-
-
-if __name__ == "__main__":
-    serve(_answer)

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_sequence
-from pdecodec.formats.arrays.object_arrays import arrays_of
+from pdecodec.formats.base.object_arrays import arrays_of
 from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject
 from tests.support.mesh_cases import connectivity_of
 from tests.support.sequence_cases import assert_same_sequence, rich_sequence, sequences

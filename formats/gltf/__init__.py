@@ -1,0 +1,7 @@
+"""glTF 2.0: scenes as ``.glb`` or ``.gltf``, read at a frame rate, written as morph targets or moving nodes.
+
+Begin with ``reader.py`` and ``writer.py``. Reading: ``file.py`` (JSON, buffers, accessors), ``types.py`` (what sort of
+value stands where), ``compression.py`` (Draco, meshoptimizer), ``mesh_reader.py``, ``animation.py``. Writing:
+``motion.py`` finds the targets that give an object's motion, by ``functions.py``; ``quantization.py`` rounds them,
+``mesh_writer.py`` and ``builder.py`` lay them out. ``onto.py`` puts motion onto a file that is there.
+"""

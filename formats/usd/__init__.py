@@ -1,0 +1,6 @@
+"""USD: stages as ``.usd``, ``.usda``, ``.usdc`` or packages (``.usdz``); needs the extra ``usd``.
+
+Begin with ``reader.py`` and ``writer.py``. ``shapes.py`` finds what can be read of a stage: meshes, curves, points,
+implicit shapes as polygons (``implicit.py``), instances (``instances.py``); ``skinning.py`` deforms them.
+``attributes.py`` has what prims carry beside points, in and out. ``onto.py`` puts motion onto a stage that is there.
+"""
