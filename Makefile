@@ -19,18 +19,23 @@ BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3' \
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test long browser lint types sanitize fuzz fuzz-readers exactness bench growth bench-rd figures reproduce stability paper interop dist docs vectors wasm clean
+.PHONY: demo test test-all long browser lint types sanitize fuzz fuzz-readers exactness bench growth bench-rd figures reproduce stability paper interop dist docs vectors wasm clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
 
-# What compiles and what checks types go side by side: neither takes two processors all the time. Tests start many
-# processes: where Python may write no byte code, each would compile all that it imports.
+# Checks run beside the sanitizers' build, which does not keep two processors busy. Tests start many processes: where
+# Python must not write byte code, each of them would compile all that it imports.
 test:
-	$(MAKE) --no-print-directory --jobs 2 BUILDS=gcc-O3-fused lint types browser sanitize exactness
-	env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest -n auto --dist loadfile
+	$(MAKE) --no-print-directory --jobs 2 MUTANTS=1000 lint types browser sanitize
+	env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest -n auto --dist loadfile --durations=20
 
-# Tests that take minutes, and print what they measured: kills, full disks, threads, the worst files of each section.
+# All of it: other builds of the core give the same results, more damaged files, and the tests that take minutes.
+test-all: test exactness
+	$(MAKE) --no-print-directory MUTANTS=20000 sanitize
+	$(MAKE) --no-print-directory long
+
+# Tests that take minutes and print what they measured: kills, full disks, threads, the worst files of each section.
 long: $(READY)
 	$(BIN)/python -m pytest -m long -n 0
 
@@ -65,7 +70,7 @@ READERS ?=
 fuzz-readers: $(READY)
 	$(BIN)/python -m tests.slow.fuzz.readers $(MINUTES) $(READERS)
 
-# What compilers, their settings and processors make of the vectors: the same. Those that are not here are skipped.
+# Builds by several compilers, settings and processors decode the vectors alike. Those that are not here are skipped.
 exactness: $(INSTALLED)
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m core.tests.exactness $(BUILDS)
 
@@ -78,10 +83,14 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/clang-format --dry-run -Werror $(filter-out core/entropy/tables.hpp core/CMakeLists.txt,$(CORE)) examples/c/*.c
 
-# mypy sees all folders of the package only where they lie as they are installed: nested in one package.
+# mypy needs the folders nested in one package, as they are installed: links stand in for copies.
 types: $(READY)
 	rm -rf build/types
-	$(INSTALL) --target build/types .
+	$(BIN)/python -c 'import os, pathlib, tomllib; \
+		packages = tomllib.load(open("pyproject.toml", "rb"))["tool"]["scikit-build"]["wheel"]["packages"]; \
+		links = {pathlib.Path("build/types", target, entry.name): entry.resolve() \
+			for target, folder in packages.items() for entry in pathlib.Path(folder).iterdir()}; \
+		[(link.parent.mkdir(parents=True, exist_ok=True), link.symlink_to(entry)) for link, entry in links.items()]'
 	cd build/types && ../../$(BIN)/mypy --config-file ../../pyproject.toml -p pdecodec
 
 bench: $(INSTALLED)

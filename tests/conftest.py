@@ -1,8 +1,9 @@
-"""What several test files need."""
+"""Settings of all tests, the folder of shared data, and a table of what was skipped and why."""
 
 from __future__ import annotations
 
 import os
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -24,3 +25,15 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("the shared sequences are not here; set PDECODEC_DATA to their folder")
     return folder
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Print one table of what was skipped: how many tests of which folder, and why."""
+    skipped: Counter[tuple[str, str]] = Counter()
+    for report in terminalreporter.getreports("skipped"):
+        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        skipped[report.nodeid.split("::")[0], reason.removeprefix("Skipped: ")] += 1
+    if skipped:
+        terminalreporter.section("skipped")
+        for (file, reason), count in sorted(skipped.items()):
+            terminalreporter.line(f"{count:5}  {file}  {reason}")
