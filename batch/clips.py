@@ -12,7 +12,7 @@ from glob import glob, has_magic
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
-from pdecodec.codec.settings import EncodeSettings, PaperSettings, parse_byte_count
+from pdecodec.codec.settings import EncodeSettings, PaperSettings, check_one_target, parse_byte_count
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import list_formats
 from pdecodec.formats.base.companions import check_there, frame_extensions, input_files
@@ -67,9 +67,7 @@ class ClipOptions:
     unit: str | None = None
 
     def __post_init__(self) -> None:
-        wanted = (self.settings.tolerance, self.settings.max_error, self.rms, self.size)
-        if sum(value is not None for value in wanted) > 1:
-            raise SettingsError("give one of tolerance, max_error, rms and size, not several")
+        check_one_target(self.settings, rms=self.rms, size=self.size)
 
     def to_json(self) -> dict[str, Any]:
         """As a JSON object, for the record of what a clip was made with: of the mesh its name alone, wherever it is."""

@@ -356,13 +356,8 @@ def _extent(sequence: MeshSequence, source_bytes: int) -> dict[str, Any]:
 
 def _encoded(sequence: MeshSequence, path: Path, options: ClipOptions) -> EncodeReport:
     from pdecodec.codec.encode.encoder import encode
-    from pdecodec.codec.encode.rate_control import encode_to_rms, encode_to_size
 
-    if options.size is not None:
-        return encode_to_size(sequence, options.size, path, options.settings)
-    if options.rms is not None:
-        return encode_to_rms(sequence, options.rms, path, options.settings)
-    return encode(sequence, path, options.settings)
+    return encode(sequence, path, options.settings, rms=options.rms, size=options.size)
 
 
 def _verified(path: Place, sequence: MeshSequence, options: ClipOptions, figures: Mapping[str, Any]) -> float:

@@ -181,7 +181,6 @@ def _encode(
 ) -> None:
     """Do one job; `options` are fields of the two classes of settings, and what :func:`opened_input` takes."""
     from pdecodec.codec.encode.encoder import encode as encode_sequence
-    from pdecodec.codec.encode.rate_control import encode_to_rms, encode_to_size
     from pdecodec.codec.settings import EncodeSettings, PaperSettings
     from pdecodec.formats.base.companions import input_files
 
@@ -209,20 +208,15 @@ def _encode(
                 return
 
             def write(some: MeshSequence, path: str) -> object:
-                if rms is not None:
-                    return encode_to_rms(some, rms, path, checked)
-                return encode_sequence(some, path, checked)
+                return encode_sequence(some, path, checked, rms=rms)
 
             count = max(SAMPLES[-1], SAMPLED_POSITIONS // sequence.most_vertices)
             say_plan(job, sequence, write, files=len(files), size=source_bytes, samples=(count // 2, count))
             return
         with progress_bar() as progress, naming_file(source), naming_options((*settings, "rms", "size")):
-            if size is not None:
-                report = encode_to_size(sequence, size, output, checked, overwrite=overwrite, progress=progress)
-            elif rms is not None:
-                report = encode_to_rms(sequence, rms, output, checked, overwrite=overwrite, progress=progress)
-            else:
-                report = encode_sequence(sequence, output, checked, overwrite=overwrite, progress=progress)
+            report = encode_sequence(
+                sequence, output, checked, rms=rms, size=size, overwrite=overwrite, progress=progress
+            )
         if as_json:
             print_json(_as_json(report, output, source_bytes, checked))
     say(report.summary)

@@ -214,5 +214,11 @@ class EncodeSettings:
         return cls(**found)
 
 
+def check_one_target(settings: EncodeSettings, *, rms: float | None, size: int | None) -> None:
+    """Raise SettingsError if more than one of tolerance, maximum error, mean error and size is given."""
+    if sum(value is not None for value in (settings.tolerance, settings.max_error, rms, size)) > 1:
+        raise SettingsError("give one of tolerance, max_error, rms and size, not several")
+
+
 def _known(settings: type[EncodeSettings] | type[PaperSettings], values: Mapping[str, Any]) -> dict[str, Any]:
     return {item.name: values[item.name] for item in fields(settings) if item.name in values}

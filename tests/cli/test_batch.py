@@ -403,7 +403,7 @@ def test_what_fails_is_named_by_its_clip_however_little_is_said(
     assert run(["batch", "clips/bad.npz", "-o", "out", "-q"]) == 1
     assert capsys.readouterr().err.startswith("failed: clips/bad.npz: ")
 
-    def full(sequence: object, path: Path, settings: object) -> None:
+    def full(sequence: object, path: Path, *_: object, **__: object) -> None:
         raise InputError("cannot be written (No space left on device)", path=path)
 
     monkeypatch.setattr("pdecodec.codec.encode.encoder.encode", full)

@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import os
 from dataclasses import fields, replace
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
 from pdecodec.codec.encode.profiles import make_encoder
+from pdecodec.codec.encode.rate_control import check_positive, encode_within, rate_limit
 from pdecodec.codec.encode.report import EncodeReport
 from pdecodec.codec.encode.run_encoder import encode_runs
 from pdecodec.codec.settings import EncodeSettings
@@ -23,7 +25,7 @@ from pdecodec.mesh.rounding import rounding_noticed
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import MeshSequence, Progress
 from pdecodec.system.storage import is_address, remote_output
-from pdecodec.system.whole_output import check_writable
+from pdecodec.system.whole_output import check_writable, whole_file
 
 
 def encode(
@@ -31,21 +33,33 @@ def encode(
     path: str | os.PathLike[str] | None = None,
     settings: EncodeSettings | None = None,
     *,
+    rms: float | None = None,
+    size: int | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
     **options: Any,
 ) -> EncodeReport:
     """Encode a mesh sequence.
 
+    Give at most one target: `tolerance` or `max_error` (fields of the settings), `rms`, or `size`. For the last two the
+    tolerance is searched (:mod:`pdecodec.codec.encode.rate_control`): the coarsest whose mean error is no larger, the
+    finest whose file is no larger. It has four digits and is in the file's settings: an encode with it gives the same
+    bytes.
+
     Parameters
     ----------
     sequence : MeshSequence
-        Read once from front to back, after a look at a few windows of it. Of a :class:`pdecodec.ChangingSequence` one
-        run is read and encoded after the other; tolerances are of the diagonal of its first frame. Bounds count from
-        the float32 positions that it gives: how far those are from its own, `rounding` of the report says.
+        Read once from front to back, after a look at a few windows of it; under `rms` and `size` once for every encode
+        of the search. Of a :class:`pdecodec.ChangingSequence` one run is read and encoded after the other; tolerances
+        are of the diagonal of its first frame. Bounds count from the float32 positions that it gives: how far those are
+        from its own, `rounding` of the report says.
     path : path-like, optional
         The `.pdeanim` file, or its address; it appears whole or not at all. Without one its bytes are in the report.
     settings : EncodeSettings, optional
+    rms : float, optional
+        Root of the mean square vertex distance over all frames, at most, over the diagonal of frame 0's bounding box.
+    size : int, optional [bytes]
+        Of the whole file, at most. It is used to 99 % where file sizes follow the tolerance that closely.
     overwrite : bool
         Whether an existing file may be replaced.
     progress : callable, optional
@@ -55,28 +69,79 @@ def encode(
     Returns
     -------
     EncodeReport
+        Of the file written; `seconds` are those of the whole search, if there was one.
 
     Raises
     ------
     InputError
         If positions are not finite, the sequence cannot be read, or the output cannot be written.
     SettingsError
-        If settings are out of range or an option is unknown.
+        If settings are out of range, an option is unknown, several targets are given, or no tolerance reaches the one.
     """
     known = {item.name for item in fields(EncodeSettings)}
     for name in options:
         if name not in known:
             raise SettingsError(f"there is no setting named {name}; there are {', '.join(sorted(known))}")
     chosen = replace(settings or EncodeSettings(), **options)
+    limit = rate_limit(chosen, rms=rms, size=size)
     if path is not None and is_address(path):
         with remote_output(str(path), overwrite=overwrite) as local:
-            return replace(encode(sequence, local, chosen, progress=progress), path=str(path))
+            report = encode(sequence, local, chosen, rms=rms, size=size, progress=progress)
+            return replace(report, path=str(path))
     target = None if path is None else Path(path)
     if target is not None:
         check_writable(target, overwrite=overwrite)
+    if limit is None:
+        return _encode(sequence, chosen, target, overwrite=overwrite, progress=progress)
+
+    def encode_at(tolerance: float, said: Progress | None) -> EncodeReport:
+        return _encode(sequence, replace(chosen, tolerance=tolerance), None, overwrite=False, progress=said)
+
+    report = encode_within(limit, encode_at, progress)
+    if target is None:
+        return report
+    assert report.data is not None  # encoded without a path
+    with whole_file(target, overwrite=overwrite) as partial:
+        partial.write_bytes(report.data)
+    return replace(report, path=target, data=None)
+
+
+def _encode(
+    sequence: MeshSequence,
+    settings: EncodeSettings,
+    path: Path | None,
+    *,
+    overwrite: bool,
+    progress: Progress | None,
+) -> EncodeReport:
+    """Encode once, at the bound of the settings."""
     with rounding_noticed() as rounding:
         if isinstance(sequence, ChangingSequence):
-            report = encode_runs(sequence, chosen, target, overwrite=overwrite, progress=progress)
+            report = encode_runs(sequence, settings, path, overwrite=overwrite, progress=progress)
         else:
-            report = make_encoder(sequence, chosen, progress).run(target, overwrite=overwrite)
+            report = make_encoder(sequence, settings, progress).run(path, overwrite=overwrite)
     return replace(report, rounding=rounding.largest)
+
+
+def encode_to_size(
+    sequence: MeshSequence,
+    size: int,
+    path: str | os.PathLike[str] | None = None,
+    settings: EncodeSettings | None = None,
+    **options: Any,
+) -> EncodeReport:
+    """Encode at the finest tolerance whose file is no larger than `size` [bytes]: :func:`encode` with ``size=``."""
+    check_positive("size", size, Integral, "whole number of bytes")
+    return encode(sequence, path, settings, size=size, **options)
+
+
+def encode_to_rms(
+    sequence: MeshSequence,
+    rms: float,
+    path: str | os.PathLike[str] | None = None,
+    settings: EncodeSettings | None = None,
+    **options: Any,
+) -> EncodeReport:
+    """Encode at the coarsest tolerance whose mean error is no larger than `rms`: :func:`encode` with ``rms=``."""
+    check_positive("rms", rms, Real, "number")
+    return encode(sequence, path, settings, rms=rms, **options)

@@ -7,21 +7,16 @@ Every step of the search is a whole encode, since nothing short of it tells the 
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from numbers import Integral, Real
-from pathlib import Path
 from typing import Any, TypeVar
 
-from pdecodec.codec.encode.encoder import encode
 from pdecodec.codec.encode.report import EncodeReport
-from pdecodec.codec.settings import DEFAULT_TOLERANCE, EncodeSettings
+from pdecodec.codec.settings import DEFAULT_TOLERANCE, EncodeSettings, check_one_target
 from pdecodec.errors import SettingsError
-from pdecodec.mesh.sequence import MeshSequence, Progress
-from pdecodec.system.storage import is_address, remote_output
-from pdecodec.system.whole_output import check_writable, whole_file
+from pdecodec.mesh.sequence import Progress
 
 Outcome = TypeVar("Outcome")
 
@@ -52,163 +47,113 @@ SMALLEST_VALUE = 1e-300
 
 
 @dataclass(frozen=True)
-class _Limit:
-    """What is held: a measure of a report and its largest value."""
+class RateLimit:
+    """The largest value that a measure of a report may have.
+
+    Attributes
+    ----------
+    value : float
+    measure : callable
+        Takes a report.
+    falls : bool
+        Whether the measure falls as the tolerance grows: bytes do, errors do not.
+    start : float
+        The first tolerance to try.
+    refusal : callable
+        Takes the smallest value reached; the message where no file keeps the limit.
+    """
 
     value: float
     measure: Callable[[EncodeReport], float]
     falls: bool
     start: float
     refusal: Callable[[float], str]
-    """The message where no file keeps it, given the smallest value reached."""
 
 
-def encode_to_size(
-    sequence: MeshSequence,
-    size: int,
-    path: str | os.PathLike[str] | None = None,
-    settings: EncodeSettings | None = None,
-    *,
-    overwrite: bool = False,
-    progress: Progress | None = None,
-    **options: Any,
-) -> EncodeReport:
-    """Encode at the finest tolerance whose file is no larger than a size.
-
-    The tolerance taken has four digits and is in the file's settings: :func:`pdecodec.encode` with it gives the
-    same bytes. Files are held in memory until the search is over.
+def rate_limit(settings: EncodeSettings, *, rms: float | None = None, size: int | None = None) -> RateLimit | None:
+    """Return what an encode is to keep beside `settings`: a mean error, a size, or None for a bound alone.
 
     Parameters
     ----------
-    sequence : MeshSequence
-        Read once for every encode.
-    size : int [bytes]
-        Of the whole file, at most. It is used to 99 % where file sizes follow the tolerance that closely.
-    path, settings, overwrite, progress, **options
-        As :func:`pdecodec.encode` takes them, but for `tolerance` and `max_error`, which are what is searched.
-
-    Returns
-    -------
-    EncodeReport
-        Of the file taken; `seconds` are those of the whole search.
+    settings : EncodeSettings
+    rms : float or None
+        Root mean square vertex distance over all frames, over the diagonal of frame 0's bounding box.
+    size : int or None [bytes]
 
     Raises
     ------
     SettingsError
-        If the coarsest tolerance's file is larger, the size is not a positive whole number, or settings are out
-        of range, unknown, or bound the error as well.
-    InputError
-        As :func:`pdecodec.encode` raises it.
+        If more than one of tolerance, maximum error, `rms` and `size` is given, or a limit is not positive.
     """
-    _check_positive("size", size, Integral, "whole number of bytes")
-    limit = _Limit(
-        value=float(size),
-        measure=lambda report: float(report.file_bytes),
-        falls=True,
-        start=DEFAULT_TOLERANCE,
-        refusal=lambda least: (
-            f"no tolerance up to {COARSEST:g} gives a file of {size} bytes: the smallest takes {least:.0f}; "
-            "allow as many, or encode less"
-        ),
-    )
-    return _encode_within(limit, sequence, path, settings, options, overwrite=overwrite, progress=progress)
+    check_one_target(settings, rms=rms, size=size)
+    if size is not None:
+        check_positive("size", size, Integral, "whole number of bytes")
+        return RateLimit(
+            value=float(size),
+            measure=lambda report: float(report.file_bytes),
+            falls=True,
+            start=DEFAULT_TOLERANCE,
+            refusal=lambda least: (
+                f"no tolerance up to {COARSEST:g} gives a file of {size} bytes: the smallest takes {least:.0f}; "
+                "allow as many, or encode less"
+            ),
+        )
+    if rms is not None:
+        check_positive("rms", rms, Real, "number")
+        return RateLimit(
+            value=float(rms),
+            measure=lambda report: report.rms_error / report.scale,
+            falls=False,
+            start=TOLERANCE_OVER_RMS * rms,
+            refusal=lambda least: (
+                f"no tolerance down to {FINEST:g} gives an rms error of {rms:g} of the diagonal: the smallest is "
+                f"{least:.3g}; allow as much"
+            ),
+        )
+    return None
 
 
-def encode_to_rms(
-    sequence: MeshSequence,
-    rms: float,
-    path: str | os.PathLike[str] | None = None,
-    settings: EncodeSettings | None = None,
-    *,
-    overwrite: bool = False,
-    progress: Progress | None = None,
-    **options: Any,
-) -> EncodeReport:
-    """Encode at the coarsest tolerance whose root mean square vertex distance is no larger than a limit.
-
-    As :func:`encode_to_size` in all else.
-
-    Parameters
-    ----------
-    sequence : MeshSequence
-        Read once for every encode.
-    rms : float
-        Root of the mean square vertex distance over all frames, at most, over the diagonal of frame 0's bounding
-        box as tolerances are.
-    path, settings, overwrite, progress, **options
-        As :func:`pdecodec.encode` takes them, but for `tolerance` and `max_error`, which are what is searched.
-
-    Returns
-    -------
-    EncodeReport
-        Of the file taken; `seconds` are those of the whole search.
-
-    Raises
-    ------
-    SettingsError
-        If the finest tolerance's error is larger, `rms` is not a positive number, or settings are out of range,
-        unknown, or bound the error as well.
-    InputError
-        As :func:`pdecodec.encode` raises it.
-    """
-    _check_positive("rms", rms, Real, "number")
-    limit = _Limit(
-        value=float(rms),
-        measure=lambda report: report.rms_error / report.scale,
-        falls=False,
-        start=TOLERANCE_OVER_RMS * rms,
-        refusal=lambda least: (
-            f"no tolerance down to {FINEST:g} gives an rms error of {rms:g} of the diagonal: the smallest is "
-            f"{least:.3g}; allow as much"
-        ),
-    )
-    return _encode_within(limit, sequence, path, settings, options, overwrite=overwrite, progress=progress)
-
-
-def _check_positive(name: str, value: Any, kind: Any, noun: str) -> None:
+def check_positive(name: str, value: Any, kind: Any, noun: str) -> None:
+    """Raise SettingsError unless `value` is a positive, finite number of a kind."""
     if not isinstance(value, kind) or not (math.isfinite(value) and value > 0):
         raise SettingsError(f"{name} must be a positive {noun}, not {value!r}")
 
 
-def _encode_within(
-    limit: _Limit,
-    sequence: MeshSequence,
-    path: str | os.PathLike[str] | None,
-    settings: EncodeSettings | None,
-    options: dict[str, Any],
-    *,
-    overwrite: bool,
-    progress: Progress | None,
+def encode_within(
+    limit: RateLimit, encode_at: Callable[[float, Progress | None], EncodeReport], progress: Progress | None
 ) -> EncodeReport:
-    given = settings or EncodeSettings()
-    if any(options.get(name, getattr(given, name)) is not None for name in ("tolerance", "max_error")):
-        raise SettingsError("give one of a tolerance, a maximum error, an rms error and a size, not several")
-    if path is not None and is_address(path):
-        with remote_output(str(path), overwrite=overwrite) as local:
-            report = _encode_within(limit, sequence, local, settings, options, overwrite=overwrite, progress=progress)
-            return replace(report, path=str(path))
-    target = None if path is None else Path(path)
-    if target is not None:
-        check_writable(target, overwrite=overwrite)
+    """Search for the tolerance whose file keeps a limit and uses it up.
+
+    Parameters
+    ----------
+    limit : RateLimit
+    encode_at : callable
+        Encodes at a tolerance, without a path.
+    progress : callable, optional
+
+    Returns
+    -------
+    EncodeReport
+        Of the file taken; `seconds` are those of the whole search.
+
+    Raises
+    ------
+    SettingsError
+        If no tolerance from :data:`FINEST` to :data:`COARSEST` keeps the limit.
+    """
     started = time.perf_counter()
     values: list[float] = []
 
-    def encode_at(tolerance: float) -> tuple[EncodeReport, float]:
-        said = _numbered(progress, len(values) + 1)
-        report = encode(sequence, None, settings, progress=said, **{**options, "tolerance": tolerance})
+    def measure(tolerance: float) -> tuple[EncodeReport, float]:
+        report = encode_at(tolerance, _numbered(progress, len(values) + 1))
         values.append(limit.measure(report))
         return report, values[-1] / limit.value
 
     found = search_tolerance(
-        encode_at, start=limit.start, falls=limit.falls, is_exact=lambda report: report.max_error == 0
+        measure, start=limit.start, falls=limit.falls, is_exact=lambda report: report.max_error == 0
     )
     if found is None:
         raise SettingsError(limit.refusal(min(values)))
-    if target is not None:
-        assert found.data is not None  # encoded without a path
-        with whole_file(target, overwrite=overwrite) as partial:
-            partial.write_bytes(found.data)
-        found = replace(found, path=target, data=None)
     return replace(found, seconds=time.perf_counter() - started)
 
 
