@@ -26,6 +26,7 @@ from pdecodec.batch.records import (
     stamp_of,
     write_record,
 )
+from pdecodec.codec.encode.coded_order import CodedOrderSequence
 from pdecodec.codec.encode.memory import encoding_bytes
 from pdecodec.codec.encode.report import EncodeReport, generator
 from pdecodec.errors import CorruptFileError, InputError, PdecodecError
@@ -35,7 +36,6 @@ from pdecodec.formats.base.companions import input_files
 from pdecodec.formats.base.scene_space import place
 from pdecodec.mesh.metrics import measure_distortion
 from pdecodec.mesh.runs import changed
-from pdecodec.mesh.selection import CodedOrderSequence
 from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.system.storage import RemoteFile, is_address
 from pdecodec.system.whole_output import move_into, partial_folder, write_errors

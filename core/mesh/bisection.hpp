@@ -7,8 +7,8 @@
 #include <span>
 #include <vector>
 
+#include "mesh/connectivity.hpp"
 #include "mesh/z_order.hpp"
-#include "sections/connectivity/connectivity.hpp"
 
 namespace pdeanim {
 

@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "sections/connectivity/connectivity.hpp"
+#include "mesh/connectivity.hpp"
 
 namespace pdeanim {
 

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from spec.decoder.contexts import Contexts, History, MatchModel, chosen
 from spec.decoder.fields import require
-from spec.decoder.mesh import LARGEST_INDEX, Mesh, Polygon
+from spec.decoder.mesh import (
+    CLOSED,
+    INNER,
+    LARGEST_INDEX,
+    OPEN,
+    Mesh,
+    Polygon,
+    Side,
+    is_one_edge,
+    link,
+    make_inner,
+)
 from spec.decoder.order import OrderReader, Orders, read_members
 
 LEAST_SIZE = {"faces": 3, "lines": 1}
-
-OPEN, CLOSED, INNER = range(3)
 
 
 def read_faces_and_lines(conn: bytes, ordr: bytes, meshes: list[Mesh]) -> None:
@@ -95,36 +104,6 @@ def read_polygons(contexts: Contexts, matches: MatchModel, kind: str, head: Head
         polygons.append(polygon)
     require(left == 0, "polygons of too few corners")
     return polygons
-
-
-@dataclass(eq=False)
-class Side:
-    """5.3: a side of a face, from `vertex` to that of the next corner; on a border, one is behind and one ahead."""
-
-    vertex: int
-    face: list[Side]
-    state: int = OPEN
-    opposite: Side | None = None
-    behind: Side = field(init=False)
-    ahead: Side = field(init=False)
-
-    def around(self) -> list[Side]:
-        """The sides of its face, from this one on."""
-        place = self.face.index(self)
-        return self.face[place:] + self.face[:place]
-
-
-def link(side: Side, ahead: Side) -> None:
-    side.ahead, ahead.behind = ahead, side
-
-
-def make_inner(side: Side, opposite: Side) -> None:
-    side.opposite, opposite.opposite = opposite, side
-    side.state = opposite.state = INNER
-
-
-def is_one_edge(side: Side, ahead: Side) -> bool:
-    return side is not ahead and side.state == ahead.state == OPEN and side.vertex == ahead.ahead.vertex
 
 
 class SurfaceMemory:

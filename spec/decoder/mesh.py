@@ -15,6 +15,9 @@ NONE = -1
 
 Polygon = list[int]
 
+OPEN, CLOSED, INNER = range(3)
+"""States of a side (5.3)."""
+
 
 @dataclass
 class Attribute:
@@ -36,6 +39,36 @@ class Mesh:
     faces: list[Polygon] = field(default_factory=list)
     lines: list[Polygon] = field(default_factory=list)
     attributes: list[Attribute] = field(default_factory=list)
+
+
+@dataclass(eq=False)
+class Side:
+    """5.3: a side of a face, from `vertex` to that of the next corner; on a border, one is behind and one ahead."""
+
+    vertex: int
+    face: list[Side]
+    state: int = OPEN
+    opposite: Side | None = None
+    behind: Side = field(init=False)
+    ahead: Side = field(init=False)
+
+    def around(self) -> list[Side]:
+        """The sides of its face, from this one on."""
+        place = self.face.index(self)
+        return self.face[place:] + self.face[:place]
+
+
+def link(side: Side, ahead: Side) -> None:
+    side.ahead, ahead.behind = ahead, side
+
+
+def make_inner(side: Side, opposite: Side) -> None:
+    side.opposite, opposite.opposite = opposite, side
+    side.state = opposite.state = INNER
+
+
+def is_one_edge(side: Side, ahead: Side) -> bool:
+    return side is not ahead and side.state == ahead.state == OPEN and side.vertex == ahead.ahead.vertex
 
 
 def read_vertex_counts(conn: bytes) -> tuple[list[int], bytes]:

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from bisect import bisect_left, insort
-from typing import TYPE_CHECKING
 
 from spec.decoder.contexts import Contexts, History, MatchModel, chosen
 from spec.decoder.fields import require
-
-if TYPE_CHECKING:
-    from spec.decoder.connectivity import Side
+from spec.decoder.mesh import Side
 
 BY_PLACE, BY_VERTEX = 16, 17
 NONE = -1

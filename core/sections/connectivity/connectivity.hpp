@@ -10,20 +10,9 @@
 #include <vector>
 
 #include "base/arithmetic.hpp"
+#include "mesh/connectivity.hpp"
 
 namespace pdeanim {
-
-// Faces and lines of one object.
-struct Connectivity {
-    i64 vertices = 0;
-    std::vector<i32> face_sizes, face_indices, line_sizes, line_indices;
-};
-
-// The same, in arrays of the caller's.
-struct ConnectivityView {
-    i64 vertices;
-    std::span<const i32> face_sizes, face_indices, line_sizes, line_indices;
-};
 
 // The coded streams of sections CONN and ORDR; the latter is empty where there is no order to restore. Without `keep_order`
 // surfaces whose vertices and faces stand in the order of their coding (`coded_order`) leave ORDR out.

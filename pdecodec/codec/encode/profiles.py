@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pdecodec.codec.encode.auto_profile import AutoEncoder
+from pdecodec.codec.encode.coded_order import CodedOrderSequence
 from pdecodec.codec.encode.group_encoder import Encoder
 from pdecodec.codec.encode.paper_profile import PaperEncoder
 from pdecodec.codec.encode.report import CONSTANT_SECTIONS, Alternative, EncodeReport, Question
 from pdecodec.codec.settings import EncodeSettings, Profile
-from pdecodec.mesh.selection import CodedOrderSequence
 from pdecodec.mesh.sequence import ArraySequence, MeshObject, MeshSequence, Progress
 
 PROFILES: dict[Profile, type[Encoder]] = {"auto": AutoEncoder, "paper": PaperEncoder}

@@ -1,0 +1,60 @@
+"""A sequence in the order in which its surfaces are coded, so that no order need be stored (`order="free"`)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pdecodec.codec.sections.attributes import reorder_attributes
+from pdecodec.codec.sections.connectivity import CodedOrder, coded_orders
+from pdecodec.mesh.arrays import Float32Array, Int64Array
+from pdecodec.mesh.sequence import AttributeDomain, Connectivity, MeshObject, MeshSequence
+
+
+class CodedOrderSequence(MeshSequence):
+    """A sequence whose vertices, faces and corners stand in the order in which their surface is coded.
+
+    Parameters
+    ----------
+    source : MeshSequence
+    """
+
+    def __init__(self, source: MeshSequence) -> None:
+        self._source = source
+        self.times, self.fps = source.times, source.fps
+        self.metadata, self.notices = source.metadata, source.notices
+        objects, vertices, first = [], [], 0
+        for item, order in zip(
+            source.objects, coded_orders([item.connectivity for item in source.objects]), strict=True
+        ):
+            count = item.vertex_count
+            numbers = np.arange(count) if order is None else order.vertices.astype(np.int64)
+            vertices.append(first + numbers)
+            objects.append(item if order is None else _reordered(item, order))
+            first += count
+        self.objects = tuple(objects)
+        self._vertices = np.concatenate(vertices)
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        return np.ascontiguousarray(self._source.read_frames(start, stop)[:, self._vertices])
+
+    def close(self) -> None:
+        self._source.close()
+
+
+def _reordered(item: MeshObject, order: CodedOrder) -> MeshObject:
+    part = item.connectivity
+    number = np.empty(part.vertex_count, np.int32)
+    number[order.vertices] = np.arange(part.vertex_count, dtype=np.int32)
+    connectivity = Connectivity(
+        part.vertex_count,
+        face_counts=part.face_counts[order.faces],
+        face_indices=number[part.face_indices[order.corners]],
+        line_counts=part.line_counts,
+        line_indices=number[part.line_indices],
+    )
+    rows: dict[AttributeDomain, Int64Array] = {
+        "vertex": order.vertices.astype(np.int64),
+        "face": order.faces.astype(np.int64),
+        "corner": order.corners.astype(np.int64),
+    }
+    return MeshObject(item.name, connectivity, reorder_attributes(item, rows))
