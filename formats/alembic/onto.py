@@ -27,6 +27,7 @@ from pdecodec.formats.alembic.attributes import (
 )
 from pdecodec.formats.alembic.reader import AlembicSequence
 from pdecodec.formats.alembic.writer import OBJECT_BYTES, SAMPLE_BYTES, time_sampling
+from pdecodec.formats.base.frame_files import not_kept
 from pdecodec.formats.base.normals import NormalRows, normal_rows
 from pdecodec.formats.base.onto import Fitted, Placed, blocks_onto, corner_order
 from pdecodec.formats.base.registry import Output
@@ -104,7 +105,7 @@ class _Copy:
             self._room.reserve(len(block) * frame_bytes)
             for shape in self._shapes:
                 shape.write(block, speeds, start)
-        return (f"not kept: {', '.join(self._lost)}",) if self._lost else ()
+        return not_kept(self._lost)
 
     def _copy_object(self, old: Any, new: Any) -> None:
         path = old.getFullName()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -207,6 +207,12 @@ class MeshFile:
             return False
         is_same = mine is None or theirs is None or np.array_equal(mine, theirs)
         return is_same and self.connectivity.same_as(other.connectivity)
+
+
+def not_kept(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the line that names what of a file is not kept; none where that is nothing."""
+    listed = ", ".join(dict.fromkeys(names))
+    return (f"not kept: {listed}",) if listed else ()
 
 
 def _joined(parts: list[MeshFile]) -> MeshFile:

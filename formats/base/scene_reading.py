@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.attribute_roles import GROUP, MATERIAL, UV, face_groups
-from pdecodec.formats.base.frame_files import runs_of_frames
+from pdecodec.formats.base.frame_files import not_kept, runs_of_frames
 from pdecodec.formats.base.normals import read_normal_group
 from pdecodec.formats.base.scene_space import apply_matrices, mirrors, transform_attribute, turned_around
 from pdecodec.formats.base.times import SAME_TIME, Timing
@@ -85,13 +85,12 @@ class Refusals:
         for item in self.found:
             at = "" if item.frame is None else f" at frame {item.frame}"
             notices.append(f"object {item.name!r} is left out: it has {item.feature}{at}")
-        names = dict.fromkeys(name for shape in shapes for name in shape.left_out)
         notices += [f"not read: {there}"] if there else []
         if self.tessellated:
             kinds = ", ".join(f"{count} {kind}" for kind, count in self.tessellated.items())
             notices.append(f"shapes without vertices became polygons: {kinds}")
-        notices += [f"not kept: {', '.join(names)}"] if names else []
-        return (*notices, *hidden_notices(shapes))
+        names = not_kept(name for shape in shapes for name in shape.left_out)
+        return (*notices, *names, *hidden_notices(shapes))
 
 
 def fault_of_faces(counts: NDArray[np.integer], indices: NDArray[np.integer]) -> str | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,22 +52,24 @@ def tree_paths(
     taken: set[tuple[str, ...]] = set()
     branches: set[tuple[str, ...]] = set()
     paths: list[tuple[str, ...]] = []
-    renamed: dict[str, None] = {}
     wanted = [steps_of(name) or (DEFAULT_NAME,) for name in names]
     for steps in wanted:
         branches.update(tuple(map(valid, steps[:length])) for length in range(1, len(steps)))
-    for name, steps in zip(names, wanted, strict=True):
+    for steps in wanted:
         path = tuple(map(valid, steps))
         number = 1
         while path in taken or path in branches:
             number += 1
             path = (*path[:-1], valid(f"{steps[-1]}_{number}"))
-        if "/".join(path) != name:
-            renamed[f"{name!r} as {'/'.join(path)!r}"] = None
         taken.add(path)
         paths.append(path)
-    notices = (f"names that had to change: {', '.join(renamed)}",) if renamed else ()
-    return paths, notices
+    return paths, renamed(zip(names, map("/".join, paths), strict=True))
+
+
+def renamed(pairs: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+    """Return the line about names that had to change, of pairs of a name and what it became; none where none had to."""
+    changes = ", ".join(dict.fromkeys(f"{name!r} as {found!r}" for name, found in pairs if name != found))
+    return (f"names that had to change: {changes}",) if changes else ()
 
 
 def named_face_sets(item: MeshObject, valid: Callable[[str], str]) -> Iterator[tuple[str, str, str, Int32Array]]:

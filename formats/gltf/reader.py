@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from pdecodec.errors import InputError
+from pdecodec.formats.base.frame_files import not_kept
 from pdecodec.formats.base.registry import Transforms
 from pdecodec.formats.base.scene_reading import MOST_INSTANCED, SceneSequence, Shape, hidden_notices
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS
@@ -101,10 +102,9 @@ class GltfSequence(SceneSequence):
         found = {UP_AXIS: "Y", UNIT: "m", **{str(key): str(text) for key, text in own.items()}}
         # Our writer notes an empty unit where nobody knew it.
         self.metadata = {key: text for key, text in found.items() if text}
-        left_out = dict.fromkeys(name for part in parts for name in part.left_out)
-        left_out |= dict.fromkeys(() if chosen is None else chosen.left_out)
-        kept = (f"not kept: {', '.join(left_out)}",) if left_out else ()
-        self.notices = (*clip_notices, *time_notices, *kept, *hidden_notices(parts))
+        left_out = [name for part in parts for name in part.left_out]
+        left_out += () if chosen is None else chosen.left_out
+        self.notices = (*clip_notices, *time_notices, *not_kept(left_out), *hidden_notices(parts))
 
     def _pose(self, start: int, stop: int) -> Pose:
         """Where nodes are at some frames, which shapes have in common."""

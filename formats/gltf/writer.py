@@ -19,12 +19,12 @@ import numpy as np
 
 from pdecodec.codec.decoder import Animation
 from pdecodec.errors import InputError
-from pdecodec.formats.base.attribute_roles import left_out
+from pdecodec.formats.base.attribute_roles import left_out, uv_sets
 from pdecodec.formats.base.normals import normal_rows, smooth_rows
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import RigidKeys, rigid_keys, rigid_notices
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, metres_per_unit, place, up_axis_of
-from pdecodec.formats.base.scene_writing import DEFAULT_NAME, steps_of
+from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed, steps_of
 from pdecodec.formats.gltf.file import GltfBuilder
 from pdecodec.formats.gltf.functions import cubic_keys
 from pdecodec.formats.gltf.mesh_writer import held_by_mesh, write_mesh
@@ -174,7 +174,7 @@ class GltfScene:
 
     def _node(self, name: str, entry: dict[str, Any]) -> int:
         """A node of an object, and those above it."""
-        steps = steps_of(name) or (DEFAULT_NAME,)
+        steps = _steps(name)
         parent: int | None = None
         for length in range(1, len(steps)):
             branch = steps[:length]
@@ -188,6 +188,11 @@ class GltfScene:
         siblings = self._roots if parent is None else self._builder.root["nodes"][parent].setdefault("children", [])
         siblings.append(index)
         return index
+
+
+def _steps(name: str) -> tuple[str, ...]:
+    """Names of an object's node and those above it, from the root."""
+    return steps_of(name) or (DEFAULT_NAME,)
 
 
 class _Scene(GltfScene):
@@ -248,6 +253,9 @@ class _Scene(GltfScene):
             builder.add("animations", animation)
         builder.add("scenes", {"nodes": self._roots})
         builder.root["scene"] = 0
+        self._notices += renamed((item.name, "/".join(_steps(item.name))) for item in sequence.objects)
+        deep = dict.fromkeys(uv.name for item in sequence.objects for uv in uv_sets(item) if uv.values.shape[1] == 3)
+        self._notices += [f"the third number of {name!r} is not kept: UVs have two in glTF" for name in deep]
         self._notices += self._motion_notices()
         between_frames = max((one.between for one in approximate), default=0.0)
         self._notices += rigid_notices((one.deviation for one in approximate), between_frames)

@@ -13,7 +13,7 @@ from plyfile import PlyData, PlyParseError
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.attribute_roles import COLOR, UV
-from pdecodec.formats.base.frame_files import MeshFile, open_frames
+from pdecodec.formats.base.frame_files import MeshFile, not_kept, open_frames
 from pdecodec.formats.base.normals import normal_group
 from pdecodec.formats.base.registry import read_errors
 from pdecodec.mesh.arrays import Int64Array
@@ -100,8 +100,7 @@ def _mesh(data: Any) -> MeshFile:
         attributes.append(normal_group(connectivity, None))
         names -= set(_NORMALS)
     left_out = [name for name in vertex.dtype.names if name in names - set("xyz")] + list(elements)
-    notices = (f"not kept: {', '.join(left_out)}",) if left_out else ()
-    return MeshFile(points, connectivity, tuple(attributes), notices)
+    return MeshFile(points, connectivity, tuple(attributes), not_kept(left_out))
 
 
 def _faces(face: Any) -> tuple[NDArray[Any], NDArray[Any]]:

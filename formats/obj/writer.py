@@ -17,7 +17,7 @@ import numpy as np
 
 from pdecodec import _core
 from pdecodec.errors import InputError
-from pdecodec.formats.base.attribute_roles import indexed_rows, left_out, uv_sets, vertex_color
+from pdecodec.formats.base.attribute_roles import COLOR, UV, indexed_rows, left_out, uv_sets, vertex_color
 from pdecodec.formats.base.frame_files import (
     FOLDER_PADDING,
     FrameBytes,
@@ -27,7 +27,7 @@ from pdecodec.formats.base.frame_files import (
 )
 from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows
 from pdecodec.formats.base.registry import Output
-from pdecodec.formats.base.scene_writing import DEFAULT_NAME
+from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed
 from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
 
@@ -50,7 +50,9 @@ def write_obj(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     notices: dict[str, None] = {}
 
     def frame_bytes(run: MeshSequence, first: int) -> FrameBytes:
-        notices.update(dict.fromkeys(left_out(run, "OBJ", _is_written, metadata=("mtllib",))))
+        lost = left_out(run, "OBJ", _is_written, metadata=("mtllib",))
+        names = renamed((item.name, _one_line(item.name) or DEFAULT_NAME) for item in run.objects)
+        notices.update(dict.fromkeys((*lost, *names, *_without_names(run))))
         return _FrameText(run, output.rate, first).of_frame
 
     write_frames(sequence, placed, "OBJ", frame_bytes, new_folder=new_folder)
@@ -91,6 +93,14 @@ def _is_written(item: MeshObject, attribute: Attribute) -> bool:
     if attribute.domain == "face" and attribute.name in ("object", "group", "material", "smoothing"):
         return True
     return any(attribute is one for one in (*uv_sets(item)[:1], vertex_color(item), group_attribute(item)))
+
+
+def _without_names(sequence: MeshSequence) -> Iterator[str]:
+    """Lines about UV sets and colours that are written as the main ones."""
+    for item in sequence.objects:
+        for one, name in ((next(iter(uv_sets(item)), None), UV), (vertex_color(item), COLOR)):
+            if one is not None and one.name != name:
+                yield f"{one.name!r} is written as {name!r}: OBJ has one, and no name for it"
 
 
 def _one_line(name: str) -> str:

@@ -6,6 +6,7 @@ A file is saved after every block of frames, so that memory does not grow with t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from pdecodec.errors import InputError
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import rigid_parts
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, matrices_at, metres_per_unit, transform_of, up_axis_of
-from pdecodec.formats.base.scene_writing import steps_of, tree_paths
+from pdecodec.formats.base.scene_writing import renamed, steps_of, tree_paths
 from pdecodec.formats.base.shape_writing import ShapeKey, ShapeWriter, shape_keys, write_shapes
 from pdecodec.formats.base.times import codes_of
 from pdecodec.formats.usd.attributes import (
@@ -121,14 +122,14 @@ class _Stage:
         if rest:
             data[METADATA] = rest
         layer.customLayerData = data
-        # Names that USD cannot hold come back, from the prims' custom data; others do not.
-        renamed = [
-            f"{name!r} as {'/'.join(path)!r}"
+        # Names that USD cannot hold come back, from the prims' custom data; those with a number behind them do not.
+        back = (
+            "/".join(
+                mine if mine and valid_name(mine) == step else step for mine, step in zip_longest(steps_of(name), path)
+            )
             for name, path in zip(names, paths, strict=True)
-            if tuple(map(valid_name, steps_of(name))) != path
-        ]
-        if renamed:
-            self.notices.append(f"names that had to change: {', '.join(renamed)}")
+        )
+        self.notices += renamed(zip(names, back, strict=True))
         roots = {steps[0] for steps in paths}
         self._root = Sdf.Path.absoluteRootPath
         if len(roots) > 1:

@@ -1,10 +1,9 @@
 """VTK's files: VTU and the PVD lists of them in and out, VTP and legacy VTK in.
 
-Unstructured grids (``.vtu``) and legacy files (``.vtk``) are read by meshio, or what it refuses by VTK (extra ``vtk``);
-meshio is guarded: its ``read`` may print, end the process, or raise whatever its parsers meet; here each is one line
-that names the file. Points and cells keep the order that meshio gives them, block after block. Polygonal data
-(``.vtp``), which meshio does not read, may stand as text, as base64, or appended (base64 or raw), and be compressed by
-zlib.
+XML files (``.vtu``, ``.vtp``) are read here: data as text, as base64 or appended (base64 or raw), plain or compressed
+by zlib. Other grids and legacy files (``.vtk``) are read by meshio, and what it refuses by VTK (extra ``vtk``). meshio
+is guarded: its ``read`` may print, end the process, or raise whatever its parsers meet; here each is one line that
+names the file.
 """
 
 from __future__ import annotations
@@ -31,6 +30,7 @@ from pdecodec.formats.base.frame_files import (
     FOLDER_PADDING,
     FrameBytes,
     MeshFile,
+    not_kept,
     open_frames,
     sequence_of_files,
     write_frames,
@@ -45,7 +45,14 @@ from pdecodec.mesh.sequence import Connectivity, MeshSequence
 from pdecodec.system.whole_output import check_writable
 
 VERTEX, POLY_LINE, TRIANGLE, POLYGON, QUAD = 1, 4, 5, 7, 9
-"""VTK's numbers of cell types."""
+"""VTK's numbers of cell types that are written."""
+
+_CELLS = {
+    **{VERTEX: "polyline", 3: "line", POLY_LINE: "polyline", TRIANGLE: "triangle", POLYGON: "polygon", QUAD: "quad"},
+    **{10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid", 21: "line", 22: "triangle", 23: "quad", 24: "tetra"},
+    **{25: "hexahedron", 26: "wedge", 27: "pyramid", 28: "quad", 29: "hexahedron", 34: "triangle"},
+}
+"""Kinds of cells by VTK's numbers of cell types."""
 
 _TYPES = {
     f"{name}{8 * size}": f"{letter}{size}"
@@ -61,6 +68,9 @@ _DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, SyntaxError, T
 
 KINDS = frozenset({"line", "triangle", "quad", "polygon", "tetra", "pyramid", "wedge", "hexahedron"})
 """meshio's names of kinds of cells, without numbers of nodes."""
+
+_UNREAD = "cells that meshio cannot handle"
+"""What meshio says of cells that it leaves out."""
 
 _MESHIO_RAISES = (SystemExit, AssertionError, EOFError, MemoryError, NameError, RuntimeError, struct.error)
 """What meshio's parsers raise beside that."""
@@ -90,6 +100,8 @@ def read_with_meshio(path: Path) -> MeshFile:
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), np.errstate(all="ignore"):
             mesh = meshio.read(path)
+            if _UNREAD in said.getvalue():
+                raise ValueError
             return _mesh_file(mesh, path)
     except (meshio.ReadError, *_DAMAGE, *_MESHIO_RAISES) as error:
         reason = " ".join(f"{error} {said.getvalue()}".split())[:200] or type(error).__name__
@@ -109,9 +121,13 @@ def _mesh_file(mesh: Any, path: Path) -> MeshFile:
             cells.add("line" if kind == "vertex" else kind, np.asarray(block.data))
         else:
             raise InputError(f"holds cells of type {block.type}, which are not read", path=path)
+    return _mesh_of_cells(points, cells, [*mesh.point_data, *mesh.cell_data])
+
+
+def _mesh_of_cells(points: NDArray[np.floating], cells: Cells, names: Sequence[str]) -> MeshFile:
+    """The mesh of cells at points (nodes, 3), of whose data of these names nothing is kept."""
     connectivity, gather = cells.connectivity(points)
-    names = [*mesh.point_data, *mesh.cell_data]
-    notices = (*((f"not kept: {', '.join(names)}",) if names else ()), *left_out_notice(gather, len(points)))
+    notices = (*not_kept(names), *left_out_notice(gather, len(points)))
     if gather is None:
         return MeshFile(points, connectivity, (), notices)
     return MeshFile(points[gather], connectivity, (node_attribute(gather),), notices)
@@ -145,13 +161,9 @@ def _read_part(path: Path) -> MeshFile:
 
 def _read_vtu(path: Path) -> MeshFile:
     try:
+        return _XmlFile(path, "UnstructuredGrid").mesh
+    except (*_DAMAGE, InputError):
         return read_with_meshio(path)
-    except InputError as refused:
-        # meshio takes points without cells for damage.
-        try:
-            return _XmlFile(path, "UnstructuredGrid").mesh
-        except (*_DAMAGE, InputError):
-            raise refused from None
 
 
 def write_vtu(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
@@ -260,7 +272,7 @@ def _read_vtp(path: Path) -> MeshFile:
 
 
 class _XmlFile:
-    """One VTP file, or one VTU file that holds points alone, read."""
+    """One VTP or VTU file, read."""
 
     def __init__(self, path: Path, kind: str) -> None:
         text = path.read_bytes()
@@ -274,12 +286,11 @@ class _XmlFile:
         root = ElementTree.fromstring(text)
         if root.get("type") != kind:
             raise ValueError(f"its type is {root.get('type')}")
+        self._kind = kind
         self._order = ">" if root.get("byte_order") == "BigEndian" else "<"
         self._header = np.dtype(self._order + _TYPES[root.get("header_type", "UInt32")])
         self._compressed = root.get("compressor") is not None
         pieces = root.findall(f"./{kind}/Piece")
-        if pieces and int(pieces[0].get("NumberOfCells", "0")):
-            raise ValueError("it has cells")
         if len(pieces) != 1:
             raise InputError(f"holds {len(pieces)} pieces; join them to one first", path=path)
         if int(pieces[0].get("NumberOfStrips", "0")):
@@ -291,13 +302,14 @@ class _XmlFile:
         if array is None:
             raise ValueError("there are no points")
         points = self._array(array).reshape(-1, 3)
-        vertices, lines, faces = (self._cells(piece.find(kind)) for kind in ("Verts", "Lines", "Polys"))
-        joined = (np.concatenate(both) for both in zip(vertices, lines, strict=True))
         names = [
             str(one.get("Name")) for kind in ("PointData", "CellData") for one in piece.findall(f"{kind}/DataArray")
         ]
-        notices = (f"not kept: {', '.join(names)}",) if names else ()
-        return MeshFile(points, Connectivity(len(points), *faces, *joined), (), notices)
+        if self._kind == "UnstructuredGrid":
+            return _mesh_of_cells(points, self._grid_cells(piece.find("Cells")), names)
+        vertices, lines, faces = (self._cells(piece.find(kind)) for kind in ("Verts", "Lines", "Polys"))
+        joined = (np.concatenate(both) for both in zip(vertices, lines, strict=True))
+        return MeshFile(points, Connectivity(len(points), *faces, *joined), (), not_kept(names))
 
     def _cells(self, cells: ElementTree.Element | None) -> tuple[NDArray[Any], NDArray[Any]]:
         """Counts and indices."""
@@ -306,6 +318,22 @@ class _XmlFile:
             return np.zeros(0, np.int32), np.zeros(0, np.int32)
         ends = self._array(arrays["offsets"]).astype(np.int64)
         return np.diff(ends, prepend=0).astype(np.int32), self._array(arrays["connectivity"]).astype(np.int64)
+
+    def _grid_cells(self, element: ElementTree.Element | None) -> Cells:
+        """The cells of a grid, those that follow each other and are alike as one block."""
+        cells, (counts, indices) = Cells(vtk=True), self._cells(element)
+        if element is None or not counts.size:
+            return cells
+        types = self._array(next(one for one in element.findall("DataArray") if one.get("Name") == "types"))
+        if types.size != counts.size or int(counts.sum()) != indices.size:
+            raise ValueError("its cells do not fit each other")
+        ends = np.append(np.flatnonzero(np.diff(types) | np.diff(counts)) + 1, counts.size).tolist()
+        first = used = 0
+        for end in ends:
+            rows = indices[used : used + int(counts[first]) * (end - first)].reshape(end - first, -1)
+            cells.add(_CELLS[int(types[first])], rows)
+            first, used = end, used + rows.size
+        return cells
 
     def _array(self, array: ElementTree.Element) -> NDArray[Any]:
         dtype = np.dtype(self._order + _TYPES[str(array.get("type"))])

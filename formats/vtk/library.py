@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.child import Answer, Child, serve
-from pdecodec.formats.base.frame_files import MeshFile
+from pdecodec.formats.base.frame_files import MeshFile, not_kept
 from pdecodec.formats.vtk.cells import left_out_notice, node_attribute
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
@@ -161,9 +161,8 @@ def read_with_vtk(path: Path) -> MeshFile:
             attributes = (node_attribute(gather),)
         else:
             gather = None
-    notices = (f"not kept: {', '.join(names)}",) if names else ()
     connectivity = Connectivity(len(points), *faces, *lines)
-    return MeshFile(points, connectivity, attributes, (*notices, *left_out_notice(gather, nodes)))
+    return MeshFile(points, connectivity, attributes, (*not_kept(names), *left_out_notice(gather, nodes)))
 
 
 def _check_cells(data: Any, path: Path) -> None:

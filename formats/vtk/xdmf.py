@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pdecodec.errors import InputError
 from pdecodec.formats.arrays.hdf5 import new_hdf5
 from pdecodec.formats.base.attribute_roles import lost_by_joining
+from pdecodec.formats.base.frame_files import not_kept
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
@@ -137,11 +138,8 @@ class XdmfSequence(MeshSequence):
         attributes = () if self._gather is None else (node_attribute(self._gather),)
         self.objects = (MeshObject("mesh", connectivity, attributes),)
         self.metadata = {}
-        names = dict.fromkeys(
-            str(one.get("Name")) for one in self._grids[0].findall("Attribute") if one is not self._moving(0)
-        )
-        kept = [f"not kept: {', '.join(names)}"] if names else []
-        self.notices = (*notices, *kept, *left_out_notice(self._gather, len(first)))
+        names = (str(one.get("Name")) for one in self._grids[0].findall("Attribute") if one is not self._moving(0))
+        self.notices = (*notices, *not_kept(names), *left_out_notice(self._gather, len(first)))
 
     def _time(self, grid: ElementTree.Element) -> float | None:
         time = grid.find("Time")

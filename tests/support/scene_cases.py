@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from pdecodec.formats import open_sequence, write_sequence
+from pdecodec.formats.base.attribute_roles import expanded
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject, MeshSequence
 from tests.support.browser_tools import assert_valid
@@ -166,6 +168,14 @@ def assert_has_attributes(mine: MeshObject, attributes: Sequence[Attribute], *, 
         assert (one.indices is None) == (expected.indices is None), one.name
         if one.indices is not None and expected.indices is not None:
             assert one.indices.tolist() == expected.indices.tolist()
+
+
+def meaning_of(attribute: Attribute) -> NDArray[Any]:
+    """What an attribute says of each element of its domain: labels as text, integer colours over 255."""
+    values = expanded(attribute)
+    if attribute.labels:
+        return np.array([attribute.labels[row] if row >= 0 else "" for row in values])
+    return values / np.float32(255) if attribute.name.startswith("color") and values.dtype.kind == "u" else values
 
 
 def array_of(data: Path, name: str) -> dict[str, NDArray[np.generic]]:
