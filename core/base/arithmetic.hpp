@@ -13,6 +13,7 @@ namespace pdeanim {
 
 static_assert(FLT_EVAL_METHOD == 0, "sums must be rounded to the precision that they are declared with");
 
+using i16 = std::int16_t;
 using i32 = std::int32_t;
 using i64 = std::int64_t;
 using u8 = std::uint8_t;
