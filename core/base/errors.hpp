@@ -1,8 +1,12 @@
 // Failures of the core: thrown inside, turned into codes at the C interface and into Python's errors at the bindings.
+// One of them, LimitError, comes from the limit on memory: what a file asks for is counted before it is taken.
 #pragma once
 
+#include <atomic>
 #include <stdexcept>
 #include <string>
+#include <string_view>
+#include <utility>
 
 #include "base/arithmetic.hpp"
 
@@ -29,6 +33,78 @@ struct ArgumentError : std::invalid_argument {
 // The caller's read callback failed.
 struct ReadError : std::runtime_error {
     using std::runtime_error::runtime_error;
+};
+
+// A number of bytes; several threads may take of it.
+class MemoryLimit {
+public:
+    explicit MemoryLimit(u64 bytes) : bytes_(bytes), left_(bytes) {}
+
+    // As much as is left of another one.
+    MemoryLimit(const MemoryLimit &other) : bytes_(other.bytes_), left_(other.left()) {}
+
+    u64 left() const { return left_; }
+
+    // For good. LimitError, which says for what, where so much is not left.
+    void take(u64 bytes, std::string_view what) {
+        u64 left = left_;
+        do {
+            if (bytes > left) {
+                throw LimitError("declares " + std::string(what) + ", about " + std::to_string(bytes_ - left + bytes) +
+                                 " bytes to decode; the limit is " + std::to_string(bytes_) +
+                                 "; raise it if you trust the file");
+            }
+        } while (!left_.compare_exchange_weak(left, left - bytes));
+    }
+
+    void give_back(u64 bytes) { left_ += bytes; }
+
+private:
+    const u64 bytes_;
+    std::atomic<u64> left_;
+};
+
+// What is taken for something, as long as that is there; several threads may take more. Without a limit nothing is counted.
+class TakenMemory {
+public:
+    TakenMemory() = default;
+    explicit TakenMemory(MemoryLimit &limit) : limit_(&limit) {}
+    TakenMemory(MemoryLimit &limit, u64 bytes, std::string_view what) : limit_(&limit) { take(bytes, what); }
+    TakenMemory(TakenMemory &&other) noexcept
+        : limit_(std::exchange(other.limit_, nullptr)), bytes_(other.bytes_.exchange(0)) {}
+    TakenMemory &operator=(TakenMemory &&other) noexcept {
+        give_back(bytes_);
+        limit_ = std::exchange(other.limit_, nullptr);
+        bytes_ = other.bytes_.exchange(0);
+        return *this;
+    }
+    ~TakenMemory() { give_back(bytes_); }
+
+    u64 bytes() const { return bytes_; }
+
+    // Nothing yet, of the same limit.
+    TakenMemory another() const { return limit_ ? TakenMemory(*limit_) : TakenMemory(); }
+
+    void take(u64 bytes, std::string_view what) {
+        if (!limit_) return;
+        limit_->take(bytes, what);
+        bytes_ += bytes;
+    }
+
+    void give_back(u64 bytes) {
+        if (!limit_) return;
+        bytes_ -= bytes;
+        limit_->give_back(bytes);
+    }
+
+    // It has turned out that no more than so much is needed.
+    void keep(u64 bytes) {
+        if (bytes < bytes_) give_back(bytes_ - bytes);
+    }
+
+private:
+    MemoryLimit *limit_ = nullptr;
+    std::atomic<u64> bytes_ = 0;
 };
 
 }  // namespace pdeanim

@@ -23,7 +23,7 @@
 #include "decode/model.hpp"
 #include "sections/attributes/attributes.hpp"
 #include "sections/connectivity/connectivity.hpp"
-#include "sections/residuals/added.hpp"
+#include "sections/residuals/residuals.hpp"
 #include "sections/spatial/space_basis.hpp"
 #include "sections/temporal/closed_form.hpp"
 

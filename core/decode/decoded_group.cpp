@@ -7,7 +7,6 @@
 
 #include "sections/coefficients/coefficients.hpp"
 #include "sections/temporal/closed_form.hpp"
-#include "sections/temporal/cosines.hpp"
 #include "sections/temporal/time_functions.hpp"
 
 namespace pdeanim {

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "base/memory_limit.hpp"
+#include "base/errors.hpp"
 #include "decode/container.hpp"
 #include "decode/sequence.hpp"
 

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "base/errors.hpp"
-#include "sections/spatial/space_form.hpp"
+#include "sections/spatial/space_layout.hpp"
 
 namespace pdeanim {
 

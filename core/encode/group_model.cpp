@@ -4,10 +4,10 @@
 #include <cmath>
 #include <mutex>
 
-#include "base/large_array.hpp"
+#include "base/arrays.hpp"
 #include "base/parallel.hpp"
-#include "sections/residuals/added.hpp"
-#include "sections/residuals/missed.hpp"
+#include "encode/quantise.hpp"
+#include "sections/residuals/residuals.hpp"
 
 namespace pdeanim {
 
@@ -78,10 +78,6 @@ void add_errors(std::span<const Position> points, std::span<const Exact> base, c
         found.largest_square = most(found.largest_square, square);
         found.sum_of_squares += square;
     }
-}
-
-template <class T> void append(std::vector<T> &all, const std::vector<T> &more) {
-    all.insert(all.end(), more.begin(), more.end());
 }
 
 }  // namespace

@@ -1,14 +1,19 @@
-// Whole numbers of any size: how many binary digits, one by one, then the digits.
-//
-// The first three digits below the leading one depend on those before; the others are as good as noise and cost a bit
-// each.
+// Models of whole numbers: one of any size, a sequence that repeats itself (MatchModel), and lists.
 #pragma once
 
+#include <array>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "base/arithmetic.hpp"
 #include "entropy/range_coder.hpp"
 
 namespace pdeanim {
 
-// Numbers from 0 to 2^32 - 2: twice the largest vertex index and its sign fit.
+// Numbers from 0 to 2^32 - 2 (twice the largest vertex index and its sign fit): how many binary digits, one by one, then
+// the digits. The first three digits below the leading one depend on those before; the others are as good as noise and
+// cost a bit each.
 class NumberModel {
 public:
     template <Mode mode> i64 code(RangeCoder<mode> &coder, i64 value) {
@@ -46,6 +51,180 @@ public:
 private:
     BitModel zero_, sign_;
     std::array<NumberModel, 2> magnitude_;
+};
+
+// Classes of numbers, looked up where numbers are small, as most are: to count binary digits takes as long as a decision.
+template <auto class_of> inline constexpr std::array<u8, 256> small_classes = [] {
+    std::array<u8, 256> found{};
+    for (std::size_t number = 0; number < found.size(); ++number) {
+        found[number] = static_cast<u8>(class_of(static_cast<i64>(number)));
+    }
+    return found;
+}();
+
+// What `class_of`, constexpr, says of a number that is not negative: less than 256.
+template <auto class_of> int looked_up(i64 number) {
+    const auto &small = small_classes<class_of>;
+    return number < static_cast<i64>(small.size()) ? small[number] : class_of(number);
+}
+
+// Numbers from 1 to 2^43 - 1: how many binary digits, one by one, then the digits as bypass bits.
+class CountedModel {
+public:
+    template <Mode mode> i64 code(RangeCoder<mode> &coder, i64 value) {
+        const int wanted = bit_length(value);
+        int digits = 1;
+        while (digits < most_digits && coder.bit(more_[digits - 1], wanted > digits)) ++digits;
+        i64 found = 1;
+        for (int place = digits - 2; place >= 0; --place) found = 2 * found + coder.bypass((value >> place) & 1);
+        return found;
+    }
+
+private:
+    static constexpr int most_digits = 43;  // a miss is at most 2^42
+    std::array<BitModel, most_digits> more_;
+};
+
+// A match model: what followed in a sequence of numbers the last time when the same numbers had gone before.
+//
+// Meshes that a program made repeat themselves: every row of a grid is numbered as the row before. The model finds the
+// place where the last six numbers stood before (the long match) and stays there as long as the sequence goes on in the
+// same way, so that it also finds where a row ends; and the place where the last three stood (the short match), looked up
+// anew for every number. Whether one of them is right is coded as a mixed bit; what neither gives is the caller's.
+class MatchModel {
+public:
+    static constexpr int phases = 8;  // kinds of numbers in one sequence, at most; they belong to the contexts
+
+    // Code whether the next number is one that the model proposes; if so, the number. In any case `add` comes next.
+    template <Mode mode> std::optional<i64> code(RangeCoder<mode> &coder, int phase, i64 number) {
+        look_up(phase);
+        const i64 place = long_place_, short_place = short_place_;
+        bool differ = short_place >= 0;
+        if (place >= 0) {
+            const i64 proposed = number_at(place);
+            int agreement = 0;
+            if (short_place >= 0) {
+                differ = number_at(short_place) != proposed;
+                agreement = differ ? 1 : 2;
+            }
+            const int run = static_cast<int>(least<i64>(run_, longest_run));
+            BitModel &of_run = of_run_[run][phase][agreement];
+            bool right;
+            if (run == longest_run) {
+                right = coder.bit(of_run, number == proposed);
+            } else {
+                right = coder.template mixed<2>({&of_run, &long_recent_[long_history_][agreement]},
+                                                long_weights_.data(), number == proposed);
+            }
+            long_history_ = 2 * (long_history_ & 127) + right;
+            if (right) return proposed;
+            long_place_ = -1;
+        }
+        if (differ) {
+            const i64 proposed = number_at(short_place);
+            const int distance = static_cast<int>(least<i64>(count_ - short_place, farthest));
+            const bool right =
+                coder.template mixed<2>({&short_recent_[short_history_][phase], &short_distance_[distance][phase]},
+                                        short_weights_.data(), number == proposed);
+            short_history_ = 2 * (short_history_ & 127) + right;
+            if (right) return proposed;
+        }
+        return std::nullopt;
+    }
+
+    // Add the number that came after `code`.
+    void add(i64 number) {
+        if (long_place_ >= 0) {
+            ++long_place_;
+            ++run_;
+        }
+        if (long_slot_ >= 0) {
+            long_table_[long_slot_] = count_ + 1;
+            short_table_[short_slot_] = count_ + 1;
+        }
+        past_[count_ & (past_size - 1)] = number;
+        ++count_;
+    }
+
+private:
+    static constexpr int long_context = 6, short_context = 3;
+    static constexpr int table_bits = 13;            // of the tables of places: they stay within the processor's cache
+    static constexpr i64 past_size = 1 << 14;        // numbers that are kept: two rows of a grid of a thousand columns
+    static constexpr u32 hash_factor = 0x9E3779B1u;  // 2^32 over the golden ratio (Knuth, volume 3, section 6.4)
+    static constexpr int longest_run = 63, farthest = 63;  // runs and distances beyond these are alike
+
+    i64 number_at(i64 place) const { return past_[place & (past_size - 1)]; }
+
+    void look_up(int phase) {
+        if (long_place_ >= 0 && run_ >= longest_run) {
+            // Nothing here is new: time is better spent elsewhere.
+            long_slot_ = short_slot_ = -1;
+            short_place_ = -1;
+            return;
+        }
+        u32 mixed = static_cast<u32>(phase);
+        for (int back = 1; back <= long_context; ++back) {
+            mixed = mixed * hash_factor + static_cast<u32>(number_at(count_ - back));
+            if (back == short_context) short_slot_ = static_cast<i32>(mixed >> (32 - table_bits));
+        }
+        long_slot_ = static_cast<i32>(mixed >> (32 - table_bits));
+        if (long_place_ < 0) {
+            long_place_ = long_table_[long_slot_] - 1;
+            run_ = 0;
+        }
+        short_place_ = short_table_[short_slot_] - 1;
+        if (count_ - long_place_ > past_size) long_place_ = -1;
+        if (count_ - short_place_ > past_size) short_place_ = -1;
+    }
+
+    i64 count_ = 0, long_place_ = -1, short_place_ = -1, run_ = 0;
+    i32 long_slot_ = -1, short_slot_ = -1;
+    int long_history_ = 0, short_history_ = 0;  // which of the last 8 matches were right, the latest in bit 0
+    Weights<2> long_weights_, short_weights_;
+    std::array<std::array<std::array<BitModel, 3>, phases>, longest_run + 1> of_run_;
+    std::array<std::array<BitModel, 3>, 256> long_recent_;
+    std::array<std::array<BitModel, phases>, 256> short_recent_;
+    std::array<std::array<BitModel, phases>, farthest + 1> short_distance_;
+    std::vector<i64> long_table_ = std::vector<i64>(1 << table_bits), short_table_ = long_table_;
+    std::vector<i64> past_ = std::vector<i64>(past_size);
+};
+
+// A list of numbers of which each is larger than the one before, by no more than 2^32.
+class AscendingModel {
+public:
+    template <Mode mode> void code(RangeCoder<mode> &coder, std::span<i64> numbers) {
+        for (std::size_t i = 0; i < numbers.size(); ++i) {
+            coder.check_not_ended();
+            if (i == 0) {
+                numbers[0] = first_.code(coder, numbers[0]);
+            } else {
+                numbers[i] = numbers[i - 1] + 1 + gaps_.code(coder, numbers[i] - numbers[i - 1] - 1);
+            }
+        }
+    }
+
+private:
+    SignedModel first_;
+    NumberModel gaps_;
+};
+
+// A list of numbers by their differences, less than 2^32 in size, which often come again as they came before.
+class StepModel {
+public:
+    template <Mode mode> void code(RangeCoder<mode> &coder, std::span<i64> numbers) {
+        i64 last = 0;
+        for (i64 &number : numbers) {
+            const std::optional<i64> again = match_.code(coder, 0, number - last);
+            const i64 step = again ? *again : steps_.code(coder, number - last);
+            match_.add(step);
+            last += step;
+            number = last;
+        }
+    }
+
+private:
+    SignedModel steps_;
+    MatchModel match_;
 };
 
 }  // namespace pdeanim

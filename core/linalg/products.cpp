@@ -1,125 +1,321 @@
 #include "linalg/products.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <memory>
-#include <type_traits>
-#include <vector>
 
-#include "base/parallel.hpp"
-#include "linalg/in_precision.hpp"
+#include "base/lanes.hpp"
+#include "linalg/vectors.hpp"
+
+// A block of the right matrix is laid out as panels, each as wide as the registers of a tile, and stays in the cache next
+// to the nearest; a few rows of the left one at a time are laid out in the nearest, and meet all panels. The sums of a
+// tile stay in registers. After a block they are kept in `out`, from where the next block goes on: nothing is rounded on
+// the way.
 
 namespace pdeanim {
 
 namespace {
 
-// Rows of a product that are computed at once, and products of numbers from which on threads are worth starting.
-constexpr i64 rows_at_once = 192, worth_sharing = i64{1} << 22;
+constexpr i64 block_depth = 256, block_bytes = 2048;  // of a block of the right matrix: its rows, and the length of one
 
-// Sums of squares are added up in so many spans of rows, and of so many columns at once. The sums of a span are in double,
-// of blocks of rows that are added up in float or double: so many bytes of each column.
-constexpr i64 spans = 4, columns_at_once = 32;
-template <class Real> constexpr i64 block_rows = std::is_same_v<Real, float> ? 512 : 1024;
+constexpr int few_rows = 4;  // of tiles for what is left of the rows
 
-int threads_for(const ProductSizes &sizes, i64 times, int threads) {
-    return sizes.rows * sizes.depth * sizes.columns * times < worth_sharing ? 1 : threads;
-}
-
-struct SumSizes {
-    i64 count, columns, other_columns;
+// Vectors of so many numbers; a tile of sums has so many rows of so many vectors.
+template <int of_lanes, int of_rows, int of_columns> struct Tile {
+    static constexpr int lanes = of_lanes, rows = of_rows, columns = of_columns, width = of_lanes * of_columns;
 };
 
-// Sums of products of all columns of rows and of others; where these are the same, the upper triangle is enough.
-template <class Real, class Row, bool is_triangle>
-void sums(double *out, const Row *rows, const Row *others, const SumSizes &sizes, int threads) {
-    const i64 count = sizes.count, columns = sizes.columns, other_columns = sizes.other_columns;
-    const i64 size = columns * other_columns;
-    std::vector<double> of_spans(spans * size);
-    in_shares(spans, threads_for({count, columns, other_columns}, 1, threads), [&](i64 span, i64 end) {
-        InPrecision<Real> own, other;
-        const auto found = std::make_unique_for_overwrite<Real[]>(columns * columns_at_once);
-        for (; span < end; ++span) {
-            const i64 last = count * (span + 1) / spans;
-            for (i64 begin = count * span / spans; begin < last; begin += block_rows<Real>) {
-                const i64 some = least(block_rows<Real>, last - begin);
-                const Real *block = own.of(rows + begin * columns, some * columns), *right = block;
-                if constexpr (!is_triangle) {
-                    right = other.of(others + begin * other_columns, some * other_columns);
-                }
-                for (i64 first = 0; first < other_columns; first += columns_at_once) {
-                    const i64 width = least(columns_at_once, other_columns - first);
-                    const i64 height = is_triangle ? first + width : columns;
-                    std::fill_n(found.get(), height * width, Real{0});
-                    add_product(found.get(), width, Strided<Real>{block, 1, columns}, right + first, other_columns,
-                                {height, some, width});
-                    double *total = of_spans.data() + span * size + first;
-                    for (i64 i = 0; i < height; ++i) {
-                        for (i64 j = 0; j < width; ++j) total[i * other_columns + j] += found[i * width + j];
-                    }
-                }
+template <class Shape, class Real>
+PDEANIM_INLINE void add_tile(Real *out, i64 stride, const Real *left, const Real *panel, i64 depth) {
+    constexpr int lanes = Shape::lanes;
+    Lanes<Real, lanes> sums[Shape::rows][Shape::columns];
+    for (int i = 0; i < Shape::rows; ++i) {
+        for (int j = 0; j < Shape::columns; ++j) sums[i][j] = lanes_at<lanes>(out + i * stride + j * lanes);
+    }
+    for (i64 k = 0; k < depth; ++k) {
+        for (int i = 0; i < Shape::rows; ++i) {
+            for (int j = 0; j < Shape::columns; ++j) sums[i][j] += left[i] * lanes_at<lanes>(panel + j * lanes);
+        }
+        left += Shape::rows;
+        panel += Shape::width;
+    }
+    for (int i = 0; i < Shape::rows; ++i) {
+        for (int j = 0; j < Shape::columns; ++j) put_lanes(out + i * stride + j * lanes, sums[i][j]);
+    }
+}
+
+// The same where a tile goes beyond the matrix: of a row alone, through room of its own.
+template <class Shape, class Real>
+PDEANIM_INLINE void add_part_of_tile(Real *out, i64 stride, i64 width, const Real *left, const Real *panel, i64 depth) {
+    Real sums[Shape::rows * Shape::width] = {};
+    for (int i = 0; i < Shape::rows; ++i) std::copy_n(out + i * stride, width, sums + i * Shape::width);
+    add_tile<Shape>(sums, Shape::width, left, panel, depth);
+    for (int i = 0; i < Shape::rows; ++i) std::copy_n(sums + i * Shape::width, width, out + i * stride);
+}
+
+// Rows of the left matrix from `first` on meet all panels of a block.
+template <class Shape, class Real> PDEANIM_INLINE void add_rows(Real *out, i64 out_stride, const Strided<Real> &left,
+                                                                i64 &first, const Real *panels,
+                                                                const ProductSizes &sizes) {
+    Real rows[Shape::rows * block_depth];
+    for (; first + Shape::rows <= sizes.rows; first += Shape::rows) {
+        for (i64 k = 0; k < sizes.depth; ++k) {
+            const Real *column = left.numbers + first * left.row + k * left.column;
+            if (left.row == 1) {
+                std::copy_n(column, Shape::rows, rows + k * Shape::rows);
+            } else {
+                for (int i = 0; i < Shape::rows; ++i) rows[k * Shape::rows + i] = column[i * left.row];
             }
         }
-    });
-    for (i64 i = 0; i < size; ++i) {
-        double total = 0.0;
-        for (i64 span = 0; span < spans; ++span) total += of_spans[span * size + i];
-        out[i] = total;
+        Real *row = out + first * out_stride;
+        const Real *panel = panels;
+        i64 j = 0;
+        for (; j + Shape::width <= sizes.columns; j += Shape::width) {
+            add_tile<Shape>(row + j, out_stride, rows, panel, sizes.depth);
+            panel += Shape::width * sizes.depth;
+        }
+        if (j < sizes.columns) {
+            add_part_of_tile<Shape>(row + j, out_stride, sizes.columns - j, rows, panel, sizes.depth);
+        }
+    }
+}
+
+// A block of the right matrix as panels; what goes beyond it is zero.
+template <int width, class Real>
+PDEANIM_INLINE void lay_out(Real *panels, const Real *right, i64 stride, i64 depth, i64 columns) {
+    for (i64 first = 0; first < columns; first += width) {
+        const i64 some = least<i64>(width, columns - first);
+        for (i64 k = 0; k < depth; ++k, panels += width) {
+            const Real *row = right + k * stride + first;
+            if (some == width) {
+                std::copy_n(row, width, panels);
+            } else {
+                std::fill(std::copy_n(row, some, panels), panels + width, Real{0});
+            }
+        }
+    }
+}
+
+template <class Shape, class Real> PDEANIM_INLINE void add_all(Real *out, i64 out_stride, const Strided<Real> &left,
+                                                               const Real *right, i64 right_stride,
+                                                               const ProductSizes &sizes) {
+    constexpr i64 most_columns = block_bytes / sizeof(Real) / Shape::width * Shape::width;
+    const i64 room = least(most_columns, (sizes.columns + Shape::width - 1) / Shape::width * Shape::width);
+    const auto panels = std::make_unique_for_overwrite<Real[]>(least(block_depth, sizes.depth) * room);
+    for (i64 j = 0; j < sizes.columns; j += most_columns) {
+        const i64 columns = least(most_columns, sizes.columns - j);
+        for (i64 k = 0; k < sizes.depth; k += block_depth) {
+            const i64 depth = least(block_depth, sizes.depth - k);
+            lay_out<Shape::width>(panels.get(), right + k * right_stride + j, right_stride, depth, columns);
+            const Strided<Real> some{left.numbers + k * left.column, left.row, left.column};
+            i64 first = 0;
+            const ProductSizes block{sizes.rows, depth, columns};
+            add_rows<Shape>(out + j, out_stride, some, first, panels.get(), block);
+            if constexpr (Shape::rows > few_rows) {
+                add_rows<Tile<Shape::lanes, few_rows, Shape::columns>>(out + j, out_stride, some, first, panels.get(),
+                                                                       block);
+            }
+            add_rows<Tile<Shape::lanes, 1, Shape::columns>>(out + j, out_stride, some, first, panels.get(), block);
+        }
+    }
+}
+
+template <class Real> struct AddProduct {
+    using Function = void(Real *, i64, const Strided<Real> &, const Real *, i64, const ProductSizes &);
+
+#if defined(PDEANIM_FOR)
+    PDEANIM_FOR("avx512f")
+    static void by_64(Real *out, i64 out_stride, const Strided<Real> &left, const Real *right, i64 right_stride,
+                      const ProductSizes &sizes) {
+        add_all<Tile<64 / sizeof(Real), 12, 1>>(out, out_stride, left, right, right_stride, sizes);
+    }
+
+    PDEANIM_FOR("avx2")
+    static void by_32(Real *out, i64 out_stride, const Strided<Real> &left, const Real *right, i64 right_stride,
+                      const ProductSizes &sizes) {
+        add_all<Tile<32 / sizeof(Real), 6, 2>>(out, out_stride, left, right, right_stride, sizes);
+    }
+#endif
+
+    static void by_16(Real *out, i64 out_stride, const Strided<Real> &left, const Real *right, i64 right_stride,
+                      const ProductSizes &sizes) {
+        add_all<Tile<16 / sizeof(Real), 4, 2>>(out, out_stride, left, right, right_stride, sizes);
+    }
+
+    static Function *widest() {
+#if defined(PDEANIM_FOR)
+        if (has_avx512f()) return by_64;
+        if (has_avx2()) return by_32;
+#endif
+        return by_16;
+    }
+};
+
+}  // namespace
+
+template <class Real> void add_product(Real *out, i64 out_stride, const Strided<Real> &left, const Real *right,
+                                       i64 right_stride, const ProductSizes &sizes) {
+    static const auto chosen = AddProduct<Real>::widest();
+    if (sizes.rows > 0 && sizes.depth > 0 && sizes.columns > 0) {
+        chosen(out, out_stride, left, right, right_stride, sizes);
+    }
+}
+
+template void add_product(float *, i64, const Strided<float> &, const float *, i64, const ProductSizes &);
+template void add_product(double *, i64, const Strided<double> &, const double *, i64, const ProductSizes &);
+
+namespace {
+
+// So many sums are kept in registers while all rows are added.
+template <int eights, int bytes> PDEANIM_INLINE void add_tiles(double *total, i64 &first, i64 width,
+                                                               const double *const *rows, const double *multiples,
+                                                               i64 count) {
+    constexpr i64 numbers = eights * abreast;
+    for (; first + numbers <= width; first += numbers) {
+        Eight<bytes> sums[eights];
+        for (int j = 0; j < eights; ++j) sums[j] = Eight<bytes>::at(total + first + j * abreast);
+        for (i64 i = 0; i < count; ++i) {
+            for (int j = 0; j < eights; ++j) sums[j] += multiples[i] * Eight<bytes>::at(rows[i] + first + j * abreast);
+        }
+        for (int j = 0; j < eights; ++j) sums[j].put(total + first + j * abreast);
     }
 }
 
 }  // namespace
 
-void multiply(double *out, const Strided<double> &left, const double *right, const ProductSizes &sizes, int threads) {
-    const i64 columns = sizes.columns;
-    in_shares((sizes.rows + rows_at_once - 1) / rows_at_once, threads_for(sizes, 1, threads), [&](i64 share, i64 end) {
-        const i64 first = share * rows_at_once, count = least(end * rows_at_once, sizes.rows) - first;
-        std::fill_n(out + first * columns, count * columns, 0.0);
-        const Strided<double> some{left.numbers + first * left.row, left.row, left.column};
-        add_product(out + first * columns, columns, some, right, columns, {count, sizes.depth, columns});
-    });
-}
-
-template <class Real> void multiply_rows(Real *out, const Real *rows, const double *factors, const ProductSizes &sizes,
-                                         i64 axes, int threads) {
-    const i64 columns = sizes.columns, length = sizes.depth * axes;
-    InPrecision<Real> own;
-    const Real *right = own.of(factors, sizes.depth * columns);
-    const i64 blocks = (sizes.rows + rows_at_once - 1) / rows_at_once;
-    in_shares(blocks, threads_for(sizes, axes, threads), [&](i64 share, i64 end) {
-        const auto room = std::make_unique_for_overwrite<Real[]>(least(rows_at_once, sizes.rows) * columns);
-        for (i64 block = share; block < end; ++block) {
-            const i64 first = block * rows_at_once, count = least(rows_at_once, sizes.rows - first);
-            Real *found = out + first * columns * axes, *sums = axes == 1 ? found : room.get();
-            for (i64 axis = 0; axis < axes; ++axis) {
-                std::fill_n(sums, count * columns, Real{0});
-                add_product(sums, columns, Strided<Real>{rows + first * length + axis, length, axes}, right, columns,
-                            {count, sizes.depth, columns});
-                if (axes == 1) break;
-                for (i64 i = 0; i < count * columns; ++i) found[i * axes + axis] = sums[i];
-            }
+void add_multiples(double *total, i64 width, const double *const *rows, const double *multiples, i64 count) {
+    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
+        i64 first = 0;
+        add_tiles<4, bytes>(total, first, width, rows, multiples, count);
+        add_tiles<1, bytes>(total, first, width, rows, multiples, count);
+        for (; first < width; ++first) {
+            for (i64 i = 0; i < count; ++i) total[first] += multiples[i] * rows[i][first];
         }
     });
 }
 
-template <class Real, class Row>
-void sums_of_squares(double *out, const Row *rows, i64 count, i64 columns, int threads) {
-    sums<Real, Row, true>(out, rows, rows, {count, columns, columns}, threads);
-    for (i64 i = 0; i < columns; ++i) {
-        for (i64 j = 0; j < i; ++j) out[i * columns + j] = out[j * columns + i];
+namespace {
+
+constexpr i64 block = 4096;  // numbers that are added up for themselves: rounding grows with their number
+
+}  // namespace
+
+double sum_of_products(const double *a, const double *b, i64 count) {
+    double total = 0.0;
+    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
+        const i64 whole = count / abreast * abreast;
+        for (i64 i = 0; i < whole; i += block) total += dot<bytes>(a + i, b + i, least(block, whole - i));
+        for (i64 i = whole; i < count; ++i) total += a[i] * b[i];
+    });
+    return total;
+}
+
+namespace {
+
+// Their sums wait for each other less, and what is read is used for several.
+constexpr int rows_at_once = 4;
+
+// So many columns that their sums stay in registers, of which the widest are 32, others 16.
+template <int bytes> constexpr int columns_at_once = bytes == 64 ? 4 : 2;
+
+// The products of columns with rows. Parts of eight numbers that are longer than registers are added up one after the
+// other; of a single column two beside each other, or sums would wait for themselves.
+template <int columns, int rows, int bytes>
+PDEANIM_INLINE void multiply(double (&products)[columns][rows], double *const *column, const double *first, i64 width) {
+    constexpr int size = Eight<bytes>::size, parts = Eight<bytes>::parts;
+    constexpr int together = columns == 1 && parts > 1 ? 2 : 1;
+    using Some = Registers<double, together * size, bytes>;
+    Eight<bytes> totals[columns][rows];
+    for (int part = 0; part < parts; part += together) {
+        Some sums[columns][rows] = {};
+        for (i64 i = part * size; i < width; i += abreast) {
+            Some row[rows];
+            for (int r = 0; r < rows; ++r) row[r] = Some::at(first + r * width + i);
+            for (int c = 0; c < columns; ++c) {
+                const Some own = Some::at(column[c] + i);
+                for (int r = 0; r < rows; ++r) sums[c][r] += own * row[r];
+            }
+        }
+        for (int c = 0; c < columns; ++c) {
+            for (int r = 0; r < rows; ++r) {
+                for (int k = 0; k < together; ++k) totals[c][r].part[part + k] = sums[c][r].part[k];
+            }
+        }
+    }
+    for (int c = 0; c < columns; ++c) {
+        for (int r = 0; r < rows; ++r) products[c][r] = sum_of<bytes>(totals[c][r]);
     }
 }
 
-template <class Real> void sums_of_products(double *out, const Real *rows, const Real *others, i64 count, i64 columns,
-                                            i64 other_columns, int threads) {
-    sums<Real, Real, false>(out, rows, others, {count, columns, other_columns}, threads);
+template <int columns, int rows, int bytes>
+PDEANIM_INLINE void take_away(double *const *column, const double *first, i64 width) {
+    double shares[columns][rows];
+    multiply<columns, rows, bytes>(shares, column, first, width);
+    constexpr int size = Eight<bytes>::size;
+    using Some = Registers<double, size, bytes>;
+    for (i64 i = 0; i < width; i += size) {
+        Some row[rows];
+        for (int r = 0; r < rows; ++r) row[r] = Some::at(first + r * width + i);
+        for (int c = 0; c < columns; ++c) {
+            Some own = Some::at(column[c] + i);
+            for (int r = 0; r < rows; ++r) own -= shares[c][r] * row[r];
+            own.put(column[c] + i);
+        }
+    }
 }
 
-template void multiply_rows(float *, const float *, const double *, const ProductSizes &, i64, int);
-template void multiply_rows(double *, const double *, const double *, const ProductSizes &, i64, int);
-template void sums_of_squares<float, float>(double *, const float *, i64, i64, int);
-template void sums_of_squares<double, float>(double *, const float *, i64, i64, int);
-template void sums_of_squares<float, double>(double *, const double *, i64, i64, int);
-template void sums_of_squares<double, double>(double *, const double *, i64, i64, int);
-template void sums_of_products(double *, const float *, const float *, i64, i64, i64, int);
-template void sums_of_products(double *, const double *, const double *, i64, i64, i64, int);
+template <int columns, int bytes>
+PDEANIM_INLINE void take_away_all(double *const *column, const double *rows, i64 count, i64 width) {
+    i64 k = 0;
+    for (; k + rows_at_once <= count; k += rows_at_once)
+        take_away<columns, rows_at_once, bytes>(column, rows + k * width, width);
+    // The few that are left are taken away from one column after the other, which is less code.
+    for (; k < count; ++k) {
+        for (int c = 0; c < columns; ++c) take_away<1, 1, bytes>(column + c, rows + k * width, width);
+    }
+}
+
+}  // namespace
+
+i64 row_width(i64 numbers) { return whole_eights(numbers); }
+
+void take_away_parts(std::span<double *const> columns, const double *rows, i64 count, i64 width) {
+    in_widest([&](auto bytes) PDEANIM_INLINE_LAMBDA {
+        constexpr int at_once = columns_at_once<bytes>;
+        const i64 total = static_cast<i64>(columns.size());
+        i64 c = 0;
+        for (; c + at_once <= total; c += at_once)
+            take_away_all<at_once, bytes>(columns.data() + c, rows, count, width);
+        if constexpr (at_once > 2) {
+            for (; c + 2 <= total; c += 2) take_away_all<2, bytes>(columns.data() + c, rows, count, width);
+        }
+        for (; c < total; ++c) take_away_all<1, bytes>(columns.data() + c, rows, count, width);
+    });
+}
+
+namespace {
+
+// The number is 2^k m with m between the roots of 1/2 and 2, and log m = 2 (s + s^3 / 3 + s^5 / 5 + ...) with
+// s = (m - 1) / (m + 1), which is below 0.172.
+PDEANIM_INLINE double binary_logarithm(double value) {
+    constexpr u64 one = u64{0x3ff} << 52, root_of_half = 0x3fe6a09e667f3bcd, exponents = u64{0xfff} << 52;
+    constexpr double whole = 4503599627370496.0;  // 2^52: in its last digits a number stands as it is
+    const u64 bits = std::bit_cast<u64>(value), above = bits - root_of_half + one;
+    const double k = std::bit_cast<double>((above >> 52) | std::bit_cast<u64>(whole)) - (whole + 1023.0);
+    const double m = std::bit_cast<double>(bits - (above & exponents) + one);
+    const double s = (m - 1.0) / (m + 1.0), square = s * s;
+    double sum = 1.0 / 21.0;
+    for (int odd = 19; odd > 0; odd -= 2) sum = sum * square + 1.0 / odd;
+    constexpr double twice_base = 2.8853900817779268147;  // 2 / log 2
+    return k + twice_base * (s * sum);
+}
+
+}  // namespace
+
+void binary_logarithms(double *out, const double *values, i64 count) {
+    in_widest([&](auto) PDEANIM_INLINE_LAMBDA {
+        for (i64 i = 0; i < count; ++i) out[i] = binary_logarithm(values[i]);
+    });
+}
 
 }  // namespace pdeanim

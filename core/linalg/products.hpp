@@ -1,24 +1,66 @@
-// Products of matrices, shared out to threads.
+// Linear algebra with the same bits on every machine: products of matrices, where most time goes, and sums over rows.
+//
+// Begin here. linalg/vectors.hpp has what the loops are made of, encode/matrices.hpp what only the encoder needs.
 #pragma once
 
-#include "linalg/add_product.hpp"
+#include <algorithm>
+#include <span>
+#include <type_traits>
+#include <vector>
+
+#include "base/arithmetic.hpp"
 
 namespace pdeanim {
 
-// out = left * right, with rows of `right` and of `out` one after the other.
-void multiply(double *out, const Strided<double> &left, const double *right, const ProductSizes &sizes, int threads);
+// A matrix whose numbers lie so far from each other, from row to row and from column to column. It may be transposed.
+template <class Real> struct Strided {
+    const Real *numbers;
+    i64 row, column;
+};
 
-// out (rows x columns x axes) = rows (rows x depth x axes) * factors (depth x columns) on each axis, in the precision of
-// the rows.
-template <class Real> void multiply_rows(Real *out, const Real *rows, const double *factors, const ProductSizes &sizes,
-                                         i64 axes, int threads);
+struct ProductSizes {
+    i64 rows, depth, columns;
+};
 
-// out (columns x columns) = rows^T * rows, of a number of rows, added up in a precision block by block.
-template <class Real, class Row>
-void sums_of_squares(double *out, const Row *rows, i64 count, i64 columns, int threads);
+// out += left * right, of (rows x depth) and (depth x columns); rows of `right` and of `out` are strides apart.
+//
+// Each number is one sum: what was there, and product after product in order of depth, multiplied, then added. So its bits
+// depend neither on the width of vector registers nor on how rows and columns are shared out.
+template <class Real> void add_product(Real *out, i64 out_stride, const Strided<Real> &left, const Real *right,
+                                       i64 right_stride, const ProductSizes &sizes);
 
-// The same of other rows, out (columns x other_columns) = rows^T * others, in their precision.
-template <class Real> void sums_of_products(double *out, const Real *rows, const Real *others, i64 count, i64 columns,
-                                            i64 other_columns, int threads);
+// Numbers in another precision, or as they are.
+template <class Real> class InPrecision {
+public:
+    // Valid until others are asked for.
+    template <class Given> const Real *of(const Given *given, i64 count) {
+        if constexpr (std::is_same_v<Given, Real>) {
+            return given;
+        } else {
+            kept_.resize(count);
+            std::transform(given, given + count, kept_.begin(), [](Given number) { return static_cast<Real>(number); });
+            return kept_.data();
+        }
+    }
+
+private:
+    std::vector<Real> kept_;
+};
+
+// total += multiples[0] * rows[0] + multiples[1] * rows[1] + ..., added in this order, for `width` numbers side by side.
+void add_multiples(double *total, i64 width, const double *const *rows, const double *multiples, i64 count);
+
+// The sum of products of two long rows of numbers.
+double sum_of_products(const double *a, const double *b, i64 count);
+
+// So wide is a row of so many numbers for `take_away_parts`, zeros after them.
+i64 row_width(i64 numbers);
+
+// A pass of the Gram-Schmidt process: take away from each column what of it lies along `count` orthonormal rows; all are as wide.
+void take_away_parts(std::span<double *const> columns, const double *rows, i64 count, i64 width);
+
+// Logarithms to base 2, of finite numbers that are not below 2^-1022, within 2^-50 of the larger of 1 and what they are. (Those of
+// libraries have other last bits on every machine.)
+void binary_logarithms(double *out, const double *values, i64 count);
 
 }  // namespace pdeanim

@@ -1,5 +1,8 @@
-// Sums over rows of numbers that are a multiple of eight long, eight numbers side by side whatever registers there are.
+// Vectors as rows of numbers, a multiple of eight long, eight side by side whatever registers there are: sums, reflections.
 #pragma once
+
+#include <algorithm>
+#include <cmath>
 
 #include "base/arithmetic.hpp"
 #include "base/lanes.hpp"
@@ -29,6 +32,35 @@ template <int bytes> PDEANIM_INLINE double dot(const double *a, const double *b,
 template <int bytes> PDEANIM_INLINE void add_multiple(double *total, double multiple, const double *row, i64 count) {
     using Eight = pdeanim::Eight<bytes>;
     for (i64 i = 0; i < count; i += abreast) (Eight::at(total + i) + multiple * Eight::at(row + i)).put(total + i);
+}
+
+// Lengths below it are none, of numbers that are about one at most: their squares are numbers still.
+constexpr double no_length = 1e-140;
+
+// The power of two that brings the largest of some numbers next to one, so that no square leaves the range of numbers.
+inline double scale_of(const double *numbers, i64 count) {
+    double largest = 0.0;
+    for (i64 i = 0; i < count; ++i) largest = std::max(largest, std::abs(numbers[i]));
+    int exponent = 0;
+    if (largest > 0.0) std::frexp(largest, &exponent);
+    return std::ldexp(1.0, clamp(exponent, -1000, 1000));
+}
+
+// A Householder reflection, I - factor v v^T.
+struct Reflection {
+    double factor, image;  // what v v^T is multiplied by, and the one number of what is reflected that is not zero
+};
+
+// Of a row, whole eights long, the reflection that leaves it only the number at a place; the row becomes v. A row of zeros,
+// or next to them, is left as it is: its factor is 0. Numbers are about one at most.
+template <int bytes> PDEANIM_INLINE Reflection reflection_of(double *row, i64 count, i64 place) {
+    const double length = std::sqrt(dot<bytes>(row, row, count));
+    if (!(length > no_length)) return {0.0, 0.0};
+    const double shorter = 1.0 / length;
+    for (i64 i = 0; i < count; i += abreast) (shorter * Eight<bytes>::at(row + i)).put(row + i);
+    const double pivot = row[place], sign = pivot < 0.0 ? -1.0 : 1.0;
+    row[place] = pivot + sign;
+    return {1.0 / (1.0 + std::abs(pivot)), -sign * length};
 }
 
 }  // namespace pdeanim

@@ -1,4 +1,4 @@
-#include "base/instructions.hpp"
+#include "base/lanes.hpp"
 #include "simulate/slots.hpp"
 
 namespace pdeanim::xpbd {

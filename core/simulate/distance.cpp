@@ -1,7 +1,7 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "base/instructions.hpp"
+#include "base/lanes.hpp"
 #include "simulate/slots.hpp"
 
 namespace pdeanim::xpbd {

@@ -4,7 +4,7 @@
 #include <atomic>
 #include <thread>
 
-#include "base/instructions.hpp"
+#include "base/lanes.hpp"
 
 namespace pdeanim::xpbd {
 

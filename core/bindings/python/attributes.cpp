@@ -6,7 +6,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "bindings/python/bindings.hpp"
-#include "sections/attributes/rows.hpp"
+#include "sections/attributes/attribute_mesh.hpp"
 
 namespace pdeanim::bindings {
 

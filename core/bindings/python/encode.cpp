@@ -10,7 +10,6 @@
 
 #include "bindings/python/bindings.hpp"
 #include "bindings/python/motion.hpp"
-#include "encode/displacements.hpp"
 #include "encode/group_model.hpp"
 #include "encode/quantise.hpp"
 

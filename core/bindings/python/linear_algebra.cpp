@@ -1,13 +1,10 @@
 // Python's view of products and decompositions of matrices.
 #include <memory>
 
-#include "base/large_array.hpp"
+#include "base/arrays.hpp"
 #include "bindings/python/bindings.hpp"
-#include "linalg/logarithm.hpp"
-#include "linalg/orthonormal_columns.hpp"
+#include "encode/matrices.hpp"
 #include "linalg/products.hpp"
-#include "linalg/sum_of_products.hpp"
-#include "linalg/symmetric_eigen.hpp"
 
 namespace pdeanim::bindings {
 

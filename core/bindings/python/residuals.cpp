@@ -7,8 +7,7 @@
 
 #include "base/errors.hpp"
 #include "bindings/python/bindings.hpp"
-#include "sections/residuals/added.hpp"
-#include "sections/residuals/missed.hpp"
+#include "encode/quantise.hpp"
 
 namespace pdeanim::bindings {
 

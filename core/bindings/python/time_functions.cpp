@@ -5,9 +5,6 @@
 #include <stdexcept>
 
 #include "bindings/python/bindings.hpp"
-#include "sections/temporal/cosines.hpp"
-#include "sections/temporal/prediction.hpp"
-#include "sections/temporal/straight_lines.hpp"
 
 namespace pdeanim::bindings {
 

@@ -29,12 +29,6 @@ CORE = Path(__file__).resolve().parents[2]
 NOT_DECODED_WITH = {"bindings", "encode", "simulate", "tests", "text"}
 """Folders of the core that a decoder does without."""
 
-NOT_DECODED_WITH_FILES = {
-    f"linalg/{name}"
-    for name in ("orthonormal_columns", "products", "secular", "symmetric_eigen", "tridiagonal", "tridiagonal_eigen")
-}
-"""Files, without their suffixes, that only the encoder needs."""
-
 SECTION = b"pdeanim.sources"
 """Name of the custom section that says what a module was built from."""
 
@@ -71,12 +65,7 @@ LIBRARY = {
 }
 """Sources of the package's folder ``lib`` that are compiled."""
 
-QUICK = {
-    "decode/evaluate/evaluate.cpp",
-    "linalg/add_multiples.cpp",
-    "linalg/add_product.cpp",
-    "linalg/gram_schmidt.cpp",
-}
+QUICK = {"decode/evaluate/evaluate.cpp", "linalg/products.cpp"}
 """Sources of the core that are compiled for speed; all others are compiled to be small."""
 
 STACK_BYTES = 1 << 20
@@ -98,10 +87,7 @@ def sources() -> list[Path]:
     """What the module is built from, headers too."""
 
     def is_decoded_with(path: Path) -> bool:
-        inside = path.relative_to(CORE)
-        return (
-            inside.parts[0] not in NOT_DECODED_WITH and inside.with_suffix("").as_posix() not in NOT_DECODED_WITH_FILES
-        )
+        return path.relative_to(CORE).parts[0] not in NOT_DECODED_WITH
 
     found = [path for path in CORE.rglob("*") if path.suffix in {".cpp", ".hpp", ".h"} and is_decoded_with(path)]
     bindings = [path for name in ("c", "wasm") for path in (CORE / "bindings" / name).rglob("*")]

@@ -1,6 +1,6 @@
 #include "decode/evaluate/descent.hpp"
 
-#include "base/instructions.hpp"
+#include "base/lanes.hpp"
 
 namespace pdeanim {
 

@@ -3,7 +3,7 @@
 #include <cstring>
 #include <type_traits>
 
-#include "base/instructions.hpp"
+#include "base/lanes.hpp"
 #include "decode/evaluate/moved_elements.hpp"
 
 namespace pdeanim {

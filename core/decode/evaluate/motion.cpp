@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "linalg/add_product.hpp"
+#include "linalg/products.hpp"
 
 namespace pdeanim {
 

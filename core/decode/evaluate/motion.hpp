@@ -18,9 +18,9 @@
 #include <span>
 #include <vector>
 
-#include "base/aligned_array.hpp"
-#include "base/memory_limit.hpp"
-#include "sections/coefficients/coefficient_rows.hpp"
+#include "base/arrays.hpp"
+#include "base/errors.hpp"
+#include "sections/coefficients/coefficients.hpp"
 #include "sections/spatial/space_basis.hpp"
 
 namespace pdeanim {

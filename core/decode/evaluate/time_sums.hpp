@@ -1,9 +1,8 @@
 // What functions of space count at some frames: sums of functions of time over their coefficients.
 #pragma once
 
-#include "base/aligned_array.hpp"
+#include "base/arrays.hpp"
 #include "base/lanes.hpp"
-#include "base/multiversion.hpp"
 #include "decode/evaluate/motion.hpp"
 
 namespace pdeanim {

@@ -7,7 +7,7 @@
 #include <optional>
 
 #include "base/errors.hpp"
-#include "entropy/number_lists.hpp"
+#include "entropy/numbers.hpp"
 #include "entropy/text_model.hpp"
 #include "sections/attributes/plan.hpp"
 #include "sections/attributes/value_model.hpp"

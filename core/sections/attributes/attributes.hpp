@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "base/memory_limit.hpp"
+#include "base/errors.hpp"
 #include "sections/attributes/attribute_mesh.hpp"
 
 namespace pdeanim {

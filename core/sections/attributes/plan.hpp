@@ -1,8 +1,8 @@
 // How an attribute is coded: what stands before its values in the stream, and what the encoder makes of it.
 #pragma once
 
+#include "sections/attributes/attribute_mesh.hpp"
 #include "sections/attributes/attributes.hpp"
-#include "sections/attributes/rows.hpp"
 #include "sections/attributes/scales.hpp"
 
 namespace pdeanim {

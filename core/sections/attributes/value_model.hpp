@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "entropy/range_coder.hpp"
-#include "sections/attributes/wedge_field.hpp"
+#include "sections/attributes/wedges.hpp"
 
 namespace pdeanim {
 

@@ -117,4 +117,251 @@ template Wedges WedgeModel::code(RangeCoder<Mode::encode> &, AttributeMesh &, co
 template Wedges WedgeModel::code(RangeCoder<Mode::decode> &, AttributeMesh &, const CornerTable &,
                                  const AttributeElements &, bool, std::span<const i32>);
 
+namespace {
+
+constexpr i64 most_corners = 16;  // corners at a wedge that are looked at
+constexpr int ratio_bits = 16;    // fraction bits of a length over another
+constexpr int vector_bits = 14;   // of the largest component of three edges, whose squares are multiplied
+// Farthest off a point lies along an edge, in its length, and aside of it, in the distance of the third known point (8 and
+// 4): beyond, a prediction only amplifies noise.
+constexpr int along_bits = 3, aside_bits = 2;
+constexpr int thinnest_bits = 10;  // of a triangle, as its height over its edge, squared: thinner ones say nothing
+constexpr int score_bits = 10, score_rate = 3;
+
+// Rounded down, of a number below 2^62.
+i64 square_root(i64 number) {
+    if (number <= 0) return 0;
+    i64 root = i64{1} << ((bit_length(number) + 1) >> 1);
+    while (true) {
+        const i64 better = (root + number / root) >> 1;
+        if (better >= root) return root;
+        root = better;
+    }
+}
+
+// The polygons of a mesh over wedges; over one more for corners that are of none.
+CornerTable corners_of(const Polygons &mesh, const AttributeElements &elements, const Wedges &wedges) {
+    const i32 none = static_cast<i32>(wedges.count());
+    Polygons polygons;
+    polygons.vertices = i64{none} + 1;
+    if (!elements.corners.empty()) {
+        polygons.starts = mesh.starts;
+        polygons.faces = mesh.faces;
+        for (const i32 element : elements.of_corner) {
+            polygons.vertex.push_back(element < 0 ? none : wedges.of_element[element]);
+        }
+    }
+    return CornerTable(std::move(polygons));
+}
+
+// A value in another unit.
+i32 shifted(i64 linear, int up) {
+    if (up < 0) return static_cast<i32>(linear >> least(-up, linear_bits + 1));
+    const i64 value = linear * (i64{1} << least(up, linear_bits + 1));
+    return static_cast<i32>(clamp(value, -largest_linear, largest_linear));
+}
+
+// A mean, rounded.
+i64 mean(i64 sum, i64 count) { return floor_divide(2 * sum + count, 2 * count); }
+
+}  // namespace
+
+WedgeField::WedgeField(AttributeMesh &mesh, const AttributeElements &elements, const Wedges &wedges, Scales scales)
+    : count_(wedges.count()), scales_(std::move(scales)), corners_(corners_of(mesh.polygons(), elements, wedges)),
+      order_(prediction_order(corners_)), positions_(count_ + 1), others_((count_ + 1) * channels()),
+      has_other_(count_ + 1) {
+    const WedgeField *other = mesh.measured.get();
+    if (other && other->channels() != channels()) other = nullptr;
+    for (i32 wedge = 0; wedge < count_; ++wedge) {
+        const i32 element = wedges.first[wedge];
+        if (elements.starts[element] == elements.starts[element + 1]) continue;
+        const i32 corner = elements.corners[elements.starts[element]];
+        positions_[wedge] = mesh.grid()[mesh.polygons().vertex[corner]];
+        if (!other) continue;
+        const i32 there = other->corners_.vertex(corner);
+        has_other_[wedge] = there < other->count_;
+        for (int k = 0; k < channels(); ++k) {
+            others_[static_cast<i64>(wedge) * channels() + k] =
+                shifted(other->value(there, k), scales_.shift - other->scales_.shift);
+        }
+    }
+}
+
+void WedgeField::restart() {
+    linear_.assign(others_.size(), 0);
+    lengths_.assign(others_.size(), 0);
+    is_known_.assign(count_ + 1, false);
+    scores_.fill(0);
+}
+
+// Predict x from the triangle a, b, c of the map, across its edge from a to b or in its plane; from a and b alone where c is
+// negative.
+void WedgeField::continue_map(i32 a, i32 b, i32 c, i32 x, bool is_across) {
+    const GridPoint &from = positions_[a], &third = positions_[c >= 0 ? c : a];
+    GridPoint to_b, to_x, to_c;
+    i64 largest = 0;
+    for (int k = 0; k < 3; ++k) {
+        to_b[k] = positions_[b][k] - from[k];
+        to_x[k] = positions_[x][k] - from[k];
+        to_c[k] = third[k] - from[k];
+        largest = most(largest, most(size_of(to_b[k]), most(size_of(to_x[k]), size_of(to_c[k]))));
+    }
+    const int shift = most(bit_length(largest) - vector_bits, 0);
+    i64 bb = 0, bx = 0, bc = 0, xx = 0, cc = 0, xc = 0;
+    for (int k = 0; k < 3; ++k) {
+        const i64 u = to_b[k] >> shift, v = to_x[k] >> shift, w = to_c[k] >> shift;
+        bb += u * u;
+        bx += u * v;
+        bc += u * w;
+        xx += v * v;
+        cc += w * w;
+        xc += v * w;
+    }
+    if (bb == 0) return;
+    const i64 along = floor_divide(bx * (1 << ratio_bits), bb);
+    if (size_of(along) >> (ratio_bits + along_bits)) return;
+    const i64 height = most<i64>(xx - bx * bx / bb, 0);
+    if (c < 0) {
+        if (height >> (2 * along_bits) > bb) return;
+        const i64 aside = square_root((height << (2 * ratio_bits)) / bb);
+        for (int k = 0; k < channels(); ++k) {
+            const i64 straight = value(a, k) + (((value(b, k) - value(a, k)) * along) >> ratio_bits);
+            i64 turn = 0;
+            if (k < 2 && channels() > 1) {
+                turn = ((value(b, 1 - k) - value(a, 1 - k)) * aside) >> ratio_bits;
+                if (k == 0) turn = -turn;
+            }
+            findings_.predicted[turned][k] += straight + turn;
+            findings_.predicted[mirrored][k] += straight - turn;
+        }
+        ++findings_.counts[turned];
+        ++findings_.counts[mirrored];
+        return;
+    }
+    const i64 third_height = cc - bc * bc / bb;
+    if (third_height <= bb >> thinnest_bits) return;
+    i64 aside;
+    if (is_across) {
+        if (height >> (2 * aside_bits) > third_height) return;
+        aside = -square_root((height << (2 * ratio_bits)) / third_height);
+    } else {
+        aside = floor_divide((xc - floor_divide(bx * bc, bb)) * (1 << ratio_bits), third_height);
+    }
+    const i64 third_along = floor_divide(bc * (1 << ratio_bits), bb);
+    if (size_of(aside) >> (ratio_bits + aside_bits) || size_of(third_along) >> (ratio_bits + along_bits)) return;
+    for (int k = 0; k < channels(); ++k) {
+        const i64 step = value(b, k) - value(a, k);
+        const i64 off = value(c, k) - value(a, k) - ((step * third_along) >> ratio_bits);
+        findings_.predicted[affine][k] += value(a, k) + ((step * along) >> ratio_bits) + ((off * aside) >> ratio_bits);
+    }
+    ++findings_.counts[affine];
+}
+
+void WedgeField::add_parallelogram(i32 a, i32 b, i32 c) {
+    for (int k = 0; k < channels(); ++k) {
+        findings_.predicted[parallelogram][k] += value(a, k) + value(b, k) - value(c, k);
+    }
+    ++findings_.counts[parallelogram];
+}
+
+// The wedge of a corner if it is known and another one than x, else -1.
+i32 WedgeField::known_at(i32 corner, i32 x) const {
+    const i32 wedge = corners_.vertex(corner);
+    return is_known_[wedge] && wedge != x ? wedge : -1;
+}
+
+// Predict x at a corner from a side of its polygon: the one after the next corner, or before the previous. Whether the map
+// was continued from the ends of a side alone, which is done once.
+bool WedgeField::look_across(i32 x, i32 corner, bool is_before, bool has_turned) {
+    const std::vector<i32> &next = corners_.next, &previous = corners_.previous;
+    const i32 edge = is_before ? previous[previous[corner]] : next[corner], end = next[edge];
+    const i32 a = known_at(edge, x), b = known_at(end, x);
+    if (a < 0 || b < 0 || a == b) return has_turned;
+    if (!has_turned) continue_map(a, b, -1, x, false);
+    const i32 size = corners_.size[corner], opposite = corners_.opposite[edge];
+    if (opposite >= 0 && corners_.polygon[opposite] != corners_.polygon[corner]) {
+        const i32 c = known_at(next[next[opposite]], x);
+        if (c >= 0 && c != a && c != b) {
+            continue_map(a, b, c, x, true);
+            if (size == 3 && corners_.size[opposite] == 3) add_parallelogram(a, b, c);
+        }
+    }
+    // The two sides of a quad have the same three corners.
+    if (size > 4 || (size == 4 && !is_before)) {
+        const i32 near = is_before ? next[corner] : previous[corner], far = is_before ? previous[edge] : next[end];
+        i32 c = known_at(near, x);
+        if (size == 4 && c >= 0) add_parallelogram(a, c, b);
+        if (c < 0) c = known_at(far, x);
+        if (c >= 0 && c != a && c != b) continue_map(a, b, c, x, false);
+    }
+    return true;
+}
+
+const WedgeField::Findings &WedgeField::look_around(i32 x) {
+    auto &[predicted, counts, expected] = findings_;
+    findings_ = {};
+    const i64 first = corners_.fan_starts[x], end = least(corners_.fan_starts[x + 1], first + most_corners);
+    for (i64 place = first; place < end; ++place) {
+        const i32 corner = corners_.fan[place], size = corners_.size[corner];
+        for (const i32 beside : {corners_.next[corner], corners_.previous[corner]}) {
+            const i32 neighbour = known_at(beside, x);
+            if (neighbour < 0) continue;
+            ++counts[neighbours];
+            for (int k = 0; k < channels(); ++k) {
+                predicted[neighbours][k] += value(neighbour, k);
+                expected[k] += length(neighbour, k);
+            }
+        }
+        // In a triangle both sides are one.
+        if (size < 3) continue;
+        const bool has_turned = look_across(x, corner, false, false);
+        if (size > 3) look_across(x, corner, true, has_turned);
+    }
+    if (counts[neighbours]) {
+        for (int k = 0; k < channels(); ++k) expected[k] = mean(expected[k], counts[neighbours]);
+    }
+    if (has_other_[x]) {
+        counts[other_attribute] = 1;
+        for (int k = 0; k < channels(); ++k) {
+            predicted[other_attribute][k] = others_[static_cast<i64>(x) * channels() + k];
+        }
+    }
+    for (int way = 0; way < ways; ++way) {
+        if (counts[way] <= 1) continue;
+        for (int k = 0; k < channels(); ++k) predicted[way][k] = mean(predicted[way][k], counts[way]);
+    }
+    return findings_;
+}
+
+std::pair<WedgeField::Way, WedgeField::Way> WedgeField::best_ways() const {
+    int best = ways, second = ways;
+    for (int way = 0; way < ways; ++way) {
+        if (findings_.counts[way] == 0) continue;
+        if (best == ways || scores_[way] < scores_[best]) {
+            second = best;
+            best = way;
+        } else if (second == ways || scores_[way] < scores_[second]) {
+            second = way;
+        }
+    }
+    return {static_cast<Way>(best), static_cast<Way>(second)};
+}
+
+void WedgeField::learn(i32 x) {
+    std::array<i64, ways> digits{};
+    i64 fewest = 64;
+    for (int way = 0; way < ways; ++way) {
+        if (!findings_.counts[way]) continue;
+        i64 miss = 0;
+        for (int k = 0; k < channels(); ++k) miss += size_of(value(x, k) - findings_.predicted[way][k]);
+        digits[way] = 1 + bit_length(miss);
+        fewest = least(fewest, digits[way]);
+    }
+    for (int way = 0; way < ways; ++way) {
+        if (!findings_.counts[way]) continue;
+        scores_[way] += (((digits[way] - fewest) << score_bits) - scores_[way]) >> score_rate;
+    }
+    is_known_[x] = true;
+}
+
 }  // namespace pdeanim

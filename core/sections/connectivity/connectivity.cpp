@@ -2,16 +2,83 @@
 
 #include <algorithm>
 #include <memory>
+#include <span>
 #include <string>
 
 #include "base/errors.hpp"
+#include "entropy/numbers.hpp"
 #include "sections/connectivity/order.hpp"
-#include "sections/connectivity/polygons.hpp"
 #include "sections/connectivity/surface.hpp"
 
 namespace pdeanim {
 
 namespace {
+
+// Polygons in their original order, as differences of vertex numbers.
+//
+// The best there is for meshes that a program numbered row by row, and for lines; it takes any polygons at all. A polygon
+// is a sequence of numbers: its size, unless all have the same; the difference of its first corner to the first corner of
+// the polygon before; of every other corner to the corner before it. A number is, in this order, what the match model
+// proposes, the vertex after the highest so far, or spelled out. What the model has learnt helps with the next object.
+class PolygonModel {
+public:
+    PolygonModel() { new_.fill(std::vector<BitModel>(1 << new_history_bits)); }
+
+    // Code the polygons of one object, read when encoding and written when decoding; CorruptError where the bits are not
+    // those of sound polygons. common_size: of every polygon, or 0 where they differ; smallest: least size of a polygon;
+    // corners are below `vertices`.
+    template <Mode mode> void code(RangeCoder<mode> &coder, i32 common_size, i32 smallest, i64 vertices,
+                                   std::span<i32> sizes, std::span<i32> corners) {
+        constexpr const char *broken = "refers to a vertex that is not there, or has faces that do not fit it";
+        i64 highest = -1, first = 0;
+        std::size_t used = 0;
+        int new_history = 0;
+        for (std::size_t polygon = 0; polygon < sizes.size(); ++polygon) {
+            i64 size = common_size;
+            if (common_size == 0) {
+                if (const auto found = match_.code(coder, size_phase, sizes[polygon])) {
+                    size = *found;
+                } else {
+                    size = smallest + sizes_.code(coder, static_cast<i64>(sizes[polygon]) - smallest);
+                }
+                match_.add(size);
+                sizes[polygon] = static_cast<i32>(size);
+            }
+            const i64 left = static_cast<i64>(sizes.size() - 1 - polygon);
+            if (size < smallest || size > static_cast<i64>(corners.size() - used) - smallest * left)
+                throw CorruptError(broken);
+            i64 before = first;
+            for (i64 corner = 0; corner < size; ++corner) {
+                const int phase = static_cast<int>(least<i64>(corner, last_corner_phase));
+                i64 vertex = corners[used], difference = vertex - before;
+                if (const auto found = match_.code(coder, phase, difference)) {
+                    difference = *found;
+                } else {
+                    const bool is_new = coder.bit(new_[phase][new_history], vertex == highest + 1);
+                    new_history = (2 * new_history + is_new) & ((1 << new_history_bits) - 1);
+                    difference = is_new ? highest + 1 - before : differences_[phase].code(coder, difference);
+                }
+                match_.add(difference);
+                vertex = before + difference;
+                if (vertex < 0 || vertex >= vertices) throw CorruptError(broken);
+                corners[used++] = static_cast<i32>(vertex);
+                highest = most(highest, vertex);
+                before = vertex;
+                if (corner == 0) first = vertex;
+            }
+        }
+        if (used != corners.size()) throw CorruptError(broken);
+    }
+
+private:
+    static constexpr int last_corner_phase = 3;  // corners from this on are alike; 0 to 2 have phases of their own
+    static constexpr int size_phase = 4, new_history_bits = 5;
+
+    std::array<std::vector<BitModel>, MatchModel::phases> new_;
+    std::array<SignedModel, MatchModel::phases> differences_;
+    NumberModel sizes_;
+    MatchModel match_;
+};
 
 constexpr i64 most_corners_of_object = (i64{1} << 31) - 1;  // they are numbered by int32
 

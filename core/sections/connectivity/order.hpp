@@ -14,7 +14,6 @@
 #include <span>
 #include <vector>
 
-#include "entropy/match_model.hpp"
 #include "entropy/numbers.hpp"
 #include "sections/connectivity/surface.hpp"
 

@@ -7,7 +7,7 @@
 
 #include <optional>
 
-#include "entropy/match_model.hpp"
+#include "entropy/numbers.hpp"
 #include "entropy/range_coder.hpp"
 #include "sections/reference/predictor.hpp"
 

@@ -74,4 +74,8 @@ private:
     Vector seed_errors_{};            // sizes of residuals of such vertices [1/16]
 };
 
+// Choose the weights that make residuals cost the fewest bits, kind by kind (encoder only, floating point). The predictor has all grid coordinates and has learnt
+// nothing; it is changed.
+TermWeights choose_term_weights(const std::vector<i32> &order, Predictor &points);
+
 }  // namespace pdeanim

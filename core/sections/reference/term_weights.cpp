@@ -1,9 +1,9 @@
-#include "sections/reference/term_weights.hpp"
+#include "sections/reference/predictor.hpp"
 
 #include <algorithm>
 #include <cmath>
 
-#include "linalg/logarithm.hpp"
+#include "linalg/products.hpp"
 
 namespace pdeanim {
 

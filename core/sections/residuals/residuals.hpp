@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "base/arithmetic.hpp"
-#include "base/memory_limit.hpp"
+#include "base/errors.hpp"
 
 namespace pdeanim {
 
@@ -66,5 +66,21 @@ double measure_residuals(const Residuals &residuals, std::span<const i64> patche
 // Undo `encode_residuals`. CorruptError where the bytes say what cannot be, or do not end with the residuals;
 // LimitError where these take more than is left.
 Residuals decode_residuals(std::span<const u8> data, i64 frames, std::span<const i64> patches, TakenMemory &taken);
+
+// What adding residuals depends on besides them.
+struct ResidualScale {
+    std::span<const i32> order;  // the vertex at each place; all below the number of vertices
+    double step;                 // size of a step [scene units]
+};
+
+// Add the residuals of one frame, `weight` times each, to positions of all vertices: in float64, rounded to float32
+// once. base: what the model alone decodes to at that frame; empty at the frame itself, where raw vertices are as they
+// are.
+void add_residuals(const Residuals &residuals, i64 frame, const ResidualScale &scale, double weight,
+                   std::span<const Position> base, std::span<Position> positions);
+
+// What the residuals of one frame add to the positions of all vertices; `base` is needed where there are raw vertices.
+void residual_displacements(const Residuals &residuals, i64 frame, const ResidualScale &scale,
+                            std::span<const Position> base, std::span<std::array<double, 3>> displacements);
 
 }  // namespace pdeanim

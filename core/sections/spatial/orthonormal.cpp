@@ -4,8 +4,7 @@
 #include <cmath>
 #include <vector>
 
-#include "linalg/gram_schmidt.hpp"
-#include "linalg/sum_of_products.hpp"
+#include "linalg/products.hpp"
 
 namespace pdeanim {
 

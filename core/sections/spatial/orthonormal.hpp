@@ -11,9 +11,9 @@
 #include <limits>
 #include <span>
 
-#include "base/aligned_array.hpp"
 #include "base/arithmetic.hpp"
-#include "linalg/add_product.hpp"
+#include "base/arrays.hpp"
+#include "linalg/products.hpp"
 
 namespace pdeanim {
 

@@ -5,8 +5,7 @@
 #include <utility>
 
 #include "base/parallel.hpp"
-#include "linalg/add_product.hpp"
-#include "linalg/in_precision.hpp"
+#include "linalg/products.hpp"
 
 namespace pdeanim {
 

@@ -10,8 +10,8 @@
 #include <span>
 #include <vector>
 
-#include "base/large_array.hpp"
-#include "linalg/add_product.hpp"
+#include "base/arrays.hpp"
+#include "linalg/products.hpp"
 #include "sections/spatial/elements.hpp"
 #include "sections/spatial/partition_tree.hpp"
 

@@ -1,4 +1,4 @@
-#include "sections/temporal/prediction.hpp"
+#include "sections/temporal/time_functions.hpp"
 
 #include <array>
 #include <cmath>

@@ -1,18 +1,156 @@
 #include "sections/temporal/time_functions.hpp"
 
 #include <algorithm>
+#include <memory>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 
 #include "base/errors.hpp"
-#include "sections/temporal/cosines.hpp"
-#include "sections/temporal/prediction.hpp"
-#include "sections/temporal/straight_lines.hpp"
-#include "sections/temporal/time_model.hpp"
+#include "entropy/numbers.hpp"
+#include "entropy/range_coder.hpp"
 
 namespace pdeanim {
 
 namespace {
+
+// Context models of quantised functions of time.
+//
+// Of each number comes its exponent, beginning with the one that its neighbours (in time or frequency, among axes,
+// among functions) make likely and going up or down from there, so that large numbers cost few decisions; then the bits
+// below the leading one, and the sign.
+
+// Exponent e stands for magnitudes 2^e - 1 to 2^(e + 1) - 2, so all sums below stay within 64 bits.
+constexpr int most_exponent = 39;
+// Exponents that are told apart; larger ones share the last: numbers beyond 65534 are rare.
+constexpr int exponents = 16;
+// Decisions: is it larger than expected? smaller? what is the bit below the leading one?
+enum Decision { rise = 0, fall = exponents, top_bit = 2 * exponents, decisions = 3 * exponents };
+// Grades of sizes and places, 2 an octave: finer ones learn too slowly for the 20,000 numbers of a usual group.
+constexpr int grades = 24;
+constexpr int margin = 2;  // places before the first frame and after the last whose sizes count as 0
+constexpr int sign_sizes = 6;
+
+// A number that is not negative: 0, 1, 2, 3, 4, 4, 5, 5, 6, 6, 6, 6, 7, ...
+constexpr int grade_of(i64 number) {
+    const int shift = most(bit_length(number) - 2, 0);
+    return static_cast<int>(least<i64>(2 * shift + (number >> shift), grades - 1));
+}
+int grade(i64 number) { return looked_up<grade_of>(number); }
+
+int sign_class(i64 number) { return number == 0 ? 0 : number < 0 ? 1 : 2; }
+
+// What a number is coded with: where its inputs begin, and the exponent to begin with.
+struct Expected {
+    std::array<BitModel *, 3> inputs;
+    int exponent;
+};
+
+class TimeModel {
+public:
+    explicit TimeModel(i64 frames) {
+        for (auto &sizes : sizes_) sizes.resize(frames + 2 * margin);
+    }
+
+    template <Mode mode, class Number> void code(RangeCoder<mode> &coder, const TimeShape &shape, Number *quantised) {
+        const i64 functions = shape.functions, frames = shape.frames, axes = shape.axes;
+        for (i64 function = 0; function < functions; ++function) {
+            // Sizes at each place of this function, of the one before, and of the one before that.
+            std::vector<i64> &own = sizes_[function % 3];
+            const std::vector<i64> &before = sizes_[(function + 2) % 3], &second = sizes_[(function + 1) % 3];
+            std::fill(own.begin(), own.end(), 0);
+            for (i64 place = 0; place < frames; ++place) {
+                Number *numbers = quantised + (function * frames + place) * axes;
+                const i64 last = own[place + 1], second_last = own[place];
+                const i64 same = before[place + 2], around = before[place + 1] + before[place + 3];
+                const i64 wide = 10 * last + 8 * second_last + 12 * same + 5 * around + 8 * second[place + 2];
+                const auto at = [&](i64 functions_back, i64 places_back, i64 axis) -> i64 {
+                    if (functions_back > function || places_back > place) return 0;
+                    return numbers[axis - (functions_back * frames + places_back) * axes];
+                };
+                auto &of_place = by_place_[grade(place)];
+                i64 here = 0;
+                for (i64 axis = 0; axis < axes; ++axis) {
+                    const i64 size = axis == 0   ? wide
+                                     : axis == 1 ? (3 * wide + 48 * here) >> 2
+                                                 : (wide + 8 * here) >> 1;
+                    const i64 one = at(0, 1, axis), two = at(0, 2, axis), four = at(0, 4, axis);
+                    const i64 earlier = size_of(two) + (size_of(four) >> 1);
+                    const i64 of_functions =
+                        size_of(at(1, 0, axis)) + size_of(at(2, 0, axis)) + (size_of(at(3, 0, axis)) >> 1);
+                    const Expected expected = {
+                        {by_size_[grade(size / 24)][axis].data(), of_place[grade(of_functions)].data(),
+                         by_last_[grade(size_of(one))][grade(earlier)].data()},
+                        least(bit_length(size / 136 + 1) - 1, most_exponent - 1)};
+                    const i64 wanted = mode == Mode::decode ? 0 : numbers[axis];
+                    const i64 magnitude = code_magnitude(coder, expected, size_of(wanted));
+                    const bool is_negative = magnitude > 0 && code_sign(coder, one, two, four, magnitude, wanted < 0);
+                    if constexpr (mode == Mode::decode) numbers[axis] = is_negative ? -magnitude : magnitude;
+                    here += magnitude;
+                }
+                own[place + margin] = axes == 3 ? here : 3 * here;
+            }
+        }
+    }
+
+private:
+    template <Mode mode> bool decide(RangeCoder<mode> &coder, const Expected &expected, int decision, bool bit) {
+        const auto &inputs = expected.inputs;
+        return coder.template mixed<3>({inputs[0] + decision, inputs[1] + decision, inputs[2] + decision},
+                                       weights_[decision].data(), bit);
+    }
+
+    template <Mode mode> i64 code_magnitude(RangeCoder<mode> &coder, const Expected &expected, i64 magnitude) {
+        const auto told_apart = [](int exponent) { return least(exponent, exponents - 1); };
+        const int wanted = bit_length(magnitude + 1) - 1;
+        int exponent = expected.exponent;
+        if (decide(coder, expected, rise + told_apart(exponent), wanted > exponent)) {
+            do {
+                ++exponent;
+            } while (exponent < most_exponent &&
+                     decide(coder, expected, rise + told_apart(exponent), wanted > exponent));
+        } else {
+            while (exponent > 0 && !decide(coder, expected, fall + told_apart(exponent - 1), wanted > exponent - 1)) {
+                --exponent;
+            }
+        }
+        if (exponent == 0) return 0;
+        const auto bit_at = [&](int place) { return static_cast<bool>(((magnitude + 1) >> place) & 1); };
+        i64 found = 2 | decide(coder, expected, top_bit + told_apart(exponent), bit_at(exponent - 1));
+        for (int place = exponent - 2; place >= 0; --place) found = found << 1 | coder.bypass(bit_at(place));
+        return found - 1;
+    }
+
+    // By the numbers one, two and four places before: what a cosine transform makes of a trend alternates.
+    template <Mode mode>
+    bool code_sign(RangeCoder<mode> &coder, i64 one, i64 two, i64 four, i64 magnitude, bool is_negative) {
+        const auto size_class = [](i64 number) { return least(bit_length(number), sign_sizes - 1); };
+        const int one_sign = sign_class(one), two_sign = sign_class(two), four_sign = sign_class(four);
+        const int one_size = size_class(size_of(one)), two_size = size_class(size_of(two));
+        const int size = least(bit_length(magnitude + 1) - 1, sign_sizes - 1);
+        return coder.template mixed<2>({&sign_by_three_[one_sign][two_sign][four_sign][two_size >> 1][size >> 1],
+                                        &sign_by_first_[one_sign][one_size][two_sign][size]},
+                                       sign_weights_.data(), is_negative);
+    }
+
+    using Decisions = std::array<BitModel, decisions>;
+    template <class T, std::size_t rows, std::size_t columns> using Table = std::array<std::array<T, columns>, rows>;
+
+    Table<Decisions, grades, 3> by_size_;        // sizes of all neighbours, and the axis
+    Table<Decisions, grades, grades> by_place_;  // and the functions before
+    Table<Decisions, grades, grades> by_last_;   // places before
+    std::array<Weights<3>, decisions> weights_;
+    Table<std::array<Table<BitModel, 3, 3>, 3>, 3, 3> sign_by_three_;
+    Table<Table<BitModel, 3, sign_sizes>, 3, sign_sizes> sign_by_first_;
+    Weights<2> sign_weights_;
+    std::array<std::vector<i64>, 3> sizes_;
+};
+
+// Code all numbers, read when encoding or measuring, written when decoding: magnitudes are 2^40 - 2 at most.
+template <Mode mode> void code_time_numbers(RangeCoder<mode> &coder, const TimeShape &shape,
+                                            std::conditional_t<mode == Mode::decode, i64, const i64> *quantised) {
+    std::make_unique<TimeModel>(shape.frames)->code(coder, shape, quantised);
+}
 
 bool are_zero(std::span<const i64> numbers) {
     return std::all_of(numbers.begin(), numbers.end(), [](i64 number) { return number == 0; });

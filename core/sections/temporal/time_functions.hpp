@@ -44,4 +44,42 @@ std::vector<double> time_function_values(TimeMethod method, const TimeShape &sha
 // against its limits.
 std::vector<double> decode_time_functions(std::span<const u8> data, const TimeShape &shape, double step);
 
+// Method `predicted`: each number from those of the four frames before it, by weights that learn.
+//
+// Recursive least squares with forgetting (Haykin, "Adaptive filter theory", chapter 10), the error of each number
+// weighed by the variance of the numbers of late, so that functions of every size teach the same weights. Values
+// predict others: +, -, * and / of float64 in the order written, so that every IEEE 754 machine gets the same bits.
+//
+// From differences to the prediction in steps.
+std::vector<double> predicted_values(const TimeShape &shape, std::span<const i64> quantised, double step);
+
+struct QuantisedTimeFunctions {
+    std::vector<i64> quantised;
+    std::vector<double> values;  // what a decoder gets
+};
+
+// Of what is wanted, in steps, function after function; `rounding` is added to a magnitude before its fraction is
+// dropped, 0.5 is plain rounding.
+QuantisedTimeFunctions quantise_predicted(const TimeShape &shape, std::span<const double> wanted, double rounding,
+                                          double step);
+
+// Method `transformed`, sums of cosines (DCT-II, orthonormal). One period of the cosine in 4 `frames` samples, cos(2 pi j / (4 frames)) within 2^-51; the same bits on every
+// machine. There is a frame or more.
+std::vector<double> cosine_wave(i64 frames);
+
+// Method `transformed`: the inverse transform of a number for each frequency, in steps.
+std::vector<double> transformed_values(const TimeShape &shape, std::span<const i64> quantised, double step);
+
+// Method `straight`: lines from keyframe to keyframe: changes of speed, of the first frame the value itself.
+//
+// All in sixteenths of a step: speeds are whole numbers of them a frame, so that a line stays within half a step for 16
+// frames at least.
+//
+// From changes of speed: sums of sums, which wrap at 64 bits.
+std::vector<double> values_along_lines(const TimeShape &shape, std::span<const i64> quantised, double step);
+
+// Changes of speed for what is wanted, in steps, function after function; each line as long as it stays within a
+// tolerance of half a sixteenth or more. There is a frame or more.
+std::vector<i64> quantise_straight(const TimeShape &shape, std::span<const double> wanted, double tolerance);
+
 }  // namespace pdeanim

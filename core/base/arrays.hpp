@@ -1,6 +1,4 @@
-// Arrays of many megabytes that are written before they are read: nothing sets their numbers to zero first, and they lie in
-// pages as large as the system has. To have small pages brought in one by one takes longer than most of what is done with
-// what lies in them.
+// Arrays with an allocation of their own: aligned to cache lines, or in large pages.
 #pragma once
 
 #include <cstddef>
@@ -13,6 +11,28 @@
 
 namespace pdeanim {
 
+// Arrays that begin with a line of the cache: a register as wide as a line is read from one line then, not from two.
+constexpr std::size_t cache_line = 64;  // bytes
+
+template <class T> struct OnCacheLine {
+    using value_type = T;
+
+    OnCacheLine() = default;
+    template <class Other> OnCacheLine(const OnCacheLine<Other> &) {}
+
+    T *allocate(std::size_t count) {
+        return static_cast<T *>(::operator new(count * sizeof(T), std::align_val_t{cache_line}));
+    }
+    void deallocate(T *values, std::size_t) { ::operator delete(values, std::align_val_t{cache_line}); }
+
+    friend bool operator==(const OnCacheLine &, const OnCacheLine &) { return true; }
+};
+
+template <class T> using AlignedArray = std::vector<T, OnCacheLine<T>>;
+
+// Arrays of many megabytes that are written before they are read: nothing sets their numbers to zero first, and they lie in
+// pages as large as the system has. To have small pages brought in one by one takes longer than most of what is done with
+// what lies in them.
 template <class T> struct LargePages {
     using value_type = T;
 

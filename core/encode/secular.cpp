@@ -1,11 +1,11 @@
-#include "linalg/secular.hpp"
+#include "encode/secular.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
 
-#include "base/instructions.hpp"
+#include "base/lanes.hpp"
 #include "base/parallel.hpp"
 #include "linalg/vectors.hpp"
 

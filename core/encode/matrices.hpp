@@ -1,0 +1,44 @@
+// Linear algebra that only the encoder needs: products of matrices on several threads, QR decomposition, eigenproblems.
+#pragma once
+
+#include <vector>
+
+#include "base/arithmetic.hpp"
+#include "linalg/products.hpp"
+
+namespace pdeanim {
+
+// out = left * right, with rows of `right` and of `out` one after the other.
+void multiply(double *out, const Strided<double> &left, const double *right, const ProductSizes &sizes, int threads);
+
+// out (rows x columns x axes) = rows (rows x depth x axes) * factors (depth x columns) on each axis, in the precision of
+// the rows.
+template <class Real> void multiply_rows(Real *out, const Real *rows, const double *factors, const ProductSizes &sizes,
+                                         i64 axes, int threads);
+
+// out (columns x columns) = rows^T * rows, of a number of rows, added up in a precision block by block.
+template <class Real, class Row>
+void sums_of_squares(double *out, const Row *rows, i64 count, i64 columns, int threads);
+
+// The same of other rows, out (columns x other_columns) = rows^T * others, in their precision.
+template <class Real> void sums_of_products(double *out, const Real *rows, const Real *others, i64 count, i64 columns,
+                                            i64 other_columns, int threads);
+
+// QR decomposition. Of a matrix A (rows x columns), as many rows as columns or more, A = Q R with orthonormal columns of Q; these are
+// orthonormal where those of A depend on each other, too.
+struct OrthonormalColumns {
+    std::vector<double> vectors;   // Q^T, columns x rows
+    std::vector<double> triangle;  // R, columns x columns, upper
+};
+
+OrthonormalColumns orthonormal_columns(const double *matrix, i64 rows, i64 columns);
+
+struct Eigen {
+    std::vector<double> values;   // falling
+    std::vector<double> vectors;  // a row each, of unit length; none where they were not asked for
+};
+
+// Eigenvalues and eigenvectors of a symmetric matrix (size x size) of finite numbers; what is below its diagonal counts.
+Eigen symmetric_eigen(const double *matrix, i64 size, bool with_vectors, int threads);
+
+}  // namespace pdeanim
