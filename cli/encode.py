@@ -236,7 +236,8 @@ def _encode(
 
 def _as_json(report: EncodeReport, output: str, input_size: int, settings: EncodeSettings) -> dict[str, Any]:
     """The report with the names and ratios that scripts want."""
-    from pdecodec.codec.encode.report import CONSTANT_SECTIONS, to_json
+    from pdecodec.codec.container import CONSTANT_SECTIONS
+    from pdecodec.codec.encode.report import to_json
     from pdecodec.mesh.metrics import bits_per_vertex_frame
 
     constant = sum(report.sections.get(name, 0) for name in CONSTANT_SECTIONS)

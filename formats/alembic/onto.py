@@ -34,8 +34,7 @@ from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.shape_writing import drawn_as
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import MeshObject, MeshSequence
-from pdecodec.system.reserved_room import ReservedRoom
-from pdecodec.system.whole_output import failure_of
+from pdecodec.system.whole_output import ReservedRoom, failure_of
 
 _GEOMETRY, _POSITIONS, _VELOCITIES, _NORMALS, _BOUNDS = ".geom", "P", ".velocities", "N", ".selfBnds"
 """Names of a shape's properties that say where its points are."""

@@ -45,8 +45,7 @@ from pdecodec.formats.base.shape_writing import ShapeKey, ShapeWriter, shape_key
 from pdecodec.formats.base.times import regular_rate
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import MAX_INDEX, Attribute, MeshObject, MeshSequence
-from pdecodec.system.reserved_room import ReservedRoom
-from pdecodec.system.whole_output import failure_of
+from pdecodec.system.whole_output import ReservedRoom, failure_of
 
 OBJECT_BYTES, SAMPLE_BYTES = 2**16, 2**10
 """More than Alembic writes of an object, and of a sample, beside their arrays."""

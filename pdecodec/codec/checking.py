@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from pdecodec.codec.container import CHUNK_SECTIONS
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.mending import Finding, UnreadableError, damaged_sections, mended
 from pdecodec.codec.opening import open_animation
@@ -34,9 +35,6 @@ CODES = {
     "output-limit": "The file declares more positions than --max-output allows.",
 }
 """Codes of findings, and what each means. They stay; later versions may add some."""
-
-OF_GROUPS = frozenset(("TIME", "COEF", "CORR"))
-"""Sections that are chunks of groups of frames, each of which has a checksum of its own."""
 
 _SECTION = re.compile(r"\bsection ([A-Z]{4})\b")
 
@@ -135,7 +133,7 @@ class _Check:
     def _look_at_run(self, own: Animation, first: int, run: int | None, frames: tuple[int, int] | None) -> None:
         # Those of a file of one run are in the table of the file and were looked at with it, if they are there.
         for kind in own.sections if run is not None else ("REST",):
-            if kind != "container" and kind not in OF_GROUPS:
+            if kind != "container" and kind not in CHUNK_SECTIONS:
                 with self._noting("section-content", run=run, frames=frames):
                     own.check_section(kind)
         for decode in own.part_decoders if self.deep else ():
@@ -162,14 +160,14 @@ class _Check:
             section = None if found is None else found[1]
             if error.message.startswith(f"section {section} is damaged"):
                 code = "section-checksum"
-            elif section is not None and section not in OF_GROUPS:
+            elif section is not None and section not in CHUNK_SECTIONS:
                 code = "section-content"
             if code.startswith("section") and "group" in place:
                 place = {"run": place["run"]}
             self._note(Finding(code, error.message, section=section, offset=error.offset, **place))
 
     def _note(self, finding: Finding) -> None:
-        section = None if finding.section in OF_GROUPS else finding.section
+        section = None if finding.section in CHUNK_SECTIONS else finding.section
         for known in self.findings:
             is_known = known.message == finding.message or (section is not None and known.section == section)
             if is_known and known.run == finding.run and known.severity == finding.severity:

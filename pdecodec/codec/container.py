@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Literal
 
 from pdecodec.system.whole_output import whole_file, write_errors
 
@@ -34,8 +34,62 @@ LENGTH_AT = 4
 REQUIRED = 1
 """Section flag: a decoder that does not know this type must refuse the file."""
 
-FIRST_OF_GROUPS = "TIME"
-"""The first of the sections that hold groups of frames; what stands before it is read whatever frame is asked for."""
+
+@dataclass(frozen=True)
+class SectionKind:
+    """A kind of section.
+
+    Attributes
+    ----------
+    type : str
+        Four ASCII letters.
+    title : str
+        Its content in words.
+    of : {"file", "run", "group"}
+        What has such a section: a file, a run of frames, or as one chunk of it a group of frames.
+    is_required : bool
+        Whether a decoder that does not know the type must refuse the file.
+    is_constant : bool
+        Whether its size does not grow with the motion: rates in bits per vertex and frame leave it out.
+    """
+
+    type: str
+    title: str
+    of: Literal["file", "run", "group"]
+    is_required: bool = True
+    is_constant: bool = False
+
+
+SECTION_KINDS = {
+    kind.type: kind
+    for kind in (
+        SectionKind("META", "remarks", "file", is_required=False),
+        SectionKind("SEQN", "times and objects", "file"),
+        SectionKind("RUNS", "runs of frames", "file"),
+        SectionKind("RDAT", "data of runs", "file"),
+        SectionKind("NAME", "names of objects", "run"),
+        SectionKind("CONN", "connectivity", "run", is_constant=True),
+        SectionKind("ORDR", "order of faces", "run", is_constant=True),
+        SectionKind("REST", "reference frame", "run"),
+        SectionKind("MODL", "model", "run"),
+        SectionKind("GRUP", "groups of frames", "run"),
+        SectionKind("TIME", "functions of time", "group"),
+        SectionKind("COEF", "coefficients", "group"),
+        SectionKind("CORR", "residuals", "group"),
+        SectionKind("ATTR", "attributes", "run", is_constant=True),
+    )
+}
+"""By type, in the order in which files, and section RDAT for each run, have them. A file of one run has the sections of
+the run in its own table, and no NAME; a file of several runs has RUNS and RDAT."""
+
+RUN_SECTIONS = tuple(kind.type for kind in SECTION_KINDS.values() if kind.of != "file")
+"""Sections of a run, in the order in which section RUNS lists them."""
+
+CHUNK_SECTIONS = tuple(kind.type for kind in SECTION_KINDS.values() if kind.of == "group")
+"""Sections that are chunks of groups of frames, each with a checksum of its own. What stands before the first of them
+is read whatever frame is asked for."""
+
+CONSTANT_SECTIONS = frozenset(kind.type for kind in SECTION_KINDS.values() if kind.is_constant)
 
 COPY_BYTES = 2**20
 """Bytes copied or checked at a time, so that memory does not grow with a section."""
@@ -75,13 +129,10 @@ class Section:
     type : str
         Four ASCII letters.
     content : bytes or Spool
-    required : bool
-        Whether a decoder that does not know the type must refuse the file.
     """
 
     type: str
     content: bytes | Spool
-    required: bool = True
 
     @property
     def length(self) -> int:
@@ -128,7 +179,8 @@ def before_groups(head: bytes) -> int:
         sections = dict(stored_sections(io.BytesIO(head)))
     except (struct.error, UnicodeDecodeError):
         return 0
-    return sections[FIRST_OF_GROUPS].offset if FIRST_OF_GROUPS in sections else 0
+    first = sections.get(CHUNK_SECTIONS[0])
+    return first.offset if first else 0
 
 
 def write_container(path: Path, sections: Sequence[Section], *, overwrite: bool = True) -> dict[str, int]:
@@ -164,7 +216,7 @@ def _rows(sections: Sequence[Section]) -> Iterator[bytes]:
     """Rows of the table of sections."""
     for section in sections:
         size = (section.length.bit_length() + 7) // 8
-        flags = (REQUIRED if section.required else 0) | size << LENGTH_AT
+        flags = (REQUIRED if SECTION_KINDS[section.type].is_required else 0) | size << LENGTH_AT
         length = section.length.to_bytes(size, "little")
         yield ENTRY_HEAD.pack(section.type.encode("ascii"), flags) + length + CHECKSUM.pack(section.checksum)
 

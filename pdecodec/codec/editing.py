@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from pdecodec.codec.container import Section, Spool, stored_sections, write_container
+from pdecodec.codec.container import CHUNK_SECTIONS, SECTION_KINDS, Section, Spool, stored_sections, write_container
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.encode.appending import AppendingEncoder
 from pdecodec.codec.encode.jumps import jumps_across, shifted
@@ -26,7 +26,7 @@ from pdecodec.codec.encode.report import generator
 from pdecodec.codec.encode.stored_choices import bound_of
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.sections.description import decode_remarks, encode_remarks, encode_sequence_description
-from pdecodec.codec.sections.groups import CHUNK_SECTIONS, GroupEntry, read_group_table, write_group_table
+from pdecodec.codec.sections.groups import GroupEntry, read_group_table, write_group_table
 from pdecodec.codec.settings import EffortName
 from pdecodec.errors import CorruptFileError, InputError, SettingsError
 from pdecodec.mesh.arrays import Float64Array
@@ -34,14 +34,8 @@ from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import SHORTEST_TIME_STEP, MeshSequence, Progress
 from pdecodec.system.whole_output import check_writable
 
-SHARED_SECTIONS = {
-    "CONN": "faces",
-    "ORDR": "the order of vertices and faces",
-    "REST": "the reference frame",
-    "MODL": "the functions of space, or the bound",
-    "ATTR": "attributes",
-}
-"""Sections that groups of one file have in common, and what is in them."""
+SHARED_SECTIONS = ("CONN", "ORDR", "REST", "MODL", "ATTR")
+"""Sections that groups of one file have in common."""
 
 EDITED = "; then "
 """Between what a file's summary says of its model and what became of the file since: the latest alone."""
@@ -284,10 +278,11 @@ def join_animations(
                 file = stack.enter_context(CodedFile(other))
                 sequence, name = file.animation, os.path.basename(file.path)
                 _require_mesh_of(head, sequence, other)
-                differing = [what for kind, what in SHARED_SECTIONS.items() if file.section(kind) != head.section(kind)]
+                differing = [kind for kind in SHARED_SECTIONS if file.section(kind) != head.section(kind)]
                 if differing and not recode:
+                    what = SECTION_KINDS[differing[0]].title
                     raise SettingsError(
-                        f"differs from {head.path} in {differing[0]}, so that its groups of frames do not fit there; "
+                        f"differs from {head.path} in its {what}, so that its groups of frames do not fit there; "
                         "they can be coded again, and then bounds add up",
                         path=other,
                     )
@@ -340,7 +335,7 @@ def _write(
                 spool.append(chunk)
         shared = {kind: head.section(kind) for kind in SHARED_SECTIONS}
         sections = [
-            Section("META", encode_remarks(remarks), required=False),
+            Section("META", encode_remarks(remarks)),
             Section("SEQN", encode_sequence_description(described, sorted(described.jumps))),
             *(Section(kind, shared[kind]) for kind in ("CONN", "ORDR", "REST", "MODL") if shared[kind]),
             Section("GRUP", write_group_table(entries)),

@@ -23,6 +23,7 @@ from pdecodec.codec.container import (
     LENGTH_AT,
     MAJOR_VERSION,
     REQUIRED,
+    SECTION_KINDS,
     StoredSection,
 )
 from pdecodec.errors import CorruptFileError, LimitError
@@ -32,11 +33,6 @@ MOST_SECTIONS = 64
 
 MOST_LENGTH_BYTES = 8
 """The specification's section 2.2."""
-
-KNOWN_SECTIONS = frozenset(
-    ("META", "SEQN", "RUNS", "RDAT", "CONN", "ORDR", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR", "ATTR")
-)
-"""Sections that a table of this version may list."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +207,7 @@ def damaged_sections(file: BinaryIO, sections: Sequence[ListedSection]) -> list[
     """Sections that are unknown, and those whose bytes are not the ones that the table was made for."""
     findings = []
     for section in sections:
-        if section.type not in KNOWN_SECTIONS:
+        if section.type not in SECTION_KINDS or section.type == "NAME":  # NAME stands in section RDAT alone
             code = "section-unknown-required" if section.is_required else "section-unknown"
             findings.append(
                 Finding(

@@ -6,8 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdecodec.codec.sections.basis import SPACE_FUNCTIONS, TIME_FUNCTIONS, series_functions, series_to_paper
-from pdecodec.codec.sections.closed_form import ClosedForm
+from pdecodec.codec.sections.closed_form import (
+    SPACE_FUNCTIONS,
+    TIME_FUNCTIONS,
+    ClosedForm,
+    series_functions,
+    series_to_paper,
+)
 from pdecodec.codec.sections.reference import ReferenceFrame
 from pdecodec.codec.sections.space_basis import SpaceBasis, arc_length_parameter
 from pdecodec.errors import SettingsError
@@ -23,8 +28,8 @@ class PaperForm:
 
     The position of the vertex ``order[i]``, in piece p, on axis x, at a time t of the group is
     ``reference[i, x] + sum over a, b of T_a(s) coefficients[p, x, a, b] U_b(u[i])`` with ``s = (t - centre) /
-    half_length``, T of Eq. 12 (:func:`pdecodec.codec.sections.basis.paper_time_functions`) and U of Eqs. 14 and 16
-    (:func:`pdecodec.codec.sections.basis.paper_space_functions`). Residuals of a file with a bound are not part of it.
+    half_length``, T of Eq. 12 and U of Eqs. 14 and 16 (`paper_time_functions` and `paper_space_functions` of
+    :mod:`pdecodec.codec.sections.closed_form`). Residuals of a file with a bound are not part of it.
 
     Attributes
     ----------

@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from pdecodec.codec.sections.basis import MAX_RATE
+from pdecodec.codec.sections.closed_form import MAX_RATE
 from pdecodec.errors import SettingsError
 
 Profile = Literal["auto", "paper"]

@@ -19,9 +19,9 @@ from typing import Any, get_args
 
 import numpy as np
 
+from pdecodec.codec.container import CONSTANT_SECTIONS
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.encode.encoder import encode
-from pdecodec.codec.encode.report import CONSTANT_SECTIONS
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.settings import EffortName, Profile
 from pdecodec.errors import InputError

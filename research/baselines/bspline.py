@@ -17,7 +17,7 @@ from pdecodec.report.clips.baseline import Transform, UnreachableError, rounded
 from pdecodec.research.baselines.coding import decode_bands, encode_bands
 
 if TYPE_CHECKING:
-    from pdecodec.codec.sections.curves import Curves
+    from pdecodec.codec.sections.elements import Curves
 
 
 DEGREE = 3
@@ -120,7 +120,7 @@ class BSpline(Transform[Controls]):
 
 
 def _curves(connectivity: Connectivity) -> Curves:
-    from pdecodec.codec.sections.curves import extract_curves
+    from pdecodec.codec.sections.elements import extract_curves
     from pdecodec.mesh.sequence import MeshObject
 
     return extract_curves([MeshObject("mesh", connectivity)], np.zeros((connectivity.vertex_count, 3), np.int64))

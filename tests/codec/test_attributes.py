@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec.codec.sections.attributes import DOMAINS, VALUE_TYPES, encode_attributes, reorder_attributes
 from pdecodec.codec.sections.connectivity import core_errors, core_parts
-from pdecodec.codec.sections.entropy import compress
+from pdecodec.codec.sections.description import compress
 from pdecodec.errors import CorruptFileError, InputError, LimitError
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject

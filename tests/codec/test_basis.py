@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mpmath import mpf
 
-from pdecodec.codec.sections.basis import (
+from pdecodec.codec.sections.closed_form import (
     MAX_RATE,
     SOLVES_BEAM_EQUATION,
     paper_space_functions,

@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdecodec import _core
-from pdecodec.codec.limits import LARGEST
-from pdecodec.codec.sections.coefficients import (
+from pdecodec.codec.sections.bytestream import LARGEST
+from pdecodec.codec.sections.connectivity import core_errors
+from pdecodec.codec.sections.groups import (
     encode_coefficients,
     measure_coefficients,
 )
-from pdecodec.codec.sections.connectivity import core_errors
 from pdecodec.codec.sections.space_basis import SpaceBasis, build_space_basis
 from pdecodec.errors import CorruptFileError
 from pdecodec.mesh.arrays import Float64Array, Int64Array

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pdecodec.codec.sections.curves import extract_curves
+from pdecodec.codec.sections.elements import extract_curves
 from pdecodec.mesh.arrays import BoolArray, Int32Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject
 from spec.decoder import curves as independent

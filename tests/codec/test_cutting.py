@@ -191,7 +191,7 @@ def test_what_is_appended_follows_in_time_or_is_moved(clip: Path, tmp_path: Path
 def test_what_does_not_fit_a_file_is_not_joined_to_it(clip: Path, paper: Path, tmp_path: Path) -> None:
     other, longer = tmp_path / "other.pdeanim", tmp_path / "longer.pdeanim"
     pdecodec.encode(waves(20, start=FRAMES), other, effort="fast", tolerance=1e-2)
-    with pytest.raises(SettingsError, match=r"other.pdeanim: differs from .*clip.pdeanim in the reference frame"):
+    with pytest.raises(SettingsError, match=r"other.pdeanim: differs from .*clip.pdeanim in its reference frame"):
         join_animations(clip, [other], longer)
     assert join_animations(clip, [other], longer, recode=True, effort="fast").coded_again == 20
     with pytest.raises(InputError, match="is of another mesh"):

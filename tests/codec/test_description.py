@@ -20,11 +20,11 @@ from pdecodec.codec.sections.description import (
     TIMES_COUNTED,
     TIMES_LISTED,
     TIMES_STEPPED,
+    compress,
     decode_remarks,
     encode_remarks,
     encode_sequence_description,
 )
-from pdecodec.codec.sections.entropy import compress
 from pdecodec.errors import CorruptFileError, InputError
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import (

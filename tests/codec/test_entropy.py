@@ -11,7 +11,7 @@ import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdecodec.codec.sections.entropy import compress, decompress
+from pdecodec.codec.sections.description import compress, decompress
 from pdecodec.errors import CorruptFileError
 from tests.support.damage import assert_cuts_are_refused
 

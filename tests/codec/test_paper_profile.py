@@ -11,7 +11,7 @@ import pytest
 from pdecodec import ArraySequence, Connectivity, EncodeSettings, MeshObject, PaperSettings, encode, open_animation
 from pdecodec.cli.main import run
 from pdecodec.codec.paper_form import PaperForm
-from pdecodec.codec.sections.basis import paper_space_functions, paper_time_functions
+from pdecodec.codec.sections.closed_form import paper_space_functions, paper_time_functions
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from spec.accepted import LINES, clip, connectivity, grid, several_objects, sheet, triangles, tube, wave

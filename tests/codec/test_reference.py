@@ -14,8 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from pdecodec.codec.limits import LARGEST_STEP
-from pdecodec.codec.sections.bytestream import FieldWriter
+from pdecodec.codec.sections.bytestream import LARGEST_STEP, FieldWriter
 from pdecodec.codec.sections.reference import (
     HEADER_BYTES,
     LARGEST_BITS,

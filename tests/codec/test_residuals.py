@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as arrays
 
 from pdecodec import _core
 from pdecodec._core import BYTES_PER_RAW_VERTEX, BYTES_PER_RESIDUAL, Residuals
-from pdecodec.codec.limits import LARGEST
+from pdecodec.codec.sections.bytestream import LARGEST
 from pdecodec.codec.sections.connectivity import core_errors
 from pdecodec.codec.sections.residuals import (
     encode_residuals,

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import pdecodec
 from pdecodec import ArraySequence, EncodeSettings, PaperSettings, SettingsError, encode
-from pdecodec.codec.sections.basis import MAX_RATE
+from pdecodec.codec.sections.closed_form import MAX_RATE
 from pdecodec.codec.settings import DEFAULT_TOLERANCE, MAX_SEGMENT_FRAMES, EffortName
 
 RATES = st.none() | st.floats(1e-300, MAX_RATE)

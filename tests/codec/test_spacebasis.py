@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from pdecodec.codec.sections.elements import build_patches, early_patches
 from pdecodec.codec.sections.groups import GroupEntry, GroupFunctions, TimeBasis, group_functions
-from pdecodec.codec.sections.patches import build_patches, early_patches
 from pdecodec.codec.sections.space_basis import SpaceBasis, SpaceKind, build_space_basis, trial_space_basis
 from pdecodec.mesh.arrays import Float64Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject

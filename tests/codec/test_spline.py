@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from pdecodec._core import FrameSpline
-from pdecodec.codec.sections.basis import paper_time_functions
+from pdecodec.codec.sections.closed_form import paper_time_functions
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import SHORTEST_TIME_STEP
 

@@ -19,7 +19,7 @@ from pdecodec.cli.main import run
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.mesh.sequence import ArraySequence, MeshObject
-from pdecodec.system.whole_output import partial_path, whole_file
+from pdecodec.system.whole_output import check_writable, partial_path, whole_file
 from tests.support.mesh_cases import grid
 from tests.support.scene_cases import SPACE, needed, scene
 
@@ -243,3 +243,12 @@ def test_names_as_long_as_names_can_be_are_written_and_longer_ones_refused(tmp_p
     for ending in (".npz", ".xdmf", ".####.obj"):
         with pytest.raises(InputError, match="is longer than names may be there"):
             write_sequence(clip, named(ending, most + 2))
+
+
+def test_places_that_cannot_become_an_output_are_refused_before_work_starts(tmp_path: Path) -> None:
+    (tmp_path / "there").touch()
+    for name, message in ((".", "is a folder"), ("there", "exists already"), ("nowhere/a", "folder does not exist")):
+        with pytest.raises(InputError, match=message):
+            check_writable(tmp_path / name, overwrite=False)
+    check_writable(tmp_path / "there", overwrite=True)
+    check_writable(tmp_path / "new", overwrite=False)

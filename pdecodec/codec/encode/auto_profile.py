@@ -24,7 +24,7 @@ from pdecodec.codec.encode.jumps import JumpFinder
 from pdecodec.codec.encode.memory import LONGEST_GROUP, memory_plan
 from pdecodec.codec.encode.model_choice import FinishedGroup, ModelSearch, References, finished, is_dense, ruled
 from pdecodec.codec.encode.report import Question, counted
-from pdecodec.codec.sections.patches import EarlyPatches
+from pdecodec.codec.sections.elements import EarlyPatches
 from pdecodec.codec.sections.space_basis import SpaceBasis
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import SettingsError

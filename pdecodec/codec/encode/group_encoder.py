@@ -17,17 +17,23 @@ from typing import Any
 
 import numpy as np
 
-from pdecodec.codec.container import Section, Spool, container_pieces, section_sizes, write_container
+from pdecodec.codec.container import (
+    CHUNK_SECTIONS,
+    Section,
+    Spool,
+    container_pieces,
+    section_sizes,
+    write_container,
+)
 from pdecodec.codec.encode.group_fit import EncodedGroup
 from pdecodec.codec.encode.report import EncodeReport, Question, counted, generator, to_json
 from pdecodec.codec.sections.attributes import encode_attributes
 from pdecodec.codec.sections.connectivity import encode_connectivity
 from pdecodec.codec.sections.description import encode_remarks, encode_sequence_description
-from pdecodec.codec.sections.group_model import GroupModelDescription
-from pdecodec.codec.sections.groups import CHUNK_SECTIONS, GroupEntry, write_group_table
+from pdecodec.codec.sections.groups import GroupEntry, write_group_table
 from pdecodec.codec.sections.reference import ReferenceFrame, decode_reference, encode_reference, quantise_reference
 from pdecodec.codec.sections.residuals import LAST_BINADE, residual_step
-from pdecodec.codec.sections.space_basis import SpaceBasis
+from pdecodec.codec.sections.space_basis import SpaceBasis, encode_model
 from pdecodec.codec.settings import EncodeSettings, Profile
 from pdecodec.errors import InputError
 from pdecodec.mesh.arrays import Float32Array
@@ -169,15 +175,13 @@ class Encoder(ABC):
             uv_tolerance=self._settings.uv_tolerance,
             order=self._settings.order,
         )
-        space = self._space
-        model = GroupModelDescription(form=space.form, residual_step=self._residual_step, layout=space.layout)
         return [
-            Section("META", encode_remarks(remarks), required=False),
+            Section("META", encode_remarks(remarks)),
             Section("SEQN", encode_sequence_description(sequence, self._jumps())),
             Section("CONN", connectivity),
             *([Section("ORDR", order)] if order else []),
             Section("REST", self._reference_bytes),
-            Section("MODL", model.to_bytes()),
+            Section("MODL", encode_model(self._space, self._residual_step)),
             Section("GRUP", write_group_table(self._entries)),
             *(Section(name, spool) for name, spool in zip(CHUNK_SECTIONS, spools, strict=True)),
             *([Section("ATTR", attributes)] if attributes else []),

@@ -29,15 +29,16 @@ from pdecodec.codec.encode.quantisation import (
     quantise_on,
     quantise_sparsely,
 )
-from pdecodec.codec.sections.coefficients import encode_coefficients, measure_coefficients
 from pdecodec.codec.sections.groups import (
     SINGLE_IS_ENOUGH,
     SINGLE_MARGIN,
     GroupEntry,
     GroupFunctions,
+    encode_coefficients,
     functions_of_time,
     group_functions,
     margins,
+    measure_coefficients,
     normalised,
 )
 from pdecodec.codec.sections.residuals import ResidualPlan, encode_residuals, plan_residuals

@@ -22,10 +22,15 @@ from pdecodec.codec.encode.group_choice import BITS_OF_A_GROUP, ChosenGroup, Gro
 from pdecodec.codec.encode.group_fit import SMALL_MESH, FittedGroup, GroupChoice, GroupFitter
 from pdecodec.codec.encode.quantisation import DeadZone
 from pdecodec.codec.encode.refinement import Refinement
-from pdecodec.codec.sections.group_model import GroupModelDescription
-from pdecodec.codec.sections.patches import EarlyPatches
+from pdecodec.codec.sections.elements import EarlyPatches
 from pdecodec.codec.sections.reference import ReferenceFrame, encode_reference, quantise_reference
-from pdecodec.codec.sections.space_basis import SpaceBasis, SpaceKind, clear_space_basis, trial_space_basis
+from pdecodec.codec.sections.space_basis import (
+    SpaceBasis,
+    SpaceKind,
+    clear_space_basis,
+    encode_model,
+    trial_space_basis,
+)
 from pdecodec.codec.settings import EffortName
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import MeshObject
@@ -446,10 +451,8 @@ class ModelSearch:
         bits = sum(group.fitted.measured(model.basis).bits + BITS_OF_A_GROUP for group in model.groups)
         bits += 0.0 if model.effort else BITS_OF_AN_EFFORT
         # Forms of curves take more than those of patches.
-        described = GroupModelDescription(
-            form=model.basis.form, residual_step=self.residual_step, layout=model.basis.layout
-        )
-        return self._share_of(model.reference_data, described.to_bytes()) + bits
+        described = encode_model(model.basis, self.residual_step)
+        return self._share_of(model.reference_data, described) + bits
 
     def _share_of(self, *once: bytes) -> float:
         """The first frames' share of the bits of what is there once for all frames."""

@@ -22,9 +22,8 @@ from pdecodec.codec.encode.group_encoder import FINEST_STEP, CompareProfiles, En
 from pdecodec.codec.encode.group_fit import EncodedGroup, FittedGroup, GroupFitter
 from pdecodec.codec.encode.principal import product
 from pdecodec.codec.encode.quantisation import QUARTERS, quantise
-from pdecodec.codec.limits import LARGEST
-from pdecodec.codec.sections.basis import SPACE_FUNCTIONS, TIME_FUNCTIONS
-from pdecodec.codec.sections.closed_form import ClosedForm
+from pdecodec.codec.sections.bytestream import LARGEST
+from pdecodec.codec.sections.closed_form import SPACE_FUNCTIONS, TIME_FUNCTIONS, ClosedForm
 from pdecodec.codec.sections.groups import GroupEntry
 from pdecodec.codec.sections.reference import quantise_reference
 from pdecodec.codec.sections.space_basis import MOST_POINTS, SpaceBasis, build_space_basis

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pdecodec.codec.container import CONSTANT_SECTIONS
 from pdecodec.codec.encode.auto_profile import AutoEncoder
 from pdecodec.codec.encode.coded_order import CodedOrderSequence
 from pdecodec.codec.encode.group_encoder import Encoder
 from pdecodec.codec.encode.paper_profile import PaperEncoder
-from pdecodec.codec.encode.report import CONSTANT_SECTIONS, Alternative, EncodeReport, Question
+from pdecodec.codec.encode.report import Alternative, EncodeReport, Question
 from pdecodec.codec.settings import EncodeSettings, Profile
 from pdecodec.mesh.sequence import ArraySequence, MeshObject, MeshSequence, Progress
 

@@ -8,31 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from pdecodec import __version__
+from pdecodec.codec.container import SECTION_KINDS
 from pdecodec.mesh.rounding import NOTEWORTHY, rounding_words
 
 GENERATOR = "pdecodec "
 """What stands before the version in the remarks of files that this package made."""
 
-CONSTANT_SECTIONS = frozenset({"CONN", "ORDR", "ATTR"})
-"""Sections that do not grow with the motion: rates in bits per vertex and frame leave them out."""
-
-SECTION_TITLES = {
-    "container": "header and table",
-    "META": "remarks",
-    "SEQN": "times and objects",
-    "CONN": "connectivity",
-    "ORDR": "order of faces",
-    "REST": "reference frame",
-    "MODL": "model",
-    "GRUP": "groups of frames",
-    "TIME": "functions of time",
-    "COEF": "coefficients",
-    "CORR": "residuals",
-    "ATTR": "attributes",
-    "NAME": "names of objects",
-    "RUNS": "runs of frames",
-}
-"""Sections of a `.pdeanim` file in words."""
+SECTION_TITLES = {"container": "header and table", **{kind.type: kind.title for kind in SECTION_KINDS.values()}}
+"""Parts of a `.pdeanim` file in words."""
 
 
 @dataclass(frozen=True)

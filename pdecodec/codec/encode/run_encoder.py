@@ -11,21 +11,25 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from pdecodec.codec.container import Section, Spool, container_pieces, section_sizes, write_container
+from pdecodec.codec.container import (
+    CHUNK_SECTIONS,
+    RUN_SECTIONS,
+    Section,
+    Spool,
+    container_pieces,
+    section_sizes,
+    write_container,
+)
 from pdecodec.codec.encode.group_encoder import checked_frames
 from pdecodec.codec.encode.profiles import make_encoder
 from pdecodec.codec.encode.report import EncodeReport, counted, generator
 from pdecodec.codec.sections.bytestream import FieldWriter
 from pdecodec.codec.sections.description import encode_names, encode_remarks, encode_sequence_description
-from pdecodec.codec.sections.groups import CHUNK_SECTIONS
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import InputError
 from pdecodec.mesh.metrics import frame_scale
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import MeshSequence, Progress
-
-RUN_SECTIONS = ("NAME", "CONN", "ORDR", "REST", "MODL", "GRUP", *CHUNK_SECTIONS, "ATTR")
-"""Sections of a run, in the order in which section RUNS lists them and RDAT has them."""
 
 AS_BEFORE = 0
 """In place of a length plus one: the section is that of the run before."""
@@ -58,7 +62,7 @@ def encode_runs(
         if sequence.metadata:
             remarks["metadata"] = dict(sequence.metadata)
         sections = [
-            Section("META", encode_remarks(remarks), required=False),
+            Section("META", encode_remarks(remarks)),
             Section("SEQN", encode_sequence_description(sequence, jumps)),
             Section("RUNS", table.to_bytes()),
             Section("RDAT", table.data),

@@ -6,6 +6,12 @@ import struct
 
 from pdecodec.errors import CorruptFileError
 
+LARGEST = 2**40
+"""Largest magnitude of a quantised coefficient or residual."""
+
+LARGEST_STEP = 2.0**160
+"""Largest quantisation step: float32 positions end at 2^128, and products with it stay far from overflow."""
+
 COUNT_BITS = 63
 """Of the largest count: nine bytes."""
 

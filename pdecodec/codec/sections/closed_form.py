@@ -1,6 +1,18 @@
-"""The closed form in time: the four functions of Eq. 12 over a group of frames.
+"""The closed-form functions of the dynamic PDE, as printed and in a form that stays well conditioned.
 
-At other times than frames, and between groups, the decoder evaluates it: `core/sections/temporal/closed_form.hpp`.
+Fang et al. 2024 build a curve's motion from 32 functions (Eq. 18): the 4 functions of time of Eq. 12 times
+the 8 functions of the curve parameter of Eqs. 14 and 16. The four of time span the solutions of
+``w'''' = alpha^4 w``, the eight of space those of ``w^(8) = r^8 w``. As printed they become linearly
+dependent when alpha or r goes to 0. The spaces they span do not: each also has the basis
+
+    phi_j(x) = sum over k of  rate^(n k) x^(n k + j) / (n k + j)!,     j = 0 .. n - 1,  n = 4 or 8,
+
+which at rate 0 is the monomials of degree below n. The codec uses that form, over a centred argument in
+[-1, 1], orthonormalised; :func:`pdecodec.codec.paper_form.paper_form` converts to the coefficients of Eq. 17.
+
+What they solve: 16 of the 32 solve Eq. 10, ``m w_tt = K w_uuuu`` (with ``alpha = r^2 sqrt(K/m)``, and
+``rate^4 = K/m alpha^2`` read accordingly); the other 16 solve ``m w_tt = -K w_uuuu``, the sign of the
+Euler-Bernoulli beam. All 32 solve ``w_tttt = (K/m)^2 w_uuuuuuuu``.
 """
 
 from __future__ import annotations
@@ -9,10 +21,141 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pdecodec import _core
-from pdecodec.codec.sections.basis import TIME_FUNCTIONS, series_derivatives, series_functions
-from pdecodec.mesh.arrays import Float64Array
+from pdecodec.mesh.arrays import BoolArray, Float64Array
+
+TIME_FUNCTIONS = 4
+"""Functions of t (Eq. 12)."""
+
+SPACE_FUNCTIONS = 8
+"""Functions of u (Eqs. 14 and 16)."""
+
+MAX_RATE = 12.0
+"""Largest alpha or r over a half-range of 1: exp(12) still leaves the oscillating functions 10 digits."""
+
+SOLVES_BEAM_EQUATION: BoolArray = np.zeros((TIME_FUNCTIONS, SPACE_FUNCTIONS), dtype=bool)
+"""(4, 8) bool: which products of Eq. 18 solve Eq. 10 as the paper prints it; the others solve it with -K."""
+SOLVES_BEAM_EQUATION[:2, :4] = True  # e^{+-at} with e^{+-ru}, sin ru, cos ru: m a^2 = K r^4
+SOLVES_BEAM_EQUATION[2:, 4:] = True  # sin, cos(at) with the damped four: -m a^2 = K (r e^{i pi/4})^4 = -K r^4
+
+
+def paper_time_functions(t: ArrayLike, alpha: float) -> Float64Array:
+    """Eq. 12: ``e^{at}, e^{-at}, sin(at), cos(at)``.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Time in the unit that makes ``alpha * t`` dimensionless.
+    alpha : float
+
+    Returns
+    -------
+    (n, 4) float64
+    """
+    at = alpha * np.asarray(t, dtype=np.float64)
+    return np.stack([np.exp(at), np.exp(-at), np.sin(at), np.cos(at)], axis=-1)  # Eq. 12
+
+
+def paper_space_functions(u: ArrayLike, r: float) -> Float64Array:
+    """Eqs. 14 and 16: ``e^{ru}, e^{-ru}, sin ru, cos ru`` and ``e^{+-su} sin su, e^{+-su} cos su``, s = r/sqrt 2.
+
+    The paper writes ``r-bar = sqrt(2r)/2``; substituting Eq. 16 into Eq. 15 gives ``r-bar = sqrt(2) r / 2``,
+    which is what is computed here.
+
+    Returns
+    -------
+    (n, 8) float64
+    """
+    ru = r * np.asarray(u, dtype=np.float64)
+    su = ru * np.sqrt(0.5)
+    grow, fade, sine, cosine = np.exp(su), np.exp(-su), np.sin(su), np.cos(su)
+    return np.stack(
+        [
+            *(np.exp(ru), np.exp(-ru), np.sin(ru), np.cos(ru)),  # Eq. 14
+            *(grow * sine, grow * cosine, fade * sine, fade * cosine),  # Eq. 16
+        ],
+        axis=-1,
+    )
+
+
+def series_functions(x: ArrayLike, rate: float, order: int) -> Float64Array:
+    """The well-conditioned basis ``phi_0 .. phi_{order-1}`` of the solutions of ``w^(order) = rate^order w``.
+
+    Computed by its power series, so that every IEEE 754 machine gets the same bits: `core/sections/spatial/series.hpp`.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Argument, usually in [-1, 1]; ``|rate * x|`` at most :data:`MAX_RATE`.
+    rate : float
+        alpha (order 4) or r (order 8), 0 included.
+    order : int
+        4 for time, 8 for space.
+
+    Returns
+    -------
+    (n, order) float64
+    """
+    x = np.asarray(x, dtype=np.float64)
+    return _core.series_functions(x.ravel(), rate, order).reshape(*x.shape, order)
+
+
+def series_derivatives(values: Float64Array, rate: float) -> Float64Array:
+    """Derivatives of the basis from its values: ``phi_j' = phi_{j-1}``, ``phi_0' = rate^n phi_{n-1}``.
+
+    Parameters
+    ----------
+    values : (..., n) float64
+        What :func:`series_functions` returned, or a derivative of it.
+
+    Returns
+    -------
+    (..., n) float64
+    """
+    derivative = np.empty_like(values)
+    derivative[..., 1:] = values[..., :-1]
+    derivative[..., 0] = _integer_power(np.float64(rate), values.shape[-1]) * values[..., -1]
+    return derivative
+
+
+def _integer_power(x: np.float64 | Float64Array, exponent: int) -> np.float64 | Float64Array:
+    # Squaring rather than pow(): exactly rounded products give the same bits everywhere. exponent is 4 or 8.
+    square = x * x
+    fourth = square * square
+    return fourth if exponent == 4 else fourth * fourth
+
+
+def series_to_paper(rate: float, order: int) -> Float64Array:
+    """Matrix P with ``phi(x) = paper(x) @ P``: each phi_j as a sum of the paper's functions.
+
+    ``phi_j(x) = 1/n sum over k of (rate w^k)^{-j} exp(rate w^k x)``, w the n-th root of unity.
+
+    Parameters
+    ----------
+    rate : float
+        Not 0: there the paper's functions do not span the space.
+    order : int
+        4 (columns of Eq. 12) or 8 (columns of Eqs. 14 and 16).
+
+    Returns
+    -------
+    (order, order) float64
+    """
+    if rate == 0:
+        raise ValueError("at rate 0 the paper's functions are linearly dependent; there is nothing to convert to")
+    matrix = np.empty((order, order))
+    for j in range(order):
+        weight = [(rate * np.exp(2j * np.pi * k / order)) ** -j / order for k in range(order)]
+        column = [weight[0].real, weight[order // 2].real]  # e^{ax}, e^{-ax}
+        quarter = weight[order // 4]  # e^{+-iax} = cos +- i sin
+        column += [-2 * quarter.imag, 2 * quarter.real]
+        if order == SPACE_FUNCTIONS:
+            for root in (weight[1], weight[3]):  # e^{+-sx}(cos sx + i sin sx), of the roots e^{i pi/4}, e^{3i pi/4}
+                column += [-2 * root.imag, 2 * root.real]
+        matrix[:, j] = column
+    return matrix
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import zstandard
 
 from pdecodec import _core
 from pdecodec.codec.sections.bytestream import FieldWriter
-from pdecodec.codec.sections.entropy import compress, decompress
 from pdecodec.errors import CorruptFileError, InputError
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.runs import ChangingSequence
@@ -37,6 +37,9 @@ MAX_JSON_BYTES = 16 * 2**20
 
 JSON_MEMORY = 64
 """Bytes of memory that a byte of JSON takes at most, as Python's objects (the worst are many small dictionaries)."""
+
+LEVEL = 12
+"""zstandard level: on pdance's streams 2 % larger than level 19, and five times as fast."""
 
 DEEPEST_JSON = 32
 """Lists and objects in each other; programs that read JSON follow them by recursion."""
@@ -186,3 +189,36 @@ def _fault_of(remarks: Mapping[str, Any]) -> str | None:
             return None
         level = inside
     return f"lists or objects nested more than {DEEPEST_JSON} deep"
+
+
+def compress(data: bytes) -> bytes:
+    """One zstandard frame with its content size declared; empty stays empty."""
+    if not data:
+        return b""
+    return zstandard.ZstdCompressor(level=LEVEL, write_content_size=True).compress(data)
+
+
+def decompress(data: bytes, most: int) -> bytes:
+    """Undo :func:`compress`.
+
+    Parameters
+    ----------
+    data : bytes
+    most : int
+        Bytes that the content may have; more is refused before anything is unpacked.
+
+    Raises
+    ------
+    CorruptFileError
+        If the frame is damaged, declares no size or too large a one, or is followed by other bytes.
+    """
+    if not data:
+        return b""
+    try:
+        size = zstandard.frame_content_size(data)
+        if not 0 < size <= most:
+            raise CorruptFileError(f"a compressed stream declares {size} bytes where 1 to {most} can be")
+        # In one shot: a frame that holds more than it declares is stopped there, not unpacked to its end.
+        return zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
+    except zstandard.ZstdError as error:
+        raise CorruptFileError(f"a compressed stream is damaged ({error}); get the file again") from error

@@ -143,9 +143,6 @@ class GroupEntry:
         )
 
 
-CHUNK_SECTIONS = ("TIME", "COEF", "CORR")
-
-
 def write_group_table(entries: Sequence[GroupEntry]) -> bytes:
     """Section GRUP."""
     writer = FieldWriter()
@@ -162,6 +159,25 @@ def read_group_table(data: bytes, frames: int) -> list[GroupEntry]:
         frames -= entries[-1].frames
     reader.finish()
     return entries
+
+
+def encode_coefficients(coefficients: Int64Array, basis: SpaceBasis, *, axes: int) -> bytes:
+    """Quantised coefficients as bytes; nothing where all are zero.
+
+    Parameters
+    ----------
+    coefficients : (functions, channels) int64
+        Magnitudes 2^40 at most.
+    basis : SpaceBasis
+    axes : int
+        1, or 3 where channels come three by three, one for each axis.
+    """
+    return _core.encode_coefficients(coefficients, *basis.subbands, axes)
+
+
+def measure_coefficients(coefficients: Int64Array, basis: SpaceBasis, *, axes: int) -> float:
+    """Bits that :func:`encode_coefficients` would take."""
+    return _core.measure_coefficients(coefficients, *basis.subbands, axes)
 
 
 def cosines(frames: int, functions: int) -> Float64Array:

@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec import _core
+from pdecodec.codec.sections.bytestream import FieldWriter
 from pdecodec.codec.sections.connectivity import core_errors
-from pdecodec.codec.sections.curves import extract_curves
-from pdecodec.codec.sections.patches import EarlyPatches, Patches, build_patches
+from pdecodec.codec.sections.elements import EarlyPatches, Patches, build_patches, extract_curves
 from pdecodec.mesh.arrays import Float64Array, Int64Array
 from pdecodec.mesh.sequence import MeshObject
 from pdecodec.system.shares import thread_count
@@ -277,7 +277,7 @@ def decode_space_basis(
     reference : (vertices, 3) int64
         Grid coordinates of the reference frame.
     early : Patches, optional
-        What `pdecodec.codec.sections.patches.early_patches` gave; made again where the reference frame changes them.
+        What `pdecodec.codec.sections.elements.early_patches` gave; made again where the reference frame changes them.
 
     Raises
     ------
@@ -311,3 +311,15 @@ def arc_length_parameter(reference: Int64Array, pieces: Patches) -> Float64Array
         Piece after piece.
     """
     return _core.arc_length_parameters(reference, pieces)
+
+
+def encode_model(basis: SpaceBasis, residual_step: float) -> bytes:
+    """Return section MODL: what a decoder builds the space basis from, and the step of residuals [scene units]."""
+    writer, form = FieldWriter(), basis.form
+    writer.numbers("B", SPACE_KINDS.index(form.kind))
+    writer.count(form.points)
+    writer.numbers("BB", form.functions, form.threshold)
+    if form.kind == "curve":
+        writer.numbers("dB", form.rate, form.affine)
+    writer.numbers("d", residual_step)
+    return writer.to_bytes() + basis.layout

@@ -1,1 +1,0 @@
-"""Whole files: cut and joined, checked, put together again where they are damaged."""
