@@ -2,7 +2,10 @@
 
 Arrays of the Python binding become NumPy's and back without a loop over their elements where there is a way: arrays of
 floats, ints and their vectors share memory with NumPy. Colours and unsigned integers have no buffer: colours go channel
-by channel, unsigned integers through doubles one way and one by one the other.
+by by channel, unsigned integers through doubles one way and one by one the other.
+
+A sample refers to the arrays that it was made of, and the binding of a subdivision surface's does not keep them alive:
+whoever makes a sample keeps its arrays until it is written (`Keep`).
 """
 
 from __future__ import annotations
@@ -286,7 +289,20 @@ def _sample(param: Any, at: Any) -> tuple[AttributeDomain, NDArray[Any], Int32Ar
     return _DOMAINS.get(str(param.getScope()), "object"), values, indices
 
 
-def uv_sample(uv: Attribute, connectivity: Connectivity, order: Int64Array, *, by_corner: bool = False) -> Any:
+class Keep:
+    """Keeps arrays and samples alive for as long as it lives itself: ``keep(array)`` returns the array."""
+
+    def __init__(self) -> None:
+        self._held: list[Any] = []
+
+    def __call__(self, value: Any) -> Any:
+        self._held.append(value)
+        return value
+
+
+def uv_sample(
+    uv: Attribute, connectivity: Connectivity, order: Int64Array, keep: Keep, *, by_corner: bool = False
+) -> Any:
     """The main UV set as Alembic's sample: by vertex where it is, else by corner, rows shared as they are.
 
     Where it is to be `by_corner`, as a parameter is that has samples of several connectivities, always so and indexed.
@@ -294,18 +310,19 @@ def uv_sample(uv: Attribute, connectivity: Connectivity, order: Int64Array, *, b
     values, indices, _ = indexed_rows(uv)
     sample = AbcGeom.OV2fGeomParamSample
     if is_by_vertex(uv, connectivity) and not by_corner:
-        return sample(vector_array(values[:, :2]), SCOPES["vertex"])
+        return keep(sample(keep(vector_array(values[:, :2])), SCOPES["vertex"]))
     if indices is None and not by_corner:
-        return sample(vector_array(values[order, :2]), SCOPES["corner"])
-    rows = np.arange(len(values)) if indices is None else indices
-    return sample(vector_array(values[:, :2]), unsigned_array(rows[order]), SCOPES["corner"])
+        return keep(sample(keep(vector_array(values[order, :2])), SCOPES["corner"]))
+    rows = keep(unsigned_array((np.arange(len(values)) if indices is None else indices)[order]))
+    return keep(sample(keep(vector_array(values[:, :2])), rows, SCOPES["corner"]))
 
 
-def normal_sample(rows: Float32Array, indices: Any) -> Any:
+def normal_sample(rows: Float32Array, indices: Any, keep: Keep) -> Any:
     """Normals as Alembic's sample: by vertex, or by corner where there are indices (an imath array)."""
+    array = keep(vector_array(rows))
     if indices is None:
-        return AbcGeom.ON3fGeomParamSample(vector_array(rows), SCOPES["vertex"])
-    return AbcGeom.ON3fGeomParamSample(vector_array(rows), indices, SCOPES["corner"])
+        return keep(AbcGeom.ON3fGeomParamSample(array, SCOPES["vertex"]))
+    return keep(AbcGeom.ON3fGeomParamSample(array, keep(indices), SCOPES["corner"]))
 
 
 class ExtrasWriter:
@@ -375,12 +392,12 @@ class ExtrasWriter:
             metadata.set(LABEL, label)
         face_set = AbcGeom.OFaceSet(self._handle, name, metadata, *_sampled(self._sampling))
         for _ in range(self._frames):
-            face_set.getSchema().set(AbcGeom.OFaceSetSchemaSample(int_array([])))
+            _set_faces(face_set, np.zeros(0, np.int32))
         return face_set
 
     def _set_members(self) -> None:
         for key, face_set in self._face_sets.items():
-            face_set.getSchema().set(AbcGeom.OFaceSetSchemaSample(int_array(self._members[key])))
+            _set_faces(face_set, self._members[key])
 
     def _put_parameter(self, item: MeshObject, one: Parameter) -> bool:
         """Whether there was a type of parameter for it."""
@@ -460,8 +477,8 @@ class _ParameterWriter:
         elif self._described.is_indexed and indices is None:
             indices = np.arange(len(values))
         of_kind = getattr(AbcGeom, f"O{kind}GeomParamSample")
-        array = _ARRAYS[kind](values)
-        self._handle.set(of_kind(array, scope) if indices is None else of_kind(array, unsigned_array(indices), scope))
+        array, numbers = _ARRAYS[kind](values), None if indices is None else unsigned_array(indices)
+        self._handle.set(of_kind(array, scope) if numbers is None else of_kind(array, numbers, scope))
         self.count += 1
 
     def fill(self, count: int) -> None:
@@ -473,6 +490,11 @@ class _ParameterWriter:
     def repeat(self) -> None:
         self._handle.setFromPrevious()
         self.count += 1
+
+
+def _set_faces(face_set: Any, members: NDArray[np.integer]) -> None:
+    array = int_array(members)
+    face_set.getSchema().set(AbcGeom.OFaceSetSchemaSample(array))
 
 
 def _sampled(sampling: int | None) -> tuple[int, ...]:

@@ -20,6 +20,7 @@ from pdecodec.formats.alembic.attributes import (
     FPS_PROPERTY,
     METADATA_PROPERTY,
     SCOPES,
+    Keep,
     normal_sample,
     to_numpy,
     unsigned_array,
@@ -216,6 +217,7 @@ class _ShapeOver:
             low, high = (imath.V3d(*end.tolist()) for end in (points[frame].min(axis=0), points[frame].max(axis=0)))
             self._bounds.setValue(imath.Box3d(low, high))
             if rows is not None:
-                self._normals.set(normal_sample(self._placed.normals(rows, start + frame), self._corner_rows))
+                keep = Keep()
+                self._normals.set(normal_sample(self._placed.normals(rows, start + frame), self._corner_rows, keep))
             if self._speeds is not None and moving is not None:
                 self._speeds.setValue(vector_array(moving[frame]))

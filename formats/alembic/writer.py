@@ -24,6 +24,7 @@ from pdecodec.formats.alembic.attributes import (
     METADATA_PROPERTY,
     SCOPES,
     ExtrasWriter,
+    Keep,
     int_array,
     matrix_of,
     normal_sample,
@@ -245,16 +246,16 @@ class _ShapeWriter(ShapeWriter):
             self._extras.repeat()
             return
         # After the first of a run a sample is of positions alone: the rest is that of the first.
-        sample = self._new_sample()
+        sample, keep = self._new_sample(), Keep()
         if first:
-            self._describe(sample)
-        sample.setPositions(vector_array(points))
+            self._describe(sample, keep)
+        sample.setPositions(keep(vector_array(points)))
         if speeds is not None:
-            sample.setVelocities(vector_array(speeds))
+            sample.setVelocities(keep(vector_array(speeds)))
         if normals is not None:
-            sample.setNormals(normal_sample(normals, self._corner_rows))
+            sample.setNormals(normal_sample(normals, self._corner_rows, keep))
         elif first and self._has_normals:
-            sample.setNormals(normal_sample(np.zeros((0, 3), np.float32), unsigned_array([])))
+            sample.setNormals(normal_sample(np.zeros((0, 3), np.float32), unsigned_array([]), keep))
         self._has_normals |= normals is not None
         if self.key.kind == "points":
             sample.setIds(self._ids)
@@ -265,32 +266,32 @@ class _ShapeWriter(ShapeWriter):
             self._extras.repeat()
         self._previous = points.copy()
 
-    def _describe(self, sample: Any) -> None:
+    def _describe(self, sample: Any, keep: Keep) -> None:
         """Faces or curves, and the main UV set."""
         connectivity = self.item.connectivity
         if self.key.kind == "mesh":
             order = reversed_corners(connectivity.face_counts)
-            sample.setFaceCounts(int_array(connectivity.face_counts))
-            sample.setFaceIndices(int_array(connectivity.face_indices[order]))
-            self._describe_uvs(sample, order)
+            sample.setFaceCounts(keep(int_array(connectivity.face_counts)))
+            sample.setFaceIndices(keep(int_array(connectivity.face_indices[order])))
+            self._describe_uvs(sample, order, keep)
             if self.key.subdivision:
                 sample.setSubdivisionScheme(self.key.subdivision)
         elif self.key.kind == "curves":
-            self._describe_curves(sample)
+            self._describe_curves(sample, keep)
 
-    def _describe_uvs(self, sample: Any, order: Int64Array) -> None:
+    def _describe_uvs(self, sample: Any, order: Int64Array, keep: Keep) -> None:
         for uv in uv_sets(self.item)[:1]:
             if uv.name != UV and not self._has_uvs:
                 self._schema.setUVSourceName(source_name(uv, UV, UV))
-            sample.setUVs(uv_sample(uv, self.item.connectivity, order, by_corner=self.changes))
+            sample.setUVs(uv_sample(uv, self.item.connectivity, order, keep, by_corner=self.changes))
             self._has_uvs = True
             return
         if self._has_uvs:
-            nothing = vector_array(np.zeros((0, 2)))
-            sample.setUVs(AbcGeom.OV2fGeomParamSample(nothing, unsigned_array([]), SCOPES["corner"]))
+            nothing, rows = keep(vector_array(np.zeros((0, 2)))), keep(unsigned_array([]))
+            sample.setUVs(keep(AbcGeom.OV2fGeomParamSample(nothing, rows, SCOPES["corner"])))
 
-    def _describe_curves(self, sample: Any) -> None:
-        sample.setCurvesNumVertices(int_array(self.item.connectivity.line_counts))
+    def _describe_curves(self, sample: Any, keep: Keep) -> None:
+        sample.setCurvesNumVertices(keep(int_array(self.item.connectivity.line_counts)))
         basis = self.key.curve_basis or "linear"
         cubic = _BASES.get(basis.removeprefix("cubic ")) if basis.startswith("cubic ") else None
         sample.setType(AbcGeom.CurveType.kLinear if cubic is None else AbcGeom.CurveType.kCubic)

@@ -15,9 +15,18 @@ from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.attribute_roles import reversed_corners
 from pdecodec.formats.base.rigid_motion import RIGID
 from pdecodec.formats.base.scene_space import DifferencedVelocities, bake_transforms, place, transform_attribute
-from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject
+from pdecodec.mesh.runs import ChangingSequence
+from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject, MeshSequence
 from tests.support.mesh_cases import connectivity_of
-from tests.support.scene_cases import array_of, assert_same_scene, scene, written
+from tests.support.scene_cases import (
+    array_of,
+    assert_same_connectivity,
+    assert_same_scene,
+    body,
+    meaning_of,
+    scene,
+    written,
+)
 
 pytest.importorskip("alembic3d", reason="Alembic is not installed here (pip install 'pdecodec[abc]')")
 
@@ -59,6 +68,46 @@ def test_a_scene_with_z_up_is_turned_with_its_velocities_and_says_so(tmp_path: P
         speeds = np.asarray(stored.getValue(Abc.ISampleSelector(float(clip.times[1]))))
         expected = DifferencedVelocities(clip).read_frames(1, 2)[0, :5]
         assert np.array_equal(speeds, expected[:, [0, 2, 1]] * np.float32([1, 1, -1]))
+
+
+SUBDIVIDED = Attribute("subdivision", "object", np.zeros(1, np.int32), labels=("catmull-clark",))
+PLACES = np.random.default_rng(1).random((7, 2)).astype(np.float32)
+BY_CORNER = Attribute("uv", "corner", PLACES)
+BY_VERTEX = Attribute("uv", "corner", PLACES[:5], body().connectivity.face_indices)
+HARD = Attribute("normal_group", "corner", np.array([0, 0, 0, 0, 1, 1, 0], np.int32))
+KINDS = {
+    "mesh": body(),
+    "mesh with UVs by corner": body(attributes=[BY_CORNER]),
+    "mesh with UVs by vertex": body(attributes=[BY_VERTEX]),
+    "mesh with hard edges": body(attributes=[HARD]),
+    "subdivision": body(attributes=[SUBDIVIDED, *body().attributes]),
+    "subdivision with UVs by corner": body(attributes=[SUBDIVIDED, BY_CORNER]),
+    "subdivision with UVs by vertex": body(attributes=[SUBDIVIDED, BY_VERTEX]),
+    "curves": MeshObject("hair", connectivity_of(5, lines=[[0, 1, 2], [3, 4]])),
+    "points": MeshObject("dust", connectivity_of(5)),
+}
+
+
+@pytest.mark.parametrize("changes", [False, True], ids=["constant", "changing"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_sample_is_written_from_arrays_that_are_still_there(
+    kind: str, changes: bool, tmp_path: Path
+) -> None:
+    clip: MeshSequence = scene([KINDS[kind]], frames=3)
+    if changes:
+        grown = scene([KINDS[kind], MeshObject("more", connectivity_of(3, [[0, 1, 2]]))], frames=2)
+        grown.times = clip.times[-1] + grown.times
+        clip = ChangingSequence([clip, grown])
+    speeds = None if changes else DifferencedVelocities(clip)
+    for name in ("one", "other"):
+        write_sequence(clip, tmp_path / f"{name}.abc", velocities=speeds)
+    assert (tmp_path / "one.abc").read_bytes() == (tmp_path / "other.abc").read_bytes()
+    with open_sequence(tmp_path / "one.abc") as read:
+        first = read.runs[0].objects[0]
+        assert_same_connectivity(first.connectivity, KINDS[kind].connectivity)
+        for attribute in KINDS[kind].attributes:
+            (found,) = [one for one in first.attributes if one.name == attribute.name]
+            assert np.array_equal(meaning_of(found), meaning_of(attribute)), attribute.name
 
 
 def by_hand(path: Path, samples: list[tuple[list[int], list[int]]], *, points: int = 4) -> None:
