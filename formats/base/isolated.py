@@ -1,47 +1,74 @@
-"""A sequence that is read in a process of its own: whatever its file does to the library that reads it ends only that.
+"""A sequence that is read in a worker process: whatever its file does to the library that reads it ends only that.
 
 It costs the start of a process, and the way of every frame from it.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdecodec.codec.source import DecodeLimits, chosen_limits, usual_limits
-from pdecodec.formats.base.child import Answer, Child, serve
+from pdecodec.errors import InputError, PdecodecError
 from pdecodec.formats.base.object_arrays import LaidOutSequence, arrays_of
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.rounding import note_rounding, rounding_noticed
 from pdecodec.mesh.sequence import MeshSequence, Unsupported
+from pdecodec.system.workers import Worker, WorkerEndedError, WorkerNotStartedError
+
+
+def call_about_file(
+    worker: Worker, path: Path, function: Callable[..., Any], *arguments: Any, frame: int | None = None
+) -> dict[str, NDArray[Any]]:
+    """Return the arrays that ``function(path, *arguments)`` returns in a worker; errors name the file.
+
+    Raises
+    ------
+    InputError, MissingExtraError, CorruptFileError, LimitError
+        What the function met, or that the process ended.
+    """
+    try:
+        found: dict[str, NDArray[Any]] = worker.call(function, path.absolute(), *arguments)
+        return found
+    except WorkerEndedError as error:
+        message = "the library that reads it ended on this file: it is damaged; export it again"
+        raise InputError(message, path=path, frame=frame) from error
+    except WorkerNotStartedError as error:
+        raise InputError(f"no process could be started to read it ({error})", path=path) from error
+    except PdecodecError as error:
+        raise type(error)(error.message, path=path, frame=error.frame) from error
 
 
 class IsolatedSequence(LaidOutSequence):
-    """A sequence of any format, opened in a child; options and errors as of :func:`open_sequence`.
+    """A sequence of any format, opened in a worker process.
 
     Parameters
     ----------
-    serving : str
-        ``"module:function"``, what runs in the child: calls :func:`serve_sequences`.
     path : pathlib.Path
+    opened_by : callable
+        :func:`pdecodec.formats.open_sequence`, with its errors.
     options : mapping
+        Of that function.
+
+    Attributes
+    ----------
+    worker : Worker
     """
 
-    def __init__(self, serving: str, path: Path, options: Mapping[str, Any]) -> None:
-        self._child = Child(serving)
+    def __init__(self, path: Path, opened_by: Callable[..., MeshSequence], options: Mapping[str, Any]) -> None:
+        self.worker = Worker(arrays_only=True)
         try:
-            limits = dataclasses.asdict(chosen_limits(None))
-            found = self._child.ask(path, options={**options}, limits=limits)
-            self._points = _Points(self._child, path, (int(found["frames"]), int(found["vertices"]), 3))
+            found = call_about_file(self.worker, path, _open, opened_by, dict(options), chosen_limits(None))
+            self._points = _Points(self.worker, path, (int(found["frames"]), int(found["vertices"]), 3))
             own = ("frames", "vertices", "notices", "unsupported")
             names = [name for name in found if name not in own]
             self._take(names, found.__getitem__, None, "array")
         except BaseException:
-            self._child.close()
+            self.worker.end()
             raise
         self.notices = tuple(map(str, found["notices"]))
         self.unsupported = tuple(
@@ -50,7 +77,7 @@ class IsolatedSequence(LaidOutSequence):
         )
 
     def close(self) -> None:
-        self._child.close()
+        self.worker.end()
 
 
 class _Points:
@@ -58,36 +85,35 @@ class _Points:
 
     dtype = np.dtype(np.float32)
 
-    def __init__(self, child: Child, path: Path, shape: tuple[int, int, int]) -> None:
-        self._child, self._path, self.shape = child, path, shape
+    def __init__(self, worker: Worker, path: Path, shape: tuple[int, int, int]) -> None:
+        self._worker, self._path, self.shape = worker, path, shape
 
     def __getitem__(self, frames: slice) -> Float32Array:
-        found = self._child.ask(self._path, frames.start, start=frames.start, stop=frames.stop)
+        first, stop = frames.start, frames.stop
+        found = call_about_file(self._worker, self._path, _read, first, stop, frame=first)
         note_rounding(float(found["rounding"]))
         return found["points"]
 
 
-def serve_sequences(opener: Callable[..., MeshSequence]) -> None:
-    """Answer requests in a child: for everything but positions first, which opens a file, then for blocks of these."""
-    sequence: MeshSequence | None = None
+_opened: dict[Path, MeshSequence] = {}
+"""The sequence of a worker process, by its path."""
 
-    def answer(
-        path: Path,
-        options: Mapping[str, Any] | None = None,
-        limits: Mapping[str, Any] | None = None,
-        start: int = 0,
-        stop: int = 0,
-    ) -> Answer:
-        nonlocal sequence
-        if options is None:
-            assert sequence is not None
-            with rounding_noticed() as rounding:
-                return {"points": sequence.read_frames(start, stop), "rounding": np.array(rounding.largest)}
-        with usual_limits(DecodeLimits(**(limits or {}))):
-            sequence = opener(path, **options)
-        lost = [(one.name, one.feature, "" if one.frame is None else str(one.frame)) for one in sequence.unsupported]
-        facts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
-        texts = {"notices": np.array(sequence.notices, np.str_), "unsupported": np.array(lost, np.str_)}
-        return {**arrays_of(sequence, sequence.fps), **facts, **texts}
 
-    serve(answer)
+def _open(
+    path: Path, opened_by: Callable[..., MeshSequence], options: Mapping[str, Any], limits: DecodeLimits
+) -> dict[str, Any]:
+    """Open a sequence in a worker; everything but positions."""
+    with usual_limits(limits):
+        sequence = _opened[path] = opened_by(path, **options)
+    lost = [(one.name, one.feature, "" if one.frame is None else str(one.frame)) for one in sequence.unsupported]
+    facts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}
+    texts = {"notices": np.array(sequence.notices, np.str_), "unsupported": np.array(lost, np.str_)}
+    return {**arrays_of(sequence, sequence.fps), **facts, **texts}
+
+
+def _read(path: Path, start: int, stop: int) -> dict[str, Any]:
+    """Read a block of frames in a worker."""
+    if path not in _opened:  # a process that ended was started again
+        raise InputError("the process that had opened it ended; open it again")
+    with rounding_noticed() as rounding:
+        return {"points": _opened[path].read_frames(start, stop), "rounding": np.array(rounding.largest)}

@@ -96,7 +96,7 @@ def open_sequence(
 
         with naming_file(where):
             files = {"mesh": None if mesh is None else os.path.abspath(mesh)}
-            return IsolatedSequence(f"{__name__}:serve_isolated", where, {**given, **files, "fps": fps})
+            return IsolatedSequence(where, open_sequence, {**given, **files, "fps": fps})
     reader: Reader = load(entry, entry.reader, "read", where)
     with naming_file(where):
         return reader(where, fps=fps, **{name: given[name] for name in entry.options})
@@ -237,13 +237,6 @@ def _misplaced(name: str, path: Path) -> SettingsError:
 def _check_fps(fps: float | None) -> None:
     if fps is not None and not 0 < fps < float("inf"):
         raise SettingsError(f"frames per second must be a positive number, not {fps}")
-
-
-def serve_isolated() -> None:
-    """Answer the requests of an :class:`IsolatedSequence`, in its child process."""
-    from pdecodec.formats.base.isolated import serve_sequences
-
-    serve_sequences(open_sequence)
 
 
 def open_pdeanim(path: Path | RemoteFile, *, fps: float | None) -> MeshSequence:

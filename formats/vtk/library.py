@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import InputError
-from pdecodec.formats.base.child import Answer, Child, serve
 from pdecodec.formats.base.frame_files import MeshFile, not_kept
+from pdecodec.formats.base.isolated import call_about_file
 from pdecodec.formats.vtk.cells import left_out_notice, node_attribute
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity
+from pdecodec.system.workers import Worker
 
 ORIGINAL = "vtkOriginalPointIds"
 """Point data in which the surface filter says which points it took."""
@@ -52,25 +53,27 @@ def else_vtk(read: Callable[[Path], MeshFile]) -> Callable[[Path], MeshFile]:
                 message = f"{refused.message}; VTK itself may read it: pip install 'pdecodec[vtk]'"
                 raise InputError(message, path=path) from refused
             try:
-                return _read_in_child(path)
+                return _read_in_worker(path)
             except InputError:
                 raise refused from None
 
     return read_either
 
 
-_child = Child(f"{__name__}:serve_library")
-atexit.register(_child.close)
+worker = Worker(arrays_only=True)
+"""The process that runs VTK: started when a file first needs it, and again when one ended it."""
+
+atexit.register(worker.end)
 
 
-def _read_in_child(path: Path) -> MeshFile:
-    found = _child.ask(path)
+def _read_in_worker(path: Path) -> MeshFile:
+    found = call_about_file(worker, path, _answer)
     whole = Connectivity(len(found["points"]), *(found[f"part{k}"] for k in range(4)))
     attributes = (node_attribute(found["node"]),) if "node" in found else ()
     return MeshFile(found["points"], whole, attributes, tuple(map(str, found["notices"])))
 
 
-def _answer(path: Path) -> Answer:
+def _answer(path: Path) -> dict[str, Any]:
     _limit_memory(path)
     mesh = read_with_vtk(path)
     whole = mesh.connectivity
@@ -78,11 +81,6 @@ def _answer(path: Path) -> Answer:
     arrays = {f"part{number}": part for number, part in enumerate(parts)}
     arrays |= {one.name: one.values for one in mesh.attributes}
     return {**arrays, "points": mesh.points, "notices": np.array(mesh.notices, np.str_)}
-
-
-def serve_library() -> None:
-    """Answer requests for meshes of files, in a child process."""
-    serve(_answer)
 
 
 def _limit_memory(path: Path) -> None:

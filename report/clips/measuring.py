@@ -1,18 +1,15 @@
 """Measuring a clip: encode, decode the bytes again, compare; nothing is believed that did not come back from bytes.
 
 Profiles use every core themselves and are measured one after the other, alone. Baselines use one core each; so many run
-at a time as the plan says, in processes of their own. What an earlier run has kept is not measured again. Times are
+at a time as the plan says, in worker processes. What an earlier run has kept is not measured again. Times are
 medians, since this or that run is always disturbed.
 """
 
 from __future__ import annotations
 
-import multiprocessing
 import statistics
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, get_args
@@ -33,7 +30,7 @@ from pdecodec.mesh.surface_metrics import measure_surface
 from pdecodec.report.clips.baseline import Baseline, UnreachableError
 from pdecodec.report.clips.measurement import KeptMeasurements, Measurement, clip_digest, codec_version, measurement_key
 from pdecodec.report.clips.ratesearch import RateCurve
-from pdecodec.system.interrupts import end_when_interrupted, interrupts_held
+from pdecodec.system.workers import Worker, WorkerError, call_workers
 
 TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 """From what is seen in the background to what an archive wants: two a decade."""
@@ -260,21 +257,21 @@ def _measure_baselines(
         for baseline, tolerances in tasks.items():
             yield baseline, _measure_one(clip, sequence, baseline, tolerances)
         return
-    # Started anew, not forked: threads of libraries do not survive a fork.
-    spawning = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(jobs, mp_context=spawning, initializer=end_when_interrupted)
-    try:
-        with interrupts_held():
-            running = {pool.submit(_measure_one, clip, sequence, item, absent): item for item, absent in tasks.items()}
-        for future in as_completed(running):
-            yield running[future], future.result()
-    except BrokenProcessPool as error:
-        raise InputError(
-            f"{clip}: a process that measured other methods ended, as happens where memory runs out; "
-            "what was measured is kept: run it again with --jobs 1, or with --no-baselines"
-        ) from error
-    finally:
-        pool.shutdown(cancel_futures=True)
+    workers = [Worker() for _ in range(min(jobs, len(tasks)))]
+
+    def measure(worker: Worker, task: tuple[Baseline, list[float]]) -> list[Measurement]:
+        points: list[Measurement] = worker.call(_measure_one, clip, sequence, *task)
+        return points
+
+    for (baseline, _), found in call_workers(list(tasks.items()), measure, workers):
+        if isinstance(found, WorkerError):
+            raise InputError(
+                f"{clip}: a process that measured other methods ended, as happens where memory runs out; "
+                "what was measured is kept: run it again with --jobs 1, or with --no-baselines"
+            ) from found
+        if isinstance(found, Exception):
+            raise found
+        yield baseline, found
 
 
 def _measure_one(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 from random import Random
 
@@ -13,6 +15,7 @@ from pdecodec.codec.opening import open_animation
 from pdecodec.errors import InputError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.attribute_roles import reversed_corners
+from pdecodec.formats.base.isolated import IsolatedSequence
 from pdecodec.formats.base.rigid_motion import RIGID
 from pdecodec.formats.base.scene_space import DifferencedVelocities, bake_transforms, place, transform_attribute
 from pdecodec.mesh.runs import ChangingSequence
@@ -165,8 +168,9 @@ def test_an_isolated_sequence_is_the_same_and_outlives_no_crash(tmp_path: Path) 
     with open_sequence(tmp_path / "x.abc") as plain, open_sequence(tmp_path / "x.abc", isolate=True) as read:
         assert_same_scene(read, plain)
         assert (dict(read.metadata), read.notices) == (dict(plain.metadata), plain.notices)
-        process = read._child._process  # type: ignore[attr-defined]
-        process.kill()
+        assert isinstance(read, IsolatedSequence)
+        assert read.worker.process_id is not None
+        os.kill(read.worker.process_id, signal.SIGKILL)
         with pytest.raises(InputError, match="ended on this file") as caught:
             read.read_frames(2, 4)
         assert caught.value.frame == 2

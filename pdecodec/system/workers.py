@@ -1,0 +1,343 @@
+"""Worker processes: a call goes to a process of its own, and whatever ends that process is an error here.
+
+A request is a pickle of a function, by its name, and its arguments. An answer is what the function returned or raised:
+a pickle too, or, where a damaged file might take over the process, a NumPy archive without pickles. Each goes through a
+pipe behind its length. Begin with :class:`Worker`; :func:`call_workers` shares items among several.
+
+A terminal sends an interrupt to all processes at once. A worker ignores it, from the moment it is started: whoever
+started it ends it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from queue import SimpleQueue
+from threading import Event, Lock, Thread
+from typing import IO, Any, TypeVar
+
+from pdecodec.errors import CorruptFileError, InputError, LimitError, MissingExtraError, PdecodecError
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+CAN_HOLD = hasattr(signal, "pthread_sigmask")
+"""Not on Windows, where a process that is being started prints where an interrupt met it."""
+
+_LENGTH_BYTES = 8
+
+_NO_ANSWER = (EOFError, OSError, ValueError, OverflowError, MemoryError)
+"""What reading from a process raises that ended, was ended meanwhile, or names a length that nothing has."""
+
+_FAILURE = "failure of the call"
+"""Name of the array that holds a failure, as JSON, where no pickles are taken."""
+
+_LEAVES = {one.__name__: one for one in (MissingExtraError, CorruptFileError, LimitError)}
+"""Errors that come back as they are where no pickles are taken; all others are inputs that cannot be used."""
+
+
+class WorkerError(Exception):
+    """A worker process that could not answer; the message says why, in words that go into parentheses."""
+
+
+class WorkerNotStartedError(WorkerError):
+    """The system allows no more processes, or no more open files."""
+
+
+class WorkerEndedError(WorkerError):
+    """The process ended during a call.
+
+    Attributes
+    ----------
+    exit_code : int
+        Of the process; minus the number of the signal that ended it.
+    is_stopped : bool
+        Whether :meth:`Worker.end` ended it.
+    """
+
+    def __init__(self, exit_code: int, *, is_stopped: bool = False) -> None:
+        self.exit_code, self.is_stopped = exit_code, is_stopped
+        reason = f"signal {-exit_code}" if exit_code < 0 else f"exit code {exit_code}"
+        if exit_code == -getattr(signal, "SIGKILL", 9):
+            reason += ", as where memory runs out"
+        super().__init__("stopped" if is_stopped else reason)
+
+
+class Worker:
+    """A process that answers calls, one at a time; started at the first call, and again after it ended or a fork.
+
+    Parameters
+    ----------
+    arrays_only : bool
+        Take no pickles from the process, and hide what it prints: functions return arrays by name.
+    environment : mapping of str to str, optional
+        Variables that the process has in addition to those of this process.
+    """
+
+    _starting = Lock()
+    """Processes start one after the other: the files that one opens meanwhile may be all that there are."""
+
+    def __init__(self, *, arrays_only: bool = False, environment: Mapping[str, str] | None = None) -> None:
+        self._arrays_only, self._environment = arrays_only, environment or {}
+        self._calling, self._changing = Lock(), Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._owner = 0
+        self._is_over = False
+
+    def call(self, function: Callable[..., Any], /, *arguments: Any, **named: Any) -> Any:
+        """Return what a function of a module returns in the process.
+
+        Raises
+        ------
+        WorkerNotStartedError, WorkerEndedError
+            If there is no answer.
+        Exception
+            Whatever the function raised; with `arrays_only` a leaf of PdecodecError, without its path.
+        """
+        request = pickle.dumps((function, arguments, named))
+        with self._calling:
+            process = self._started()
+            try:
+                assert process.stdin is not None
+                assert process.stdout is not None
+                _send(process.stdin, request)
+                answer, error = (_unpack_arrays if self._arrays_only else pickle.loads)(_receive(process.stdout))
+            except _NO_ANSWER as reason:
+                raise self._ended(process) from reason
+            except BaseException:
+                # The answer would be taken for that of the next request.
+                self._stop(process)
+                raise
+        if error is not None:
+            raise error
+        return answer
+
+    def end(self) -> None:
+        """End the process, whatever it is doing; there are no more calls."""
+        with self._changing:
+            self._is_over = True
+            process = self._process
+        if process is not None and self._owner == os.getpid():
+            self._stop(process)
+
+    def __del__(self) -> None:
+        self.end()
+
+    @property
+    def process_id(self) -> int | None:
+        """Number of the process; None where none has been started, or one has ended in a call."""
+        process = self._process
+        return None if process is None else process.pid
+
+    def _started(self) -> subprocess.Popen[bytes]:
+        with self._changing:
+            if self._is_over:
+                raise WorkerEndedError(0, is_stopped=True)
+            if self._process is None or self._owner != os.getpid():
+                # Modules are found where this process finds them.
+                code = f"import sys; sys.path[:] = {sys.path!r}; from pdecodec.system.workers import serve; "
+                try:
+                    with self._starting, interrupts_held():
+                        self._process = subprocess.Popen(
+                            [sys.executable, "-c", f"{code}serve(arrays_only={self._arrays_only})"],
+                            stdin=subprocess.PIPE,
+                            stdout=subprocess.PIPE,
+                            stderr=subprocess.DEVNULL if self._arrays_only else None,
+                            env={**os.environ, **self._environment},
+                        )
+                except OSError as error:
+                    raise WorkerNotStartedError(error.strerror or str(error)) from error
+                self._owner = os.getpid()
+            return self._process
+
+    def _ended(self, process: subprocess.Popen[bytes]) -> WorkerEndedError:
+        """Return the error for a process that answers no more."""
+        if not self._arrays_only:
+            process.wait()  # it closed its pipes because it ends: by itself, so that it tells how
+        self._stop(process)
+        with self._changing:
+            return WorkerEndedError(process.returncode, is_stopped=self._is_over)
+
+    def _stop(self, process: subprocess.Popen[bytes]) -> None:
+        process.kill()
+        process.wait()
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                with contextlib.suppress(OSError):
+                    pipe.close()
+        with self._changing:
+            if self._process is process:
+                self._process = None
+
+
+def call_workers(
+    items: Sequence[Item], work: Callable[[Worker, Item], Result], workers: Sequence[Worker]
+) -> Iterator[tuple[Item, Result | Exception]]:
+    """Yield each item with what `work` returned or raised for it, in the order in which items are done.
+
+    Parameters
+    ----------
+    items : sequence
+    work : callable
+        ``work(worker, item)`` calls the worker; it runs in a thread for each worker. An item whose worker cannot be
+        started goes to another one, as long as there is one.
+    workers : sequence of Worker
+        Ended when the iterator is.
+    """
+    left, is_stopped = _Items(items, len(workers)), Event()
+    found = SimpleQueue[tuple[Item, Result | Exception] | None]()
+
+    def take(worker: Worker) -> None:
+        try:
+            while not is_stopped.is_set() and (taken := left.take()) is not None:
+                [item] = taken
+                try:
+                    found.put((item, work(worker, item)))
+                except WorkerNotStartedError as error:
+                    if left.give_back(item):
+                        break
+                    found.put((item, error))
+                except Exception as error:  # whatever one item meets, the others go on
+                    found.put((item, error))
+        finally:
+            worker.end()
+            found.put(None)
+
+    threads = [Thread(target=take, args=(worker,), daemon=True) for worker in workers]
+    try:
+        for thread in threads:
+            thread.start()
+        busy = len(threads)
+        while busy:
+            done = found.get()
+            if done is None:
+                busy -= 1
+            else:
+                yield done
+    finally:
+        is_stopped.set()
+        for worker in workers:
+            worker.end()
+
+
+class _Items:
+    """Items that nobody has taken, and how many threads take them."""
+
+    def __init__(self, items: Sequence[Any], takers: int) -> None:
+        self._items, self._takers, self._lock = deque(items), takers, Lock()
+
+    def take(self) -> tuple[Any] | None:
+        """An item; None where there are no more, for a thread that then takes no further ones."""
+        with self._lock:
+            if self._items:
+                return (self._items.popleft(),)
+            self._takers -= 1
+            return None
+
+    def give_back(self, item: Any) -> bool:
+        """Leave an item to the other threads, and take no further ones; False where there is no other thread."""
+        with self._lock:
+            if self._takers == 1:
+                return False
+            self._takers -= 1
+            self._items.appendleft(item)
+            return True
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Hold interrupts back from this thread until the block ends; processes started inside inherit that."""
+    if not CAN_HOLD:
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def serve(*, arrays_only: bool) -> None:
+    """Answer requests until there are no more; in the process of a worker."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if CAN_HOLD:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    # Functions may read and print, and start processes: none of them gets the pipes.
+    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for standard in (0, 1):
+        os.dup2(nothing, standard)
+    os.close(nothing)
+    with contextlib.suppress(EOFError, BrokenPipeError):
+        while True:
+            request = _receive(requests)
+            try:
+                function, arguments, named = pickle.loads(request)
+                answer = function(*arguments, **named)
+                data = _pack_arrays(answer) if arrays_only else pickle.dumps((answer, None))
+            except Exception as error:  # whatever a function meets is told to whoever called it
+                data = _pack_failure(error) if arrays_only else _pickle_failure(error)
+            _send(answers, data)
+
+
+def _send(pipe: IO[bytes], data: bytes) -> None:
+    pipe.write(len(data).to_bytes(_LENGTH_BYTES, "little"))
+    pipe.write(data)
+    pipe.flush()
+
+
+def _receive(pipe: IO[bytes]) -> bytes:
+    """Return what comes next; EOFError where the other end is closed."""
+    head = pipe.read(_LENGTH_BYTES)
+    size = int.from_bytes(head, "little")
+    data = pipe.read(size) if len(head) == _LENGTH_BYTES else b""
+    if not data or len(data) < size:
+        raise EOFError
+    return data
+
+
+def _pickle_failure(error: Exception) -> bytes:
+    import traceback
+
+    error.add_note("".join(traceback.format_exception(error)))
+    return pickle.dumps((None, error))
+
+
+def _pack_arrays(arrays: Mapping[str, Any]) -> bytes:
+    import numpy as np
+
+    data = io.BytesIO()
+    np.savez(data, **arrays)
+    return data.getvalue()
+
+
+def _pack_failure(error: Exception) -> bytes:
+    kind = type(error).__name__
+    if isinstance(error, PdecodecError):
+        fields = (kind, error.message, error.frame)
+    else:
+        fields = ("", " ".join(str(error).split()) or kind, None)
+    return _pack_arrays({_FAILURE: json.dumps(fields)})
+
+
+def _unpack_arrays(data: bytes) -> tuple[dict[str, Any], PdecodecError | None]:
+    import numpy as np
+
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            arrays = dict(archive)
+        if _FAILURE not in arrays:
+            return arrays, None
+        kind, message, frame = json.loads(str(arrays[_FAILURE]))
+        return {}, _LEAVES.get(kind, InputError)(str(message), frame=None if frame is None else int(frame))
+    except Exception as error:  # a process that was taken over answers anything
+        raise EOFError from error
