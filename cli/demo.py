@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 def demo(*, output: str, as_json: bool) -> None:
     """Simulate, encode, decode and measure the cube-rope.
 
-    It is decoded at its frames and between them; a table shows what that costs, and a picture where matplotlib is there
-    (the extra `report`).
+    It is decoded at its frames and between them; a table shows what that costs, and a picture where the extra `report`
+    is installed.
     Files of an earlier demonstration in DIR are replaced.
     """
     say("simulating, encoding and decoding; about half a minute")

@@ -26,8 +26,8 @@ def reproduce(*, output: str, rings: int, sides: int, fps: float, as_json: bool)
     """
     from rich.table import Table
 
-    from pdecodec.report.charts.drawing import require_drawing
     from pdecodec.report.charts.page import write_report
+    from pdecodec.report.charts.vegalite import require_drawing
     from pdecodec.research.reproduction.findings import measure
     from pdecodec.research.reproduction.report import make_report
     from pdecodec.research.reproduction.rope import RopeSettings

@@ -27,6 +27,9 @@ def stability(*, output: str, only: tuple[str, ...], quick: bool, as_json: bool)
     are replaced.
     """
     from pdecodec.report.charts.page import write_report
+    from pdecodec.report.charts.vegalite import require_package
+
+    require_package("mpmath", what="exact fits need", extra="research")
     from pdecodec.research.stability.atlas import make_atlas
 
     started = time.perf_counter()

@@ -1,6 +1,12 @@
-"""Measurements: what the codec, the paper and the baselines do on given sequences, and pages about it.
+"""Measure, chart and show clips: what `pdecodec report`, `demo`, `view` and `serve` are made of.
 
-matplotlib and vl-convert, of the extra `report`, draw; they load where something is drawn.
+clips/     measure a person's own clips beside other coders, and write pages about them; begin with clips/making.py
+charts/    describe a chart once (plots.py) or draw meshes (pictures.py); vegalite.py renders, page.py writes the page
+viewer/    one page that plays .pdeanim files (view.py), and a local server of a folder (serve.py)
+demo.py    simulate, encode, decode, measure and draw the cube-rope
+
+`pdecodec.research` uses charts and pages from here, and nothing here uses it: coders to compare with implement
+clips/baseline.py and are passed in. vl-convert, of the extra `report`, loads where something is drawn.
 """
 
 if __name__ != "pdecodec.report":

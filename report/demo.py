@@ -22,17 +22,9 @@ from pdecodec.mesh.metrics import Distortion, bits_per_vertex_frame, frame_scale
 from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import ArraySequence, Progress
 from pdecodec.mesh.surface_metrics import SurfaceDistortion, measure_surfaces
-from pdecodec.report.charts.drawing import (
-    as_seen,
-    draw_mesh,
-    draw_near,
-    heat_map,
-    hide_axes,
-    quads_of,
-    require_drawing,
-    write,
-)
-from pdecodec.report.charts.figure import Canvas
+from pdecodec.report.charts.pictures import Picture, as_seen, extent, heat_colours, polygons_of
+from pdecodec.report.charts.plots import BLUE, ORANGE, Axis, boxes, dots, line, panel, texts
+from pdecodec.report.charts.vegalite import Chart, as_png, require_drawing
 from pdecodec.simulate import build
 
 FRAMES = 61
@@ -49,12 +41,11 @@ PICTURE_FRAMES = 4
 """Frames shown in the picture, spread over the clip."""
 
 
-WIDTH, HEIGHT, DOTS_PER_INCH = 13.5, 7.6, 90
+WIDTH, HEIGHT = 1230, 690
+"""Of the picture [pixels]."""
 
 CLOSE_UP = 0.14
 """Width of the close-up around the worst vertex, over the diagonal."""
-
-RATE_TICKS = (0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30)
 
 SECTIONS_SHOWN = 5
 """Largest sections of the bar chart; the rest are a few hundred bytes together."""
@@ -178,100 +169,92 @@ def _between_frames(sequence: ArraySequence, path: Path, progress: Progress | No
 
 
 def draw(demonstration: Demonstration, path: Path) -> None:
-    """Write the picture as PNG, replacing it when it exists; MissingExtraError where matplotlib is not installed."""
-    require_drawing("matplotlib")
-    from matplotlib.figure import Figure
-
-    canvas = Figure(figsize=(WIDTH, HEIGHT), dpi=DOTS_PER_INCH)
-    overview = [canvas.add_axes((0.005 + 0.32 * column, 0.44, 0.315, 0.47)) for column in range(3)]
-    close = [canvas.add_axes((0.005 + 0.175 * column, 0.03, 0.17, 0.35)) for column in range(3)]
+    """Write the picture as PNG, replacing it when it exists; MissingExtraError where it cannot be drawn."""
+    require_drawing()
+    picture = Picture(WIDTH, HEIGHT)
     first = demonstration.encodings[0]
-    canvas.suptitle(
+    picture.text(
+        WIDTH / 2,
+        22,
         f"{first.report.raw_bytes / 1e6:.1f} MB of motion in {first.report.file_bytes / 1e3:,.0f} kB "
         f"({first.report.raw_bytes / first.report.file_bytes:.0f}:1), "
         f"maximum error {first.distortion.e_m:.2g} of the diagonal",
-        fontsize=12,
+        size=16,
+        anchor="middle",
     )
-    _draw_meshes(demonstration, canvas, overview, close)
-    _draw_rates(demonstration, canvas.add_axes((0.595, 0.075, 0.165, 0.29)))
-    _draw_sections(demonstration, canvas.add_axes((0.845, 0.075, 0.145, 0.29)))
-    canvas.savefig(path, metadata={"Software": None})
+    _draw_meshes(demonstration, picture)
+    picture.chart(_rates_chart(demonstration), 690, 420)
+    picture.chart(_sections_chart(demonstration), 960, 420)
+    path.write_bytes(as_png(picture.svg()))
 
 
-def _draw_meshes(demonstration: Demonstration, canvas: Canvas, overview: list[Any], close: list[Any]) -> None:
+def _draw_meshes(demonstration: Demonstration, picture: Picture) -> None:
     """Three ways to see the clip: the chosen frames one below the other, and the worst of them close up."""
     sequence = demonstration.sequence
     frames = demonstration.picture_frames
-    quads = quads_of(sequence.connectivity)
+    quads = polygons_of(sequence.connectivity)[0]
     diagonal = frame_scale(sequence.points[0])
     simulated = as_seen(sequence.points[list(frames)])
     decoded = as_seen(demonstration.picture_points)
     errors = np.linalg.norm(sequence.points[list(frames)] - demonstration.picture_points.astype(np.float64), axis=2)
     errors /= diagonal
-    heat = heat_map(1.0)
     worst, vertex = np.unravel_index(int(errors.argmax()), errors.shape)
     centre = decoded[worst, vertex, :2]
     reach = 0.5 * CLOSE_UP * diagonal
-    heights = _stacked(simulated)
+    moved = np.stack([0 * (heights := _stacked(simulated)), heights, 0 * heights], axis=-1)[:, None]
     solid = [np.broadcast_to(colour, (len(quads), 3)) for colour in (SIMULATED_COLOUR, DECODED_COLOUR)]
     columns = (
-        ("simulated", simulated, [solid[0]] * len(frames)),
-        ("decoded", decoded, [solid[1]] * len(frames)),
-        ("error", decoded, [heat.to_rgba(row[quads].max(axis=1) / TOLERANCE)[:, :3] for row in errors]),
+        ("simulated", f"close up at {sequence.times[frames[worst]]:.2f} s", simulated, [solid[0]] * len(frames)),
+        ("decoded", "", decoded, [solid[1]] * len(frames)),
+        ("error", "around the worst vertex", decoded, [heat_colours(e[quads].max(axis=1) / TOLERANCE) for e in errors]),
     )
-    for (name, points, colours), wide, near in zip(columns, overview, close, strict=True):
-        placed = points.copy()
-        placed[..., 1] += heights[:, None]
+    for column, (name, remark, points, colours) in enumerate(columns):
+        placed = points + moved
+        wide = picture.view((10 + 385 * column, 60, 375, 320), extent(placed, margin=0.02 * diagonal), name)
         for index in range(len(frames)):
-            draw_mesh(wide, placed[index], [quads], [colours[index]])
-        draw_near(near, points[worst], quads, colours[worst], centre - reach, centre + reach)
-        margin = 0.02 * diagonal
-        hide_axes(wide, placed[..., :2].min(axis=(0, 1)) - margin, placed[..., :2].max(axis=(0, 1)) + margin)
-        wide.set_title(name, fontsize=11)
-    for index, frame in enumerate(frames):
-        middle = float(np.median(simulated[index, :, 1])) + heights[index]
-        left = float(simulated[..., 0].min())
-        overview[0].text(left, middle, f"{sequence.times[frame]:.2f} s", fontsize=8, va="center", ha="right")
-    close[0].set_title(f"close up at {sequence.times[frames[worst]]:.2f} s", fontsize=10)
-    close[2].set_title("around the worst vertex", fontsize=10)
-    bar = canvas.colorbar(heat, cax=canvas.add_axes((0.965, 0.5, 0.007, 0.3)), ticks=(0, 0.5, 1))
-    bar.ax.tick_params(labelsize=8)
-    overview[2].set_xlabel(f"error over the bound of {TOLERANCE:g} of the diagonal", fontsize=9)
+            wide.mesh(placed[index], [quads], [colours[index]])
+        low, high = centre - reach, centre + reach
+        near = picture.view((10 + 215 * column, 430, 205, 250), (low, high), remark)
+        is_near = np.all((points[worst][:, :2] > low) & (points[worst][:, :2] < high), axis=1)[quads].any(axis=1)
+        near.mesh(points[worst], [quads[is_near]], [colours[worst][is_near]], lines=True)
+        if column == 0:
+            for index, frame in enumerate(frames):
+                middle = np.array([placed[..., 0].min(), float(np.median(placed[index, :, 1]))])
+                wide.text(middle, f"{sequence.times[frame]:.2f} s", anchor="end")
+    picture.colour_bar(f"error over\n{TOLERANCE:g} of the\ndiagonal", ("0", "0.5", "1"), x=1150, y=130, height=180)
 
 
 def _stacked(seen: Float64Array) -> Float64Array:
-    """How far up to move each frame so that it lies just below the one before: (frames,)."""
+    """Return how far up to move each frame so that it lies just below the one before: (frames,)."""
     tops, bottoms = seen[..., 1].max(axis=1), seen[..., 1].min(axis=1)
     gap = 0.05 * float(np.ptp(seen[..., 0]))
     extents = tops - bottoms + gap
     return np.asarray(-tops - np.concatenate([[0.0], np.cumsum(extents[:-1])]))
 
 
-def _draw_rates(demonstration: Demonstration, panel: Any) -> None:
-    from matplotlib.ticker import NullLocator
-
-    rates = demonstration.rates
-    paper = demonstration.encodings[1]
-    panel.loglog([item.bits for item in rates], [item.distortion.e_m for item in rates], "o-", color=DECODED_COLOUR)
-    panel.loglog(paper.bits, paper.distortion.e_m, "s", color=SIMULATED_COLOUR)
-    write(panel, "profile paper", (paper.bits, paper.distortion.e_m), (8, 0), size=8)
-    low, high = panel.get_xlim()
-    panel.set_xticks([tick for tick in RATE_TICKS if low <= tick <= high], minor=False)
-    panel.xaxis.set_major_formatter("{x:g}")
-    panel.xaxis.set_minor_locator(NullLocator())
-    panel.set_xlabel("bits per vertex and frame (raw: 96)", fontsize=9)
-    panel.set_ylabel("maximum error over the diagonal", fontsize=9)
-    panel.grid(alpha=0.3)
-    panel.tick_params(labelsize=8)
-    panel.set_title("rate and distortion", fontsize=10)
+def _rates_chart(demonstration: Demonstration) -> Chart:
+    rates, paper = demonstration.rates, demonstration.encodings[1]
+    bits, errors = [item.bits for item in rates], [item.distortion.e_m for item in rates]
+    return panel(
+        Axis.around("bits per vertex and frame (raw: 96)", [*bits, paper.bits], log=True),
+        Axis.around("maximum error over the diagonal", [*errors, paper.distortion.e_m], log=True),
+        line(bits, errors, ORANGE, dots=40),
+        dots([paper.bits], [paper.distortion.e_m], BLUE, shape="square"),
+        texts([(paper.bits, paper.distortion.e_m, "profile paper", BLUE)], dx=8),
+        title="rate and distortion",
+        width=190,
+        height=190,
+    )
 
 
-def _draw_sections(demonstration: Demonstration, panel: Any) -> None:
+def _sections_chart(demonstration: Demonstration) -> Chart:
     report = demonstration.encodings[0].report
-    sections = sorted(report.sections.items(), key=lambda item: item[1])[-SECTIONS_SHOWN:]
-    names = [SECTION_TITLES.get(name, name) for name, _ in sections]
-    panel.barh(names, [size / 1000 for _, size in sections], color=DECODED_COLOUR)
-    panel.set_xlabel("kB", fontsize=9)
-    panel.tick_params(labelsize=8)
-    panel.grid(alpha=0.3, axis="x")
-    panel.set_title(f"where the {report.file_bytes / 1000:,.0f} kB go", fontsize=10)
+    sections = sorted(report.sections.items(), key=lambda item: -item[1])[:SECTIONS_SHOWN]
+    return panel(
+        Axis("kB", 0, 1.05 * sections[0][1] / 1000),
+        Axis.of_rows([SECTION_TITLES.get(name, name) for name, _ in sections]),
+        boxes((0, size / 1000, row - 0.35, row + 0.35, ORANGE) for row, (_, size) in enumerate(sections)),
+        title=f"where the {report.file_bytes / 1000:,.0f} kB go",
+        width=130,
+        height=190,
+    )

@@ -1,6 +1,10 @@
-"""What was measured and why: the paper reproduced, where methods lose stability, and other codecs beside this one.
+"""Measure what the README and the docs claim: install with the extra `research`.
 
-Nothing that encodes or decodes depends on this package. Begin with ``reproduction/report.py`` (section 5 of the paper,
-judged claim by claim), ``stability/atlas.py`` (where each method breaks) or ``baselines/__init__.py`` (other codecs).
-``bench.py`` and ``growth.py`` measure speed and memory.
+reproduction/   section 5 of the paper done again, judged claim by claim; begin with reproduction/report.py
+stability/      where each method breaks, beside its alternatives; begin with stability/atlas.py
+baselines/      other coders that clips are compared with; each implements `pdecodec.report.clips.baseline.Baseline`
+bench.py        speed and memory beside other tools: `make bench`
+growth.py       time and memory over frames and vertices: `make growth`
+
+Nothing that encodes or decodes depends on this package. It takes charts and pages from `pdecodec.report`.
 """

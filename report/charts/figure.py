@@ -14,9 +14,6 @@ import numpy as np
 Value = str | int | float | bool | None
 """One entry of a table; None where there is nothing to measure."""
 
-Canvas = Any
-"""matplotlib's ``Figure``: matplotlib loads where something is drawn, and not before."""
-
 
 @dataclass(frozen=True)
 class Table:
@@ -58,27 +55,25 @@ class Figure:
         What one learns, in a sentence or two, with the values of this run.
     table : Table
         Every value of the chart.
-    draw : callable or None
-        Draws the chart onto an empty canvas. Called once, when the report is written.
-    size : tuple of float
-        Width and height of the chart [inches].
+    chart : mapping or None
+        A Vega-Lite view (:mod:`pdecodec.report.charts.plots`), interactive in the page.
+    picture : callable or None
+        Instead of a chart: returns an SVG (:mod:`pdecodec.report.charts.pictures`). Called once, when the report is
+        written.
     consequence : str
         What pdecodec does about it; empty where there is nothing to do.
     shows_table : bool
         Whether the table is part of the page too; otherwise it is in its CSV alone.
-    chart : mapping or None
-        Instead of `draw`: a Vega-Lite view (:mod:`pdecodec.report.charts.vegalite`), interactive in the page.
     """
 
     name: str
     title: str
     lesson: str
     table: Table
-    draw: Callable[[Canvas], None] | None = None
-    size: tuple[float, float] = (9.0, 4.5)
+    chart: Mapping[str, Any] | None = None
+    picture: Callable[[], str] | None = None
     consequence: str = ""
     shows_table: bool = False
-    chart: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)

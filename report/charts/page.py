@@ -1,6 +1,6 @@
 """A report on disk: one HTML page that works offline and prints well, and files for each figure beside it.
 
-Of each figure a PNG (and an SVG of interactive charts) and a CSV, of tables that the page shows a Markdown file for
+Of each figure a PNG (and an SVG of charts) and a CSV, of tables that the page shows a Markdown file for
 documents that quote them, and one JSON of everything.
 """
 
@@ -20,15 +20,14 @@ from typing import Any
 from urllib.parse import quote
 
 from pdecodec import __version__
-from pdecodec.report.charts.drawing import png_of, require_drawing
 from pdecodec.report.charts.figure import Figure, Report, Section, Table, Value
-from pdecodec.report.charts.vegalite import as_png, as_svg, for_page, page_script
+from pdecodec.report.charts.vegalite import as_png, as_svg, for_page, page_script, require_drawing
 from pdecodec.system.whole_output import whole_file
 
 PAGE = "index.html"
 RECORD = "report.json"
 
-LIBRARIES = ("numpy", "scipy", "matplotlib")
+LIBRARIES = ("numpy", "scipy", "vl-convert-python")
 """Whose versions are recorded: those that compute and draw."""
 
 STYLE = """
@@ -82,11 +81,12 @@ def write_report(report: Report, directory: Path, *, record: Mapping[str, Any] |
     pictures: dict[str, bytes] = {}
     files: dict[str, bytes | str] = {}
     for figure in report.figures:
-        if figure.draw is not None:
-            files[f"{figure.name}.png"] = pictures[figure.name] = png_of(figure.draw, figure.size)
+        if figure.picture is not None:
+            files[f"{figure.name}.png"] = pictures[figure.name] = as_png(figure.picture())
         if figure.chart is not None:
-            files[f"{figure.name}.svg"] = pictures[figure.name] = as_svg(figure.chart)
-            files[f"{figure.name}.png"] = as_png(figure.chart)
+            drawn = as_svg(figure.chart)
+            files[f"{figure.name}.svg"] = pictures[figure.name] = drawn.encode()
+            files[f"{figure.name}.png"] = as_png(drawn)
         files[f"{figure.name}.csv"] = as_csv(figure.table)
         if figure.shows_table:
             files[f"{figure.name}.md"] = as_markdown(figure.table)
@@ -151,7 +151,7 @@ def as_json(report: Report, made_with: Mapping[str, str], more: Mapping[str, Any
 
 
 def render_page(report: Report, pictures: Mapping[str, bytes], made_with: Mapping[str, str]) -> str:
-    """The page; `pictures` are PNG of drawn figures, and SVG of interactive ones for readers without scripts."""
+    """The page; `pictures` are PNG of pictures, and SVG of charts for readers without scripts."""
     body = [f"<h1>{escape(report.title)}</h1>", _paragraphs(report.summary)]
     if report.links:
         links = ", ".join(f'<a href="{quote(to)}">{escape(name)}</a>' for name, to in report.links)

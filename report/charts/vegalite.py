@@ -7,11 +7,16 @@ something is drawn.
 
 from __future__ import annotations
 
+import hashlib
+import importlib.util
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
+
+from pdecodec.errors import MissingExtraError
 
 Chart = Mapping[str, Any]
 """A Vega-Lite view without schema, colours of text, and fonts: :func:`_complete` adds these."""
@@ -43,21 +48,34 @@ for (const place of document.querySelectorAll("div.chart")) {
 """Draws every chart of the page."""
 
 
-def as_svg(chart: Chart) -> bytes:
-    """The chart as it is printed."""
+def require_drawing() -> None:
+    """Raise MissingExtraError where charts cannot be drawn: better before hours of measuring than after."""
+    require_package("vl_convert", what="charts need", extra="report")
+
+
+def require_package(name: str, *, what: str, extra: str) -> None:
+    """Raise MissingExtraError, naming the extra to install, where a package is not there."""
+    if importlib.util.find_spec(name) is None:
+        raise MissingExtraError(f"{what} the package {name}; run: pip install 'pdecodec[{extra}]'")
+
+
+def as_svg(chart: Chart) -> str:
+    """Return the chart as it is printed; the same chart gives the same text."""
     import vl_convert
 
-    drawn: str = vl_convert.vegalite_to_svg(_complete(chart, _PAPER), vl_version=VERSION, allowed_base_urls=[])
-    return drawn.encode()
+    whole = _complete(chart, _PAPER)
+    drawn: str = vl_convert.vegalite_to_svg(whole, vl_version=VERSION, allowed_base_urls=[])
+    # Vega counts the names of clips through a process, and a picture may hold several charts.
+    own = hashlib.sha256(json.dumps(whole).encode()).hexdigest()[:8]
+    names = {name: f"{own}-{k}" for k, name in enumerate(dict.fromkeys(re.findall(r'id="(\w+)"', drawn)))}
+    return re.sub(r'(?<=id=")\w+(?=")|(?<=url\(#)\w+(?=\))', lambda found: names.get(found[0], found[0]), drawn)
 
 
-def as_png(chart: Chart) -> bytes:
-    """The chart as it is printed, :data:`PNG_SCALE` pixels for one."""
+def as_png(svg: str) -> bytes:
+    """Return an SVG as PNG, :data:`PNG_SCALE` pixels for one."""
     import vl_convert
 
-    drawn: bytes = vl_convert.vegalite_to_png(
-        _complete(chart, _PAPER), vl_version=VERSION, scale=PNG_SCALE, allowed_base_urls=[]
-    )
+    drawn: bytes = vl_convert.svg_to_png(svg, scale=PNG_SCALE)
     return drawn
 
 
@@ -78,7 +96,7 @@ def page_script() -> str:
 def _complete(chart: Chart, colours: Mapping[str, str]) -> dict[str, Any]:
     ink, quiet, rule = colours["ink"], colours["quiet"], colours["rule"]
     texts = {"labelColor": quiet, "titleColor": ink, "titleFontWeight": "normal", "titleFontSize": 12}
-    config = {
+    config: dict[str, Any] = {
         "background": colours["background"],
         "font": "sans-serif",
         "view": {"stroke": None},
@@ -89,7 +107,9 @@ def _complete(chart: Chart, colours: Mapping[str, str]) -> dict[str, Any]:
         "text": {"color": quiet},
         "rule": {"color": quiet},
     }
-    return {"$schema": SCHEMA, "config": config, **chart}
+    whole: dict[str, Any] = {"$schema": SCHEMA, "config": config, **chart}
+    completed: dict[str, Any] = json.loads(json.dumps(whole, allow_nan=False).replace('"@ink"', json.dumps(ink)))
+    return completed
 
 
 def log_axis(field: str, title: str, values: Sequence[float], *, number: str = "~g") -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -13,8 +12,8 @@ from pdecodec.codec.settings import EffortName
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.metrics import Distortion, DistortionMeter, frame_scale
 from pdecodec.mesh.sequence import ArraySequence, Connectivity
-from pdecodec.report.charts.drawing import as_seen, draw_mesh, heat_map, hide_axes, polygons_of
-from pdecodec.report.charts.figure import Canvas, Figure, Table
+from pdecodec.report.charts.figure import Figure, Table
+from pdecodec.report.charts.pictures import Picture, View, as_seen, extent, heat_colours, polygons_of
 from pdecodec.report.charts.vegalite import WIDTH, channel, rule, tooltip
 from pdecodec.report.viewer.view import difference, view_page
 
@@ -29,8 +28,8 @@ COLOURS = ("#D55E00", "#0072B2")
 MOST_FACES = 60_000
 """Faces that are drawn one by one; of larger meshes the vertices are, which takes seconds instead of minutes."""
 
-LEAST_POINT, POINT_AREA = 0.5, 30_000.0
-"""Area of a vertex's disc [points^2]: as if all of them covered so much together, and never less than can be seen."""
+LEAST_RADIUS, MOST_RADIUS, DISC_AREA = 0.5, 5.0, 17_000.0
+"""Radius of a vertex's disc [pixels], and the area over pi that all of them cover together."""
 
 AMBIENT = 0.75
 """Of the light: colours are to be read off, and the shape still to be seen."""
@@ -156,60 +155,40 @@ def _over_mesh(sequence: ArraySequence, field: ErrorField) -> Figure:
                 f"error in frame {found.worst_frame}": field.at_worst_frame[order],
             }
         ),
-        draw=lambda canvas: draw_error_pictures(canvas, sequence, field),
-        size=(9.0, 5.0),
+        picture=lambda: error_picture(sequence, field),
     )
 
 
-def draw_error_pictures(canvas: Canvas, sequence: ArraySequence, field: ErrorField) -> None:
-    """The worst frame by its own errors, and frame 0 by the largest error of each vertex."""
-    heat = heat_map(1.0)
-    panels = canvas.subplots(1, 2)
+def error_picture(sequence: ArraySequence, field: ErrorField) -> str:
+    """Return an SVG of the worst frame by its own errors, and of frame 0 by the largest error of each vertex."""
+    picture = Picture(1000, 480)
     turn = _axes_for_view(sequence)
     worst = field.distortion.worst_frame
-    for panel, title, points, errors in (
-        (panels[0], f"frame {worst}, decoded", field.worst_points, field.at_worst_frame),
-        (panels[1], "largest of all frames, on frame 0", sequence.points[0], field.maximum_by_vertex),
+    for left, title, points, errors in (
+        (10, f"frame {worst}, decoded", field.worst_points, field.at_worst_frame),
+        (460, "largest of all frames, on frame 0", sequence.points[0], field.maximum_by_vertex),
     ):
         seen = as_seen(points.astype(np.float64) @ turn.T)
-        _draw(panel, seen, sequence.connectivity, errors / field.tolerance, heat)
-        panel.autoscale_view()
-        panel.margins(0.04)
-        hide_axes(panel)
-        panel.set_title(title, loc="left")
-        if panel is panels[0]:
-            at = seen[field.distortion.worst_vertex, :2]
-            panel.plot(*at, "o", markersize=16, markerfacecolor="none", markeredgecolor=COLOURS[1], markeredgewidth=2)
-    bar = canvas.colorbar(heat, ax=panels, shrink=0.6, ticks=(0, 0.5, 1))
-    bar.set_label(f"error over the bound of {field.tolerance:g}")
+        view = picture.view((left, 40, 430, 430), extent(seen, margin=0.03 * float(np.ptp(seen, axis=0).max())), title)
+        _draw(view, seen, sequence.connectivity, WEAKEST + (1 - WEAKEST) * errors / field.tolerance)
+        if points is field.worst_points:
+            view.ring(seen[field.distortion.worst_vertex], COLOURS[1])
+    picture.colour_bar(f"error over the\nbound of {field.tolerance:g}", ("0", "0.5", "1"), x=905, y=140, height=220)
+    return picture.svg()
 
 
-def _draw(panel: Any, seen: Float64Array, connectivity: Connectivity, shares: Float64Array, heat: Any) -> None:
-    if 0 < connectivity.face_count <= MOST_FACES:
+def _draw(view: View, seen: Float64Array, connectivity: Connectivity, shares: Float64Array) -> None:
+    has_faces = 0 < connectivity.face_count <= MOST_FACES
+    if has_faces:
         polygons = polygons_of(connectivity)
-        colours = [_colours(heat, shares[rows].max(axis=1)) for rows in polygons]
-        draw_mesh(panel, seen, polygons, colours, ambient=AMBIENT)
-    if connectivity.line_count:
-        from matplotlib.collections import LineCollection
-
-        starts = np.cumsum(connectivity.line_counts)[:-1]
-        for line in np.split(connectivity.line_indices, starts):
-            ends = seen[line, :2]
-            panel.add_collection(
-                LineCollection(
-                    list(np.stack([ends[:-1], ends[1:]], axis=1)),
-                    colors=_colours(heat, np.maximum(shares[line[:-1]], shares[line[1:]])),
-                    linewidths=1.5,
-                )
-            )
-    if not connectivity.line_count and not 0 < connectivity.face_count <= MOST_FACES:
+        view.mesh(seen, polygons, [heat_colours(shares[rows].max(axis=1)) for rows in polygons], ambient=AMBIENT)
+    for line in np.split(connectivity.line_indices, np.cumsum(connectivity.line_counts)[:-1]):
+        ends = np.stack([line[:-1], line[1:]], axis=1)
+        view.segments(seen[ends], heat_colours(shares[ends].max(axis=1)))
+    if not connectivity.line_count and not has_faces:
         order = np.argsort(seen[:, 2], kind="stable")
-        area = max(LEAST_POINT, POINT_AREA / len(seen))
-        panel.scatter(*seen[order, :2].T, s=min(area, 60.0), c=_colours(heat, shares[order]), linewidths=0)
-
-
-def _colours(heat: Any, shares: Float64Array) -> Float64Array:
-    return np.asarray(heat.to_rgba(WEAKEST + (1 - WEAKEST) * shares))[:, :3]
+        radius = min(max(LEAST_RADIUS, (DISC_AREA / len(seen)) ** 0.5), MOST_RADIUS)
+        view.discs(seen[order], heat_colours(shares[order]), radius)
 
 
 def _axes_for_view(sequence: ArraySequence) -> Float64Array:

@@ -11,9 +11,9 @@ from typing import Any
 from pdecodec.errors import InputError, naming_file
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import ArraySequence, Progress
-from pdecodec.report.charts.drawing import require_drawing
 from pdecodec.report.charts.figure import Figure, Report, Section, Table
 from pdecodec.report.charts.page import as_markdown, write_report
+from pdecodec.report.charts.vegalite import require_drawing
 from pdecodec.report.clips.between import BetweenRow, measure_between
 from pdecodec.report.clips.changing import changing_report, cost_table, measure_changing
 from pdecodec.report.clips.coder_figures import distinct, label

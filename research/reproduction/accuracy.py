@@ -3,13 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from pdecodec.mesh.arrays import BoolArray, Float64Array
-from pdecodec.report.charts.drawing import BLUE, GREEN, GREY, ORANGE, draw_lines, name_rows, write
-from pdecodec.report.charts.figure import Canvas, Figure, Table
+from pdecodec.report.charts.figure import Figure, Table
+from pdecodec.report.charts.plots import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    STAR,
+    Axis,
+    Layers,
+    Legend,
+    beside,
+    cells,
+    dots,
+    edges,
+    level,
+    lines,
+    panel,
+    segments,
+    texts,
+)
 from pdecodec.research.reproduction import bspline, printed
 from pdecodec.research.reproduction.findings import MAP_RATES, Findings
 from pdecodec.research.reproduction.method import (
@@ -42,23 +59,25 @@ def table_1_figure(findings: Findings) -> Figure:
     summary = {name: float(np.mean(v) if "E_A" in name else np.max(v)) for name, v in columns.items()}
     reached = "comes" if times_table_1(found) <= WITHIN else "does not come"
 
-    def draw(canvas: Canvas) -> None:
-        frames = np.arange(len(found.average))
-        panels = canvas.subplots(1, 2, sharey=True)
-        for panel, measure, title in zip(panels, ("E_A", "E_M"), ("average", "maximum"), strict=True):
-            panel.set(title=f"{title} error {measure}", xlabel="frame", xticks=frames, ylim=(2e-5, 1), yscale="log")
-            panel.set_xlim(-0.4, 18.0)
-            lines = {
-                "B-spline, paper": (columns[f"B-spline {measure}, paper"], GREEN),
-                "B-spline at u of Eq. 24, ours": (columns[f"B-spline {measure}, ours"], GREEN),
-                "B-spline, fair": (columns[f"fair B-spline {measure}"], GREY),
-                "PDE, paper": (columns[f"PDE {measure}, paper"], BLUE),
-                "PDE at u of Eq. 24, ours": (columns[f"PDE {measure}, ours"], BLUE),
-            }
-            dashed = {name: "--" for name in lines if "paper" in name}
-            draw_lines(panel, frames, lines, styles=dashed, marker="o", markersize=3)
-            panel.spines["bottom"].set_bounds(0, 10)
-        panels[0].set_ylabel("error over D (rope's length)")
+    frames = np.arange(len(found.average))
+    panels = []
+    for measure, title in (("E_A", "average"), ("E_M", "maximum")):
+        drawn = {
+            "B-spline, paper": (columns[f"B-spline {measure}, paper"], GREEN),
+            "B-spline at u of Eq. 24, ours": (columns[f"B-spline {measure}, ours"], GREEN),
+            "B-spline, fair": (columns[f"fair B-spline {measure}"], GREY),
+            "PDE, paper": (columns[f"PDE {measure}, paper"], BLUE),
+            "PDE at u of Eq. 24, ours": (columns[f"PDE {measure}, ours"], BLUE),
+        }
+        panels.append(
+            panel(
+                Axis("frame", 0, 10, ticks=frames),
+                Axis("error over D (rope's length)", 2e-5, 1, log=True),
+                lines(frames, drawn, dashed=[name for name in drawn if "paper" in name], dots=25),
+                title=f"{title} error {measure}",
+            )
+        )
+    chart = beside(*panels)
 
     return Figure(
         name="table-1",
@@ -77,8 +96,7 @@ def table_1_figure(findings: Findings) -> Figure:
                 **{name: [*columns[name].tolist(), summary[name]] for name in order},
             }
         ),
-        draw=draw,
-        size=(11.0, 4.6),
+        chart=chart,
     )
 
 
@@ -88,24 +106,50 @@ def rate_map_figure(findings: Findings) -> Figure:
     inside: BoolArray = np.maximum(mean / printed.PDE_MEAN, largest / printed.PDE_LARGEST) <= WITHIN
     chosen = findings.printed_chosen
 
-    def draw(canvas: Canvas) -> None:
-        image: Any = None
-        panels = canvas.subplots(1, 2, sharey=True)
-        titles = ("u of Eq. 24, as printed", "u by index, in the scene")
-        for panel, grid, title in zip(panels, (mean, honest[0]), titles, strict=True):
-            image = panel.pcolormesh(
-                MAP_RATES, MAP_RATES, np.log10(grid), cmap="cividis_r", vmin=-2.5, vmax=-1.0, shading="nearest"
-            )
-            panel.set(xscale="log", yscale="log", xlabel="r, over u in [0, 1]", title=title)
-            panel.grid(False)
-            write(panel, "fails: nothing near a constant left", (0.06, 11.0), color="white", va="baseline")
-        alpha, r = np.nonzero(inside)
-        panels[0].plot(MAP_RATES[r], MAP_RATES[alpha], "o", color="white", markeredgecolor="black", markersize=4)
-        panels[0].plot(PRINTED.r, PRINTED.alpha, "*", color=ORANGE, markeredgecolor="black", markersize=13)
-        panels[0].set_ylabel("alpha, over t in [0, 1]")
-        bar = canvas.colorbar(image, ax=panels, ticks=(-2.5, -2, -1.5, -1), extend="both")
-        bar.ax.set_yticklabels(["0.003", "0.01", "0.03", "0.1"])
-        bar.set_label("mean E_A over D")
+    at = edges(MAP_RATES.tolist(), log=True)
+    at_alpha, at_r = np.nonzero(inside)
+    x = Axis("r, over u in [0, 1]", at[0], at[-1], log=True, grid=False)
+    y = replace(x, title="alpha, over t in [0, 1]")
+    panels = [
+        panel(
+            x,
+            y,
+            cells(
+                at,
+                at,
+                np.log10(grid),
+                scheme="cividis",
+                reverse=True,
+                low=-2.5,
+                high=-1.0,
+                title="mean E_A over D",
+                ticks=(-2.5, -2, -1.5, -1),
+                names=("0.003", "0.01", "0.03", "0.1"),
+            ),
+            texts([(0.06, 13.0, "fails: nothing near a constant left", "white")]),
+            marks,
+            title=title,
+        )
+        for grid, title, marks in (
+            (
+                mean,
+                "u of Eq. 24, as printed",
+                [
+                    dots(
+                        MAP_RATES[at_r],
+                        MAP_RATES[at_alpha],
+                        "white",
+                        size=22,
+                        stroke="black",
+                        strokeWidth=1,
+                    ),
+                    dots([PRINTED.r], [PRINTED.alpha], ORANGE, shape=STAR, size=160, stroke="black", strokeWidth=1),
+                ],
+            ),
+            (honest[0], "u by index, in the scene", []),
+        )
+    ]
+    chart = beside(*panels)
 
     alphas, rates = np.meshgrid(MAP_RATES, MAP_RATES, indexing="ij")
     return Figure(
@@ -128,8 +172,7 @@ def rate_map_figure(findings: Findings) -> Figure:
                 "E_M honest": honest[1].ravel(),
             }
         ),
-        draw=draw,
-        size=(10.0, 4.4),
+        chart=chart,
         consequence=(
             "it chooses alpha for each group of frames by what is left of the motion, from a list that begins at 0, "
             "and stores it; at 0 its basis is the polynomials, and as well conditioned as elsewhere."
@@ -172,21 +215,33 @@ def splines_figure(findings: Findings) -> Figure:
     pieces = frame_errors(curve, reconstruct_in_pieces(curve[0], PIECES)[None], findings.diameter)
     matched = match_with_table_1(findings.spline(bspline.printed).first)
 
-    def draw(canvas: Canvas) -> None:
-        names = [f"{item.name}\n{item.control_points} control points" for item in readings]
-        names += ["PDE, u by index\n32 constants", f"PDE, {PIECES} pieces a curve\n{32 * PIECES} constants"]
-        errors = [*(item.first for item in readings), honest, pieces]
-        colours = [ORANGE, *[GREEN] * (len(names) - 3), BLUE, BLUE]
-        panel = canvas.subplots()
-        for height, found, colour in zip(name_rows(panel, names, space=0.1), errors, colours, strict=True):
-            panel.plot([found.mean, found.largest], [height] * 2, color=colour, linewidth=2.5, solid_capstyle="round")
-            panel.plot(found.mean, height, "o", color=colour)
-            panel.plot(found.largest, height, "|", color=colour, markersize=11, markeredgewidth=2.5)
-            write(panel, f"{found.mean:.4f} to {found.largest:.3f}", (found.largest, height), (8, 0), size=9.5)
-        for value, text in ((printed.SPLINE_MEAN, "paper: mean"), (printed.SPLINE_LARGEST, "paper: largest")):
-            panel.axvline(value, color=GREY, linestyle="--", linewidth=1)
-            write(panel, text, (value, len(names) - 0.5), (-4, 2), size=8.5, ha="right", va="baseline", color=GREY)
-        panel.set(xscale="log", xlabel="error over D: mean E_A (dot) to largest E_M (bar)", xlim=(2e-3, 1.0))
+    names = [f"{item.name}\n{item.control_points} control points" for item in readings]
+    names += ["PDE, u by index\n32 constants", f"PDE, {PIECES} pieces a curve\n{32 * PIECES} constants"]
+    errors = [*(item.first for item in readings), honest, pieces]
+    colours = [ORANGE, *[GREEN] * (len(names) - 3), BLUE, BLUE]
+    y = Axis.of_rows(names)
+    spans = [
+        (item.mean, item.largest, row, row, colour)
+        for row, (item, colour) in enumerate(zip(errors, colours, strict=True))
+    ]
+    chart = panel(
+        Axis("error over D: mean E_A (dot) to largest E_M (bar)", 2e-3, 1.0, log=True),
+        y,
+        segments(spans, width=2.5),
+        [dots([mean], [row], colour) for mean, _, row, _, colour in spans],
+        [
+            dots([most], [row], colour, shape="stroke", size=160, angle=90, strokeWidth=2.5)
+            for _, most, row, _, colour in spans
+        ],
+        texts([(most, row, f"{mean:.4f} to {most:.3f}", colour) for mean, most, row, _, colour in spans], dx=9),
+        [level(y, value, along="x") for value in (printed.SPLINE_MEAN, printed.SPLINE_LARGEST)],
+        [
+            texts([(value, -0.5, f"paper: {word}", GREY)], dx=-4, align="right", size=10)
+            for value, word in ((printed.SPLINE_MEAN, "mean"), (printed.SPLINE_LARGEST, "largest"))
+        ],
+        width=480,
+        height=330,
+    )
 
     literal, fair, cubic, equal = (
         findings.spline(reading).first
@@ -216,8 +271,7 @@ def splines_figure(findings: Findings) -> Figure:
                 "largest E_M": [*(item.first.largest for item in readings), honest.largest, pieces.largest],
             }
         ),
-        draw=draw,
-        size=(10.0, 4.8),
+        chart=chart,
     )
 
 
@@ -244,21 +298,23 @@ def variants_figure(findings: Findings) -> Figure:
     # What was chosen for a variant follows it in the list.
     follower = dict(zip((item.variant for item in every[::2]), every[1::2], strict=True))
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        heights = name_rows(panel, [f"{name} ({item.numbers})" for name, item in STEPS.items()], space=-0.1)
-        for height, variant in zip(heights, STEPS.values(), strict=True):
-            for name, colour, shift in (("aligned", BLUE, 0.12), ("scene", ORANGE, -0.12)):
-                ours, chosen = (getattr(found[variant], name).mean for found in (fixed, follower))
-                panel.plot(ours, height + shift, "o", color=colour, markersize=6)
-                panel.plot(chosen, height + shift, "o", color="none", markeredgecolor=colour, markersize=9)
-                write(panel, f"{ours:.4f}", (max(ours, chosen), height + shift), (8, 0), size=8, color=colour)
-        panel.set(xscale="log", xlabel="mean E_A over D", xlim=(2e-3, 0.3))
-        for text, x, colour in (
-            ("as the paper measures, frames aligned", 2.15e-3, BLUE),
-            ("in the scene, decoded", 0.045, ORANGE),
-        ):
-            write(panel, text, (x, len(STEPS) - 0.4), color=colour, va="baseline")
+    drawn: list[Layers] = []
+    for name, colour, shift in (("aligned", BLUE, -0.14), ("scene", ORANGE, 0.14)):
+        at = [row + shift for row in range(len(STEPS))]
+        ours, chosen = (
+            [getattr(which[variant], name).mean for variant in STEPS.values()] for which in (fixed, follower)
+        )
+        drawn += [dots(ours, at, colour), dots(chosen, at, colour, filled=False, size=120)]
+        said = [(max(a, b), row, f"{a:.4f}", colour) for a, b, row in zip(ours, chosen, at, strict=True)]
+        drawn.append(texts(said, dx=9, size=10))
+    chart = panel(
+        Axis("mean E_A over D", 2e-3, 0.3, log=True),
+        Axis.of_rows([f"{name} ({item.numbers})" for name, item in STEPS.items()]),
+        drawn,
+        Legend({"frames aligned, as the paper measures": BLUE, "in the scene, decoded": ORANGE}),
+        width=480,
+        height=330,
+    )
 
     def error(name: str) -> float:
         return fixed[STEPS[name]].scene.mean
@@ -292,8 +348,7 @@ def variants_figure(findings: Findings) -> Figure:
                 "largest E_M in the scene": [item.scene.largest for item in every],
             }
         ),
-        draw=draw,
-        size=(10.0, 4.8),
+        chart=chart,
         consequence=(
             "it fits displacements from a stored reference frame, takes affine functions of space instead of Eq. 23's "
             "matrices, parametrises by arc length of the decoded reference frame, and cuts long curves and clips into "

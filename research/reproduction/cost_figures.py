@@ -5,9 +5,33 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
-from pdecodec.report.charts.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, label_ends, name_rows, write
-from pdecodec.report.charts.figure import Canvas, Figure, Table, Value
+import numpy as np
+
+from pdecodec.report.charts.figure import Figure, Table, Value
+from pdecodec.report.charts.plots import (
+    BLUE,
+    DASHES,
+    DOTTED,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    Axis,
+    Layers,
+    Legend,
+    beside,
+    boxes,
+    dots,
+    level,
+    line,
+    panel,
+    segments,
+    texts,
+)
+from pdecodec.report.charts.vegalite import WIDTH, Chart
 from pdecodec.research.reproduction import printed
 from pdecodec.research.reproduction.findings import Findings
 from pdecodec.research.reproduction.rates import AUTO, NUMBER_BYTES, PAPER, PDE, POLYNOMIALS, SPLINES, Point
@@ -20,27 +44,35 @@ def bytes_figure(findings: Findings) -> Figure:
     raw, literal, honest, splines = kept
     sizes = {name: [point for point in findings.models if point.model == name] for name in (PDE, SPLINES)}
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        panel.set(
-            xscale="log", yscale="log", xlim=(4, 4e4), ylim=(1e-3, 0.2), ylabel="largest error over D, all curves"
-        )
-        panel.set_xlabel("kB that a decoder needs as float32, connectivity not counted")
-        for name, colour in ((PDE, BLUE), (SPLINES, GREEN)):
-            found = [((point.plain_bytes or 0) / 1e3, point.unrounded.largest) for point in sizes[name]]
-            panel.plot(*zip(*found, strict=True), "o-", color=colour, markersize=3.5)
-            label = f"{name.split(',')[0]}, u by index,\nfitted to all frames, more and more constants"
-            # The two lines run beside each other: one is named above, one below.
-            at, offset, anchor = (found[2], (6, 6), "left") if name == PDE else (found[3], (-6, -14), "right")
-            write(panel, label, at, offset, color=colour, size=8.5, ha=anchor)
-        for store, colour, side in ((honest, BLUE, 1), (literal, ORANGE, -1), (splines, GREEN, 1)):
-            place = (store.total / 1e3, store.largest_error or 0.0)
-            panel.plot(*place, "D", color=colour, markersize=8)
-            largest = max(store.parts, key=lambda part: store.parts[part])
-            label = f"{store.name}: {store.variables:,} variables,\n{store.total / 1e3:,.1f} kB, mostly {largest}"
-            write(panel, label, place, (8 * side, 14), color=colour, ha="left" if side > 0 else "right")
-        panel.axvline(raw.total / 1e3, color="black", linewidth=0.9, linestyle=":")
-        write(panel, "raw positions, exact", (raw.total / 1e3, 1.2e-3), (5, 0), size=8.5)
+    x = Axis("kB that a decoder needs as float32, connectivity not counted", 4, 4e4, log=True)
+    y = Axis("largest error over D, all curves", 1e-3, 0.2, log=True)
+    drawn: list[Layers] = []
+    for name, colour in ((PDE, BLUE), (SPLINES, GREEN)):
+        kilobytes = [(point.plain_bytes or 0) / 1e3 for point in sizes[name]]
+        drawn.append(line(kilobytes, [point.unrounded.largest for point in sizes[name]], colour, name=name, dots=30))
+    for store, colour, dy in ((honest, BLUE, -14), (literal, ORANGE, 18), (splines, GREEN, -16)):
+        place = (store.total / 1e3, store.largest_error or 0.0)
+        largest = max(store.parts, key=lambda part: store.parts[part])
+        label = f"{store.name}: {store.variables:,} variables, {store.total / 1e3:,.1f} kB, mostly {largest}"
+        drawn += [
+            dots([place[0]], [place[1]], colour, shape="diamond", size=130),
+            texts([(*place, label, colour)], dx=10, dy=dy),
+        ]
+    chart = panel(
+        x,
+        y,
+        drawn,
+        level(y, raw.total / 1e3, along="x", dashes=DOTTED),
+        texts([(raw.total / 1e3, 1.2e-3, "raw positions, exact", INK)], dx=5, size=10.5),
+        Legend(
+            {
+                f"{name.split(',')[0]}, u by index,\nfitted to all frames": c
+                for name, c in ((PDE, BLUE), (SPLINES, GREEN))
+            }
+        ),
+        width=WIDTH,
+        height=320,
+    )
 
     return Figure(
         name="bytes",
@@ -62,8 +94,7 @@ def bytes_figure(findings: Findings) -> Figure:
                 "largest error over D": [store.largest_error for store in kept],
             }
         ),
-        draw=draw,
-        size=(10.0, 4.6),
+        chart=chart,
         shows_table=True,
     )
 
@@ -72,16 +103,18 @@ def speed_figure(findings: Findings) -> Figure:
     """What fit and evaluation take."""
     found, fine = findings.speeds, findings.routes[0].seconds
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        names = [*(item.name for item in found), "paper: PDE", "paper: B-splines"]
-        seconds = [*(item.seconds for item in found), printed.SECONDS_PDE, printed.SECONDS_SPLINE]
-        colours = [BLUE] * (len(found) - 1) + [GREEN, GREY, GREY]
-        for height, value, colour in zip(name_rows(panel, names), seconds, colours, strict=True):
-            panel.barh(height, value, color=colour, height=0.6)
-            write(panel, f"{value:.3f} s", (value, height), (5, 0))
-        panel.set(xlabel="CPU time of one thread, 24 curves, fit and evaluation at 11 frames [s]")
-        panel.set_xlim(0, 1.15 * max(seconds))
+    names = [*(item.name for item in found), "paper: PDE", "paper: B-splines"]
+    seconds = [*(item.seconds for item in found), printed.SECONDS_PDE, printed.SECONDS_SPLINE]
+    colours = [BLUE] * (len(found) - 1) + [GREEN, GREY, GREY]
+    bars = list(zip(range(len(names)), seconds, colours, strict=True))
+    chart = panel(
+        Axis("CPU time of one thread, 24 curves, fit and evaluation at 11 frames [s]", 0, 1.05 * max(seconds)),
+        Axis.of_rows(names),
+        boxes((0, value, row - 0.3, row + 0.3, colour) for row, value, colour in bars),
+        texts([(value, row, f"{value:.3f} s", INK) for row, value, _ in bars], dx=5),
+        width=480,
+        height=210,
+    )
 
     normal, values, product, splines = found
     return Figure(
@@ -103,8 +136,7 @@ def speed_figure(findings: Findings) -> Figure:
                 "mean E_A": [item.mean for item in found],
             }
         ),
-        draw=draw,
-        size=(9.5, 3.4),
+        chart=chart,
     )
 
 
@@ -113,22 +145,49 @@ def time_figure(findings: Findings) -> Figure:
     ways = findings.routes
     fine, sampled, doubled, _, coarse = ways
 
-    def draw(canvas: Canvas) -> None:
-        left, right = canvas.subplots(1, 2, sharey=True, width_ratios=(1.25, 1))
-        heights = name_rows(left, [route.name.replace(", ", ",\n", 1) for route in ways])
-        for height, route in zip(heights, ways, strict=True):
-            left.barh(height, route.simulation_seconds, color=BLUE, height=0.6)
-            left.barh(height, route.fit_seconds, left=route.simulation_seconds, color=ORANGE, height=0.6)
-            share = f"{route.seconds:.2f} s, {route.seconds / fine.seconds:.0%}"
-            write(left, share, (route.seconds, height), (5, 0))
-            errors = f"{route.errors.mean:.4f} to {route.errors.largest:.3f}"
-            right.plot([route.errors.mean, route.errors.largest], [height] * 2, color=GREY, linewidth=3)
-            text = "what is compared with" if route is fine else errors
-            write(right, text, (route.errors.largest, height), (6, 0))
-        left.set(xlabel="CPU time for 11 frames [s]", xlim=(0, 1.35 * max(route.seconds for route in ways)))
-        left.set_title("XPBD (blue) and fit (orange)")
-        right.set(xlabel="error over D, mean to largest", xlim=(0, 0.12), title="error against XPBD's own step")
-        right.grid(axis="y", alpha=0)
+    y = Axis.of_rows([route.name.replace(", ", ",\n", 1) for route in ways])
+    chart = beside(
+        panel(
+            Axis("CPU time for 11 frames [s]", 0, 1.05 * max(route.seconds for route in ways)),
+            y,
+            boxes((0, route.simulation_seconds, row - 0.3, row + 0.3, BLUE) for row, route in enumerate(ways)),
+            boxes(
+                (route.simulation_seconds, route.seconds, row - 0.3, row + 0.3, ORANGE)
+                for row, route in enumerate(ways)
+            ),
+            texts(
+                [
+                    (route.seconds, row, f"{route.seconds:.2f} s, {route.seconds / fine.seconds:.0%}", INK)
+                    for row, route in enumerate(ways)
+                ],
+                dx=5,
+            ),
+            title="XPBD (blue) and fit (orange)",
+            height=230,
+        ),
+        panel(
+            Axis("error over D, mean to largest", 0, 0.12),
+            replace(y, names=[""] * len(ways)),
+            segments([(r.errors.mean, r.errors.largest, row, row, GREY) for row, r in enumerate(ways)], width=3),
+            texts(
+                [
+                    (
+                        route.errors.largest,
+                        row,
+                        "what is compared with"
+                        if route is fine
+                        else f"{route.errors.mean:.4f} to {route.errors.largest:.3f}",
+                        INK,
+                    )
+                    for row, route in enumerate(ways)
+                ],
+                dx=6,
+            ),
+            title="error against XPBD's own step",
+            width=220,
+            height=230,
+        ),
+    )
 
     own = (printed.SECONDS_KEYFRAMES + printed.SECONDS_PDE) / printed.SECONDS_ALL_FRAMES
     return Figure(
@@ -152,8 +211,7 @@ def time_figure(findings: Findings) -> Figure:
                 "largest E_M": [route.errors.largest for route in ways],
             }
         ),
-        draw=draw,
-        size=(10.5, 3.9),
+        chart=chart,
     )
 
 
@@ -166,32 +224,43 @@ def _lines(points: list[Point]) -> dict[str, list[Point]]:
 
 def constants_figure(findings: Findings) -> Figure:
     """Error against the number of constants."""
-    lines = {name: found for name, found in _lines(findings.models).items() if found}
+    drawn = {name: found for name, found in _lines(findings.models).items() if found}
 
-    def draw(canvas: Canvas) -> None:
-        panels = canvas.subplots(1, 2, sharey=True)
-        for panel, measure, title in zip(panels, ("mean", "largest"), ("mean E_A", "largest E_M"), strict=True):
-            panel.set(xscale="log", yscale="log", xlim=(28, 2e4), ylim=(3e-5, 0.1), title=title)
-            panel.set(xlabel="constants a curve and axis")
-            panel.set_xticks([32, 128, 440, 1408], ["32", "128", "440", "1,408"])
-            panel.minorticks_off()
-            ends = []
-            for name, found in lines.items():
-                values = [getattr(point.unrounded, measure) for point in found]
-                panel.plot([point.constants for point in found], values, "o-", color=COLOURS[name])
-                ends.append((float(found[-1].constants or 0), float(values[-1]), name, COLOURS[name]))
-            label_ends(panel, ends)
-        level = {"mean": printed.PDE_MEAN, "largest": printed.PDE_LARGEST}
-        for panel, value in zip(panels, level.values(), strict=True):
-            panel.axhline(value, color="black", linewidth=0.9, linestyle="--")
-            write(panel, "Table 1", (1.8e4, value), (0, 6), size=8.5, ha="right")
-        panels[0].set_ylabel("error over D, all curves, in the scene")
+    x = Axis(
+        "constants a curve and axis",
+        28,
+        1600,
+        log=True,
+        ticks=(32, 128, 440, 1408),
+        names=("32", "128", "440", "1,408"),
+    )
+    panels: list[Chart] = []
+    for measure, title, table_1 in (
+        ("mean", "mean E_A", printed.PDE_MEAN),
+        ("largest", "largest E_M", printed.PDE_LARGEST),
+    ):
+        errors = {name: [getattr(point.unrounded, measure) for point in points] for name, points in drawn.items()}
+        panels.append(
+            panel(
+                x,
+                Axis("error over D, all curves, in the scene", 3e-5, 0.1, log=True),
+                [
+                    line([point.constants or 0 for point in points], errors[name], COLOURS[name], name=name, dots=40)
+                    for name, points in drawn.items()
+                ],
+                level(x, table_1),
+                texts([(30, table_1, "Table 1", INK)], dy=8, size=10.5),
+                [Legend({name: COLOURS[name] for name in drawn})] if panels else [],
+                title=title,
+            )
+        )
+    chart = beside(*panels)
 
     needed = {
         name: min((p.constants or 0 for p in found if p.unrounded.mean <= printed.PDE_MEAN), default=0)
-        for name, found in lines.items()
+        for name, found in drawn.items()
     }
-    few, many = ({name: found[at].unrounded.mean for name, found in lines.items()} for at in (0, -1))
+    few, many = ({name: found[at].unrounded.mean for name, found in drawn.items()} for at in (0, -1))
     return Figure(
         name="error-against-constants",
         title="Error against the number of constants",
@@ -204,8 +273,7 @@ def constants_figure(findings: Findings) -> Figure:
             "than four functions of time before it needs more along the curve."
         ),
         table=_table(findings.models),
-        draw=draw,
-        size=(11.0, 4.4),
+        chart=chart,
         consequence="it cuts curves and patches into as many pieces as the bound asks for.",
     )
 
@@ -213,27 +281,35 @@ def constants_figure(findings: Findings) -> Figure:
 def rate_figure(findings: Findings) -> Figure:
     """Rate against distortion of every model and of the codec, plain and coded."""
     models, files = findings.models, findings.files
-    lines = _lines([*models, *(file.point for file in files)])
+    drawn = _lines([*models, *(file.point for file in files)])
 
-    def draw(canvas: Canvas) -> None:
-        panels = canvas.subplots(1, 2, sharey=True)
-        for panel, measure, title in zip(panels, ("mean", "largest"), ("mean E_A", "largest E_M"), strict=True):
-            panel.set(xscale="log", yscale="log", xlim=(0.4, 4e4), ylim=(3e-5, 0.2), title=title)
-            panel.set(xlabel="kB that a decoder needs, connectivity not counted")
-            for name, found in lines.items():
-                values = [getattr(point.errors, measure) for point in found]
-                size = 8 if name == PAPER else 4.5
-                panel.plot([p.coded_bytes / 1e3 for p in found], values, "o-", color=COLOURS[name], markersize=size)
-                if found[0].plain_bytes is not None:
-                    plain = [(point.plain_bytes or 0) / 1e3 for point in found]
-                    panel.plot(plain, values, "o--", color=COLOURS[name], markersize=3, linewidth=1)
-            raw = NUMBER_BYTES * findings.curves.size / 1e3
-            panel.axvline(raw, color="black", linewidth=0.9, linestyle=":")
-            write(panel, "raw float32", (raw, 0.12), (-4, 0), size=8.5, ha="right")
-        panels[0].set_ylabel("error over D, all curves, in the scene")
-        for index, (name, colour) in enumerate(COLOURS.items()):
-            write(panels[1], name, (0.03, 0.04 + 0.05 * index), color=colour, size=9, xycoords="axes fraction")
-        write(panels[0], "solid: range coded; dashed: constants as float32", (0.5, 4e-5), size=8.5)
+    x = Axis("kB that a decoder needs, connectivity not counted", 0.4, 4e4, log=True)
+    y = Axis("error over D, all curves, in the scene", 3e-5, 0.2, log=True)
+    raw = NUMBER_BYTES * findings.curves.size / 1e3
+    panels: list[Chart] = []
+    for measure, title in (("mean", "mean E_A"), ("largest", "largest E_M")):
+        layers: list[Layers] = []
+        for name, points in drawn.items():
+            values = [getattr(point.errors, measure) for point in points]
+            kilobytes = [point.coded_bytes / 1e3 for point in points]
+            layers.append(line(kilobytes, values, COLOURS[name], name=name, dots=100 if name == PAPER else 35))
+            if points[0].plain_bytes is not None:
+                plain = [(point.plain_bytes or 0) / 1e3 for point in points]
+                layers.append(
+                    line(plain, values, COLOURS[name], name=f"{name}, float32", dashes=DASHES, dots=15, width=1)
+                )
+        panels.append(
+            panel(
+                x,
+                y,
+                layers,
+                level(y, raw, along="x", dashes=DOTTED),
+                texts([(raw, 0.14, "raw float32", INK)], dx=-4, align="right", size=10.5),
+                [Legend({**COLOURS, "solid: range coded": INK, "dashed: float32": INK})] if panels else [],
+                title=title,
+            )
+        )
+    chart = beside(*panels)
 
     one = models[0]
     sizes = [file.point.coded_bytes for file in files[1:]]
@@ -252,34 +328,54 @@ def rate_figure(findings: Findings) -> Figure:
             + (f"where it does not, {dearer:.1%} more." if dearer else f"from {sizes[-1]:,} down to {sizes[0]:,}.")
         ),
         table=_table([*models, *(file.point for file in files)]),
-        draw=draw,
-        size=(11.0, 4.8),
+        chart=chart,
     )
 
 
 def surface_figure(findings: Findings) -> Figure:
     """What the same bytes leave of edges and normals, and over the motion of each frame."""
-    lines = _lines([*findings.models, *(file.point for file in findings.files)])
+    drawn = _lines([*findings.models, *(file.point for file in findings.files)])
     read: dict[str, Callable[[Point], float]] = {
         "KG error [%]": lambda point: point.kg_error,
         "edge difference (STED)": lambda point: point.surface.sted or 0.0,
         "angle of normals [degrees]:\nmean, dashed 99 % within": lambda point: point.surface.normal_error or 0.0,
     }
 
-    def draw(canvas: Canvas) -> None:
-        panels = canvas.subplots(1, 3)
-        for panel, (label, value) in zip(panels, read.items(), strict=True):
-            panel.set(xscale="log", yscale="log", xlim=(0.4, 2e3), xlabel="kB coded, no connectivity", ylabel=label)
-            for name, found in lines.items():
-                size = 8 if name == PAPER else 4.5
-                kilobytes = [point.coded_bytes / 1e3 for point in found]
-                panel.plot(kilobytes, [value(p) for p in found], "o-", color=COLOURS[name], markersize=size)
-        for name, found in lines.items():
-            kilobytes = [point.coded_bytes / 1e3 for point in found]
-            panels[2].plot(kilobytes, [p.surface.normal_p99 for p in found], "--", color=COLOURS[name], linewidth=1)
-        for index, (name, colour) in enumerate(COLOURS.items()):
-            place = (0.98, 0.96 - 0.06 * index)
-            write(panels[0], name, place, color=colour, size=8.5, ha="right", xycoords="axes fraction")
+    x = Axis("kB coded, no connectivity", 0.4, 2e3, log=True)
+    panels: list[Chart] = []
+    for label, value in read.items():
+        layers = [
+            line(
+                [point.coded_bytes / 1e3 for point in points],
+                [value(point) for point in points],
+                COLOURS[name],
+                name=name,
+                dots=100 if name == PAPER else 35,
+            )
+            for name, points in drawn.items()
+        ]
+        if label == list(read)[-1]:
+            layers += [
+                line(
+                    [point.coded_bytes / 1e3 for point in points],
+                    [point.surface.normal_p99 or 0.0 for point in points],
+                    COLOURS[name],
+                    dashes=DASHES,
+                    width=1,
+                )
+                for name, points in drawn.items()
+            ]
+        every = [row["y"] for layer in layers for row in layer["data"]["values"]]
+        panels.append(
+            panel(
+                x,
+                Axis.around(label, every, log=True),
+                layers,
+                [Legend(COLOURS)] if label == list(read)[-1] else [],
+                width=250,
+            )
+        )
+    chart = beside(*panels)
 
     one = findings.models[0]
     auto = [file.point for file in findings.files if file.point.model == AUTO]
@@ -289,7 +385,7 @@ def surface_figure(findings: Findings) -> Figure:
         return all(value(point) <= value(other) for value in read.values())
 
     clear = next((point for point in auto if leaves_less(point, one)), None)
-    least = next((point for point in lines[PDE] if clear and leaves_less(point, clear)), None)
+    least = next((point for point in drawn[PDE] if clear and leaves_less(point, clear)), None)
     ahead = ""
     if clear:
         ahead = (
@@ -319,31 +415,34 @@ def surface_figure(findings: Findings) -> Figure:
             f"whole curves keep more of its surface.{ahead}"
         ),
         table=_table([*findings.models, *(file.point for file in findings.files)]),
-        draw=draw,
-        size=(12.0, 4.2),
+        chart=chart,
     )
 
 
 def fit_time_figure(findings: Findings) -> Figure:
     """CPU time against error."""
-    lines = _lines([*findings.models, *(file.point for file in findings.files)])
+    drawn = _lines([*findings.models, *(file.point for file in findings.files)])
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        panel.set(xscale="log", yscale="log", xlim=(2e-3, 60), ylim=(5e-5, 0.05))
-        panel.set(xlabel="CPU time of fit and evaluation, or of encoding [s]", ylabel="mean E_A over D")
-        ends = []
-        for name, found in lines.items():
-            size = 8 if name == PAPER else 4.5
-            x, y = [point.seconds for point in found], [point.errors.mean for point in found]
-            panel.plot(x, y, "o-", color=COLOURS[name], markersize=size)
-            if name == PAPER:
-                write(panel, name, (x[0], y[0]), (-8, 0), color=COLOURS[name], ha="right")
-            else:
-                ends.append((x[-1], y[-1], name, COLOURS[name]))
-        label_ends(panel, ends)
-        panel.axvline(findings.routes[0].seconds, color="black", linewidth=0.9, linestyle=":")
-        write(panel, "XPBD, 11 frames", (findings.routes[0].seconds, 0.035), (-4, 0), size=8.5, ha="right")
+    y = Axis("mean E_A over D", 5e-5, 0.05, log=True)
+    simulated = findings.routes[0].seconds
+    chart = panel(
+        Axis("CPU time of fit and evaluation, or of encoding [s]", 2e-3, 60, log=True),
+        y,
+        [
+            line(
+                [point.seconds for point in points],
+                [point.errors.mean for point in points],
+                COLOURS[name],
+                name=name,
+                dots=100 if name == PAPER else 35,
+            )
+            for name, points in drawn.items()
+        ],
+        level(y, simulated, along="x", dashes=DOTTED),
+        texts([(simulated, 0.035, "XPBD, 11 frames", INK)], dx=-4, align="right", size=10.5),
+        Legend(COLOURS),
+        width=560,
+    )
 
     quickest = min(findings.models, key=lambda point: point.seconds)
     auto = [file.point for file in findings.files if file.point.model == AUTO]
@@ -358,8 +457,7 @@ def fit_time_figure(findings: Findings) -> Figure:
             f"{max(p.seconds for p in auto):.1f} s. One thread."
         ),
         table=_table([*findings.models, *(file.point for file in findings.files)]),
-        draw=draw,
-        size=(9.5, 4.6),
+        chart=chart,
     )
 
 
@@ -377,19 +475,22 @@ def gap_figure(findings: Findings) -> Figure:
     colours = (BLUE, ORANGE, GREEN, GREY, PURPLE)
     shades = dict(zip(paper.parts, colours, strict=True))
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        names = [f"{name}\nmean E_A {error:.4f}" for name, _, error, _ in bars]
-        for height, (*_, parts) in zip(name_rows(panel, names), bars, strict=True):
-            start = 0.0
-            for part, size in parts.items():
-                panel.barh(height, size / 1e3, left=start, color=shades[part], height=0.6)
-                start += size / 1e3
-            write(panel, f"{start:.2f} kB", (start, height), (5, 0))
-        panel.set(xlabel="kB of the file", xlim=(0, 1.15 * max(sum(parts.values()) for *_, parts in bars) / 1e3))
-        for index, (part, colour) in enumerate(shades.items()):
-            place = (0.98, 0.08 + 0.09 * index)
-            write(panel, part, place, color=colour, weight="bold", ha="right", xycoords="axes fraction")
+    spans = []
+    for row, (*_, parts) in enumerate(bars):
+        ends = np.cumsum([0, *parts.values()]) / 1e3
+        spans += [
+            (a, b, row - 0.3, row + 0.3, shades[part]) for part, a, b in zip(parts, ends[:-1], ends[1:], strict=True)
+        ]
+    totals = [sum(parts.values()) / 1e3 for *_, parts in bars]
+    chart = panel(
+        Axis("kB of the file", 0, 1.2 * max(totals)),
+        Axis.of_rows([f"{name}\nmean E_A {error:.4f}" for name, _, error, _ in bars]),
+        boxes(spans),
+        texts([(total, row, f"{total:.2f} kB", INK) for row, total in enumerate(totals)], dx=5),
+        Legend(shades),
+        width=480,
+        height=220,
+    )
 
     coding = 1 - one.coded_bytes / (one.plain_bytes or 1)
     rows: list[tuple[Value, ...]] = [
@@ -415,8 +516,7 @@ def gap_figure(findings: Findings) -> Figure:
             ),
             tuple(rows),
         ),
-        draw=draw,
-        size=(10.0, 3.8),
+        chart=chart,
         shows_table=True,
     )
 

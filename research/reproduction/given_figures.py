@@ -2,12 +2,32 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
-from pdecodec.report.charts.drawing import BLUE, GREY, ORANGE, label_ends, name_rows, write
-from pdecodec.report.charts.figure import Canvas, Figure, Table, Value
+from pdecodec.report.charts.figure import Figure, Table, Value
+from pdecodec.report.charts.plots import (
+    BLUE,
+    DASHES,
+    DOTTED,
+    GREY,
+    INK,
+    ORANGE,
+    Axis,
+    Layers,
+    Legend,
+    beside,
+    borders,
+    boxes,
+    cells,
+    level,
+    line,
+    lines,
+    panel,
+    segments,
+    texts,
+)
 from pdecodec.research.reproduction import printed
 from pdecodec.research.reproduction.findings import Findings
 from pdecodec.research.reproduction.leak import ELIMINATIONS, KNOWN_TO_A_DECODER
@@ -40,22 +60,31 @@ def choices_figure(findings: Findings) -> Figure:
     rows = tuple(KNOWN_TO_A_DECODER)
     given, known = rows[0], rows[-1]
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        ratios = np.array([[times_table_1(found[row, column]) for column in ELIMINATIONS] for row in rows])
-        panel.imshow(np.log2(ratios), cmap="cividis_r", vmin=-2, vmax=3, aspect="auto")
-        for i, row in enumerate(rows):
-            for j, column in enumerate(ELIMINATIONS):
-                errors = found[row, column]
-                text = f"{errors.mean:.4f} to {errors.largest:.4f}\n{errors.relative:.0%} of the motion"
-                colour = "white" if ratios[i, j] > DARK else "black"
-                write(panel, text, (j, i), size=9.5, ha="center", color=colour)
-        panel.set_xticks(range(len(ELIMINATIONS)), list(ELIMINATIONS))
-        panel.set_yticks(range(len(rows)), [KNOWN_TO_A_DECODER[row].replace(", ", ",\n") for row in rows])
-        panel.xaxis.tick_top()
-        panel.tick_params(length=0)
-        panel.grid(False)
-        panel.spines[:].set_visible(False)
+    places = [(j, i, found[row, column]) for i, row in enumerate(rows) for j, column in enumerate(ELIMINATIONS)]
+    ratios = np.array([times_table_1(errors) for *_, errors in places]).reshape(len(rows), -1)
+    chart = panel(
+        Axis.of_columns("", list(ELIMINATIONS)),
+        Axis.of_rows([KNOWN_TO_A_DECODER[row].replace(", ", ",\n") for row in rows]),
+        cells(
+            np.arange(len(ELIMINATIONS) + 1) - 0.5,
+            np.arange(len(rows) + 1) - 0.5,
+            np.log2(ratios),
+            scheme="cividis",
+            reverse=True,
+            low=-2,
+            high=3,
+        ),
+        [
+            texts(
+                [(x, y, f"{errors.mean:.4f} to {errors.largest:.4f}\n{errors.relative:.0%} of the motion", colour)],
+                align="center",
+            )
+            for x, y, errors in places
+            for colour in ["white" if times_table_1(errors) > DARK else "black"]
+        ],
+        width=760,
+        height=220,
+    )
 
     kept, plain = ({row: found[row, column] for row in rows} for column in ("Eq. 23, kept", "nothing removed"))
     return Figure(
@@ -82,8 +111,7 @@ def choices_figure(findings: Findings) -> Figure:
                 for (row, column), errors in found.items()
             ),
         ),
-        draw=draw,
-        size=(11.0, 3.6),
+        chart=chart,
         shows_table=True,
     )
 
@@ -92,20 +120,28 @@ def leak_figure(findings: Findings) -> Figure:
     """What remains of the accuracy when the decoder is given less of the answer."""
     rungs = findings.rungs
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        labels = [f"{rung.given}\n{rung.share_of_answer:.0%} of the answer given" for rung in rungs]
-        for height, rung in zip(name_rows(panel, labels), rungs, strict=True):
-            ways = ("after Eq. 23, as the paper measures", "in the scene")
-            for errors, how, colour, shift, width in zip(
-                (rung.aligned, rung.scene), ways, (GREY, ORANGE), (0.16, -0.12), (3, 6), strict=True
-            ):
-                mean, largest = max(errors.mean, LEAST_SHOWN), max(errors.largest, LEAST_SHOWN)
-                panel.plot([mean, largest], [height + shift] * 2, color=colour, linewidth=width, solid_capstyle="butt")
-                text = "exact" if errors.largest < LEAST_SHOWN else f"{errors.mean:.4f} to {errors.largest:.3f}"
-                text += f" ({how})" if rung is rungs[0] else ""
-                write(panel, text, (largest, height + shift), (6, 0), size=8.5, color=colour)
-        panel.set(xscale="log", xlim=(LEAST_SHOWN, 1.0), xlabel="error over D, mean E_A to largest E_M")
+    drawn: list[Layers] = []
+    for way, colour, shift, width in (
+        ("aligned", GREY, -0.16, 3),
+        ("scene", ORANGE, 0.12, 6),
+    ):
+        each = [(getattr(rung, way), row + shift) for row, rung in enumerate(rungs)]
+        spans = [(max(errors.mean, LEAST_SHOWN), max(errors.largest, LEAST_SHOWN), row) for errors, row in each]
+        drawn.append(segments([(low, high, row, row, colour) for low, high, row in spans], width=width))
+        said = [
+            "exact" if errors.largest < LEAST_SHOWN else f"{errors.mean:.4f} to {errors.largest:.3f}"
+            for errors, _ in each
+        ]
+        ends = [(high, row, text, colour) for (_, high, row), text in zip(spans, said, strict=True)]
+        drawn.append(texts(ends, dx=6, size=10.5))
+    chart = panel(
+        Axis("error over D, mean E_A to largest E_M", LEAST_SHOWN, 1.0, log=True),
+        Axis.of_rows([f"{rung.given}\n{rung.share_of_answer:.0%} of the answer given" for rung in rungs]),
+        drawn,
+        Legend({"after Eq. 23, as the\npaper measures": GREY, "in the scene": ORANGE}),
+        width=480,
+        height=330,
+    )
 
     everything, nothing = rungs[1], rungs[-2]
     return Figure(
@@ -129,8 +165,7 @@ def leak_figure(findings: Findings) -> Figure:
                 "largest E_M, in the scene": [rung.scene.largest for rung in rungs],
             }
         ),
-        draw=draw,
-        size=(10.5, 4.6),
+        chart=chart,
         consequence="profile paper's parameter is the arc length of the decoded reference frame. Eq. 24 is built in "
         "this report alone.",
     )
@@ -145,12 +180,13 @@ def knot_figure(findings: Findings) -> Figure:
         "drawn": (shape.drawn, ORANGE, "... and they draw the knot"),
     }
 
-    def draw(canvas: Canvas) -> None:
-        panels = canvas.subplots(1, 3, sharex=True, sharey=True)
-        for panel, (points, colour, title) in zip(panels, shown.values(), strict=True):
-            panel.plot(points[:, 0], points[:, 1], color=colour, linewidth=2.2)
-            panel.set(title=title, xlabel="x over its range", aspect="equal", xlim=(-0.15, 1.15), ylim=(-0.15, 1.15))
-        panels[0].set_ylabel("y over its range")
+    x, y = (Axis(f"{axis} over its range", -0.15, 1.15) for axis in "xy")
+    chart = beside(
+        *(
+            panel(x, y, line(points[:, 0], points[:, 1], colour, width=2.2), title=title, width=250, height=250)
+            for points, colour, title in shown.values()
+        )
+    )
 
     listed = slice(0, None, LISTED)
     columns = {
@@ -165,8 +201,7 @@ def knot_figure(findings: Findings) -> Figure:
             "little more than each axis's range."
         ),
         table=Table.from_columns({"point": np.arange(len(shape.fitted))[listed], **columns}),
-        draw=draw,
-        size=(10.0, 3.9),
+        chart=chart,
     )
 
 
@@ -176,19 +211,29 @@ def elimination_figure(findings: Findings) -> Figure:
     frames = np.arange(len(found.motion_left))
     names = ("largest", "middle", "smallest")
 
-    def draw(canvas: Canvas) -> None:
-        left, right = canvas.subplots(1, 2)
-        left.set_xlim(0.5, len(frames) + 1.2)
-        for values, name, colour in zip(found.singular_values.T, names, (BLUE, GREY, ORANGE), strict=True):
-            left.semilogy(frames[1:], values[1:], "o-", color=colour)
-            label_ends(left, [(float(frames[-1]), float(values[-1]), name, colour)])
-        left.axhline(1.0, color="black", linewidth=1, linestyle=":")
-        write(left, "a rotation", (0.7, 1.05), size=8.5, va="bottom")
-        left.set(title="singular values of Eq. 23's matrix", xlabel="frame", xticks=frames[1:])
-        right.bar(frames[1:], found.motion_left[1:], color=BLUE, width=0.7)
-        right.axhline(1.0, color="black", linewidth=1, linestyle=":")
-        right.set(title="motion left after Eq. 23, over that after Eq. 19", ylabel="share", ylim=(0, 1.1))
-        right.set(xlabel="frame", xticks=frames[1:])
+    x = Axis("frame", 0.4, len(frames) - 0.4, ticks=frames[1:])
+    values = found.singular_values[1:]
+    chart = beside(
+        panel(
+            x,
+            Axis.around("", values, [1.0], log=True),
+            lines(
+                frames[1:],
+                dict(zip(names, zip(values.T, (BLUE, GREY, ORANGE), strict=True), strict=True)),
+                dots=40,
+            ),
+            level(x, 1.0, dashes=DOTTED),
+            texts([(0.5, 1.0, "a rotation", INK)], dy=8, size=10.5),
+            title="singular values of Eq. 23's matrix",
+        ),
+        panel(
+            x,
+            Axis("share", 0, 1.1),
+            boxes((at - 0.35, at + 0.35, 0, left, BLUE) for at, left in enumerate(found.motion_left[1:].tolist(), 1)),
+            level(x, 1.0, dashes=DOTTED),
+            title="motion left after Eq. 23, over that after Eq. 19",
+        ),
+    )
 
     return Figure(
         name="elimination",
@@ -206,8 +251,7 @@ def elimination_figure(findings: Findings) -> Figure:
                 "share of motion left": found.motion_left,
             }
         ),
-        draw=draw,
-        size=(10.0, 3.8),
+        chart=chart,
         consequence="it removes no transformation: affine maps of patches are among its functions of space, which "
         "nothing needs to invert.",
     )
@@ -223,70 +267,74 @@ DARK = 1.7
 
 def sweep_figure(findings: Findings) -> Figure:
     """Maps of every method over twist and frame rate, for each phase."""
-    cells = findings.cells
+    found = findings.cells
     grids = {
         (name, phase): np.reshape(
-            [times_table_1(cell.errors[name]) for cell in cells if cell.phase == phase],
+            [times_table_1(cell.errors[name]) for cell in found if cell.phase == phase],
             (len(TURNS), len(FRAME_RATES)),
         )
         for name in METHODS
         for phase in PHASES
     }
 
-    def draw(canvas: Canvas) -> None:
-        image: Any = None
-        panels = canvas.subplots(len(METHODS), len(PHASES), sharex=True, sharey=True)
-        x, y = np.arange(len(FRAME_RATES)), np.arange(len(TURNS))
-        limits = np.log2([SMALLEST_SHOWN, LARGEST_SHOWN])
-        for panel, phase in zip(panels[0], PHASES, strict=True):
-            panel.set_title(phase)
-        for panel in panels[-1]:
-            panel.set_xlabel("frames a second")
-        for row, name in zip(panels, METHODS, strict=True):
-            for panel, phase in zip(row, PHASES, strict=True):
-                grid = grids[name, phase]
-                image = panel.pcolormesh(
-                    x, y, np.log2(grid), cmap="cividis_r", vmin=limits[0], vmax=limits[1], shading="nearest"
-                )
-                panel.contour(x, y, grid, levels=[1.0], colors="black", linewidths=1.6)
-                panel.contour(x, y, grid, levels=[WITHIN], colors="black", linewidths=1.1, linestyles="--")
-                for (i, j), value in np.ndenumerate(grid):
-                    write(
-                        panel, f"{value:.1f}", (j, i), size=8, ha="center", color="white" if value > DARK else "black"
-                    )
-                panel.set_xticks(x, [str(rate) for rate in FRAME_RATES])
-                panel.set_yticks(y, [f"{turns:g}" for turns in TURNS])
-                panel.grid(False)
-            row[0].set_ylabel(f"{name.replace(', ', ',' + chr(10))}\n\nturns of the rope", fontsize=9)
-        bar = canvas.colorbar(image, ax=panels, ticks=range(-2, 4), extend="both", shrink=0.6)
-        bar.ax.set_yticklabels(["1/4", "1/2", "1", "2", "4", "8"])
-        bar.set_label("error over Table 1's (the larger of mean E_A and largest E_M)")
+    x, y = (
+        Axis.of_columns("", [str(rate) for rate in FRAME_RATES]),
+        Axis.of_columns("", [f"{turn:g}" for turn in TURNS]),
+    )
+    at_x, at_y = np.arange(len(FRAME_RATES) + 1) - 0.5, np.arange(len(TURNS) + 1) - 0.5
+    panels = []
+    for (name, phase), grid in grids.items():
+        words = [(j, i, f"{value:.1f}", "white" if value > DARK else "black") for (i, j), value in np.ndenumerate(grid)]
+        panels.append(
+            panel(
+                replace(x, title="frames a second" if name == HONEST_NAME else ""),
+                replace(y, title=f"{name.replace(', ', ',' + chr(10))}\nturns" if phase == "from rest" else ""),
+                cells(
+                    at_x,
+                    at_y,
+                    np.log2(grid),
+                    scheme="cividis",
+                    reverse=True,
+                    low=float(np.log2(SMALLEST_SHOWN)),
+                    high=float(np.log2(LARGEST_SHOWN)),
+                    title="error over Table 1's\n(the larger of mean E_A\nand largest E_M)",
+                    ticks=range(-2, 4),
+                    names=("1/4", "1/2", "1", "2", "4", "8"),
+                ),
+                borders(at_x, at_y, grid > 1.0),
+                borders(at_x, at_y, grid > WITHIN, dashes=DASHES),
+                texts(words, align="center", size=10),
+                title=phase if name == PRINTED_NAME else "",
+                width=230,
+                height=150,
+            )
+        )
+    chart = beside(*panels, columns=len(PHASES))
 
     rows: list[tuple[Value, ...]] = [
         (cell.turns, cell.frame_rate, cell.phase, name, errors.mean, errors.largest, times_table_1(errors))
-        for cell in cells
+        for cell in found
         for name, errors in cell.errors.items()
     ]
     return Figure(
         name="twist-and-frame-rate",
         title="Twist, frame rate and moment: where Table 1's level is reached",
         lesson=(
-            f"{len(cells)} ropes and windows, first curve. Table 1's level within a factor {WITHIN:g} is reached by "
-            f"the method as printed in {share_at_level(cells, PRINTED_NAME):.0%} of them; with u by index and Eq. 23 "
-            f"still kept in {share_at_level(cells, KNOWN_NAME):.0%}; with u of Eq. 24 in the scene in "
-            f"{share_at_level(cells, GIVEN_NAME):.0%}; with u by index in the scene, which is what a decoder can do "
-            f"without being given anything, in {share_at_level(cells, HONEST_NAME):.0%}. Giving u away is worth "
-            f"{median_ratio(cells, HONEST_NAME, GIVEN_NAME):.1f} times in the scene and "
-            f"{median_ratio(cells, KNOWN_NAME, PRINTED_NAME):.1f} times after Eq. 23 (medians of the mean errors); "
-            f"keeping Eq. 23 is worth {median_ratio(cells, HONEST_NAME, KNOWN_NAME):.1f} times with u by index. On "
+            f"{len(found)} ropes and windows, first curve. Table 1's level within a factor {WITHIN:g} is reached by "
+            f"the method as printed in {share_at_level(found, PRINTED_NAME):.0%} of them; with u by index and Eq. 23 "
+            f"still kept in {share_at_level(found, KNOWN_NAME):.0%}; with u of Eq. 24 in the scene in "
+            f"{share_at_level(found, GIVEN_NAME):.0%}; with u by index in the scene, which is what a decoder can do "
+            f"without being given anything, in {share_at_level(found, HONEST_NAME):.0%}. Giving u away is worth "
+            f"{median_ratio(found, HONEST_NAME, GIVEN_NAME):.1f} times in the scene and "
+            f"{median_ratio(found, KNOWN_NAME, PRINTED_NAME):.1f} times after Eq. 23 (medians of the mean errors); "
+            f"keeping Eq. 23 is worth {median_ratio(found, HONEST_NAME, KNOWN_NAME):.1f} times with u by index. On "
             "ropes of little twist, and at film's frame rate, the honest method reaches the paper's level; with three "
             "turns and long frames it does not. Solid line: Table 1; dashed: twice that."
         ),
         table=Table(
             ("turns", "frames a second", "phase", "method", "mean E_A", "largest E_M", "over Table 1"), tuple(rows)
         ),
-        draw=draw,
-        size=(10.5, 11.0),
+        chart=chart,
         consequence="its curves are cut into pieces and its clips into segments until the bound holds, so that twist "
         "costs bytes and not accuracy.",
     )

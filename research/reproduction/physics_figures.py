@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
-from pdecodec.report.charts.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, draw_lines, write
-from pdecodec.report.charts.figure import Canvas, Figure, Table, Value
+from pdecodec.report.charts.figure import Figure, Table, Value
+from pdecodec.report.charts.plots import BLUE, GREEN, GREY, ORANGE, PURPLE, Axis, beside, boxes, lines, panel, texts
+from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction.findings import Findings
 from pdecodec.research.reproduction.functions import (
     ALPHA,
@@ -27,21 +29,16 @@ def equation_figure(findings: Findings) -> Figure:
     solves = found.printed < ROUNDING
     short = growth_exponent(SHORT_WAVES, ALPHA, R) / math.log(10)
 
-    def draw(canvas: Canvas) -> None:
-        from matplotlib.patches import Rectangle
-
-        panel = canvas.subplots()
-        for (i, j), is_solved in np.ndenumerate(solves):
-            colour, text = (BLUE, "+K") if is_solved else (ORANGE, "-K")
-            panel.add_patch(Rectangle((j, i), 0.94, 0.9, color=colour))
-            write(panel, text, (j + 0.47, i + 0.45), size=9.5, ha="center", color="white", weight="bold")
-        panel.set(xlim=(0, 8), ylim=(4, 0))
-        panel.set_xticks(np.arange(8) + 0.47, NAMES_OF_SPACE, fontsize=8)
-        panel.set_yticks(np.arange(4) + 0.45, NAMES_OF_TIME)
-        panel.set_title("solves m w_tt = +K w_uuuu, Eq. 10 (blue), or m w_tt = -K w_uuuu (orange)")
-        panel.grid(False)
-        panel.tick_params(length=0)
-        panel.spines[:].set_visible(False)
+    shown = [(j, i, *((BLUE, "+K") if is_solved else (ORANGE, "-K"))) for (i, j), is_solved in np.ndenumerate(solves)]
+    chart = panel(
+        Axis.of_columns("", NAMES_OF_SPACE),
+        Axis.of_rows(NAMES_OF_TIME),
+        boxes((x - 0.47, x + 0.47, y - 0.45, y + 0.45, colour) for x, y, colour, _ in shown),
+        texts([(x, y, text, "white") for x, y, _, text in shown], align="center", bold=True),
+        title="solves m w_tt = +K w_uuuu, Eq. 10 (blue), or m w_tt = -K w_uuuu (orange)",
+        width=760,
+        height=200,
+    )
 
     return Figure(
         name="equation",
@@ -63,8 +60,7 @@ def equation_figure(findings: Findings) -> Figure:
                 "residual of w_tttt = (K/m)^2 w_uuuuuuuu": found.squared.ravel(),
             }
         ),
-        draw=draw,
-        size=(9.0, 3.2),
+        chart=chart,
         consequence="profile paper spans all 32.",
     )
 
@@ -75,20 +71,29 @@ def beam_figure(findings: Findings) -> Figure:
     second = found[2]
     colours = {TIED: BLUE, PLAIN: ORANGE, SPLINES: GREEN, TWO: PURPLE}
 
-    def draw(canvas: Canvas) -> None:
-        left, right = canvas.subplots(1, 2, sharey=True, width_ratios=(1.35, 1))
-        left.set(yscale="log", ylim=(1e-17, 10), xlim=(0.1, 3.3), xticks=(0.5, 1.0, 1.5, 2.0))
-        left.set(title="second mode", xlabel="periods within the clip", ylabel="error over the motion (rms)")
-        draw_lines(left, PERIODS, {name: (values, colours[name]) for name, values in second.items()})
-        at = int(np.argmin(np.abs(PERIODS - 1.0)))
-        numbers = np.array(list(found))
-        for name, colour in colours.items():
-            right.plot(numbers, [lines[name][at] for lines in found.values()], "o-", color=colour)
-        right.set(title="one period within the clip", xlabel="mode of the beam", xticks=numbers, xlim=(0.7, 4.3))
+    at = int(np.argmin(np.abs(PERIODS - 1.0)))
+    numbers = list(found)
+    left = Axis("error over the motion (rms)", 1e-17, 10, log=True)
+    of_modes = {name: ([drawn[name][at] for drawn in found.values()], colour) for name, colour in colours.items()}
+    chart = beside(
+        panel(
+            Axis("periods within the clip", 0.1, 2.0, ticks=(0.5, 1.0, 1.5, 2.0)),
+            left,
+            lines(PERIODS, {name: (values, colours[name]) for name, values in second.items()}),
+            title="second mode",
+        ),
+        panel(
+            Axis("mode of the beam", 0.7, 4.3, ticks=numbers),
+            replace(left, title=""),
+            lines(numbers, of_modes, labels=False, dots=40),
+            title="one period within the clip",
+            width=240,
+        ),
+    )
 
     rows: list[tuple[Value, ...]] = [
-        (number, float(periods), *(float(lines[name][i]) for name in colours))
-        for number, lines in found.items()
+        (number, float(periods), *(float(drawn[name][i]) for name in colours))
+        for number, drawn in found.items()
         for i, periods in enumerate(PERIODS)
     ]
     half = int(np.argmin(np.abs(PERIODS - 0.5)))
@@ -105,8 +110,7 @@ def beam_figure(findings: Findings) -> Figure:
             "holds where the motion is what Eq. 9 describes, with the beam's sign, and its rates are known."
         ),
         table=Table(("mode", "periods", *(f"{name} [rms over motion]" for name in colours)), tuple(rows)),
-        draw=draw,
-        size=(10.5, 4.4),
+        chart=chart,
         consequence="profile paper chooses alpha and r by what they leave; auto finds such motions as principal "
         "trajectories, one for each frequency.",
     )
@@ -116,20 +120,25 @@ def tied_figure(findings: Findings) -> Figure:
     """The rope with alpha = r^2 sqrt(K/m)."""
     found = findings.tied
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        panel.set(yscale="log", xlim=(0, 16.5), ylim=(0.01, 1.0), ylabel="mean E_A over D, in the scene")
-        panel.set(xlabel="r, over u in [0, 1]", xticks=range(0, 13, 2))
-        lines = {
-            "alpha = r^2 sqrt(K/m)": (found.tied, BLUE),
-            f"best alpha of {', '.join(f'{value:g}' for value in FREE_ALPHAS)}": (found.free, GREEN),
-            "polynomials": (np.full(TIED_RATES.size, found.polynomials), GREY),
-        }
-        draw_lines(panel, TIED_RATES, lines)
-        top = panel.secondary_xaxis("top", functions=(lambda r: r, lambda r: r))
-        shown = [2, 4, 6, 8, 10, 12]
-        top.set_xticks(shown, [f"{found.factor * r**2:.2g}" for r in shown])
-        top.set_xlabel("alpha that goes with it")
+    plain = np.full(TIED_RATES.size, found.polynomials)
+    drawn = {
+        "alpha = r^2 sqrt(K/m)": (found.tied, BLUE),
+        f"best alpha of {', '.join(f'{value:g}' for value in FREE_ALPHAS)}": (found.free, GREEN),
+        "polynomials": (plain, GREY),
+    }
+    shown = (0.5, 2, 4, 6, 8, 10, 12)
+    chart = panel(
+        Axis(
+            "r, over u in [0, 1]; below, the alpha that goes with it",
+            0,
+            12,
+            ticks=shown,
+            names=[f"{r:g}\n{found.factor * r**2:.2g}" for r in shown],
+        ),
+        Axis("mean E_A over D, in the scene", 0.01, 1.0, log=True),
+        lines(TIED_RATES, drawn),
+        width=WIDTH,
+    )
 
     best = int(np.argmin(found.tied))
     return Figure(
@@ -152,6 +161,5 @@ def tied_figure(findings: Findings) -> Figure:
                 "E_A, polynomials": np.full(TIED_RATES.size, found.polynomials),
             }
         ),
-        draw=draw,
-        size=(9.5, 4.4),
+        chart=chart,
     )

@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from pdecodec.mesh.arrays import Float64Array, Int32Array
-from pdecodec.report.charts.drawing import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    as_seen,
-    draw_mesh,
-    draw_near,
-    heat_map,
-    hide_axes,
-    quads_of,
-    write,
-)
-from pdecodec.report.charts.figure import Canvas, Figure, Table
+from pdecodec.report.charts.figure import Figure, Table
+from pdecodec.report.charts.pictures import Picture, View, as_seen, extent, heat_colours, polygons_of
+from pdecodec.report.charts.plots import BLUE, GREEN, ORANGE, Axis, Legend, beside, line, panel, text_at
 from pdecodec.research.reproduction import bspline, printed
 from pdecodec.research.reproduction.findings import Findings
 from pdecodec.research.reproduction.method import HONEST, PRINTED, frame_errors, reconstruct
@@ -47,6 +35,9 @@ AIR = 0.4
 PLAIN_COLOUR = (0.36, 0.52, 0.72)
 
 
+BAR = ("error over D", ("0", f"{ERROR_SHOWN / 2:g}", f"{ERROR_SHOWN:g} and more"))
+"""Title and marks of the scale of colours."""
+
 FRAMES_SHOWN = tuple(range(10))
 """Frames of Figures 2 and 4."""
 
@@ -59,13 +50,14 @@ def figure_2(findings: Findings) -> Figure:
     curves = findings.rope.curves
     quads = _thinned_quads(findings)
     seen = {frame: as_seen(curves[:, frame].reshape(-1, 3)) for frame in FRAMES_SHOWN}
-    low, high = _extent(seen.values())
+    corners = extent(*seen.values(), margin=AIR)
 
-    def draw(canvas: Canvas) -> None:
-        for panel, (frame, points) in zip(canvas.subplots(5, 2).T.ravel(), seen.items(), strict=True):
-            draw_mesh(panel, points, [quads], [np.broadcast_to(np.array(PLAIN_COLOUR), (len(quads), 3))])
-            hide_axes(panel, low, high)
-            panel.set_title(f"frame {frame}", loc="left", fontsize=9.5)
+    def picture() -> str:
+        found = Picture(1050, 640)
+        titles = [f"frame {frame}" for frame in FRAMES_SHOWN]
+        for view, points in zip(found.grid(5, 2, corners, titles, bar=False), seen.values(), strict=True):
+            view.mesh(points, [quads], [_plain(quads)])
+        return found.svg()
 
     sag = [float(curves[..., 1].min(axis=(0, 2))[frame]) for frame in FRAMES_SHOWN]
     return Figure(
@@ -76,26 +68,21 @@ def figure_2(findings: Findings) -> Figure:
             f"{-sag[-1]:.1f} m at its lowest by frame 9, with its ends shaken and twisted."
         ),
         table=Table.from_columns({"frame": FRAMES_SHOWN, "lowest point [m]": sag}),
-        draw=draw,
-        size=(10.5, 8.0),
+        picture=picture,
     )
 
 
 def figure_3(findings: Findings) -> Figure:
     """Figure 3: the model."""
     rope = findings.rope
-    quads = quads_of(rope.clip.connectivity)
+    quads = polygons_of(rope.clip.connectivity)[0]
     seen = as_seen(rope.curves[:, 0].reshape(-1, 3))
-    colours = np.broadcast_to(np.array(PLAIN_COLOUR), (len(quads), 3))
 
-    def draw(canvas: Canvas) -> None:
-        whole, near = canvas.subplots(2, 1, height_ratios=(1, 2.2))
-        draw_mesh(whole, seen, [quads], [colours])
-        low, high = _extent([seen])
-        hide_axes(whole, low, high)
-        start, end = np.quantile(seen[:, 0], CLOSE_UP)
-        part = seen[(seen[:, 0] >= start) & (seen[:, 0] <= end), :2]
-        draw_near(near, seen, quads, colours, part.min(axis=0) - 0.1, part.max(axis=0) + 0.1)
+    def picture() -> str:
+        found = Picture(1050, 400)
+        found.view((10, 20, 1030, 110), extent(seen, margin=AIR)).mesh(seen, [quads], [_plain(quads)])
+        _close_up(found, (10, 170, 1030, 220), seen, quads, _plain(quads), _part(seen), 0.1)
+        return found.svg()
 
     settings = rope.settings
     counts = {"vertices": settings.rings * settings.sides, "curves": settings.sides, "points a curve": settings.rings}
@@ -108,8 +95,7 @@ def figure_3(findings: Findings) -> Figure:
             "length. The paper's model is another, from a collection of printable shapes."
         ),
         table=Table.from_columns({"of": list(counts), "count": list(counts.values())}),
-        draw=draw,
-        size=(10.5, 4.0),
+        picture=picture,
     )
 
 
@@ -117,13 +103,14 @@ def figure_4(findings: Findings) -> Figure:
     """Figure 4: all curves at frames 0 to 9."""
     curves = findings.rope.curves
     seen = as_seen(curves.reshape(-1, 3)).reshape(curves.shape)
-    low, high = _extent([seen.reshape(-1, 3)])
+    corners = extent(seen, margin=AIR)
 
-    def draw(canvas: Canvas) -> None:
-        for panel, frame in zip(canvas.subplots(5, 2).T.ravel(), FRAMES_SHOWN, strict=True):
-            panel.plot(seen[:, frame, :, 0].T, seen[:, frame, :, 1].T, color=BLUE, linewidth=0.35)
-            hide_axes(panel, low, high)
-            panel.set_title(f"frame {frame}", loc="left", fontsize=9.5)
+    def picture() -> str:
+        found = Picture(1050, 640)
+        titles = [f"frame {frame}" for frame in FRAMES_SHOWN]
+        for frame, view in enumerate(found.grid(5, 2, corners, titles, bar=False)):
+            view.curves(seen[:, frame, ::THINNED], [BLUE] * len(seen), width=0.4)
+        return found.svg()
 
     lengths = np.linalg.norm(np.diff(curves, axis=2), axis=-1).sum(axis=2)
     return Figure(
@@ -140,8 +127,7 @@ def figure_4(findings: Findings) -> Figure:
                 "mean length [m]": lengths.mean(axis=0)[: len(FRAMES_SHOWN)],
             }
         ),
-        draw=draw,
-        size=(10.5, 8.0),
+        picture=picture,
     )
 
 
@@ -156,24 +142,23 @@ def figure_5(findings: Findings) -> Figure:
         "B-splines, fair": np.stack([bspline.fair(curve) for curve in curves]),
     }
     errors = {name: np.linalg.norm(points - curves, axis=-1) / rope.diameter for name, points in rebuilt.items()}
-    low, high = _extent([as_seen(curves[:, list(BETWEEN)].reshape(-1, 3))])
+    corners = extent(as_seen(curves[:, list(BETWEEN)].reshape(-1, 3)), margin=AIR)
 
-    def draw(canvas: Canvas) -> None:
-        heat = heat_map(ERROR_SHOWN)
-        panels = canvas.subplots(len(BETWEEN), len(rebuilt))
-        for row, frame in zip(panels, BETWEEN, strict=True):
-            for panel, (name, points) in zip(row, rebuilt.items(), strict=True):
-                distances = errors[name][:, frame].ravel()
-                colours = np.broadcast_to(np.array(PLAIN_COLOUR), (len(quads), 3))
-                if name != "XPBD":
-                    colours = heat.to_rgba(distances[quads].max(axis=1))[:, :3]
-                draw_mesh(panel, as_seen(points[:, frame].reshape(-1, 3)), [quads], [colours])
-                hide_axes(panel, low, high)
-                heading = f"{name}\n" if frame == BETWEEN[0] else ""
-                text = f"frame {frame}" if name == "XPBD" else f"E_A {distances.mean():.4f}"
-                panel.set_title(heading + text, loc="left", fontsize=9)
-        bar = canvas.colorbar(heat, ax=panels, shrink=0.5, extend="max")
-        bar.set_label("error over D")
+    def picture() -> str:
+        found = Picture(1150, 640)
+        titles = [
+            (f"{name}\n" if frame == BETWEEN[0] else "")
+            + (f"frame {frame}" if name == "XPBD" else f"E_A {errors[name][:, frame].mean():.4f}")
+            for frame in BETWEEN
+            for name in rebuilt
+        ]
+        views = iter(found.grid(len(BETWEEN), len(rebuilt), corners, titles, bar=True))
+        for frame in BETWEEN:
+            for name, points in rebuilt.items():
+                shares = None if name == "XPBD" else errors[name][:, frame].ravel() / ERROR_SHOWN
+                next(views).mesh(as_seen(points[:, frame].reshape(-1, 3)), [quads], [_colours(quads, shares)])
+        found.colour_bar(*BAR, x=1062, y=220, height=200)
+        return found.svg()
 
     rows = tuple(
         (frame, name, float(values[:, frame].mean()), float(values[:, frame].max()))
@@ -192,8 +177,7 @@ def figure_5(findings: Findings) -> Figure:
             "thickness is 0.0125."
         ),
         table=Table(("frame", "method", "mean error over D", "largest error over D"), rows),
-        draw=draw,
-        size=(11.0, 7.4),
+        picture=picture,
     )
 
 
@@ -206,12 +190,36 @@ def _thinned_quads(findings: Findings) -> Int32Array:
     return np.stack([grid[:, :-1], grid[:, 1:], on[:, 1:], on[:, :-1]], axis=-1).reshape(-1, 4)
 
 
-def _extent(clouds: Iterable[Float64Array]) -> tuple[Float64Array, Float64Array]:
-    """Corners of a picture that holds all points, with a little air around."""
-    clouds = list(clouds)
-    low = np.min([points[:, :2].min(axis=0) for points in clouds], axis=0)
-    high = np.max([points[:, :2].max(axis=0) for points in clouds], axis=0)
-    return low - AIR, high + AIR
+def _plain(quads: Int32Array) -> Float64Array:
+    return np.broadcast_to(np.array(PLAIN_COLOUR), (len(quads), 3))
+
+
+def _colours(quads: Int32Array, shares: Float64Array | None) -> Float64Array:
+    """Return a colour for each quad: that of its largest error, of errors by vertex over the largest one shown."""
+    return _plain(quads) if shares is None else heat_colours(shares[quads].max(axis=1))
+
+
+def _part(seen: Float64Array) -> Float64Array:
+    """Return the points that are seen close up: a part of the rope along x."""
+    start, end = np.quantile(seen[:, 0], CLOSE_UP)
+    return np.asarray(seen[(seen[:, 0] >= start) & (seen[:, 0] <= end)])
+
+
+def _close_up(
+    picture: Picture,
+    box: tuple[float, float, float, float],
+    seen: Float64Array,
+    quads: Int32Array,
+    colours: Float64Array,
+    part: Float64Array,
+    margin: float,
+) -> View:
+    """Draw the quads with a vertex near a part of the picture's plane."""
+    low, high = corners = extent(part, margin=margin)
+    is_near = np.all((seen[:, :2] > low) & (seen[:, :2] < high), axis=1)[quads].any(axis=1)
+    view = picture.view(box, corners)
+    view.mesh(seen, [quads[is_near]], [colours[is_near]], lines=True)
+    return view
 
 
 def figure_6(findings: Findings) -> Figure:
@@ -260,31 +268,35 @@ def _overlays(
         for measure, values in (("E_A", item.average), ("E_M", item.maximum))
     }
 
-    def draw(canvas: Canvas) -> None:
-        panels = canvas.subplots(4, 3, sharex=True, sharey=True).ravel()
-        for frame, panel in enumerate(panels[: len(curve)]):
-            panel.plot(curve[frame, :, 0], curve[frame, :, 1], color=BLUE, linewidth=3.2)
-            for index, (label, (colour, found)) in enumerate(drawn.items()):
-                panel.plot(found[frame, :, 0], found[frame, :, 1], color=colour, linewidth=1.1)
-                text = f"E_A {errors[label].average[frame]:.4f}"
-                place: dict[str, Any] = {"xycoords": "axes fraction", "ha": "right", "va": "baseline"}
-                write(panel, text, (0.98, 0.04 + 0.11 * index), size=8, color=colour, **place)
-            panel.set_title(f"frame {frame}" + (", keyframe" if frame % 2 == 0 else ""), fontsize=9, loc="left")
-            panel.set_xlim(low[0] - margin[0], high[0] + margin[0])
-            panel.set_ylim(low[1] - 2 * margin[1], high[1] + 2 * margin[1])
-        for panel in panels[9:]:
-            panel.set_xlabel("x [m]")
-        for panel in panels[::3]:
-            panel.set_ylabel("y [m]")
-        panels[-1].set_axis_off()
-        names = {"XPBD": (0.75, BLUE)}
-        names |= {label: (0.55 - 0.2 * index, colour) for index, (label, (colour, _)) in enumerate(drawn.items())}
-        for label, (height, colour) in names.items():
-            look: dict[str, Any] = {"xycoords": "axes fraction", "weight": "bold", "va": "baseline"}
-            write(panels[-1], label, (0.05, height), size=11, color=colour, **look)
+    x = Axis("", low[0] - margin[0], high[0] + margin[0])
+    y = Axis("", low[1] - 2 * margin[1], high[1] + 2 * margin[1])
+    legend = Legend({"XPBD": BLUE, **{label: colour for label, (colour, _) in drawn.items()}})
+    panels = []
+    for frame in range(len(curve)):
+        said = [
+            text_at(f"E_A {errors[label].average[frame]:.4f}", 226, 140 - 15.0 * row, colour, align="right", size=10)
+            for row, (label, (colour, _)) in enumerate(drawn.items())
+        ]
+        panels.append(
+            panel(
+                replace(x, title="x [m]" if frame > 7 else ""),
+                replace(y, title="y [m]" if frame % 3 == 0 else ""),
+                line(curve[frame, ::THINNED, 0], curve[frame, ::THINNED, 1], BLUE, name="XPBD", width=3.2),
+                [
+                    line(at[frame, ::THINNED, 0], at[frame, ::THINNED, 1], colour, name=label, width=1.1)
+                    for label, (colour, at) in drawn.items()
+                ],
+                said,
+                [legend] if frame == len(curve) - 1 else [],
+                title=f"frame {frame}" + (", keyframe" if frame % 2 == 0 else ""),
+                width=230,
+                height=150,
+            )
+        )
+    chart = beside(*panels, columns=3)
 
     table = Table.from_columns({"frame": np.arange(len(curve)), **columns})
-    return Figure(name, title, lesson, table, draw, (11.0, 8.2))
+    return Figure(name, title, lesson, table, chart)
 
 
 def meshes_figure(findings: Findings) -> Figure:
@@ -301,33 +313,25 @@ def meshes_figure(findings: Findings) -> Figure:
         name: np.linalg.norm(points - curves[:, MESH_FRAME], axis=-1).ravel() / rope.diameter
         for name, points in rebuilt.items()
     }
-    quads = quads_of(rope.clip.connectivity)
+    quads = polygons_of(rope.clip.connectivity)[0]
 
-    def draw(canvas: Canvas) -> None:
-        heat = heat_map(ERROR_SHOWN)
-        panels = canvas.subplots(len(rebuilt), 2, width_ratios=(2.1, 1))
+    def picture() -> str:
+        found = Picture(1150, 800)
         seen = {name: as_seen(points.reshape(-1, 3)) for name, points in rebuilt.items()}
-        target = seen["XPBD"][:, :2]
-        # Close up is a part of the rope along x.
-        start, end = np.quantile(target[:, 0], CLOSE_UP)
-        part = target[(target[:, 0] >= start) & (target[:, 0] <= end)]
-        for (name, points), (whole, near) in zip(seen.items(), panels, strict=True):
-            title, colours = name, np.broadcast_to(np.array(PLAIN_COLOUR), (len(quads), 3))
-            if name != "XPBD":
-                title = f"{name}: mean error {distances[name].mean():.4f} D"
-                colours = heat.to_rgba(distances[name][quads].max(axis=1))[:, :3]
-            draw_mesh(whole, points, [quads], [colours])
-            hide_axes(whole, target.min(axis=0) - 0.6, target.max(axis=0) + 0.6)
-            draw_near(near, points, quads, colours, part.min(axis=0) - 0.5, part.max(axis=0) + 0.5)
-            whole.set_title(title, loc="left", fontsize=10)
-        panels[0, 1].set_title("close up", loc="left", fontsize=10)
-        for panel in panels[0]:
-            # A metre in each picture says how much closer the one is.
-            right, low = panel.get_xlim()[1], panel.get_ylim()[0]
-            panel.plot([right - 1.0, right], [low, low], color="black", linewidth=2.5, clip_on=False)
-            write(panel, "1 m", (right - 0.5, low), (0, -4), size=9, ha="center", va="top", annotation_clip=False)
-        bar = canvas.colorbar(heat, ax=panels[:, 1], shrink=0.4, extend="max")
-        bar.set_label("error over D")
+        for row, (name, points) in enumerate(seen.items()):
+            shares = None if name == "XPBD" else distances[name] / ERROR_SHOWN
+            colours, top = _colours(quads, shares), 160 * row + 30
+            title = name if shares is None else f"{name}: mean error {distances[name].mean():.4f} D"
+            view = found.view((10, top, 690, 120), extent(seen["XPBD"], margin=0.6), title)
+            view.mesh(points, [quads], [colours])
+            near = _close_up(found, (720, top, 320, 120), points, quads, colours, _part(seen["XPBD"]), 0.5)
+            for each in (view, near) if shares is None else ():
+                # A metre in each picture says how much closer the one is.
+                each.curves([np.array([[0.0, 0.0], [1.0, 0.0]]) + each.low], ["black"], width=2.5)
+                each.text(each.low + np.array([0.0, 0.08]), "1 m")
+        found.text(720, 22, "close up")
+        found.colour_bar(*BAR, x=1062, y=300, height=200)
+        return found.svg()
 
     return Figure(
         name="meshes",
@@ -346,6 +350,5 @@ def meshes_figure(findings: Findings) -> Figure:
                 "largest error over D": [values.max() for values in distances.values()],
             }
         ),
-        draw=draw,
-        size=(11.0, 8.6),
+        picture=picture,
     )

@@ -8,8 +8,22 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pdecodec.mesh.arrays import Float64Array
-from pdecodec.report.charts.drawing import BLUE, FAILING, FAILURE, GREEN, GREY, ORANGE, draw_lines, mark_failing, write
-from pdecodec.report.charts.figure import Canvas, Figure, Section, Table
+from pdecodec.report.charts.figure import Figure, Section, Table
+from pdecodec.report.charts.plots import (
+    BLUE,
+    FAILING,
+    FAILURE,
+    GREEN,
+    GREY,
+    ORANGE,
+    Axis,
+    Fails,
+    boxes,
+    lines,
+    panel,
+    texts,
+)
+from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction.method import affine_between, rotation_between
 
 POINTS = 120
@@ -91,13 +105,13 @@ def thinning_figure(count: int) -> Figure:
         if name != PLAIN
     }
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        panel.set(xscale="log", yscale="log", xlim=(1.0, 1e-18), ylim=(1e-6, 400))
-        panel.set_xticks(10.0 ** np.arange(0, -13, -2))
-        panel.set(xlabel="thickness of the curve, over its length", ylabel="turn between equal frames [degrees]")
-        draw_lines(panel, thickness, {name: (values, METHODS[name][1]) for name, values in found.items()})
-        mark_failing(panel, "fails: the curve spins by rounding alone", above=JITTERS)
+    chart = panel(
+        Axis("thickness of the curve, over its length", 1.0, 1e-12, log=True),
+        Axis("turn between equal frames [degrees]", 1e-6, 400, log=True),
+        Fails("fails: the curve spins by rounding alone", above=JITTERS),
+        lines(thickness, {name: (values, METHODS[name][1]) for name, values in found.items()}),
+        width=WIDTH,
+    )
 
     fails_at = float(thickness[found[PROPER] > JITTERS].max(initial=0.0))
     ours = found[LEAST]
@@ -115,8 +129,7 @@ def thinning_figure(count: int) -> Figure:
         table=Table.from_columns(
             {"thickness": thickness, **{f"{name} [degrees]": values for name, values in found.items()}}
         ),
-        draw=draw,
-        size=(9.5, 4.2),
+        chart=chart,
         consequence="it removes no rotation; this report's own has that pull: of all that fit equally well, the one "
         "that turns least.",
     )
@@ -147,21 +160,15 @@ def case_figure() -> Figure:
 
     verdicts = [verdict(row[3], row[4], row[6]) for row in rows]
 
-    def draw(canvas: Canvas) -> None:
-        from matplotlib.patches import Rectangle
-
-        panel = canvas.subplots()
-        for index, (text, fine) in enumerate(verdicts):
-            case, method = divmod(index, len(METHODS))
-            panel.add_patch(Rectangle((case, -method), 0.94, 0.9, color="#DCE9F5" if fine else FAILING))
-            colour = "#123" if fine else FAILURE
-            write(panel, text, (case + 0.47, -method + 0.45), size=8, ha="center", color=colour)
-        panel.set(xlim=(0, len(shown)), ylim=(-len(METHODS) + 1, 1))
-        panel.set_xticks(np.arange(len(shown)) + 0.47, [f"{kind},\n{change}" for kind, change in shown])
-        panel.set_yticks(0.45 - np.arange(len(METHODS)), list(METHODS))
-        panel.grid(False)
-        panel.tick_params(length=0)
-        panel.spines[:].set_visible(False)
+    places = [(*divmod(index, len(METHODS)), text, fine) for index, (text, fine) in enumerate(verdicts)]
+    chart = panel(
+        Axis.of_columns("", [f"{kind},\n{change}" for kind, change in shown]),
+        Axis.of_rows(list(METHODS)),
+        boxes((x - 0.47, x + 0.47, y - 0.45, y + 0.45, "#DCE9F5" if fine else FAILING) for x, y, _, fine in places),
+        texts([(x, y, text, "#112233" if fine else FAILURE) for x, y, text, fine in places], align="center", size=10),
+        width=760,
+        height=220,
+    )
 
     def failing(name: str) -> int:
         return sum(not fine for row, (_, fine) in zip(rows, verdicts, strict=True) if row[2] == name)
@@ -179,8 +186,7 @@ def case_figure() -> Figure:
             ("curve", "moved by", "method", "determinant", "distance from orthogonal", "left over", "spin [degrees]"),
             tuple(rows),
         ),
-        draw=draw,
-        size=(11.0, 3.4),
+        chart=chart,
     )
 
 
@@ -203,12 +209,13 @@ def turn_figure(count: int) -> Figure:
     }
     found = {name: [halfway_error(between, angle) for angle in degrees.tolist()] for name, (between, _) in ways.items()}
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        panel.set(xlabel="turn from one keyframe to the next [degrees]", xlim=(0, 480), ylim=(0, 2.1))
-        panel.set(ylabel="error half-way, over the curve's size", xticks=range(0, 361, 60))
-        draw_lines(panel, degrees, {name: (values, ways[name][1]) for name, values in found.items()})
-        mark_failing(panel, "nobody can know:\nit may have turned the other way", right_of=180.0, at=0.25)
+    chart = panel(
+        Axis("turn from one keyframe to the next [degrees]", 0, 360, ticks=range(0, 361, 60)),
+        Axis("error half-way, over the curve's size", 0, 2.1),
+        Fails("nobody can know:\nit may have turned the other way", right_of=180.0, at=0.25),
+        lines(degrees, {name: (values, ways[name][1]) for name, values in found.items()}),
+        width=WIDTH,
+    )
 
     def value(name: str, angle: float) -> float:
         return found[name][int(np.argmin(np.abs(degrees - angle)))]
@@ -223,8 +230,7 @@ def turn_figure(count: int) -> Figure:
             "ways round are equally far: beyond, the keyframes themselves no longer say what happened."
         ),
         table=Table.from_columns({"turn [degrees]": degrees, **found}),
-        draw=draw,
-        size=(9.0, 4.0),
+        chart=chart,
     )
 
 

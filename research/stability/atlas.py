@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.sequence import Progress
-from pdecodec.report.charts.drawing import require_drawing
 from pdecodec.report.charts.figure import Report, Section
+from pdecodec.report.charts.vegalite import require_drawing
 from pdecodec.research.stability.alignment import alignment_section
 from pdecodec.research.stability.codec import codec_section
 from pdecodec.research.stability.fit_data import extrapolation_figure, few_figure, gap_figure, noise_figure

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -16,18 +16,9 @@ from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.metrics import bits_per_vertex_frame, frame_scale, measure_distortion
 from pdecodec.mesh.sequence import ArraySequence
 from pdecodec.mesh.surface_metrics import SurfaceDistortion, measure_surface
-from pdecodec.report.charts.drawing import (
-    BLUE,
-    FAILING,
-    FAILURE,
-    GREEN,
-    ORANGE,
-    label_ends,
-    mark_failing,
-    name_rows,
-    write,
-)
-from pdecodec.report.charts.figure import Canvas, Figure, Section, Table, Value
+from pdecodec.report.charts.figure import Figure, Section, Table, Value
+from pdecodec.report.charts.plots import BLUE, GREEN, INK, ORANGE, Axis, Fails, Legend, beside, dots, line, lines, panel
+from pdecodec.report.charts.vegalite import Chart
 from pdecodec.research.stability.nasty_clips import FPS, NASTY, far_away, impact, teleport
 
 TOLERANCE = 1e-3
@@ -86,24 +77,39 @@ def stress_figure(side: int, frames: int) -> Figure:
             kg_error = item.kg_error if math.isfinite(item.kg_error) else None
             rows.append((name, profile, item.bits, item.error, kg_error, *astuple(item.surface)))
 
-    def draw(canvas: Canvas) -> None:
-        left, right = canvas.subplots(1, 2, sharey=True)
-        heights = name_rows(left, list(clips), space=0.1, lines=0.4)
-        right.grid(axis="y", alpha=0.4)
-        left.set(xscale="log", xlim=(0.02, 600), xlabel="bits a vertex and frame")
-        right.set(xscale="log", xlim=(3e-4, 1e9), xlabel="largest error over the tolerance of 1e-3")
-        for (profile, (_, colour)), marker in zip(PROFILES.items(), "oD", strict=True):
-            each = found[profile].values()
-            for panel, values in ((left, [item.bits for item in each]), (right, [item.error for item in each])):
-                panel.plot(np.maximum(values, 4e-4), heights, marker, color=colour, markersize=6.5)
-        # Named where the two are apart: the smaller at its left, the larger at its right.
-        bits = {profile: found[profile]["topology soup"].bits for profile in PROFILES}
-        row = heights[list(clips).index("topology soup")]
-        for profile, offset, place in zip(sorted(bits, key=bits.__getitem__), (-8, 8), ("right", "left"), strict=True):
-            colour = PROFILES[profile][1]
-            write(left, profile, (bits[profile], row), (offset, 0), size=8.5, ha=place, color=colour)
-        mark_failing(left, "larger\nthan raw", right_of=RAW_BITS, at=0.12)
-        mark_failing(right, "fails: beyond the bound", right_of=1.0 + 1e-9, at=0.05)
+    rows_axis = replace(Axis.of_rows(list(clips)), grid=True)
+    measures: dict[str, tuple[Axis, Fails]] = {
+        "bits": (
+            Axis("bits a vertex and frame", 0.02, 600, log=True),
+            Fails("larger\nthan raw", right_of=RAW_BITS, at=0.05),
+        ),
+        "error": (
+            Axis("largest error over the tolerance of 1e-3", 3e-4, 1e9, log=True),
+            Fails("fails: beyond the bound", right_of=1.0),
+        ),
+    }
+    chart = beside(
+        *(
+            panel(
+                axis,
+                rows_axis,
+                fails,
+                [
+                    dots(
+                        [max(getattr(item, field), 4e-4) for item in found[name].values()],
+                        range(len(clips)),
+                        colour,
+                        name=name,
+                        shape=shape,
+                        size=80,
+                    )
+                    for (name, (_, colour)), shape in zip(PROFILES.items(), ("circle", "diamond"), strict=True)
+                ],
+                [Legend({name: colour for name, (_, colour) in PROFILES.items()})] if field == "error" else [],
+            )
+            for field, (axis, fails) in measures.items()
+        )
+    )
 
     worst = {profile: max((item.error, name) for name, item in found[profile].items()) for profile in PROFILES}
     dearest = max((item.bits, name) for name, item in found["auto"].items())
@@ -123,8 +129,7 @@ def stress_figure(side: int, frames: int) -> Figure:
             ),
             tuple(rows),
         ),
-        draw=draw,
-        size=(10.5, 4.4),
+        chart=chart,
         consequence=(
             "auto takes whatever is cheapest at the bound, and corrects single vertices where no model holds; profile "
             "paper is for comparison and says in its report what error it leaves."
@@ -157,27 +162,34 @@ def between_figure(side: int, samples: int) -> Figure:
                 if profile == "auto":
                     spline = CubicSpline(clip.times, animation.to_array().points[:, vertex, axis].astype(np.float64))
                     found[name, UNBROKEN] = spline(at)
-        for line in colours:
-            values = found[name, line]
-            overshoot[name, line] = float(np.maximum(values - high, low - values).max() / np.ptp(path))
+        for curve in colours:
+            values = found[name, curve]
+            overshoot[name, curve] = float(np.maximum(values - high, low - values).max() / np.ptp(path))
     rows: list[tuple[Value, ...]] = [
-        (name, float(t), *(float(found[name, line][i]) for line in colours))
+        (name, float(t), *(float(found[name, curve][i]) for curve in colours))
         for name in clips
         for i, t in enumerate(times[name])
     ]
 
-    def draw(canvas: Canvas) -> None:
-        for panel, (name, (clip, axis)) in zip(canvas.subplots(1, 2), clips.items(), strict=True):
-            x = times[name] * FPS
-            inside = np.arange(np.ceil(x[0]), np.floor(x[-1]) + 1).astype(int)
-            shown = clip.points[inside, vertex, axis]
-            for line, colour in colours.items():
-                panel.plot(x, found[name, line], color=colour, linestyle="--" if line == UNBROKEN else "-")
-            panel.plot(inside, shown, "ko", markersize=4)
-            panel.set(title=name, xlabel="frame", ylabel=f"{'xyz'[axis]} of one vertex, sheet of side 1")
-            panel.set_xlim(x[0], x[-1] + 0.4 * (x[-1] - x[0]))
-            ends = [(x[-1], float(found[name, line][-1]), line, colour) for line, colour in colours.items()]
-            label_ends(panel, [*ends, (x[-1], float(shown[-1]), "frames (dots)", "black")])
+    panels: list[Chart] = []
+    for name, (clip, axis) in clips.items():
+        x = times[name] * FPS
+        inside = np.arange(np.ceil(x[0]), np.floor(x[-1]) + 1).astype(int)
+        shown = clip.points[inside, vertex, axis]
+        curves = {curve: (found[name, curve], colour) for curve, colour in colours.items()}
+        panels.append(
+            panel(
+                Axis("frame", float(x[0]), float(x[-1])),
+                Axis.around(
+                    f"{'xyz'[axis]} of one vertex, sheet of side 1", shown, *(item for item, _ in curves.values())
+                ),
+                lines(x, curves, dashed=[UNBROKEN], labels=False),
+                dots(inside, shown, INK, size=40),
+                [Legend({**colours, "frames (dots)": INK})] if panels else [],
+                title=name,
+            )
+        )
+    chart = beside(*panels)
 
     return Figure(
         name="codec-between",
@@ -191,8 +203,7 @@ def between_figure(side: int, samples: int) -> Figure:
             f"{overshoot['teleporting', 'paper']:.0%} of the jump."
         ),
         table=Table(("clip", "time [s]", *colours), tuple(rows)),
-        draw=draw,
-        size=(10.5, 4.2),
+        chart=chart,
         consequence=(
             "a jump, that is a step eight times as long as the two on either side of it, is written into the file, and "
             "motion goes straight across it; the bound is promised at the input's frames and nowhere else, so encode "
@@ -208,19 +219,29 @@ def distance_figure(side: int, frames: int, count: int) -> Figure:
     bits, errors = np.array([item.bits for item in found]), np.array([item.error for item in found])
     spacing = np.spacing(offsets.astype(np.float32)).astype(np.float64) / (TOLERANCE * np.sqrt(2.0))
 
-    def draw(canvas: Canvas) -> None:
-        left, right = canvas.subplots(1, 2)
-        for panel, values in ((left, errors), (right, bits)):
-            panel.set(xscale="log", xlabel="distance from the origin, over the clip's size", xlim=(1, 1e7))
-            panel.plot(offsets, values, "o-", color=BLUE)
-        left.set(ylabel="largest error over the bound", ylim=(0, 1.25), title="the bound")
-        mark_failing(left, "fails", above=1.0)
-        right.set(ylabel="bits a vertex and frame", title="what it costs", ylim=(0, 1.35 * bits.max()))
-        beyond = offsets[spacing > 1].min(initial=offsets[-1])
-        for panel in (left, right):
-            panel.axvspan(beyond, 1e7, color=FAILING, zorder=0, linewidth=0)
-        place = (beyond, right.get_ylim()[1])
-        write(right, "float32 coarser\nthan the bound", place, (4, -4), size=8.5, va="top", color=FAILURE)
+    beyond = float(offsets[spacing > 1].min(initial=offsets[-1]))
+    chart = beside(
+        *(
+            panel(
+                Axis("distance from the origin, over the clip's size", 1, 1e7, log=True),
+                Axis(label, 0, top),
+                Fails(words, right_of=beyond),
+                [Fails("fails", above=1.0)] if values is errors else [],
+                line(offsets, values, BLUE, dots=40),
+                title=title,
+            )
+            for values, label, top, title, words in (
+                (errors, "largest error over the bound", 1.25, "the bound", ""),
+                (
+                    bits,
+                    "bits a vertex and frame",
+                    1.35 * float(bits.max()),
+                    "what it costs",
+                    "float32 coarser\nthan the bound",
+                ),
+            )
+        )
+    )
 
     return Figure(
         name="codec-distance",
@@ -239,8 +260,7 @@ def distance_figure(side: int, frames: int, count: int) -> Figure:
                 "float32 spacing over the bound": spacing,
             }
         ),
-        draw=draw,
-        size=(10.0, 4.0),
+        chart=chart,
         consequence=(
             "the last bits of float32 are budgeted in the bound; move a clip to the origin before encoding where you "
             "can."

@@ -10,13 +10,28 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from pdecodec.mesh.arrays import Float64Array
-from pdecodec.report.charts.drawing import BLUE, GREEN, GREY, ORANGE, mark_failing, write
-from pdecodec.report.charts.figure import Canvas, Figure, Table, Value
+from pdecodec.report.charts.figure import Figure, Table, Value
+from pdecodec.report.charts.plots import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    ORANGES,
+    Axis,
+    Fails,
+    Legend,
+    beside,
+    cells,
+    edges,
+    line,
+    panel,
+    texts,
+)
 from pdecodec.simulate import Solver, System, build
 from pdecodec.simulate.constraints import Method
 from pdecodec.simulate.distance import ChainConstraints, DistanceConstraints
@@ -142,22 +157,26 @@ def extremes_figure(*, quick: bool) -> Figure:
     }
     mass, chain, stiff, sheet = (lines for _, lines in panels.values())
 
-    def draw(canvas: Canvas) -> None:
-        for panel, (what, (x, lines)) in zip(canvas.subplots(2, 2).ravel(), panels.items(), strict=True):
-            is_stiff = lines is stiff
-            top = 1e12 if is_stiff else 1e3
-            panel.set(xscale="log", yscale="log", xlabel=what, xlim=(x[0], x[-1]), ylim=(1e-7, top))
-            panel.set_ylabel("stretch over the material's, less 1" if is_stiff else "stretch over the length")
-            for name, values in lines.items():
-                panel.plot(x, np.maximum(values, LEAST), "o-", color=WAYS[name].colour)
-            text = "fails: wrong by half" if is_stiff else "fails: stretched by a tenth"
-            mark_failing(panel, text, above=STIFF_FAILS if is_stiff else FAILS)
-            if x.size < 6:
-                panel.set_xticks(x, [f"{value:g}" for value in x])
-                panel.minorticks_off()
-        canvas.legend(
-            handles=[_line(way.colour, name) for name, way in WAYS.items()], loc="outside upper center", ncols=2
-        )
+    chart = beside(
+        *(
+            panel(
+                Axis(what, float(x[0]), float(x[-1]), log=True, ticks=x if x.size < 6 else ()),
+                Axis(
+                    "stretch over the material's, less 1" if lines_ is stiff else "stretch over the length",
+                    1e-7,
+                    1e12 if lines_ is stiff else 1e3,
+                    log=True,
+                ),
+                Fails("fails: wrong by half", above=STIFF_FAILS)
+                if lines_ is stiff
+                else Fails("fails: stretched by a tenth", above=FAILS),
+                [line(x, np.maximum(v, LEAST), WAYS[name].colour, name=name, dots=40) for name, v in lines_.items()],
+                [Legend({name: way.colour for name, way in WAYS.items()})] if lines_ is chain else [],
+            )
+            for what, (x, lines_) in panels.items()
+        ),
+        columns=2,
+    )
 
     rows: list[tuple[Value, ...]] = [
         (what, float(value), name, float(values[i]))
@@ -181,17 +200,10 @@ def extremes_figure(*, quick: bool) -> Figure:
             "off: what fails, fails by stretching. Less than 2e-7 is drawn there."
         ),
         table=Table(("swept", "value", "way", "stretch, or error of the material's stretch"), tuple(rows)),
-        draw=draw,
-        size=(10.5, 7.4),
+        chart=chart,
         consequence="its scenes take small steps, and solve chains as a whole; a scene says how many substeps it "
         "wants, and finer ones want more.",
     )
-
-
-def _line(colour: str, name: str) -> Any:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], color=colour, marker="o", label=name)
 
 
 RADIUS = 0.1
@@ -227,18 +239,33 @@ def tunnelling_figure(*, quick: bool) -> Figure:
     found = np.array([[passes_through(v, h, through="ball") for v in speeds.tolist()] for h in steps.tolist()])
     ground = max(passes_through(v, h, through="ground") for v in speeds.tolist() for h in steps.tolist())
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        image = panel.pcolormesh(speeds, steps * 1e3, found, cmap="Oranges", vmin=0, vmax=1, shading="nearest")
-        panel.plot(2 * RADIUS / steps, steps * 1e3, color="black", linewidth=1.2)
-        panel.set(xscale="log", yscale="log", xlabel="speed [m/s]", ylabel="substep [ms]", xlim=(1, 1000))
-        panel.set_yticks(steps * 1e3, [f"{value:.2g}" for value in steps * 1e3])
-        panel.minorticks_off()
-        panel.grid(False)
-        write(panel, "line: a step is as\nlong as the ball is thick", (1.3, 0.45), size=8.5)
-        write(panel, "fails: passes unseen", (120.0, 12.0), size=9.5, color="white", weight="bold")
-        bar = canvas.colorbar(image, ax=panel)
-        bar.set_label("share of particles that pass through the ball")
+    speed_edges, step_edges = edges(speeds.tolist(), log=True), edges((steps[::-1] * 1e3).tolist(), log=True)
+    chart = panel(
+        Axis("speed [m/s]", 1, 1000, log=True),
+        Axis(
+            "substep [ms]",
+            step_edges[0],
+            step_edges[-1],
+            log=True,
+            ticks=steps * 1e3,
+            names=[f"{value:.2g}" for value in steps * 1e3],
+            grid=False,
+        ),
+        cells(
+            speed_edges,
+            step_edges,
+            found[::-1],
+            scheme=ORANGES,
+            low=0,
+            high=1,
+            title="share of particles that\npass through the ball",
+            ticks=(0, 0.5, 1),
+        ),
+        line(2 * RADIUS / steps, steps * 1e3, "black"),
+        texts([(1.3, 0.45, "line: a step is as\nlong as the ball is thick", "#333333")]),
+        texts([(120.0, 12.0, "fails: passes unseen", "white")], bold=True),
+        width=560,
+    )
 
     return Figure(
         name="simulation-tunnelling",
@@ -254,8 +281,7 @@ def tunnelling_figure(*, quick: bool) -> Figure:
             ("substep [s]", "speed [m/s]", "share through the ball"),
             tuple((float(h), float(v), float(found[i, j])) for i, h in enumerate(steps) for j, v in enumerate(speeds)),
         ),
-        draw=draw,
-        size=(9.0, 4.2),
+        chart=chart,
         consequence="its scenes meet the ground and balls at speeds of some metres a second with substeps of "
         "milliseconds; there is no continuous collision detection.",
     )
@@ -302,17 +328,26 @@ def accuracy_figure(*, quick: bool) -> Figure:
     names = {(n, "xpbd"): f"XPBD, {n} iteration{'s' * (n > 1)} a substep" for n in ITERATIONS} | {(1, "pbd"): "PBD"}
     colours = {**{(n, "xpbd"): colour for n, colour in ITERATIONS.items()}, (1, "pbd"): GREY}
 
-    def draw(canvas: Canvas) -> None:
-        left, right = canvas.subplots(1, 2, sharey=True)
-        for key, name in names.items():
-            points = [(s, *measured[s, i, m]) for s, i, m in tried if (i, m) == key]
-            substeps, seconds, errors = (list(values) for values in zip(*points, strict=True))
-            left.plot([s * key[0] for s in substeps], errors, "o-", color=colours[key])
-            right.plot(seconds, errors, "o-", color=colours[key], label=name)
-        left.set(xscale="log", yscale="log", xlabel="sweeps a frame (substeps x iterations)")
-        left.set_ylabel("rms error over the cloth's diagonal")
-        right.set(xscale="log", xlabel=f"CPU time of {frames} frames [s]")
-        right.legend(loc="lower left")
+    left, right = [], []
+    for key, name in names.items():
+        points = [(s, *measured[s, i, m]) for s, i, m in tried if (i, m) == key]
+        substeps, seconds, errors = zip(*points, strict=True)
+        left.append(line([s * key[0] for s in substeps], errors, colours[key], name=name, dots=40))
+        right.append(line(seconds, errors, colours[key], name=name, dots=40))
+    every = [error for _, error in measured.values()]
+    chart = beside(
+        panel(
+            Axis.around("sweeps a frame (substeps x iterations)", [1, MOST_SWEEPS], log=True),
+            Axis.around("rms error over the cloth's diagonal", every, log=True),
+            left,
+        ),
+        panel(
+            Axis.around(f"CPU time of {frames} frames [s]", [seconds for seconds, _ in measured.values()], log=True),
+            Axis.around("", every, log=True),
+            right,
+            Legend({name: colours[key] for key, name in names.items()}),
+        ),
+    )
 
     spread, piled = measured[20, 1, "xpbd"][1], measured[1, 20, "xpbd"][1]
     finest = measured[counts[-1], 1, "xpbd"]
@@ -333,7 +368,6 @@ def accuracy_figure(*, quick: bool) -> Figure:
             ("method", "substeps a frame", "iterations", "CPU time [s]", "rms error over the diagonal"),
             tuple((method, s, n, *measured[s, n, method]) for s, n, method in tried),
         ),
-        draw=draw,
-        size=(10.5, 4.4),
+        chart=chart,
         consequence="one iteration and as many substeps as a scene wants are the default.",
     )

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from pdecodec.mesh.arrays import Float64Array
-from pdecodec.report.charts.drawing import (
+from pdecodec.report.charts.figure import Figure, Table, Value
+from pdecodec.report.charts.plots import (
     BLUE,
     GREEN,
     GREY,
+    INK,
     ORANGE,
     PURPLE,
-    draw_lines,
-    label_ends,
-    mark_failing,
-    write,
+    Axis,
+    Fails,
+    Legend,
+    beside,
+    lines,
+    panel,
+    segments,
 )
-from pdecodec.report.charts.figure import Canvas, Figure, Table, Value
+from pdecodec.report.charts.vegalite import WIDTH, Chart
 from pdecodec.research.reproduction.functions import SPACE_FUNCTIONS, TIME_FUNCTIONS, printed_functions, unit_basis
 from pdecodec.research.stability.fit_rates import motion, normal_equations, relative_error, svd
 
@@ -68,28 +71,30 @@ def noise_figure(most: int) -> Figure:
     gains = {name: [float(noise_gain(item[name]).max()) for item in weights] for name in COLOURS}
     at_zero, at_eight, spline = gains["alpha = 0"], gains["alpha = 8"], gains[SPLINE]
 
-    def draw(canvas: Canvas) -> None:
-        left, right = canvas.subplots(1, 2)
-        six = np.linspace(0, 1, 6)
-        over_time = {name: noise_gain(item) for name, item in _all_weights(six, DENSE).items()}
-        left.set(xlabel="t; six keyframes, at the bars", xlim=(0, 1.35), xticks=(0, 0.2, 0.4, 0.6, 0.8, 1.0))
-        left.set(title="over time", ylim=(0.4, 1.4))
-        right.set(title="largest anywhere in [0, 1]", xlabel="keyframes", xlim=(counts[0], counts[-1] * 1.28))
-        right.set(yscale="log", ylim=(0.5, 5))
-        ends = []
-        for name, colour in COLOURS.items():
-            left.plot(DENSE, over_time[name], "--" if name == SPLINE else "-", color=colour)
-            ends.append((1.0, float(over_time[name][-1]) + 0.02 * (name == SPLINE), name, colour))
-            right.plot(counts, gains[name], "--" if name == SPLINE else "o-", color=colour, markersize=3)
-        label_ends(left, ends)
-        left.plot(six, np.full(6, 0.43), "|", color="black", markersize=9)
-        mark_failing(left, "noise grows", above=1.0)
-        label_ends(right, [(float(counts[-1]), gains[name][-1], name, colour) for name, colour in COLOURS.items()])
-        mark_failing(right, "noise grows", above=1.0, at=0.3)
-        right.set_yticks((0.5, 1, 2, 5), ("0.5", "1", "2", "5"))
-        right.minorticks_off()
-        for panel in (left, right):
-            panel.set_ylabel("error over the noise (rms)")
+    six = np.linspace(0, 1, 6)
+    over_time = {name: noise_gain(item) for name, item in _all_weights(six, DENSE).items()}
+    chart = beside(
+        panel(
+            Axis("t; six keyframes, at the bars", 0, 1),
+            Axis("error over the noise (rms)", 0.4, 1.4),
+            Fails("noise grows", above=1.0),
+            lines(
+                DENSE,
+                {name: (over_time[name], colour) for name, colour in COLOURS.items()},
+                dashed=[SPLINE],
+                labels=False,
+            ),
+            segments((t, t, 0.4, 0.44, INK) for t in six.tolist()),
+            title="over time",
+        ),
+        panel(
+            Axis("keyframes", float(counts[0]), float(counts[-1])),
+            Axis("error over the noise (rms)", 0.5, 5, log=True),
+            Fails("noise grows", above=1.0, at=0.3),
+            lines(counts, {name: (gains[name], colour) for name, colour in COLOURS.items()}, dashed=[SPLINE]),
+            title="largest anywhere in [0, 1]",
+        ),
+    )
 
     return Figure(
         name="fit-noise",
@@ -108,8 +113,7 @@ def noise_figure(most: int) -> Figure:
                 "gain of a cubic spline": spline,
             }
         ),
-        draw=draw,
-        size=(10.0, 4.0),
+        chart=chart,
         consequence="its groups of frames have more frames than functions wherever the clip has them.",
     )
 
@@ -149,19 +153,23 @@ def few_figure(points: int) -> Figure:
     ]
     colours = (ORANGE, PURPLE, BLUE)
 
-    def draw(canvas: Canvas) -> None:
-        panels = canvas.subplots(1, 2, sharey=True)
-        limits = {"frames": TIME_FUNCTIONS, "points": SPACE_FUNCTIONS}
-        for panel, what, label in zip(panels, found, ("frames", "points of the curve"), strict=True):
-            x = counts[what]
-            panel.set(yscale="log", xlabel=label, ylim=(1e-3, 1e4), xlim=(x[0] - 0.3, x[-1] + 0.3))
-            for values, colour, style in zip(found[what].T, colours, ("o-", "s--", "o-"), strict=True):
-                panel.plot(x, np.minimum(values, 6e3), style, color=colour)
-            mark_failing(panel, "fewer than functions", left_of=limits[what] - 0.5, at=0.97)
-        panels[0].set_ylabel("error at 11 frames and all points, over the motion")
-        for index, (name, colour) in enumerate(zip(names, colours, strict=True)):
-            place: dict[str, Any] = {"xycoords": "axes fraction", "ha": "right", "va": "baseline"}
-            write(panels[1], name, (0.98, 0.86 - 0.08 * index), color=colour, **place)
+    panels: list[Chart] = []
+    for what, label, functions in (
+        ("frames", "frames", TIME_FUNCTIONS),
+        ("points", "points of the curve", SPACE_FUNCTIONS),
+    ):
+        x = counts[what]
+        drawn = dict(zip(names, zip(np.minimum(found[what], 6e3).T, colours, strict=True), strict=True))
+        panels.append(
+            panel(
+                Axis(label, x[0] - 0.3, x[-1] + 0.3),
+                Axis("error at 11 frames and all points,\nover the motion", 1e-3, 1e4, log=True),
+                Fails("fewer than functions", left_of=functions - 0.5, at=0.9),
+                lines(x, drawn, dashed=[names[1]], labels=False, dots=40),
+                [Legend(dict(zip(names, colours, strict=True)))] if panels else [],
+            )
+        )
+    chart = beside(*panels)
 
     frames_worst, points_worst = found["frames"][1:3].max(axis=0), found["points"][:6].max(axis=0)
     return Figure(
@@ -174,8 +182,7 @@ def few_figure(points: int) -> Figure:
             f"{points_worst[2]:.2g}. The printed matrix is singular there: what comes out of it is chance."
         ),
         table=Table(("few of", "count", *names), tuple(rows)),
-        draw=draw,
-        size=(10.0, 4.2),
+        chart=chart,
         consequence=(
             "a group of fewer than 4 frames, or a piece of fewer than 8 points, uses as many functions as it has."
         ),
@@ -205,15 +212,18 @@ def gap_figure(count: int) -> Figure:
         for index, width in enumerate(widths)
     ]
 
-    def draw(canvas: Canvas) -> None:
-        panels = canvas.subplots(1, 2, sharey=True)
-        for panel, (place, lines) in zip(panels, found.items(), strict=True):
-            panel.set(xlabel="width of the gap, over the clip", title=place, xlim=(0.1, 1.18))
-            panel.set(yscale="log", ylim=(0.3, 1e3), xticks=(0.1, 0.3, 0.5, 0.7, 0.9))
-            drawn = {name: (values, COLOURS[name]) for name, values in lines.items()}
-            draw_lines(panel, widths, drawn, styles={SPLINE: "--"})
-            mark_failing(panel, "fails: an error of a keyframe grows threefold", above=3.0, at=0.05)
-        panels[0].set_ylabel("largest gain of an error on the keyframes")
+    chart = beside(
+        *(
+            panel(
+                Axis("width of the gap, over the clip", 0.1, 0.9, ticks=(0.1, 0.3, 0.5, 0.7, 0.9)),
+                Axis("largest gain of an error on the keyframes", 0.3, 1e3, log=True),
+                Fails("fails: an error of a keyframe grows threefold", above=3.0),
+                lines(widths, {name: (values, COLOURS[name]) for name, values in drawn.items()}, dashed=[SPLINE]),
+                title=place,
+            )
+            for place, drawn in found.items()
+        )
+    )
 
     def gain(name: str, width: float) -> float:
         return found["gap in the middle"][name][int(np.argmin(np.abs(widths - width)))]
@@ -228,8 +238,7 @@ def gap_figure(count: int) -> Figure:
             f"{gain('alpha = 0', 0.9):.2f}, and {gain('alpha = 8', 0.9):.0f} at alpha = 8."
         ),
         table=Table(("gap", "width over the clip", *COLOURS), tuple(rows)),
-        draw=draw,
-        size=(10.0, 4.2),
+        chart=chart,
         consequence="frames carry their own times, however spaced; its functions of time are orthonormal over those.",
     )
 
@@ -243,18 +252,19 @@ def extrapolation_figure(count: int) -> Figure:
     guesses = {f"alpha = {alpha:g}": time_weights(keyframes, 1 + beyond, alpha) @ data for alpha in ALPHAS}
     guesses[SPLINE] = np.asarray(CubicSpline(keyframes, data)(1 + beyond))
     guesses["held still"] = np.repeat(data[-1:], count, axis=0)
-    lines = {name: np.sqrt(((found - ahead) ** 2).mean(axis=1)) / scale for name, found in guesses.items()}
+    drawn = {name: np.sqrt(((found - ahead) ** 2).mean(axis=1)) / scale for name, found in guesses.items()}
     colours = {**COLOURS, "held still": PURPLE}
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        panel.set(xlabel="time past the last frame, over the clip's length", ylabel="error over the motion (rms)")
-        panel.set(yscale="log", xlim=(0, 1.2), ylim=(0.01, 300), xticks=(0, 0.2, 0.4, 0.6, 0.8, 1.0))
-        draw_lines(panel, beyond, {name: (values, colours[name]) for name, values in lines.items()})
-        mark_failing(panel, "fails: the error is as large as the motion", above=1.0)
+    chart = panel(
+        Axis("time past the last frame, over the clip's length", 0, 1),
+        Axis("error over the motion (rms)", 0.01, 300, log=True),
+        Fails("fails: the error is as large as the motion", above=1.0),
+        lines(beyond, {name: (values, colours[name]) for name, values in drawn.items()}),
+        width=WIDTH,
+    )
 
     def first_beyond(name: str) -> float:
-        return float(beyond[lines[name] > 1.0].min(initial=np.inf))
+        return float(beyond[drawn[name] > 1.0].min(initial=np.inf))
 
     return Figure(
         name="fit-extrapolation",
@@ -262,11 +272,10 @@ def extrapolation_figure(count: int) -> Figure:
         lesson=(
             "Growing exponentials and cubics leave the motion soon after the last frame: the error is as large as the "
             f"motion after {first_beyond('alpha = 0'):.2f} clip lengths at alpha = 0 and after "
-            f"{first_beyond('alpha = 8'):.2f} at alpha = 8; at one clip length it is {lines['alpha = 8'][-1]:.0f} "
-            f"times the motion. Holding the last frame stays at {lines['held still'].max():.1f} times."
+            f"{first_beyond('alpha = 8'):.2f} at alpha = 8; at one clip length it is {drawn['alpha = 8'][-1]:.0f} "
+            f"times the motion. Holding the last frame stays at {drawn['held still'].max():.1f} times."
         ),
-        table=Table.from_columns({"past the end": beyond, **lines}),
-        draw=draw,
-        size=(9.0, 4.2),
+        table=Table.from_columns({"past the end": beyond, **drawn}),
+        chart=chart,
         consequence="times outside a clip are held at its ends, looped, or refused; never extrapolated.",
     )

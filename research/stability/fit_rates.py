@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import mpmath
@@ -11,8 +12,31 @@ from mpmath import mpf
 from numpy.typing import NDArray
 
 from pdecodec.mesh.arrays import BoolArray, Float64Array
-from pdecodec.report.charts.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, label_ends, mark_failing, write
-from pdecodec.report.charts.figure import Canvas, Figure, Table
+from pdecodec.report.charts.figure import Figure, Table
+from pdecodec.report.charts.plots import (
+    BLUE,
+    DOTTED,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    ORANGES,
+    PURPLE,
+    Axis,
+    Ends,
+    Fails,
+    Layers,
+    Legend,
+    beside,
+    borders,
+    cells,
+    edges,
+    level,
+    line,
+    panel,
+    texts,
+)
+from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction.functions import (
     SPACE_FUNCTIONS,
     TIME_FUNCTIONS,
@@ -180,23 +204,25 @@ def condition_figure(count: int) -> Figure:
     colours = dict(zip(found, (ORANGE, PURPLE, BLUE, GREY), strict=True))
     no_digit = {name: float(1 / np.finfo(dtype).eps) for name, dtype in PRECISIONS.items()}
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        panel.set(xscale="log", yscale="log", xlabel="alpha = r, over t and u in [0, 1]", ylabel="condition number")
-        panel.set(xlim=(SMALLEST, 4e3), ylim=(0.3, 1e40))
-        # Where a factor's own condition number is rounding, the line is only a lower limit: dotted.
-        known = found["32 printed columns"] < KNOWN
-        for name, values in found.items():
-            is_known = known | (name in (WELL_CONDITIONED, "orthonormal"))
-            panel.plot(rates, np.where(is_known, values, np.nan), color=colours[name])
-            panel.plot(rates, np.where(is_known, np.nan, values), ":", color=colours[name])
-        label_ends(panel, [(LARGEST, float(values[-1]), name, colours[name]) for name, values in found.items()])
-        for name, offset in (("float32", -12), ("float64", 3)):
-            panel.axhline(no_digit[name], color="black", linewidth=0.9, linestyle="--")
-            text = f"no digit left in {name} above"
-            write(panel, text, (1.3e-6, no_digit[name]), (0, offset), size=9.5, va="baseline")
-        panel.set_xticks(10.0 ** np.arange(-6, 2))
-        mark_failing(panel, "fails", above=no_digit["float64"])
+    # Where a factor's own condition number is rounding, the line is only a lower limit: dotted.
+    known = found["32 printed columns"] < KNOWN
+    drawn: list[Layers] = []
+    for name, values in found.items():
+        is_known = known | (name in (WELL_CONDITIONED, "orthonormal"))
+        drawn.append(line(rates, np.where(is_known, values, np.nan), colours[name], name=name))
+        drawn.append(line(rates, np.where(is_known, np.nan, values), colours[name], name=name, dashes=DOTTED))
+    x = Axis("alpha = r, over t and u in [0, 1]", SMALLEST, LARGEST, log=True)
+    chart = panel(
+        x,
+        Axis("condition number", 0.3, 1e40, log=True),
+        Fails("fails", above=no_digit["float64"]),
+        drawn,
+        Ends([(LARGEST, float(values[-1]), name, colours[name]) for name, values in found.items()]),
+        [level(x, value) for value in no_digit.values()],
+        [texts([(1.3e-6, value, f"no digit left in {name} above", INK)], dy=-8) for name, value in no_digit.items()],
+        width=WIDTH,
+        height=320,
+    )
 
     def largest(name: str) -> float:
         return float(rates[(found[name] > no_digit["float64"]) & (rates < 3)].max(initial=0.0))
@@ -216,8 +242,7 @@ def condition_figure(count: int) -> Figure:
             "since every function has the same leading exponential there."
         ),
         table=Table.from_columns({"rate": rates, **found}),
-        draw=draw,
-        size=(9.5, 4.8),
+        chart=chart,
         consequence="it fits in the well-conditioned basis, orthonormalised with dependent functions dropped.",
     )
 
@@ -235,20 +260,28 @@ def error_figure(count: int, points: int) -> Figure:
     }
     best = errors["float64", WELL_CONDITIONED]
 
-    def draw(canvas: Canvas) -> None:
-        panels = canvas.subplots(1, 2, sharey=True)
-        for panel, precision in zip(panels, PRECISIONS, strict=True):
-            panel.set(xscale="log", yscale="log", xlabel="alpha = r", title=precision, ylim=(1e-3, 1e3))
-            panel.set_xlim(SMALLEST, LARGEST if panel is panels[0] else 1e7)
-            panel.set_xticks(10.0 ** np.arange(-6, 2, 2))
-            for name, colour in SOLVER_COLOURS.items():
-                width = 2.6 if name == WELL_CONDITIONED else 1.5
-                panel.plot(rates, np.minimum(errors[precision, name], 1e5), color=colour, linewidth=width)
-            text = "fails: twice the exact minimiser's error"
-            mark_failing(panel, text, above=FAILS * float(best[rates < 1].max()))
-        for index, (name, colour) in enumerate(SOLVER_COLOURS.items()):
-            write(panels[1], name, (50.0, 100.0 / 5**index), color=colour, va="baseline")
-        panels[0].set_ylabel("error at all frames, over the motion (rms)")
+    chart = beside(
+        *(
+            panel(
+                Axis("alpha = r", SMALLEST, LARGEST, log=True),
+                Axis("error at all frames, over the motion (rms)", 1e-3, 1e3, log=True),
+                Fails("fails: twice the exact minimiser's error", above=FAILS * float(best[rates < 1].max())),
+                [
+                    line(
+                        rates,
+                        np.minimum(errors[precision, name], 1e5),
+                        colour,
+                        name=name,
+                        width=2.6 if name == WELL_CONDITIONED else 1.5,
+                    )
+                    for name, colour in SOLVER_COLOURS.items()
+                ],
+                [Legend(SOLVER_COLOURS)] if precision == "float32" else [],
+                title=precision,
+            )
+            for precision in PRECISIONS
+        )
+    )
 
     def failing_below(precision: str, name: str) -> float:
         return float(rates[(errors[precision, name] > FAILS * best) & (rates < 3)].max(initial=0.0))
@@ -268,8 +301,7 @@ def error_figure(count: int, points: int) -> Figure:
         table=Table.from_columns(
             {"rate": rates, **{f"{name}, {precision}": values for (precision, name), values in errors.items()}}
         ),
-        draw=draw,
-        size=(10.5, 4.6),
+        chart=chart,
         consequence="the well-conditioned basis, in float64, whatever the rates.",
     )
 
@@ -330,24 +362,33 @@ def map_figure(count: int, points: int) -> Figure:
 
     found = {(precision, name): errors(name, dtype) / best for precision, dtype in PRECISIONS.items() for name in NAMES}
 
-    def draw(canvas: Canvas) -> None:
-        panels = canvas.subplots(len(PRECISIONS), len(NAMES), sharex=True, sharey=True)
-        image: Any = None
-        for panel, ((precision, name), values) in zip(panels.ravel(), found.items(), strict=True):
-            ratio = np.log10(np.clip(values, 1.0, 1e4).reshape(count, count))
-            image = panel.pcolormesh(rates, rates, ratio, cmap="Oranges", vmin=0, vmax=4, shading="nearest")
-            panel.contour(rates, rates, ratio, levels=[np.log10(FAILS)], colors="black", linewidths=1.2)
-            panel.set(xscale="log", yscale="log")
-            panel.grid(False)
-            if precision == "float64":
-                panel.set_title(name, fontsize=9.5)
-            else:
-                panel.set_xlabel("r")
-        for row, precision in zip(panels, PRECISIONS, strict=True):
-            row[0].set_ylabel(f"{precision}\nalpha")
-        bar = canvas.colorbar(image, ax=panels, ticks=range(5), extend="max")
-        bar.ax.set_yticklabels(["1", "10", "100", "1e3", "1e4"])
-        bar.set_label("error over the exact minimiser's")
+    at = edges(rates.tolist(), log=True)
+    axis = Axis("", at[0], at[-1], log=True, ticks=(1e-6, 1e-4, 1e-2, 1.0), grid=False)
+    panels = []
+    for (precision, name), values in found.items():
+        ratio = np.clip(values, 1.0, 1e4).reshape(count, count)
+        panels.append(
+            panel(
+                replace(axis, title="r" if precision == "float32" else ""),
+                replace(axis, title=f"{precision}\nalpha" if name == NAMES[0] else ""),
+                cells(
+                    at,
+                    at,
+                    np.log10(ratio),
+                    scheme=ORANGES,
+                    low=0,
+                    high=4,
+                    title="error over the\nexact minimiser's",
+                    ticks=range(5),
+                    names=("1", "10", "100", "1e3", "1e4"),
+                ),
+                borders(at, at, ratio > FAILS),
+                title=name if precision == "float64" else "",
+                width=150,
+                height=150,
+            )
+        )
+    chart = beside(*panels, columns=len(NAMES))
 
     shares = {key: float((values > FAILS).mean()) for key, values in found.items()}
     return Figure(
@@ -369,6 +410,5 @@ def map_figure(count: int, points: int) -> Figure:
                 **{f"{name}, {precision}, over exact": values for (precision, name), values in found.items()},
             }
         ),
-        draw=draw,
-        size=(11.0, 4.8),
+        chart=chart,
     )

@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.mesh.arrays import Float64Array
-from pdecodec.report.charts.drawing import (
-    BLUE,
-    FAILING,
-    FAILURE,
-    GREY,
-    ORANGE,
-    draw_lines,
-    mark_failing,
-    name_rows,
-    write,
-)
-from pdecodec.report.charts.figure import Canvas, Figure, Section, Table
+from pdecodec.report.charts.figure import Figure, Section, Table
+from pdecodec.report.charts.plots import BLUE, GREY, ORANGE, Axis, Fails, Legend, dots, lines, panel, texts
+from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.reproduction.functions import SPACE_FUNCTIONS, unit_basis
 from pdecodec.research.reproduction.method import arc_length, coordinate_parameter
 
@@ -72,30 +64,25 @@ def case_figure() -> Figure:
     errors = np.array([row[4] for row in rows]).reshape(len(names), -1)
     literal = rows[::3]
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        heights = name_rows(panel, names)
-        panel.set(xscale="log", xlim=(1e-6, 60))
-        panel.set_xlabel("displacement that eight functions of u leave over (rms, over the displacement)")
-        panel.axvspan(FAILS, 60, color=FAILING, zorder=0, linewidth=0)
-        above = len(names) - 0.6
-        write(panel, "fails", (FAILS * 1.1, above), color=FAILURE, va="baseline")
-        for values, text, x, colour, marker, size in zip(
-            errors.T,
-            ("u of Eq. 24", "by arc length", "by index"),
-            (1e-2, 3e-6, 1e-4),
-            (ORANGE, BLUE, GREY),
-            "os|",
-            (7, 7, 12),
-            strict=True,
-        ):
-            shown = np.clip(np.where(np.isfinite(values), values, 2.0), 1.5e-6, 2.0)
-            panel.plot(shown, heights, marker, color=colour, markersize=size)
-            write(panel, text, (x, above), color=colour, weight="bold", va="baseline")
-        for height, (_, _, undefined, shared, _) in zip(heights, literal, strict=True):
-            texts = [f"0 / 0 on {round(3 * undefined)} of 3 axes"] if undefined else []
-            texts += [f"{shared:.0%} of points share u"] if shared else []
-            write(panel, ",\n".join(texts), (2.6, height), size=8.5, color=ORANGE)
+    parameters_ = {"u of Eq. 24": (ORANGE, "circle"), "by arc length": (BLUE, "square"), "by index": (GREY, "stroke")}
+    remarks = []
+    for row, (_, _, undefined, shared, _) in enumerate(literal):
+        texts_ = [f"0 / 0 on {round(3 * undefined)} of 3 axes"] if undefined else []
+        texts_ += [f"{shared:.0%} of points share u"] if shared else []
+        remarks.append((2.6, float(row), ",\n".join(texts_), ORANGE))
+    shown = np.clip(np.where(np.isfinite(errors), errors, 2.0), 1.5e-6, 2.0)
+    chart = panel(
+        Axis("displacement that eight functions of u leave over (rms, over the displacement)", 1e-6, 60, log=True),
+        replace(Axis.of_rows(names), grid=True),
+        Fails("fails", right_of=FAILS),
+        [
+            dots(values, range(len(names)), colour, name=name, shape=shape, size=90, strokeWidth=2)
+            for values, (name, (colour, shape)) in zip(shown.T, parameters_.items(), strict=True)
+        ],
+        texts(remarks, size=10.5),
+        Legend({name: colour for name, (colour, _) in parameters_.items()}),
+        width=WIDTH,
+    )
 
     broken = sum(1 for row in literal if row[2] or row[3] or not row[4] < FAILS)
     return Figure(
@@ -109,8 +96,7 @@ def case_figure() -> Figure:
         table=Table(
             ("curve", "parameter", "share of axes undefined", "share of points that share u", "left over"), tuple(rows)
         ),
-        draw=draw,
-        size=(10.0, 3.9),
+        chart=chart,
         consequence=(
             "it takes the arc length of the decoded reference frame; where all points of a piece coincide, the index."
         ),
@@ -155,24 +141,23 @@ def planar_figure(count: int) -> Figure:
     """A curve that becomes planar: how much u moves when a coordinate moves by its last bit."""
     thickness = np.geomspace(1.0, 1e-18, count)
     random = np.random.default_rng(0)
-    lines: dict[str, tuple[type[Any], str]] = {
+    drawn: dict[str, tuple[type[Any], str]] = {
         "Eq. 24, float32": (np.float32, ORANGE),
         "Eq. 24, float64": (np.float64, GREY),
         "arc length, float32": (np.float32, BLUE),
     }
     found = {
         name: np.array([_sensitivity(value, dtype, random, name.split(",")[0]) for value in thickness.tolist()])
-        for name, (dtype, _) in lines.items()
+        for name, (dtype, _) in drawn.items()
     }
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        panel.set(xscale="log", yscale="log", xlim=(1.0, 1e-25), ylim=(1e-17, 10))
-        panel.set_xticks(10.0 ** np.arange(0, -19, -3))
-        panel.set_xlabel("thickness of the curve across its plane, over its length")
-        panel.set_ylabel("change of u by one last bit")
-        draw_lines(panel, thickness, {name: (np.maximum(v, 1e-17), lines[name][1]) for name, v in found.items()})
-        mark_failing(panel, "fails: neighbours change places", above=1.0 / POINTS)
+    chart = panel(
+        Axis("thickness of the curve across its plane, over its length", 1.0, 1e-18, log=True),
+        Axis("change of u by one last bit", 1e-17, 10, log=True),
+        Fails("fails: neighbours change places", above=1.0 / POINTS),
+        lines(thickness, {name: (np.maximum(v, 1e-17), drawn[name][1]) for name, v in found.items()}),
+        width=WIDTH,
+    )
 
     def fails_at(name: str) -> float:
         return float(thickness[~(found[name] < 1 / POINTS)].max(initial=0.0))
@@ -187,8 +172,7 @@ def planar_figure(count: int) -> Figure:
             "rounding then, stretched to [0, 1]. Arc length does not care."
         ),
         table=Table.from_columns({"thickness": thickness, **found}),
-        draw=draw,
-        size=(9.5, 4.2),
+        chart=chart,
         consequence="arc length adds the three axes before it divides, and is 0 only where all points coincide.",
     )
 

@@ -7,21 +7,32 @@ from typing import Literal
 import numpy as np
 
 from pdecodec.mesh.arrays import Float64Array
-from pdecodec.report.charts.drawing import (
+from pdecodec.report.charts.figure import Figure, Section, Table, Value
+from pdecodec.report.charts.plots import (
     BLUE,
+    DASHES,
+    DOTTED,
     FAILING,
     FAILURE,
     GREEN,
     GREY,
+    INK,
     ORANGE,
     PURPLE,
     SKY,
-    draw_lines,
-    label_ends,
-    mark_failing,
-    write,
+    Axis,
+    Ends,
+    Fails,
+    area,
+    beside,
+    boxes,
+    level,
+    line,
+    lines,
+    panel,
+    texts,
 )
-from pdecodec.report.charts.figure import Canvas, Figure, Section, Table, Value
+from pdecodec.report.charts.vegalite import WIDTH
 from pdecodec.research.stability.extremes import accuracy_figure, extremes_figure, tunnelling_figure
 from pdecodec.research.stability.massspring import LITERAL, METHODS, Chain, hanging_stretch, largest_motion, run
 
@@ -51,17 +62,15 @@ def energy_figure(seconds: float, step: float) -> Figure:
         values = [chain.energy(*state) / chain.fall for state in run(method, chain, step, steps)]
         found[method] = np.array(values + [float("inf")] * (steps - len(values)))[::every]
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        panel.set(xlabel="time [s]", ylabel="energy gained or lost, over weight times length")
-        panel.set(xlim=(0, 1.3 * seconds), ylim=(-0.4, 0.4))
-        panel.axhline(0.0, color="black", linewidth=0.9, linestyle=":")
-        drawn = {method: (np.clip(values, -5, 5), COLOURS[method]) for method, values in found.items()}
-        draw_lines(panel, times, drawn, labels=False)
-        label_ends(
-            panel, [(seconds, min(float(found[name][-1]), 0.37), name, colour) for name, colour in COLOURS.items()]
-        )
-        mark_failing(panel, "fails: energy from nowhere", above=0.1, at=0.35)
+    x = Axis("time [s]", 0, seconds)
+    chart = panel(
+        x,
+        Axis("energy gained or lost, over weight times length", -0.4, 0.4),
+        Fails("fails: energy from nowhere", above=0.1, at=0.35),
+        level(x, 0.0, dashes=DOTTED),
+        lines(times, {method: (np.clip(values, -5, 5), COLOURS[method]) for method, values in found.items()}),
+        width=WIDTH,
+    )
 
     gone = float(times[~(found["explicit Euler"] < 1)].min(initial=np.inf))
     return Figure(
@@ -75,8 +84,7 @@ def energy_figure(seconds: float, step: float) -> Figure:
             f"{-found['PBD'][-1]:.2g}. What is stable at any step pays with damping that is in no model."
         ),
         table=Table.from_columns({"time [s]": times, **found}),
-        draw=draw,
-        size=(9.5, 4.2),
+        chart=chart,
         consequence="the bundled simulator is XPBD with small steps, whose own damping shrinks with the step.",
     )
 
@@ -91,22 +99,30 @@ def step_figure(count: int, smallest: float) -> Figure:
     }
     limit = 2 / chain.highest_frequency
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        panel.set(xscale="log", yscale="log", xlim=(smallest, 0.9), ylim=(0.1, 2 * RAN_OFF))
-        panel.set(xlabel="step [s]", ylabel="largest kinetic energy within 1 s,\nover weight times length")
-        for method, values in found.items():
-            panel.plot(sizes, np.clip(values, 1e-6, RAN_OFF), color=COLOURS[method])
-        for name, place in (("explicit Euler", (1.15 * smallest, 420.0)), ("symplectic Euler", (limit * 1.4, 20.0))):
-            write(panel, name, place, color=COLOURS[name], va="baseline")
-        steady = ("implicit Euler", "XPBD", "PBD")
-        label_ends(panel, [(0.1, float(found[name][-1]), name, COLOURS[name]) for name in steady])
-        write(panel, LITERAL, (limit * 1.4, 60.0), color=COLOURS[LITERAL], va="baseline")
-        panel.axvline(limit, color="black", linewidth=0.9, linestyle="--")
-        write(panel, "2 / highest frequency", (limit, 0.12), (3, 0), size=8.5, va="baseline")
-        mark_failing(panel, "fails: more than the fall can give", above=DIVERGED, at=0.6)
-        write(panel, "ran off", (0.11, RAN_OFF), size=8.5)
-        panel.set_xticks([1e-3, 1e-2, 1e-1])
+    x, y = (
+        Axis("step [s]", smallest, 0.1, log=True),
+        Axis("largest kinetic energy within 1 s,\nover weight times length", 0.1, 2 * RAN_OFF, log=True),
+    )
+    steady = ("implicit Euler", "XPBD", "PBD")
+    chart = panel(
+        x,
+        y,
+        Fails("fails: more than the fall can give", above=DIVERGED, at=0.6),
+        [line(sizes, np.clip(v, 1e-6, RAN_OFF), COLOURS[name], name=name) for name, v in found.items()],
+        texts(
+            [
+                (1.15 * smallest, 420.0, "explicit Euler", COLOURS["explicit Euler"]),
+                (limit * 1.4, 20.0, "symplectic Euler", COLOURS["symplectic Euler"]),
+                (limit * 1.4, 60.0, LITERAL, COLOURS[LITERAL]),
+            ]
+        ),
+        Ends(
+            [(0.1, float(found[name][-1]), name, COLOURS[name]) for name in steady] + [(0.1, RAN_OFF, "ran off", INK)]
+        ),
+        level(y, limit, along="x"),
+        texts([(limit, 0.13, "2 / highest frequency", INK)], dx=4),
+        width=WIDTH,
+    )
 
     def breaks_at(method: str) -> float:
         return float(sizes[found[method] > DIVERGED].min(initial=np.inf))
@@ -129,8 +145,7 @@ def step_figure(count: int, smallest: float) -> Figure:
             "forces alone, as Macklin et al. 2016."
         ),
         table=Table.from_columns({"step [s]": sizes, **found}),
-        draw=draw,
-        size=(9.5, 4.2),
+        chart=chart,
         consequence=(
             "its scenes choose their own substeps, and a simulation that runs off to infinity is an error that names "
             "the frame, not a file of garbage."
@@ -146,18 +161,19 @@ def limit_figure(stiffnesses: int, steps_tried: int) -> Figure:
     found = {method: [_largest_stable(method, chain, sizes) for chain in chains] for method in METHODS}
     theory = [2 / chain.highest_frequency for chain in chains]
 
-    def draw(canvas: Canvas) -> None:
-        panel = canvas.subplots()
-        panel.set(xscale="log", yscale="log", xlim=(1e2, 6e14), ylim=(1e-8, 30 * LONGEST))
-        panel.set(xlabel="stiffness of a link [N/m]", ylabel="largest step that holds [s]")
-        panel.set_xticks(10.0 ** np.arange(2, 13, 2))
-        panel.plot(values, theory, color="black", linestyle="--", linewidth=0.9)
-        panel.fill_between(values, theory, LONGEST, color=FAILING, linewidth=0)
-        text = "fails for forces integrated as they stand"
-        write(panel, text, (3e6, 0.012), size=8.5, color=FAILURE, va="baseline")
-        draw_lines(panel, values, {name: (found[name], COLOURS[name]) for name in METHODS}, "o-", markersize=3.5)
-        panel.axhline(LONGEST, color="black", linewidth=0.9, linestyle=":")
-        write(panel, "the longest step tried", (1.5e2, LONGEST), (0, 7), size=8.5)
+    x = Axis("stiffness of a link [N/m]", 1e2, 1e12, log=True, ticks=10.0 ** np.arange(2, 13, 2))
+    chart = panel(
+        x,
+        Axis("largest step that holds [s]", 1e-8, 30 * LONGEST, log=True),
+        area(values, theory, np.full(values.size, LONGEST), FAILING),
+        texts([(3e6, 0.02, "fails for forces integrated as they stand", FAILURE)], size=10.5),
+        line(values, theory, INK, dashes=DASHES, width=1),
+        lines(values, {name: (found[name], COLOURS[name]) for name in METHODS}, dots=30),
+        level(x, LONGEST, dashes=DOTTED),
+        texts([(1.5e2, LONGEST, "the longest step tried", INK)], dy=-8, size=10.5),
+        width=WIDTH,
+        height=320,
+    )
 
     return Figure(
         name="simulation-limit",
@@ -172,8 +188,7 @@ def limit_figure(stiffnesses: int, steps_tried: int) -> Figure:
         table=Table.from_columns(
             {"stiffness [N/m]": values, **{f"{name} [s]": holds for name, holds in found.items()}}
         ),
-        draw=draw,
-        size=(9.5, 4.2),
+        chart=chart,
     )
 
 
@@ -216,22 +231,21 @@ def iteration_figure(most: int) -> Figure:
         for i, count in enumerate(counts)
     ]
 
-    def draw(canvas: Canvas) -> None:
-        panels = canvas.subplots(1, 2, sharey=True)
-        for panel, (axis, lines), other in zip(panels, found.items(), ("substeps", "iterations"), strict=True):
-            panel.set(xscale="log", yscale="log", ylim=(1e-4, 100), xlim=(1, counts[-1] * 12))
-            panel.set(xlabel=f"{axis}, at 4 {other}")
-            panel.set_xticks(counts, [str(count) for count in counts])
-            panel.minorticks_off()
-            draw_lines(panel, counts, {name: (values, LINES[name][2]) for name, values in lines.items()}, "o-")
-            panel.axhline(1.0, color="black", linewidth=0.9, linestyle=":")
-            for side, text, height in (
-                ((1e-4, 0.5), "fails: twice as stiff", 1.5e-4),
-                ((2.0, 100), "fails: half as stiff as the material", 55),
-            ):
-                panel.axhspan(*side, color=FAILING, zorder=0, linewidth=0)
-                write(panel, text, (1.2, height), size=8.5, color=FAILURE, va="baseline")
-        panels[0].set_ylabel("stretch of a hanging chain, over its material's")
+    panels = []
+    for (axis, drawn), other in zip(found.items(), ("substeps", "iterations"), strict=True):
+        x = Axis(f"{axis}, at 4 {other}", 1, counts[-1], log=True, ticks=counts)
+        panels.append(
+            panel(
+                x,
+                Axis("stretch of a hanging chain, over its material's", 1e-4, 100, log=True),
+                Fails("fails: half as stiff as the material", above=2.0),
+                boxes([(x.low, x.high, 1e-4, 0.5, FAILING)]),
+                texts([(1.05, 1.6e-4, "fails: twice as stiff", FAILURE)], size=10.5),
+                level(x, 1.0, dashes=DOTTED),
+                lines(counts, {name: (values, LINES[name][2]) for name, values in drawn.items()}, dots=40),
+            )
+        )
+    chart = beside(*panels)
 
     xpbd, pbd = found["iterations"]["XPBD"], found["iterations"]["PBD, stiffness 0.5"]
     return Figure(
@@ -244,8 +258,7 @@ def iteration_figure(most: int) -> Figure:
             "soft, never too stiff."
         ),
         table=Table(("swept", "count", *LINES), tuple(rows)),
-        draw=draw,
-        size=(10.0, 4.0),
+        chart=chart,
         consequence=(
             "its scenes are XPBD, their chains solved as a whole where sweeps would take hundreds of iterations; PBD "
             "is there for comparison alone."

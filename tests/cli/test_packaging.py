@@ -21,7 +21,7 @@ from pdecodec import ArraySequence, encode
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
-HEAVY = ("fileseq", "h5py", "matplotlib", "meshio", "rich", "scipy", "zstandard")
+HEAVY = ("fileseq", "h5py", "meshio", "rich", "scipy", "vl_convert", "zstandard")
 """Packages that neither `import pdecodec` nor a help page may load."""
 
 

@@ -21,8 +21,7 @@ from pdecodec.errors import InputError, MissingExtraError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import ArraySequence, MeshObject
-from pdecodec.report.charts.drawing import require_drawing
-from pdecodec.report.charts.vegalite import for_page
+from pdecodec.report.charts.vegalite import for_page, require_drawing
 from pdecodec.report.clips.between import (
     INTERPOLATIONS,
     PDECODEC,
@@ -229,7 +228,7 @@ def test_the_error_field_names_the_worst_frame_and_vertex() -> None:
 
 def test_what_draws_is_named_with_what_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(MissingExtraError, match=r"charts need the package matplotlib; run: pip install 'pdecodec\[re"):
+    with pytest.raises(MissingExtraError, match=r"charts need the package vl_convert; run: pip install 'pdecodec\[re"):
         require_drawing()
 
 

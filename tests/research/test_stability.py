@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 
 from pdecodec.cli.main import pdecodec
 from pdecodec.cli.stability import SECTIONS as NAMED_SECTIONS
@@ -17,9 +19,10 @@ from pdecodec.codec.settings import EncodeSettings
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.metrics import measure_distortion
 from pdecodec.mesh.sequence import ArraySequence
-from pdecodec.report.charts.drawing import png_of
 from pdecodec.report.charts.figure import Figure, Report, Section, Table
 from pdecodec.report.charts.page import as_csv, render_page, value_text, write_report
+from pdecodec.report.charts.pictures import Picture, extent
+from pdecodec.report.charts.plots import BLUE, Axis, Fails, lines, panel
 from pdecodec.research.reproduction.functions import space_functions, time_functions
 from pdecodec.research.reproduction.method import affine_between, rotation_between
 from pdecodec.research.stability.alignment import JITTERS, jitter, kabsch_plain, kabsch_proper, shape
@@ -270,14 +273,26 @@ def test_values_are_written_for_people(cell: object, text: str) -> None:
 
 
 def test_the_same_report_gives_the_same_bytes(tmp_path: Path) -> None:
-    def draw(figure) -> None:  # type: ignore[no-untyped-def]
-        figure.subplots().plot([0, 1], [1, 0])
+    x, y = Axis("x", 0, 2), Axis("y", 1e-3, 10, log=True)
+    chart = panel(x, y, Fails("fails", above=1.0), lines([0, 1, 2], {"a": ([1.0, 0.0, float("nan")], BLUE)}))
+    sheet = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
 
-    assert png_of(draw, (3.0, 2.0)) == png_of(draw, (3.0, 2.0))
-    figure = Figure("one", "t", "l", Table(("a",), ((float("inf"),),)), draw, (3.0, 2.0))
-    report = Report("T", "s", (Section("C", "i", (figure,)),), {})
-    first = {path.name: path.read_bytes() for path in write_report(report, tmp_path)}
-    again = {path.name: path.read_bytes() for path in write_report(report, tmp_path)}
+    def picture() -> str:
+        found = Picture(60, 60)
+        found.view((5, 5, 50, 50), extent(sheet), "").mesh(
+            sheet, [np.arange(4, dtype=np.int32)[None]], [np.ones((1, 3))]
+        )
+        return found.svg()
+
+    table = Table(("a",), ((float("inf"),),))
+    figures = (Figure("one", "t", "l", table, chart), Figure("two", "t", "l", table, picture=picture))
+    report = Report("T", "s", (Section("C", "i", figures),), {})
+    first, again = ({path.name: path.read_bytes() for path in write_report(report, tmp_path)} for _ in range(2))
     assert first == again
-    assert set(first) == {"index.html", "one.png", "one.csv", "report.json"}
+    assert set(first) == {"index.html", "one.png", "one.svg", "one.csv", "two.png", "two.csv", "report.json"}
     assert json.loads(first["report.json"])["figures"]["one"]["rows"] == [[None]]
+    with Image.open(io.BytesIO(first["two.png"])) as drawn:
+        assert drawn.size == (120, 120)
+        # White outside the square; the square's own colour in its middle, as the light leaves it.
+        assert drawn.convert("RGB").getpixel((2, 2)) == (255, 255, 255)
+        assert drawn.convert("L").getpixel((60, 60)) == pytest.approx(255 * (0.35 + 0.65 * 0.507), abs=2)
