@@ -18,9 +18,6 @@ from pdecodec import (
     encode,
     open_animation,
 )
-from pdecodec.codec.encode.auto_profile import AutoEncoder
-from pdecodec.codec.encode.group_fit import GroupChoice, GroupFitter
-from pdecodec.codec.encode.model_choice import FinishedGroup
 from pdecodec.mesh.arrays import Float64Array
 from spec.decoder import animation as independent
 from spec.sealing import seal, take_apart, with_section
@@ -136,12 +133,9 @@ def swinging(frames: int, *, even: bool) -> ArraySequence:
 
 @pytest.mark.parametrize("frames", [2, 3, 4, 11, 90])
 @pytest.mark.parametrize("even", [True, False])
-def test_between_frames_that_nothing_corrects_motion_is_the_cubic_spline_through_them(
-    frames: int, even: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("pdecodec.codec.encode.auto_profile.LONGEST_GROUP", 23)
+def test_between_frames_that_nothing_corrects_motion_is_the_cubic_spline_through_them(frames: int, even: bool) -> None:
     sequence = swinging(frames, even=even)
-    report, animation = round_trip(sequence, tolerance=1e-3)
+    report, animation = round_trip(sequence, tolerance=1e-3, group_frames=23)
     animation.close()
     assert report.data is not None
     with without_corrections(report.data) as model:
@@ -159,13 +153,12 @@ def test_between_frames_that_nothing_corrects_motion_is_the_cubic_spline_through
     [(1.0, 1e-3, {False}), (1.0, 1e-4, {True}), (100.0, 1e-3, {False, True})],
 )
 def test_between_frames_groups_add_up_whatever_is_kept_of_them_and_in_either_precision(
-    reach: float, tolerance: float, are_precise: set[bool], monkeypatch: pytest.MonkeyPatch
+    reach: float, tolerance: float, are_precise: set[bool]
 ) -> None:
-    monkeypatch.setattr("pdecodec.codec.encode.auto_profile.LONGEST_GROUP", 8)
     sequence = swinging(24, even=True)
     points = sequence.points.copy()
     points[8:16] *= reach
-    report, animation = round_trip(ArraySequence(points, times=sequence.times), tolerance=tolerance)
+    report, animation = round_trip(ArraySequence(points, times=sequence.times), tolerance=tolerance, group_frames=8)
     assert report.data is not None
     plain = independent.decode(report.data)
     assert {group.is_precise for group in plain.motion.groups} == are_precise
@@ -178,25 +171,3 @@ def test_between_frames_groups_add_up_whatever_is_kept_of_them_and_in_either_pre
     with open_animation(report.data, limits=DecodeLimits(max_kept=1)) as forgetful:
         assert np.array_equal(bits(forgetful.sample(at)), bits(found))
         assert np.array_equal(bits(forgetful.velocities(at)), bits(speeds))
-
-
-def test_a_long_clip_is_searched_at_its_beginning_and_where_it_costs_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Most groups of 40 are encoded as the one before was."""
-    searched: list[int] = []
-    divided = AutoEncoder._divided
-
-    def count(self: AutoEncoder, fitter: GroupFitter, usual: GroupChoice) -> list[FinishedGroup]:
-        searched.append(round(float(fitter.times[0])))
-        return divided(self, fitter, usual)
-
-    monkeypatch.setattr("pdecodec.codec.encode.auto_profile.LONGEST_GROUP", 16)
-    monkeypatch.setattr(AutoEncoder, "_divided", count)
-    points = np.random.default_rng(2).normal(0, 0.01, (640, 4, 3)).astype(np.float32)
-    points[480:] *= 100
-    sequence = ArraySequence(points, fps=1)
-    _, animation = round_trip(sequence, max_error=0.01)
-    assert distances(sequence, animation).max() <= 0.01
-    groups = [time // 16 for time in searched]
-    assert groups[:2] == [1, 2]
-    assert {6, 12, 18, 24, 30, 36} <= set(groups)  # one in six, and the first of those that move farther
-    assert len(groups) < 16

@@ -356,9 +356,9 @@ def test_a_heavy_clip_is_read_fewer_frames_at_a_time(profile: Profile, monkeypat
 @PROFILES
 @pytest.mark.parametrize("is_interrupted", [False, True])
 def test_an_encode_that_breaks_or_is_interrupted_leaves_nothing_behind(
-    profile: Profile, is_interrupted: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    profile: Profile, is_interrupted: bool, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("pdecodec.codec.encode.auto_profile.LONGEST_GROUP", 20)
+    options = {"group_frames": 20} if profile == "auto" else {}
     path, reported = tmp_path / "a.pdeanim", list[int]()
     path.write_bytes(b"old")
 
@@ -369,7 +369,7 @@ def test_an_encode_that_breaks_or_is_interrupted_leaves_nothing_behind(
 
     sequence = Instrumented(90, 30, readable=90 if is_interrupted else 57)
     with pytest.raises(KeyboardInterrupt if is_interrupted else InputError) as caught:
-        encode(sequence, path, profile=profile, effort="fast", overwrite=True, progress=progress)
+        encode(sequence, path, profile=profile, effort="fast", overwrite=True, progress=progress, **options)
     assert is_interrupted or (isinstance(caught.value, InputError) and caught.value.frame == 57)
     assert reported == sorted(reported)
     assert [item.name for item in tmp_path.iterdir()] == ["a.pdeanim"]

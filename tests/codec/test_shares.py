@@ -18,7 +18,7 @@ from pdecodec.system import shares
 @pytest.mark.parametrize("threads", [1, 2, 5])
 @pytest.mark.parametrize("count", [0, 1, 7, 100])
 def test_shares_cover_every_item_once(count: int, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shares, "thread_count", lambda: threads)
+    monkeypatch.setenv("PDECODEC_THREADS", str(threads))
     seen = [0] * count
 
     def work(first: int, end: int) -> None:
@@ -32,7 +32,7 @@ def test_shares_cover_every_item_once(count: int, threads: int, monkeypatch: pyt
 
 @pytest.mark.parametrize("threads", [1, 3])
 def test_an_error_in_a_share_comes_out(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shares, "thread_count", lambda: threads)
+    monkeypatch.setenv("PDECODEC_THREADS", str(threads))
 
     def work(first: int, end: int) -> None:
         if first <= 42 < end:
@@ -44,19 +44,19 @@ def test_an_error_in_a_share_comes_out(threads: int, monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
 def test_results_side_by_side_come_in_the_order_of_their_calls(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shares, "thread_count", lambda: threads)
+    monkeypatch.setenv("PDECODEC_THREADS", str(threads))
     assert shares.side_by_side(*(partial(pow, k, 2) for k in range(9))) == [k * k for k in range(9)]
     assert shares.side_by_side() == []
 
 
 def test_calls_side_by_side_run_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shares, "thread_count", lambda: 2)
+    monkeypatch.setenv("PDECODEC_THREADS", "2")
     both = threading.Barrier(2, timeout=60)
     assert sorted(shares.side_by_side(both.wait, both.wait)) == [0, 1]
 
 
 def test_shares_within_shares_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shares, "thread_count", lambda: 2)
+    monkeypatch.setenv("PDECODEC_THREADS", "2")
     seen = []
 
     def inner(first: int, end: int) -> None:
@@ -68,7 +68,7 @@ def test_shares_within_shares_end(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_work_holds_is_let_go_while_helpers_are_busy(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shares, "thread_count", lambda: 2)
+    monkeypatch.setenv("PDECODEC_THREADS", "2")
     is_done = threading.Event()
 
     def hold_array() -> bool:
@@ -88,7 +88,7 @@ def test_what_work_holds_is_let_go_while_helpers_are_busy(monkeypatch: pytest.Mo
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
 def test_a_process_that_was_forked_off_has_helpers_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shares, "thread_count", lambda: 2)
+    monkeypatch.setenv("PDECODEC_THREADS", "2")
     both = threading.Barrier(2, timeout=20)
     shares.side_by_side(both.wait, both.wait)
     child = os.fork()
@@ -103,7 +103,7 @@ def test_a_process_that_was_forked_off_has_helpers_of_its_own(monkeypatch: pytes
 
 
 def test_both_of_two_calls_run_at_once_and_return_what_each_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shares, "thread_count", lambda: 2)
+    monkeypatch.setenv("PDECODEC_THREADS", "2")
     meeting = threading.Barrier(2, timeout=60)
     found = shares.both(lambda: meeting.wait() >= 0 and "one", lambda: meeting.wait() >= 0 and 2)
     assert found == ("one", 2)

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from pdecodec._core import Residuals
 from pdecodec.codec.sections.bytestream import LARGEST
+from pdecodec.codec.sections.residuals import Residuals
 from pdecodec.mesh.arrays import Int64Array
 
 FINITE = st.floats(width=32, allow_nan=False, allow_infinity=False)

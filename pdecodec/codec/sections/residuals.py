@@ -18,9 +18,11 @@ from functools import partial
 import numpy as np
 
 from pdecodec import _core
-from pdecodec._core import Residuals
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.system.shares import side_by_side
+
+Residuals = _core.Residuals
+"""Residuals and raw vertices of a group of frames."""
 
 SAFETY = 0.98
 """Share of the bound that the rounding of a residual may use; the last digits of float32 take the rest."""
